@@ -1,0 +1,101 @@
+"""The only sample loop. Offline rendering, live sound, bench and tests all run it.
+
+Any block size gives the same samples, bit for bit: nothing here depends on where a block
+begins. Sample i is what the scene is like before step i; sample 0 is the initial state.
+"""
+
+from engine.contact import resync, spring_back, touch
+from engine.energy import audit, enter
+from engine.force import push, supply
+from engine.islands import cut_model, cut_state
+from engine.jit import jit
+from engine.model import ACCELERATION, DISPLACEMENT, VELOCITY
+from engine.modes import first_half, lose_all, project, second_half
+
+
+RESYNC = 64  # samples; out of contact, compressions are read anew from the modes this often
+
+
+@jit
+def step(model, state, frame, ledger):
+    """One step of one island."""
+    modes, spring, loss, gravity = model.modes, model.spring, model.loss, model.gravity
+    contact, partner = model.contact, model.partner
+    lost = first_half(modes, spring, loss, gravity, state.carry, state.q, state.p)
+    push(model.force, frame, state.p)
+    lost_in_contact, count, touching = touch(contact, partner, model.contact_loss, model.coupling, state)
+    work = supply(model.force, frame, state.p)
+    if touching or model.force is not None:  # their second half-kick comes before the loss
+        second_half(modes, spring, None, gravity, state.carry, state.q, state.p)
+        push(model.force, frame, state.p)
+        if touching:
+            spring_back(contact, partner, state)
+        lost += lose_all(loss, state.p)
+    else:
+        lost += second_half(modes, spring, loss, gravity, state.carry, state.q, state.p)
+    if ledger is not None:
+        state.account[0, 0] += lost + lost_in_contact
+        state.account[0, 1] += work
+    if touching:
+        state.contacts[0] += 1
+    elif state.touching[0] or frame % RESYNC == 0:
+        resync(contact, partner, state)
+    state.touching[0] = touching
+    state.count[0] = count
+
+
+@jit
+def listen(pickups, state, samplerate, out, i):
+    """Add what the pickups hear to row i of the output."""
+    for n in range(pickups.quantity.shape[0]):
+        quantity = pickups.quantity[n]
+        if quantity == VELOCITY:
+            value = project(pickups.rows, n, state.p)
+        elif quantity == DISPLACEMENT:
+            value = project(pickups.rows, n, state.q)
+        elif quantity == ACCELERATION:  # its mean over the step that ends here
+            velocity = project(pickups.rows, n, state.p)
+            value = (velocity - state.heard[n]) * samplerate
+            state.heard[n] = velocity
+        else:
+            value = 0.0
+            for item in range(pickups.begin[n], pickups.begin[n + 1]):
+                value += pickups.sign[item] * state.contact_force[pickups.contact[item]]
+        out[i, pickups.channel[n]] += pickups.gain[n] * value
+
+
+@jit
+def record(trace, i, b0, k0, model, state):
+    """Write row i of the trace for an island whose bodies and contacts begin at columns b0, k0."""
+    if trace is not None:
+        for b in range(model.bodies.first.shape[0]):
+            trace.displacement[i, b0 + b] = project(model.bodies, b, state.q)
+            trace.velocity[i, b0 + b] = project(model.bodies, b, state.p)
+        for k in range(state.compression.shape[0]):
+            trace.compression[i, k0 + k] = state.compression[k]
+            trace.force[i, k0 + k] = state.contact_force[k]
+        trace.iterations[i] += state.count[0]
+
+
+@jit
+def block(model, state, out, ledger, tally, trace):
+    """Render len(out) samples.
+
+    out:    [frames, channels], overwritten
+    ledger: [frames, columns], overwritten with the energies (engine.energy), or None
+    tally:  what the audit of the ledger remembers from block to block; unused without a ledger
+    trace:  a Trace, overwritten, or None
+    """
+    islands = model.islands
+    out[:] = 0.0
+    for n in range(islands.mode.shape[0] - 1):
+        island_model = cut_model(model, n)
+        island_state = cut_state(islands, state, n)
+        for i in range(out.shape[0]):
+            listen(island_model.pickups, island_state, model.samplerate, out, i)
+            enter(ledger, i, n == 0, island_model, island_state)
+            record(trace, i, islands.body[n], islands.contact[n], island_model, island_state)
+            step(island_model, island_state, state.frame[0] + i, ledger)
+    if ledger is not None:
+        audit(ledger, tally)
+    state.frame[0] += out.shape[0]

@@ -1,0 +1,183 @@
+"""Contacts within a step: after the first half-kick, find the forces and let them act."""
+
+from engine.coupled import CURVE, END, ETA, FORCE, coupled
+from engine.jit import jit
+from engine.laws import potential
+from engine.modes import kick, project, project_drift
+from engine.solve import FREE, NEWTON, contact_loss, scalar
+
+@jit
+def loss_of_step(contact, damping, k, s, b, eta, f):
+    """Energy that contact loss takes over one step: (f - φ)·η, J."""
+    rate = contact_loss(damping, k)
+    if rate == 0.0:
+        return 0.0
+    w = 1.0 + rate * eta
+    if w > 0.0:
+        return f * eta * (rate * eta) / w
+    return potential(contact.law, k, s) - potential(contact.law, k, b)
+
+
+@jit
+def push_apart(contact, partner, state, k, f):
+    """Half a kick by the force f of contact k on the bodies it joins."""
+    kick(contact.rows, k, -f, state.p)
+    if partner is not None:
+        kick(partner, k, -f, state.p)
+
+
+@jit
+def settle(contact, damping, state, k, eta, b, f):
+    """Give contact k its new compression and force; returns the energy lost."""
+    lost = 0.0
+    if damping is not None:
+        lost = loss_of_step(contact, damping, k, state.compression[k], b, eta, f)
+    state.compression[k] = b
+    state.contact_force[k] = f
+    return lost
+
+
+@jit
+def count_solve(state, count, how):
+    """Keep the telemetry."""
+    state.regimes[how] += 1
+    if how >= NEWTON:
+        state.iterations[count] += 1
+
+
+@jit
+def solve_one(contact, damping, state, k):
+    """Solve contact k alone. Returns the energy lost, and the evaluations of its law."""
+    eta, b, f, _, count, how = scalar(
+        contact.law,
+        damping,
+        k,
+        state.compression[k],
+        state.free_move[k],
+        contact.compliance[k],
+        contact.tolerance,
+    )
+    count_solve(state, count, how)
+    return settle(contact, damping, state, k, eta, b, f), count
+
+
+@jit
+def solve_only(contact, damping, coupling, state, only):
+    """Try the one contact in reach alone: fails if its force would close another.
+
+    On success writes the solution to the scratch, as `coupled` does.
+    """
+    n = contact.barrier.shape[0]
+    s, g, vectors = state.compression, state.free_move, state.scratch.vectors
+    eta, b, f, _, count, how = scalar(
+        contact.law, damping, only, s[only], g[only], contact.compliance[only], contact.tolerance
+    )
+    for k in range(n):
+        move = g[k] - coupling.matrix[only * n + k] * f
+        if k != only and s[k] + move > 0.0:
+            return False, count, how
+        vectors[ETA, k], vectors[END, k], vectors[CURVE, k] = move, s[k] + move, 0.0
+    vectors[ETA, only], vectors[END, only], vectors[CURVE, only] = eta, b, f
+    return True, count, how
+
+
+@jit
+def solve_many(contact, damping, coupling, state, touching, only):
+    """Solve all contacts of an island, `touching` of them in reach. Returns as `solve_one`."""
+    vectors = state.scratch.vectors
+    n = contact.barrier.shape[0]
+    alone, count, how = False, 0, FREE
+    if touching == 1:
+        alone, count, how = solve_only(contact, damping, coupling, state, only)
+    if not alone:
+        for k in range(n):
+            vectors[FORCE, k] = state.contact_force[k]
+        count, how = coupled(
+            contact.law,
+            damping,
+            coupling.matrix,
+            n,
+            state.compression,
+            state.free_move,
+            contact.tolerance,
+            state.scratch,
+        )
+    count_solve(state, count, how)
+    lost = 0.0
+    for k in range(n):
+        lost += settle(contact, damping, state, k, vectors[ETA, k], vectors[END, k], vectors[CURVE, k])
+    return lost, count
+
+
+@jit
+def solve_touching(contact, damping, coupling, state, touching, only):
+    """One contact or several: decided by type where no island of the scene has several."""
+    if coupling is not None:
+        if contact.barrier.shape[0] > 1:
+            return solve_many(contact, damping, coupling, state, touching, only)
+    return solve_one(contact, damping, state, only)
+
+
+@jit
+def touch(contact, partner, damping, coupling, state):
+    """Solve for the contact forces of an island and give their first half-kick.
+
+    Returns the energy lost, the evaluations of the contact law, and whether any contact was in
+    reach.
+    """
+    if contact is None:
+        return 0.0, 0, False
+    touching, only = 0, 0
+    for k in range(contact.barrier.shape[0]):
+        g = project_drift(contact.rows, k, state.p)
+        if partner is not None:
+            g += project_drift(partner, k, state.p)
+        state.free_move[k] = g
+        s = state.compression[k]
+        if s > 0.0 or s + g > 0.0:
+            touching += 1
+            only = k
+    if touching == 0:
+        for k in range(contact.barrier.shape[0]):
+            state.compression[k] += state.free_move[k]
+        return 0.0, 0, False
+    lost, count = solve_touching(contact, damping, coupling, state, touching, only)
+    spring_back(contact, partner, state)
+    return lost, count, True
+
+
+@jit
+def spring_back(contact, partner, state):
+    """Half a kick by all contact forces: the first as soon as they are known, the second after the
+    drift."""
+    if contact is not None:
+        for k in range(contact.barrier.shape[0]):
+            f = state.contact_force[k]
+            if f != 0.0:
+                push_apart(contact, partner, state, k, f)
+
+
+@jit
+def resync(contact, partner, state):
+    """Out of contact, read the compressions from the modes.
+
+    Never in contact, where it would cost 1e-12 of the energy at kc = 1e13 (DESIGN sec. 3).
+    """
+    if contact is None:
+        return
+    for k in range(contact.barrier.shape[0]):
+        s = project(contact.rows, k, state.q) - contact.barrier[k]
+        if partner is not None:
+            s += project(partner, k, state.q)
+        state.contact_force[k] = 0.0
+        state.compression[k] = min(s, 0.0)
+
+
+@jit
+def stored(contact, state):
+    """Potential energy of the contacts, J."""
+    total = 0.0
+    if contact is not None:
+        for k in range(contact.barrier.shape[0]):
+            total += potential(contact.law, k, state.compression[k])
+    return total

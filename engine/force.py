@@ -1,0 +1,36 @@
+"""External forces: a table of the mean force over each step (paper, eq. 34)."""
+
+from engine.jit import jit
+from engine.modes import kick, project_drift
+
+
+@jit
+def strength(force, j, frame):
+    """Force j over the step that begins at sample `frame`, N."""
+    n = frame - force.start[j]
+    if n < 0:
+        return 0.0
+    at = force.begin[j] + n
+    return force.table[at] if at < force.begin[j + 1] else force.after[j]
+
+
+@jit
+def push(force, frame, p):
+    """Half a kick by every external force."""
+    if force is not None:
+        for j in range(force.start.shape[0]):
+            f = strength(force, j, frame)
+            if f != 0.0:
+                kick(force.rows, j, f, p)
+
+
+@jit
+def supply(force, frame, p):
+    """Work the external forces do over the coming drift, J."""
+    work = 0.0
+    if force is not None:
+        for j in range(force.start.shape[0]):
+            f = strength(force, j, frame)
+            if f != 0.0:
+                work += f * project_drift(force.rows, j, p)
+    return work

@@ -1,0 +1,169 @@
+"""What a kernel is given: an immutable `Model`, a mutable `State`.
+
+An effect is a slot of the Model: a NamedTuple of its data, or `None`. Numba prunes
+`if slot is not None` by type, so an absent effect is not compiled at all; this
+works where the slot is a direct argument of the function that tests it.
+
+Bodies are sets of modes; modes, contacts, forces and pickups of one island are
+contiguous in all arrays, and indices of modes and contacts count from their island's first. Coordinates are mass-normalised: displacement in √kg·m,
+momentum in √kg·m/s, shapes in 1/√kg.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from engine.laws import Law
+
+DISPLACEMENT, VELOCITY, ACCELERATION, FORCE = 0, 1, 2, 3  # what a pickup hears
+
+
+class Rows(NamedTuple):
+    """Mode shapes at points: row r weighs modes first[r]:last[r] of its island with shape[at[r]:].
+
+    Indices are unsigned, or every use would first be checked for a negative one.
+    """
+
+    first: np.ndarray  # uint32 [rows]
+    last: np.ndarray  # uint32 [rows]
+    at: np.ndarray  # uint32 [rows]
+    shape: np.ndarray  # Φ, 1/√kg, all rows one after the other
+    kick: np.ndarray  # t·Φ: momentum per newton in half a kick
+    drift: np.ndarray  # v·Φ: displacement at the point per momentum in a drift
+
+
+class Modes(NamedTuple):
+    """The conservative core of each mode, as kick, drift, kick (engine.modes)."""
+
+    kick: np.ndarray  # t [modes], s
+    drift: np.ndarray  # v [modes], s
+
+
+class Spring(NamedTuple):
+    """Restoring force."""
+
+    stiffness: np.ndarray  # ω² [modes], 1/s²
+
+
+class Loss(NamedTuple):
+    """Modal loss by half-steps (paper, eq. 36)."""
+
+    keep: np.ndarray  # d = exp(-σh) [modes]
+    lost: np.ndarray  # (1 - d²)/2 [modes]
+
+
+class Gravity(NamedTuple):
+    """Weight of each mode."""
+
+    weight: np.ndarray  # [modes], √kg·m/s²
+
+
+class Force(NamedTuple):
+    """External forces; each a table of its mean over each step (paper, eq. 34)."""
+
+    rows: Rows  # where each acts
+    start: np.ndarray  # int [forces], first step of its table
+    begin: np.ndarray  # int [forces + 1], its slice of `table`
+    table: np.ndarray  # N
+    after: np.ndarray  # [forces], N, for steps past its table
+
+
+class Contact(NamedTuple):
+    """Contacts: the law of each, and where it is on its body."""
+
+    law: Law
+    rows: Rows  # of the body that touches
+    barrier: np.ndarray  # [contacts], m, subtracted from the projected displacement
+    compliance: np.ndarray  # B_kk [contacts], m/N
+    tolerance: float  # relative error left in the end compression
+
+
+class ContactLoss(NamedTuple):
+    """Hunt-Crossley loss (paper, eq. 41)."""
+
+    rate: np.ndarray  # μ/h [contacts], 1/m
+
+
+class Coupling(NamedTuple):
+    """Compliance between the contacts of one island, for islands with more than one."""
+
+    begin: np.ndarray  # int [islands + 1], where the island's matrix begins
+    matrix: np.ndarray  # all matrices flat, m/N
+
+
+class Pickups(NamedTuple):
+    """What is heard."""
+
+    rows: Rows
+    quantity: np.ndarray  # int [pickups]
+    channel: np.ndarray  # int [pickups]
+    gain: np.ndarray  # [pickups]
+    begin: np.ndarray  # int [pickups + 1], its slice of `contact` and `sign`; quantity FORCE only
+    contact: np.ndarray  # int
+    sign: np.ndarray
+
+
+class Islands(NamedTuple):
+    """Slices of bodies, modes, contacts, forces and pickups per island: [islands + 1] each."""
+
+    body: np.ndarray
+    mode: np.ndarray
+    contact: np.ndarray
+    force: np.ndarray
+    pickup: np.ndarray
+
+
+class Model(NamedTuple):
+    """Everything that stays."""
+
+    samplerate: float
+    islands: Islands
+    modes: Modes
+    spring: Spring | None
+    loss: Loss | None
+    gravity: Gravity | None
+    force: Force | None
+    contact: Contact | None
+    partner: Rows | None  # of the body that contact k touches, empty for a barrier; None without any
+    contact_loss: ContactLoss | None
+    coupling: Coupling | None
+    pickups: Pickups
+    bodies: Rows  # where each body is traced
+
+
+class Scratch(NamedTuple):
+    """Room for the coupled contact solve; K is the largest number of contacts in an island."""
+
+    vectors: np.ndarray  # [rows, K]
+    matrix: np.ndarray  # [K, K]
+    active: np.ndarray  # int [K]
+
+
+class State(NamedTuple):
+    """Everything that moves. A field is None where no effect needs it."""
+
+    frame: np.ndarray  # int [1], samples rendered so far
+    q: np.ndarray  # [modes], √kg·m, displacement
+    p: np.ndarray  # [modes], √kg·m/s, momentum
+    carry: np.ndarray | None  # [modes]: rounding carried from kick to kick; for gravity
+    compression: np.ndarray  # [contacts], m
+    free_move: np.ndarray  # [contacts], m: g, the change of compression without contact force
+    contact_force: np.ndarray  # [contacts], N, mean over the last step
+    scratch: Scratch | None  # for coupled contacts
+    heard: np.ndarray  # [pickups], velocity one sample ago
+    account: np.ndarray  # [islands, 2]: energy dissipated, work supplied, J
+    touching: np.ndarray  # int [islands]: 1 if the last step had a contact in reach
+    count: np.ndarray  # int [islands]: evaluations of the contact law in the last step
+    iterations: np.ndarray  # int [evaluations]: histogram of evaluations per Newton solve
+    regimes: np.ndarray  # int [5]: solves that ended by separation, closed form, Newton, failed; 0 unused
+    contacts: np.ndarray  # int [islands]: samples with a contact in reach
+
+
+class Trace(NamedTuple):
+    """What every sample was like; arrays of [frames, …] that a block fills."""
+
+    displacement: np.ndarray
+    velocity: np.ndarray
+    compression: np.ndarray
+    force: np.ndarray
+    iterations: np.ndarray

@@ -1,0 +1,209 @@
+"""TOML patches: text in, a validated `Scene` or located faults out."""
+
+import difflib
+import re
+import tomllib
+import types
+import typing
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+
+from engine.scene import Scene, Where
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing wrong with a patch: where, what, and what would be right."""
+
+    file: str
+    line: int | None
+    path: str
+    what: str
+
+    def __str__(self) -> str:
+        where = self.file if self.line is None else f"{self.file}:{self.line}"
+        return f"{where} {self.path}: {self.what}" if self.path else f"{where}: {self.what}"
+
+
+class PatchError(ValueError):
+    """A patch that cannot be used; `faults` lists all that is wrong with it."""
+
+    def __init__(self, faults: list[Fault]) -> None:
+        super().__init__("\n".join(map(str, faults)))
+        self.faults = faults
+
+
+def load(path: str | Path) -> Scene:
+    """Read a patch file. Raises PatchError, which lists every fault at once."""
+    path = Path(path)
+    file = str(path)
+    try:
+        text = path.read_bytes().decode("utf-8")
+    except OSError as error:
+        what = "no such file" if isinstance(error, FileNotFoundError) else (error.strerror or str(error)).lower()
+        raise PatchError([Fault(file, None, "", f"{what}; give the path of a patch, such as patches/bouncing_ball.toml")]) from None
+    except UnicodeDecodeError:
+        raise PatchError([Fault(file, None, "", "not a text file; a patch is TOML in UTF-8")]) from None
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise PatchError([_syntax_fault(file, text, error)]) from None
+    try:
+        return Scene.model_validate(data, context={"folder": path.parent})
+    except ValidationError as error:
+        lines = locate(text)
+        faults = [_fault(file, lines, e) for e in error.errors(include_url=False)]
+        raise PatchError(sorted(faults, key=lambda f: f.line or 0)) from None
+
+
+def _syntax_fault(file: str, text: str, error: tomllib.TOMLDecodeError) -> Fault:
+    message = str(error)
+    found = re.search(r" \(at line (\d+), column (\d+)\)$", message)
+    line = int(found[1]) if found else text.count("\n") + 1
+    column = f" at column {found[2]}" if found else ""
+    what = message[: found.start()] if found else message.removesuffix(" (at end of document)")
+    return Fault(file, line, "", f'not valid TOML{column} ({what}); write key = value, with text in "quotes"')
+
+
+def locate(text: str) -> dict[Where, int]:
+    """Line of every key and table of a valid TOML text, by path: ("body", 0, "mass") → 7."""
+    rows = text.splitlines()
+    lines: dict[Where, int] = {(): 1}
+    table: Where = ()
+    counts: dict[Where, int] = {}
+    i = 0
+    while i < len(rows):
+        for end in range(i + 1, len(rows) + 1):  # a statement ends where it first parses
+            try:
+                statement = tomllib.loads("\n".join(rows[i:end]))
+                break
+            except tomllib.TOMLDecodeError:
+                continue
+        else:
+            return lines
+        if rows[i].lstrip().startswith("["):
+            table = _open_table(statement, counts)
+            lines.setdefault(table, i + 1)
+        else:
+            for path in _paths(statement):
+                lines.setdefault(table + path, i + 1)
+        i = end
+    return lines
+
+
+def _open_table(statement: dict[str, Any], counts: dict[Where, int]) -> Where:
+    """The path a header opens; arrays of tables are counted."""
+    path: Where = ()
+    value: Any = statement
+    while isinstance(value, dict) and value:
+        key, value = next(iter(value.items()))
+        path += (key,)
+        if isinstance(value, list):  # [[array]]
+            counts[path] = counts.get(path, -1) + 1
+            value = value[0]
+        if path in counts:
+            path += (counts[path],)
+    return path
+
+
+def _paths(value: Any) -> Iterator[Where]:
+    """All paths within a value."""
+    items: Any = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, inner in items:
+        yield (key,)
+        yield from ((key, *rest) for rest in _paths(inner))
+
+
+def _fault(file: str, lines: dict[Where, int], error: Any) -> Fault:
+    """A pydantic error as one line."""
+    where, model, field = _resolve(tuple(error["loc"]))
+    what = _describe(error, where, model, field)
+    at = where
+    while at not in lines:
+        at = at[:-1]
+    text = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in where).lstrip(".")
+    return Fault(file, lines[at], text, what)
+
+
+def _models(annotation: Any) -> dict[str, type[BaseModel]]:
+    """The models an annotation admits, by their `kind`."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        kind = annotation.model_fields.get("kind")
+        return {typing.get_args(kind.annotation)[0] if kind else "": annotation}
+    if typing.get_origin(annotation) in (list, typing.Union, types.UnionType, typing.Annotated):
+        return {k: m for a in typing.get_args(annotation) for k, m in _models(a).items()}
+    return {}
+
+
+def _resolve(loc: Where) -> tuple[Where, dict[str, type[BaseModel]], FieldInfo | None]:
+    """Path in the patch (without pydantic's union tags), the models whose key it is, and its field."""
+    where: Where = ()
+    models: dict[str, type[BaseModel]] = {"": Scene}
+    field: FieldInfo | None = None
+    inner = models
+    for part in loc:
+        if isinstance(part, str) and len(inner) > 1 and part in inner and isinstance(where[-1], int):
+            inner = {part: inner[part]}
+            continue
+        if isinstance(part, str):
+            models = inner
+            field = next((m.model_fields[part] for m in models.values() if part in m.model_fields), None)
+            inner = _models(field.annotation) if field else {}
+        where += (part,)
+    return where, models if isinstance(where[-1:] and where[-1], str) else inner, field
+
+
+def _nearest(word: str, known: list[str]) -> str:
+    near = difflib.get_close_matches(word, known, 1, 0.6)
+    return f'did you mean "{near[0]}"?' if near else "known here: " + ", ".join(known)
+
+
+def _meaning(field: FieldInfo | None) -> str:
+    """What a field holds, with its range."""
+    if field is None:
+        return ""
+    text = field.description or ""
+    for constraint in field.metadata:
+        for symbol, attribute in (("≥", "ge"), (">", "gt"), ("≤", "le"), ("<", "lt")):
+            if (limit := getattr(constraint, attribute, None)) is not None:
+                text += f", {symbol} {limit:g}"
+    return text
+
+
+def _describe(error: Any, where: Where, models: dict[str, type[BaseModel]], field: FieldInfo | None) -> str:
+    """What is wrong, and what would be right."""
+    kind, value, context = error["type"], error["input"], error.get("ctx", {})
+    key = str(where[-1]) if where else ""
+    shown = f'"{value}"' if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else f"{value}"
+    if len(shown) > 60:
+        shown = shown[:57] + "..."
+    if kind == "scene":
+        return str(error["msg"])
+    if kind == "extra_forbidden":
+        known = list(dict.fromkeys(k for m in models.values() for k in m.model_fields))
+        return f"unknown key; {_nearest(key, known)}"
+    if kind == "missing" or (kind == "too_short" and not value):
+        return f"missing; {_meaning(field)}" if not isinstance(value, list) else f"empty; give at least one [[{key}]]"
+    if kind == "union_tag_not_found":
+        return f"kind missing; one of {', '.join(models)}"
+    if kind == "union_tag_invalid":
+        return f'unknown kind "{context.get("tag")}"; {_nearest(str(context.get("tag")), list(models))}'
+    if kind == "literal_error":
+        return f"{shown} is not known; expected {context.get('expected')}"
+    if kind == "finite_number":
+        return f"{shown} is not a finite number; {_meaning(field)}"
+    if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
+        return f"{shown} is out of range; {_meaning(field)}"
+    if kind == "string_pattern_mismatch":
+        return f"{shown} is not a name; a letter, then letters, digits, _ or -"
+    if kind in ("model_type", "model_attributes_type", "list_type", "dict_type"):
+        return f"{shown} is not a table; write [[{where[0]}]]" if where else "not a table of keys"
+    if kind.endswith("_type") or kind.endswith("_parsing"):
+        wanted = {"float_type": "a number", "int_type": "a whole number", "string_type": 'text in "quotes"'}.get(kind, kind.removesuffix("_type"))
+        return f"{shown} is not {wanted}; {_meaning(field)}"
+    return f"{error['msg']}; {_meaning(field)}"

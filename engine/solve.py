@@ -1,0 +1,217 @@
+"""The contact solve: given how far a contact would move without force, where it ends.
+
+`scalar` solves an island with one contact. Unknown: the end compression b, with
+η = b - s beside it, so that neither is ever formed from the other (DESIGN sec. 3):
+
+    (b - G) + B·f = 0,    f = φ(s, b)·max(0, 1 + μη/h),    G = s + g
+
+with B the compliance of the bodies at the contact over one step (m/N), φ the
+discrete gradient of the contact's potential. The left side is convex and
+increasing in b, so the root is unique (paper, sec. 2.1.2). No function here
+raises; failure is a returned status.
+"""
+
+import math
+
+from engine.jit import jit
+from engine.laws import gradient, power, root
+
+# How a solve ended; also the index of its counter in the telemetry.
+FREE, SEPARATION, CLOSED, NEWTON, FAILED = 0, 1, 2, 3, 4
+
+LIMIT = 60  # evaluations; bisection alone would be done by then
+
+
+@jit
+def contact_loss(damping, k):
+    """Hunt-Crossley rate μ/h of contact k in 1/m; 0 where the scene has no contact loss."""
+    if damping is None:
+        return 0.0
+    return damping.rate[k]
+
+
+@jit
+def outside(law, k, s, eta, rate):
+    """Mean force and its slope df/dη for a step that begins at s > 0 and ends outside contact."""
+    w = 1.0 + rate * eta
+    if w <= 0.0:
+        return 0.0, 0.0
+    lift = law.stiffness[k] * s * power(law, k, s) / ((law.exponent[k] + 1.0) * -eta)
+    return lift * w, lift / -eta
+
+
+@jit
+def inside(law, k, s, b, eta, rate):
+    """Mean force and its first three derivatives by η for a step that ends at b > 0."""
+    kc = law.stiffness[k]
+    f, df, ddf, dddf = gradient(law, k, s, b, eta)
+    if rate > 0.0:
+        w = 1.0 + rate * eta
+        if w <= 0.0:
+            return 0.0, 0.0, 0.0, 0.0
+        f, df, ddf, dddf = f * w, df * w + f * rate, ddf * w + 2.0 * df * rate, dddf * w + 3.0 * ddf * rate
+    return kc * f, kc * df, kc * ddf, kc * dddf
+
+
+@jit
+def separate(law, k, s, g, rate, elastic):
+    """End of a step that begins in contact and ends outside it, in closed form.
+
+    `elastic` is β·s^(α+1)/(α+1), with β = B·kc. Returns η, b, f.
+    """
+    n = law.exponent[k] + 1.0
+    big = s + g
+    lift = g + rate * elastic
+    width = math.sqrt(lift * lift + 4.0 * elastic)
+    if lift < 0.0:
+        eta = 0.5 * (lift - width)
+    else:
+        eta = -2.0 * elastic / (lift + width)
+    total = 2.0 * s + lift
+    if total <= 0.0:
+        b = 0.5 * (total - width)
+    else:
+        b = 2.0 * (s * big - elastic * (1.0 - rate * s)) / (total + width)
+    force, slope = outside(law, k, s, eta, rate)
+    return eta, b, force, slope
+
+
+@jit
+def linear_step(law, k, s, g, beta):
+    """End of a step in contact for α = 1 without contact loss, in closed form: η, b, f."""
+    big = s + g
+    c = 1.0 + 0.5 * beta
+    if s <= 0.0:
+        less = big + s
+        width = math.sqrt(less * less - 4.0 * c * s * big)
+        b = (less + width) / (2.0 * c) if less >= 0.0 else -2.0 * s * big / (width - less)
+        eta = b - s
+        return eta, b, 0.5 * law.stiffness[k] * b * (b / eta)
+    eta = (g - beta * s) / c
+    b = (big - 0.5 * beta * s) / c
+    return eta, b, 0.5 * law.stiffness[k] * (b + s)
+
+
+@jit
+def quadratic_step(law, k, s, g, beta):
+    """End of a step within contact for α = 2 without contact loss, in closed form: η, b, f.
+
+    The mean of x² over [s, b] is (s² + sb + b²)/3, so the contact equation is quadratic.
+    """
+    third = beta / 3.0
+    over = (s + g) - third * s * s  # > 0, or the step would separate
+    c = 1.0 + third * s
+    width = math.sqrt(c * c + 4.0 * third * over)
+    eta = 2.0 * (g - beta * s * s) / (1.0 + beta * s + width)
+    b = 2.0 * over / (c + width)
+    return eta, b, law.stiffness[k] / 3.0 * (s * s + s * b + b * b)
+
+
+@jit
+def first_guess(law, k, s, g, beta):
+    """Where to begin: the asymptotes of the solution (DESIGN sec. 3)."""
+    big = s + g
+    alpha = law.exponent[k]
+    n = alpha + 1.0
+    if s <= 0.0:
+        free = n / beta * big
+        return min(big, max((-s * free) ** (1.0 / n), root(law, k, free)))
+    kappa = beta * power(law, k, s) / s
+    away = (g / s - kappa) / (1.0 + 0.5 * alpha * kappa)  # Newton from b = s
+    if abs(away) * alpha < 0.5:
+        return s + s * away
+    t = big / s
+    if away > 0.0:  # loading
+        q = root(law, k, t / kappa)
+        return s * min(min(t, 1.0 + away), min(2.0 * q - 1.0, n ** (1.0 / alpha) * q))
+    over = n * t - kappa  # unloading
+    mid = n + alpha * t
+    return s * 2.0 * over / (mid + math.sqrt(max(0.0, mid * mid - 4.0 * alpha * over)))
+
+
+@jit
+def scalar(law, damping, k, s, g, compliance, tolerance):
+    """Solve one contact equation.
+
+    law, damping, k: contact k's law and loss (engine.laws, engine.contact)
+    s:          compression at the start of the step, m (negative: gap)
+    g:          change of compression if there were no contact force, m
+    compliance: B, change of compression per newton of contact force, m/N
+    tolerance:  relative error left in b
+
+    Returns η (m), b (m), mean force f (N), slope df/dη (N/m), evaluations of the contact law,
+    and how it ended (FREE, SEPARATION, CLOSED, NEWTON or FAILED).
+    """
+    big = s + g
+    if s <= 0.0 and big <= 0.0:
+        return g, big, 0.0, 0.0, 0, FREE
+    alpha = law.exponent[k]
+    kc = law.stiffness[k]
+    beta = compliance * kc
+    rate = contact_loss(damping, k)
+    if s > 0.0:
+        if rate * g <= -1.0:  # leaves faster than the loss allows a push: Hunt-Crossley never pulls
+            return g, big, 0.0, 0.0, 0, SEPARATION
+        elastic = beta * s * power(law, k, s) / (alpha + 1.0)
+        if s * big <= elastic * (1.0 - rate * s):
+            eta, b, force, slope = separate(law, k, s, g, rate, elastic)
+            return eta, b, force, slope, 0, SEPARATION
+    if alpha == 1.0 and rate == 0.0:
+        eta, b, force = linear_step(law, k, s, g, beta)
+        return eta, b, force, (kc * b - force) / eta if s <= 0.0 else 0.5 * kc, 0, CLOSED
+    if alpha == 2.0 and rate == 0.0 and s > 0.0:
+        eta, b, force = quadratic_step(law, k, s, g, beta)
+        return eta, b, force, kc / 3.0 * (s + 2.0 * b), 0, CLOSED
+    if beta <= 0.0:
+        b, eta = big, g
+    else:
+        b = first_guess(law, k, s, g, beta)
+        eta = b - s
+    return iterate(law, k, s, g, compliance, rate, tolerance, b, eta)
+
+
+@jit
+def iterate(law, k, s, g, compliance, rate, tolerance, b, eta):
+    """Halley's iteration from b (> 0), kept inside a bracket; returns as `scalar` does.
+
+    The force is extrapolated over the last step, so no evaluation is spent on confirming.
+    """
+    big = s + g
+    low, high = 0.0, big
+    if s > 0.0 and rate == 0.0:  # the sign of the residual at b = s is the sign of κ - g/s
+        if g > compliance * law.stiffness[k] * power(law, k, s):
+            low = s
+        else:
+            high = s
+    elif s > 0.0:
+        high = max(big, s)
+    degree = law.exponent[k] + 1.0
+    for count in range(1, LIMIT + 1):
+        f, df, ddf, dddf = inside(law, k, s, b, eta, rate)
+        push = compliance * f
+        miss = (eta - g) + push if abs(eta) < b else (b - big) + push
+        slope = 1.0 + compliance * df
+        bottom = 2.0 * slope * slope - miss * compliance * ddf
+        step = -2.0 * miss * slope / bottom if bottom > 0.0 else -miss / slope
+        if miss > 0.0:
+            high = min(high, b)
+        else:
+            low = max(low, b)
+        if not low <= b + step <= high:
+            step = -miss / slope
+            if not low <= b + step <= high:
+                step = 0.5 * (low + high) - b
+        # Halley leaves an error of third order in its step, times how much the contact matters;
+        # the force is extrapolated to third order, and errs by the fourth
+        size = degree * abs(step) / max(s, min(b, b + step))
+        cube = size * size * size
+        done = (cube * (slope - 1.0) <= tolerance * slope and cube * size <= tolerance) or abs(miss) <= 4.4e-16 * (
+            push + min(abs(g), abs(big))
+        )
+        if done:
+            f += step * (df + step * (0.5 * ddf + step * dddf / 6.0))
+        b += step
+        eta += step
+        if done:
+            return eta, b, f, df, count, NEWTON
+    return eta, b, f, df, LIMIT, FAILED

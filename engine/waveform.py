@@ -1,0 +1,54 @@
+"""External forces as tables: the mean force over each step (paper, eq. 34)."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from engine.scene import Constant, Force, HalfSine, Pulse, Samples
+
+
+class Table(NamedTuple):
+    """Mean force over each step from step `start` on, N; `after` holds from its end on."""
+
+    start: int
+    values: np.ndarray
+    after: float
+
+
+def table(force: Force, samplerate: float) -> Table:
+    """The table of a force: the mean of its values at the two ends of each step (eq. 34).
+
+    Edges of constant and pulse count by the part of the step they cover, which keeps the
+    impulse exact wherever they fall.
+    """
+    if isinstance(force, Constant):
+        start = int(force.start * samplerate)
+        return Table(start, force.amplitude * np.array([start + 1 - force.start * samplerate]), force.amplitude)
+    if isinstance(force, Pulse):
+        begin, end = force.start * samplerate, (force.start + force.duration) * samplerate
+        step = np.arange(int(begin), int(np.ceil(end)))
+        covered = np.minimum(step + 1, end) - np.maximum(step, begin)
+        return Table(int(begin), force.amplitude * covered, 0.0)
+    if isinstance(force, HalfSine):
+        begin, length = force.start * samplerate, force.duration * samplerate
+        phase = np.arange(int(begin), int(np.ceil(begin + length)) + 1) - begin
+        values = np.where((phase > 0) & (phase < length), np.sin(np.pi * np.clip(phase / length, 0, 1)), 0.0)
+    else:
+        begin, values = force.start * samplerate, samples(force, samplerate)
+        values = np.concatenate([[0.0], values, [0.0]])
+        begin = max(0, round(begin) - 1)
+    ends = force.amplitude * values
+    return Table(int(begin), 0.5 * (ends[1:] + ends[:-1]), 0.0)
+
+
+def samples(force: Samples, samplerate: float) -> np.ndarray:
+    """Samples of a force file at the scene's rate, full scale = 1."""
+    import soundfile
+
+    audio, rate = soundfile.read(force.file, dtype="float64", always_2d=True)
+    values = np.ascontiguousarray(audio[:, force.channel - 1])
+    if rate != samplerate:
+        import soxr
+
+        values = soxr.resample(values, rate, samplerate, "VHQ")
+    return np.asarray(values, dtype=float)

@@ -4,8 +4,8 @@ Any block size gives the same samples, bit for bit: nothing here depends on wher
 begins. Sample i is what the scene is like before step i; sample 0 is the initial state.
 """
 
-from engine.contact import resync, spring_back, touch
-from engine.energy import audit, enter
+from engine.contact import resync, spring_back, stored, touch
+from engine.energy import audit, enter, kinetic_and_potential
 from engine.force import push, supply
 from engine.islands import cut_model, cut_state
 from engine.jit import jit
@@ -13,6 +13,7 @@ from engine.model import ACCELERATION, DISPLACEMENT, VELOCITY
 from engine.modes import first_half, lose_all, project, second_half
 
 
+PIECE = 256  # samples an island runs before the next one does: small enough for the fast cache
 RESYNC = 64  # samples; out of contact, compressions are read anew from the modes this often
 
 
@@ -75,6 +76,28 @@ def record(trace, i, b0, k0, model, state):
             trace.compression[i, k0 + k] = state.compression[k]
             trace.force[i, k0 + k] = state.contact_force[k]
         trace.iterations[i] += state.count[0]
+        kinetic, potential = kinetic_and_potential(model.spring, model.gravity, state.q, state.p)
+        trace.kinetic[i] += kinetic
+        trace.potential[i] += potential
+        trace.contact[i] += stored(model.contact, state)
+        trace.dissipated[i] += state.account[0, 0]
+        trace.supplied[i] += state.account[0, 1]
+
+
+@jit
+def piece(model, state, out, ledger, tally, trace, begin):
+    """Render len(out) samples, the first of which is row `begin` of the trace."""
+    islands = model.islands
+    for n in range(islands.mode.shape[0] - 1):
+        island = cut_model(model, n)
+        island_state = cut_state(islands, state, n)
+        for i in range(out.shape[0]):
+            listen(island.pickups, island_state, model.samplerate, out, i)
+            enter(ledger, i, n == 0, island, island_state)
+            record(trace, begin + i, islands.body[n], islands.contact[n], island, island_state)
+            step(island, island_state, state.frame[0] + i, ledger)
+    audit(ledger, tally, out.shape[0])
+    state.frame[0] += out.shape[0]
 
 
 @jit
@@ -82,20 +105,11 @@ def block(model, state, out, ledger, tally, trace):
     """Render len(out) samples.
 
     out:    [frames, channels], overwritten
-    ledger: [frames, columns], overwritten with the energies (engine.energy), or None
-    tally:  what the audit of the ledger remembers from block to block; unused without a ledger
-    trace:  a Trace, overwritten, or None
+    ledger: room for the energies of some samples, [any, engine.energy.COLUMNS]; or None, and
+            energy is not measured
+    tally:  what the audit of the energies remembers from block to block (engine.energy)
+    trace:  a Trace of [frames, …], zeroed, to be filled; or None
     """
-    islands = model.islands
     out[:] = 0.0
-    for n in range(islands.mode.shape[0] - 1):
-        island_model = cut_model(model, n)
-        island_state = cut_state(islands, state, n)
-        for i in range(out.shape[0]):
-            listen(island_model.pickups, island_state, model.samplerate, out, i)
-            enter(ledger, i, n == 0, island_model, island_state)
-            record(trace, i, islands.body[n], islands.contact[n], island_model, island_state)
-            step(island_model, island_state, state.frame[0] + i, ledger)
-    if ledger is not None:
-        audit(ledger, tally)
-    state.frame[0] += out.shape[0]
+    for begin in range(0, out.shape[0], PIECE):
+        piece(model, state, out[begin : begin + PIECE], ledger, tally, trace, begin)

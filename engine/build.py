@@ -123,14 +123,17 @@ def _contact(layout: Layout, modes: Modes, samplerate: float) -> tuple[Contact |
     if not layout.contact:
         return None, None, None
     chosen = [layout.scene.contact[k] for k in layout.contact]
-    barrier = [c.gap if c.on is not None else (c.barrier if c.side == "above" else -c.barrier) for c in chosen]
+    barrier = [
+        (c.gap or 0.0) if c.on is not None else (1.0 if c.side == "above" else -1.0) * (c.barrier or 0.0) for c in chosen
+    ]
     rate = np.array([c.loss for c in chosen]) * samplerate
-    matrices = _compliances(layout, modes)
+    matrices, beneath = _compliances(layout, modes)
     contact = Contact(
         law=law_of(np.array([c.stiffness for c in chosen]), np.array([c.exponent for c in chosen])),
         rows=layout.rows([_ends(layout, k)[0] for k in layout.contact], modes),
         barrier=np.array(barrier),
         compliance=np.concatenate([np.diag(m) for m in matrices]),
+        beneath=beneath,
         tolerance=TOLERANCE,
     )
     begin = np.cumsum([0] + [m.size for m in matrices]).astype(np.int64)
@@ -142,17 +145,36 @@ def _contact(layout: Layout, modes: Modes, samplerate: float) -> tuple[Contact |
     )
 
 
-def _compliances(layout: Layout, modes: Modes) -> list[np.ndarray]:
-    """B = Φ diag(e) Φᵀ of each island, with e = v·t (DESIGN sec. 1), m/N."""
+def _compliances(layout: Layout, modes: Modes) -> tuple[list[np.ndarray], np.ndarray]:
+    """B = Φ diag(e) Φᵀ of each island, with e = v·t (DESIGN sec. 1), m/N; and what rounding cut
+    from its diagonal, which is the sum of the products of kick and drift that the kernel uses."""
     islands = layout.islands
-    matrices = []
+    matrices, beneath = [], []
     for n in range(islands.mode.size - 1):
         part = slice(islands.mode[n], islands.mode[n + 1])
-        compliance = modes.kick[part] * modes.drift[part]
         ends = [_ends(layout, k) for k in layout.contact[islands.contact[n] : islands.contact[n + 1]]]
-        shapes = np.array([layout.spread(a, n) + layout.spread(b, n) for a, b in ends]).reshape(-1, compliance.size)
-        matrices.append((shapes * compliance) @ shapes.T)
-    return matrices
+        shapes = np.array([layout.spread(a, n) + layout.spread(b, n) for a, b in ends]).reshape(-1, part.stop - part.start)
+        kick, drift = shapes * modes.kick[part], shapes * modes.drift[part]
+        matrix = kick @ drift.T
+        for k in range(len(ends)):
+            product, cut = exact_product(kick[k], drift[k])
+            matrix[k, k] = math.fsum([*product, *cut])
+            beneath.append(math.fsum([*product, *cut, -matrix[k, k]]))
+        matrices.append(matrix)
+    return matrices, np.array(beneath)
+
+
+def exact_product(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Products and their rounding errors (Dekker): a·b = product + error exactly."""
+
+    def halves(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        big = 134217729.0 * x
+        high = big - (big - x)
+        return high, x - high
+
+    (ah, al), (bh, bl) = halves(a), halves(b)
+    product = a * b
+    return product, ((ah * bh - product) + ah * bl + al * bh) + al * bl
 
 
 def _force(layout: Layout, modes: Modes, samplerate: float) -> Force | None:
@@ -214,6 +236,7 @@ def _state(layout: Layout, model: Model) -> State:
         p=p,
         carry=np.zeros(q.size) if model.gravity is not None else None,
         compression=compression,
+        residue=np.zeros(contacts),
         free_move=np.zeros(contacts),
         contact_force=np.zeros(contacts),
         scratch=room if model.coupling is not None else None,

@@ -9,12 +9,13 @@ import numpy as np
 from engine.contact import stored
 from engine.jit import jit
 
-# columns of a ledger: [frames, columns], J
-KINETIC, POTENTIAL, CONTACT, DISSIPATED, SUPPLIED = range(5)
-COLUMNS = 5
+# columns of a ledger: [samples, columns], J
+STORED, SPENT = 0, 1  # SPENT: dissipated less supplied
+COLUMNS = 2
 
 # a tally: what an audit remembers between blocks
 FIRST, LAST, LAST_BALANCE, FIRST_BALANCE, LARGEST, ERROR, STEP_ERROR, COUNT = range(8)
+TALLY = 8
 
 
 @jit
@@ -36,55 +37,51 @@ def enter(ledger, i, first, model, state):
     """Write an island's energies into row i of the ledger; all but the first island add."""
     if ledger is not None:
         kinetic, potential = kinetic_and_potential(model.spring, model.gravity, state.q, state.p)
-        contact = stored(model.contact, state)
+        total = kinetic + potential + stored(model.contact, state)
+        spent = state.account[0, 0] - state.account[0, 1]
         if first:
-            ledger[i, KINETIC] = kinetic
-            ledger[i, POTENTIAL] = potential
-            ledger[i, CONTACT] = contact
-            ledger[i, DISSIPATED] = state.account[0, 0]
-            ledger[i, SUPPLIED] = state.account[0, 1]
+            ledger[i, STORED] = total
+            ledger[i, SPENT] = spent
         else:
-            ledger[i, KINETIC] += kinetic
-            ledger[i, POTENTIAL] += potential
-            ledger[i, CONTACT] += contact
-            ledger[i, DISSIPATED] += state.account[0, 0]
-            ledger[i, SUPPLIED] += state.account[0, 1]
+            ledger[i, STORED] += total
+            ledger[i, SPENT] += spent
 
 
 @jit
-def audit(ledger, tally):
-    """Follow the balance of the ledger; `tally` keeps what to remember between blocks."""
-    frames = ledger.shape[0]
-    if frames == 0:
+def audit(ledger, tally, frames):
+    """Follow the balance over the first rows of the ledger; `tally` keeps what to remember."""
+    if ledger is None or frames == 0:
         return
     if tally[COUNT] == 0.0:
-        total = ledger[0, KINETIC] + ledger[0, POTENTIAL] + ledger[0, CONTACT]
-        tally[FIRST] = total
-        tally[FIRST_BALANCE] = tally[LAST_BALANCE] = total + ledger[0, DISSIPATED] - ledger[0, SUPPLIED]
-    tally[COUNT] += frames
+        tally[FIRST] = ledger[0, STORED]
+        tally[FIRST_BALANCE] = tally[LAST_BALANCE] = ledger[0, STORED] + ledger[0, SPENT]
     first, last = tally[FIRST_BALANCE], tally[LAST_BALANCE]
     largest, error, step = tally[LARGEST], tally[ERROR], tally[STEP_ERROR]
     for i in range(frames):
-        total = ledger[i, KINETIC] + ledger[i, POTENTIAL] + ledger[i, CONTACT]
-        balance = total + ledger[i, DISSIPATED] - ledger[i, SUPPLIED]
+        total = ledger[i, STORED]
+        balance = total + ledger[i, SPENT]
         largest = max(largest, abs(total))
         # written so that NaN is kept, not hidden
         off, jump = abs(balance - first), abs(balance - last)
         error = error if off <= error else off
         step = step if jump <= step else jump
         last = balance
-        tally[LAST] = total
+    tally[COUNT] += frames
+    tally[LAST] = ledger[frames - 1, STORED]
     tally[LAST_BALANCE], tally[LARGEST], tally[ERROR], tally[STEP_ERROR] = last, largest, error, step
 
 
-def summary(ledger_end: np.ndarray, tally: np.ndarray) -> dict[str, float]:
-    """Energies in joule; errors relative to the largest energy the scene has held."""
+def summary(tally: np.ndarray, account: np.ndarray) -> dict[str, float]:
+    """Energies in joule; errors relative to the largest energy the scene has held.
+
+    tally: as left by `audit`; account: State.account, [islands, 2].
+    """
     largest = tally[LARGEST] if tally[LARGEST] > 0 else 1.0
     return {
         "initial": float(tally[FIRST]),
         "final": float(tally[LAST]),
-        "supplied": float(ledger_end[SUPPLIED]),
-        "dissipated": float(ledger_end[DISSIPATED]),
+        "supplied": float(account[:, 1].sum()),
+        "dissipated": float(account[:, 0].sum()),
         "error_max": float(tally[ERROR] / largest),
         "error_per_step_max": float(tally[STEP_ERROR] / largest),
     }

@@ -83,7 +83,7 @@ def cut_force(force, j0, j1):
 
 def cut_law(law, k0, k1):
     """The laws of contacts k0:k1."""
-    return type(law)(law.stiffness[k0:k1], law.exponent[k0:k1])
+    return type(law)(law.unit[k0:k1], law.exponent[k0:k1])
 
 
 @overload(cut_law)
@@ -91,7 +91,7 @@ def _cut_law(law, k0, k1):
     kind = law.instance_class
 
     def cut(law, k0, k1):
-        return kind(law.stiffness[k0:k1], law.exponent[k0:k1])
+        return kind(law.unit[k0:k1], law.exponent[k0:k1])
 
     return cut
 
@@ -106,6 +106,7 @@ def cut_contact(contact, k0, k1):
         cut_rows(contact.rows, k0, k1),
         contact.barrier[k0:k1],
         contact.compliance[k0:k1],
+        contact.beneath[k0:k1],
         contact.tolerance,
     )
 
@@ -176,6 +177,7 @@ def cut_state(islands, state, i):
         state.p[m0:m1],
         cut_array(state.carry, m0, m1),
         state.compression[k0:k1],
+        state.residue[k0:k1],
         state.free_move[k0:k1],
         state.contact_force[k0:k1],
         state.scratch,

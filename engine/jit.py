@@ -25,6 +25,8 @@ OPTIONS: dict[str, Any] = {
     "error_model": "numpy",  # 1/0 is inf, not an exception: 3.4 times faster divisions
     "fastmath": False,  # fastmath assumes no NaN, and would remove our guards against it
     "boundscheck": False,
+    "forceinline": True,  # a call passes every array of its slots: 960 → 530 ns per sample
+    "_nrt": False,  # no reference counts (530 → 72 ns); a kernel that allocates does not compile
 }
 
 
@@ -80,6 +82,6 @@ def jit(function: Callable[..., Any]) -> Any:
     other = config.CACHE_DIR
     config.CACHE_DIR = str(CACHE)  # read when the function is declared; other packages keep theirs
     try:
-        return numba.njit(forceinline=True, _nrt=False, **OPTIONS)(function)
+        return numba.njit(**OPTIONS)(function)
     finally:
         config.CACHE_DIR = other

@@ -1,10 +1,11 @@
 """Contact laws: the one-sided power law f(s) = kc·[s]₊^α (paper, eq. 1) and its potential.
 
 The exponent is part of a law's type, so that a kernel holds the arithmetic of
-its own exponents only. To add an exponent: a class, and three functions in
-`_POWER`, `_ROOT` and `_MEAN`. Everything else follows from them.
+its own exponents only. To add an exponent: a class, and its functions in
+`_EXPONENT`, `_POWER`, `_ROOT` and `_SPAN`. Everything else follows from them.
 
-All compressions are in metres; `k` is the contact's index in its law's arrays.
+All compressions are in metres; `k` is the contact's index in its law's arrays. Energies and
+forces are counted in `unit` = kc/(α+1), in N/m^α: V(s) = unit·[s]₊^(α+1).
 """
 
 import math
@@ -19,42 +20,42 @@ from engine.jit import jit
 class Linear(NamedTuple):
     """Contacts with α = 1."""
 
-    stiffness: np.ndarray
+    unit: np.ndarray
     exponent: np.ndarray
 
 
 class Hertz(NamedTuple):
     """Contacts with α = 1.5, two smooth elastic bodies."""
 
-    stiffness: np.ndarray
+    unit: np.ndarray
     exponent: np.ndarray
 
 
 class Quadratic(NamedTuple):
     """Contacts with α = 2."""
 
-    stiffness: np.ndarray
+    unit: np.ndarray
     exponent: np.ndarray
 
 
 class Felt(NamedTuple):
     """Contacts with α = 2.5, as piano hammers have."""
 
-    stiffness: np.ndarray
+    unit: np.ndarray
     exponent: np.ndarray
 
 
 class Cubic(NamedTuple):
     """Contacts with α = 3."""
 
-    stiffness: np.ndarray
+    unit: np.ndarray
     exponent: np.ndarray
 
 
 class Power(NamedTuple):
     """Contacts with any α ≥ 1, each its own."""
 
-    stiffness: np.ndarray
+    unit: np.ndarray
     exponent: np.ndarray
 
 
@@ -66,49 +67,57 @@ def law_of(stiffness: np.ndarray, exponent: np.ndarray) -> Law:
     """The most special law that holds all the given contacts."""
     shared = set(exponent.tolist())
     kind: Any = OF_EXPONENT.get(shared.pop(), Power) if len(shared) == 1 else Power
-    return kind(stiffness, exponent)
+    return kind(stiffness / (exponent + 1), exponent)
 
 
-# x^α, x^(1/α), and the mean of x^α over [a, b], which is (b^(α+1) - a^(α+1)) / ((α+1)(b - a)),
-# each without cancellation. `mean` is given d = |b - a|, which is known more precisely.
+# x^α, x^(1/α), and the span (b^(α+1) - a^(α+1))/(b - a), which is α + 1 times the mean of x^α
+# over [a, b]; each without cancellation. `span` is given d = |b - a|, known more precisely.
 
 
-def _mean_linear(law, k, a, b, d):
-    return 0.5 * (a + b)
+def _span_linear(law, k, a, b, d):
+    return a + b
 
 
-def _mean_hertz(law, k, a, b, d):
+def _span_hertz(law, k, a, b, d):
     u, v = math.sqrt(a), math.sqrt(b)
-    return 0.4 * (a * a + b * b + u * v * (a + u * v + b)) / (u + v)
+    return (a * a + b * b + u * v * (a + u * v + b)) / (u + v)
 
 
-def _mean_quadratic(law, k, a, b, d):
-    return (a * a + a * b + b * b) / 3.0
+def _span_quadratic(law, k, a, b, d):
+    return a * a + a * b + b * b
 
 
-def _mean_felt(law, k, a, b, d):
+def _span_felt(law, k, a, b, d):
     u, v = math.sqrt(a), math.sqrt(b)
     a2, b2, uv = a * a, b * b, u * v
-    return (a2 * a + b2 * b + uv * (a2 + b2 + a * b) + a * b * (a + b)) / (3.5 * (u + v))
+    return (a2 * a + b2 * b + uv * (a2 + b2 + a * b) + a * b * (a + b)) / (u + v)
 
 
-def _mean_cubic(law, k, a, b, d):
-    return 0.25 * (a + b) * (a * a + b * b)
+def _span_cubic(law, k, a, b, d):
+    return (a + b) * (a * a + b * b)
 
 
-def _mean_power(law, k, a, b, d):
+def _span_power(law, k, a, b, d):
     # based on the larger of the two, or it overflows
     n = law.exponent[k] + 1.0
     m = max(a, b)
     part = d / m
     whole = m ** law.exponent[k]
     if part == 0.0:
-        return whole
+        return whole * n
     if part >= 1.0:
-        return whole / n
-    return whole * (-math.expm1(n * math.log1p(-part))) / (n * part)
+        return whole
+    return whole * (-math.expm1(n * math.log1p(-part))) / part
 
 
+_EXPONENT = {
+    Linear: lambda law, k: 1.0,
+    Hertz: lambda law, k: 1.5,
+    Quadratic: lambda law, k: 2.0,
+    Felt: lambda law, k: 2.5,
+    Cubic: lambda law, k: 3.0,
+    Power: lambda law, k: law.exponent[k],
+}
 _POWER = {
     Linear: lambda law, k, x: x,
     Hertz: lambda law, k, x: x * math.sqrt(x),
@@ -125,14 +134,19 @@ _ROOT = {
     Cubic: lambda law, k, x: x ** (1.0 / 3.0),
     Power: lambda law, k, x: x ** (1.0 / law.exponent[k]),
 }
-_MEAN = {
-    Linear: _mean_linear,
-    Hertz: _mean_hertz,
-    Quadratic: _mean_quadratic,
-    Felt: _mean_felt,
-    Cubic: _mean_cubic,
-    Power: _mean_power,
+_SPAN = {
+    Linear: _span_linear,
+    Hertz: _span_hertz,
+    Quadratic: _span_quadratic,
+    Felt: _span_felt,
+    Cubic: _span_cubic,
+    Power: _span_power,
 }
+
+
+def exponent(law: Law, k: int) -> float:
+    """α of contact k: a constant of the compiled code where the type says it."""
+    return _EXPONENT[type(law)](law, k)
 
 
 def power(law: Law, k: int, x: float) -> float:
@@ -145,9 +159,14 @@ def root(law: Law, k: int, x: float) -> float:
     return _ROOT[type(law)](law, k, x)
 
 
-def mean(law: Law, k: int, a: float, b: float, d: float) -> float:
-    """Mean of x^α over [a, b] with a, b ≥ 0, not both 0, and d = |b - a|."""
-    return _MEAN[type(law)](law, k, a, b, d)
+def span(law: Law, k: int, a: float, b: float, d: float) -> float:
+    """(b^(α+1) - a^(α+1))/(b - a) with a, b ≥ 0, not both 0, and d = |b - a|."""
+    return _SPAN[type(law)](law, k, a, b, d)
+
+
+@overload(exponent)
+def _exponent(law, k):
+    return _EXPONENT[law.instance_class]
 
 
 @overload(power)
@@ -160,9 +179,9 @@ def _root(law, k, x):
     return _ROOT[law.instance_class]
 
 
-@overload(mean)
-def _mean(law, k, a, b, d):
-    return _MEAN[law.instance_class]
+@overload(span)
+def _span(law, k, a, b, d):
+    return _SPAN[law.instance_class]
 
 
 @jit
@@ -170,23 +189,23 @@ def potential(law, k, s):
     """Stored energy V(s) = kc·[s]₊^(α+1)/(α+1), in joule."""
     if s <= 0.0:
         return 0.0
-    return law.stiffness[k] / (law.exponent[k] + 1.0) * s * power(law, k, s)
+    return law.unit[k] * s * power(law, k, s)
 
 
 @jit
 def gradient(law, k, s, b, eta):
-    """Discrete gradient per unit stiffness, φ/kc = (V(b) - V(s)) / (kc·η), and its first three
-    derivatives with respect to the end compression b.
+    """Discrete gradient φ = (V(b) - V(s))/η in units of the law, and its first three derivatives
+    with respect to the end compression b.
 
     For b > 0; s is the start compression and η = b - s, carried apart so that neither
     cancels (DESIGN sec. 3). Relative error a few 1e-16.
     """
-    alpha = law.exponent[k]
-    end = power(law, k, b)
+    alpha = exponent(law, k)
+    end = (alpha + 1.0) * power(law, k, b)  # dV/db
     if s <= 0.0:  # entering: only part of the step is spent in contact
-        phi = end * (b / eta) / (alpha + 1.0)
+        phi = power(law, k, b) * (b / eta)
     else:
-        phi = mean(law, k, s, b, abs(eta))
+        phi = span(law, k, s, b, abs(eta))
     e = eta / b
     one = alpha * end / b
     two = (alpha - 1.0) * one / b

@@ -75,6 +75,7 @@ class Contact(NamedTuple):
     rows: Rows  # of the body that touches
     barrier: np.ndarray  # [contacts], m, subtracted from the projected displacement
     compliance: np.ndarray  # B_kk [contacts], m/N
+    beneath: np.ndarray  # [contacts], m/N: what rounding cut from B_kk
     tolerance: float  # relative error left in the end compression
 
 
@@ -147,6 +148,7 @@ class State(NamedTuple):
     p: np.ndarray  # [modes], √kg·m/s, momentum
     carry: np.ndarray | None  # [modes]: rounding carried from kick to kick; for gravity
     compression: np.ndarray  # [contacts], m
+    residue: np.ndarray  # [contacts], m: what is too small to add to the compression yet
     free_move: np.ndarray  # [contacts], m: g, the change of compression without contact force
     contact_force: np.ndarray  # [contacts], N, mean over the last step
     scratch: Scratch | None  # for coupled contacts
@@ -167,3 +169,8 @@ class Trace(NamedTuple):
     compression: np.ndarray
     force: np.ndarray
     iterations: np.ndarray
+    kinetic: np.ndarray
+    potential: np.ndarray
+    contact: np.ndarray
+    dissipated: np.ndarray
+    supplied: np.ndarray

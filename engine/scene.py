@@ -58,8 +58,8 @@ class Contact(Part):
     name: Name | None = Field(default=None, description="name, optional")
     body: Name = Field(description="the body that touches")
     on: Name | None = Field(default=None, description="the body it touches; without it, a fixed barrier")
-    barrier: Metres = Field(default=0.0, description="position of the fixed barrier, m")
-    gap: Metres = Field(default=0.0, description="distance between two bodies when both are at 0, m")
+    barrier: Metres | None = Field(default=None, description="position of the fixed barrier, m")
+    gap: Metres | None = Field(default=None, description="distance between two bodies when both are at 0, m; 0 if absent")
     side: Literal["above", "below"] = Field(
         default="above", description="where the barrier, or the other body, lies seen from the body"
     )
@@ -188,19 +188,27 @@ def _references(data: dict[str, Any]) -> Iterator[InitErrorDetails]:
             if isinstance(name, str) and name not in names:
                 yield _fault((key, i, field), name, f'no body is named "{name}"', f"the bodies are {listed}")
     for i, body in _tables(data, "body"):
-        if body.get("kind") == "oscillator" and ("stiffness" in body) == ("frequency" in body):
-            what = "both stiffness and frequency" if "stiffness" in body else "neither stiffness nor frequency"
+        stiffness, frequency = _given(body, "stiffness"), _given(body, "frequency")
+        if body.get("kind") == "oscillator" and stiffness == frequency:
+            what = "both stiffness and frequency" if stiffness else "neither stiffness nor frequency"
             yield _fault(("body", i), body, f"{what} given", "give one of them: stiffness in N/m or frequency in Hz")
     for i, contact in _tables(data, "contact"):
         here = ("contact", i)
-        if "on" in contact and contact.get("on") == contact.get("body"):
+        on, barrier, gap = _given(contact, "on"), _given(contact, "barrier"), _given(contact, "gap")
+        if on and contact["on"] == contact.get("body"):
             yield _fault((*here, "on"), contact["on"], "a body cannot touch itself", "name another body")
-        if "on" in contact and "barrier" in contact:
-            yield _fault((*here, "barrier"), contact["barrier"], "on and barrier given", "a contact between two bodies has a gap, not a barrier")
-        if "on" not in contact and "gap" in contact:
+        if on and barrier:
+            right = "a contact between two bodies has a gap, not a barrier"
+            yield _fault((*here, "barrier"), contact["barrier"], "on and barrier given", right)
+        if gap and not on:
             yield _fault((*here, "gap"), contact["gap"], "gap without on", "a fixed barrier is placed by barrier, in m")
-        if "on" not in contact and "barrier" not in contact:
-            yield _fault(here, contact, "neither barrier nor on given", "give the barrier's position in m, or the other body's name")
+        if not on and not barrier:
+            right = "give the barrier's position in m, or the other body's name"
+            yield _fault(here, contact, "neither barrier nor on given", right)
+
+
+def _given(table: dict[str, Any], key: str) -> bool:
+    return table.get(key) is not None
 
 
 def _files(data: dict[str, Any], folder: Path) -> Iterator[InitErrorDetails]:

@@ -14,7 +14,7 @@ raises; failure is a returned status.
 import math
 
 from engine.jit import jit
-from engine.laws import gradient, power, root
+from engine.laws import exponent, gradient, power, root
 
 # How a solve ended; also the index of its counter in the telemetry.
 FREE, SEPARATION, CLOSED, NEWTON, FAILED = 0, 1, 2, 3, 4
@@ -36,30 +36,29 @@ def outside(law, k, s, eta, rate):
     w = 1.0 + rate * eta
     if w <= 0.0:
         return 0.0, 0.0
-    lift = law.stiffness[k] * s * power(law, k, s) / ((law.exponent[k] + 1.0) * -eta)
+    lift = law.unit[k] * s * power(law, k, s) / -eta
     return lift * w, lift / -eta
 
 
 @jit
 def inside(law, k, s, b, eta, rate):
     """Mean force and its first three derivatives by η for a step that ends at b > 0."""
-    kc = law.stiffness[k]
+    unit = law.unit[k]
     f, df, ddf, dddf = gradient(law, k, s, b, eta)
     if rate > 0.0:
         w = 1.0 + rate * eta
         if w <= 0.0:
             return 0.0, 0.0, 0.0, 0.0
         f, df, ddf, dddf = f * w, df * w + f * rate, ddf * w + 2.0 * df * rate, dddf * w + 3.0 * ddf * rate
-    return kc * f, kc * df, kc * ddf, kc * dddf
+    return unit * f, unit * df, unit * ddf, unit * dddf
 
 
 @jit
 def separate(law, k, s, g, rate, elastic):
     """End of a step that begins in contact and ends outside it, in closed form.
 
-    `elastic` is β·s^(α+1)/(α+1), with β = B·kc. Returns η, b, f.
+    `elastic` is B·V(s), m². Returns η, b, f, df/dη.
     """
-    n = law.exponent[k] + 1.0
     big = s + g
     lift = g + rate * elastic
     width = math.sqrt(lift * lift + 4.0 * elastic)
@@ -77,46 +76,46 @@ def separate(law, k, s, g, rate, elastic):
 
 
 @jit
-def linear_step(law, k, s, g, beta):
-    """End of a step in contact for α = 1 without contact loss, in closed form: η, b, f."""
+def linear_step(law, k, s, g, scale):
+    """End of a step in contact for α = 1 without contact loss, in closed form: η, b, f, df/dη."""
+    unit = law.unit[k]
     big = s + g
-    c = 1.0 + 0.5 * beta
+    c = 1.0 + scale
     if s <= 0.0:
         less = big + s
         width = math.sqrt(less * less - 4.0 * c * s * big)
         b = (less + width) / (2.0 * c) if less >= 0.0 else -2.0 * s * big / (width - less)
         eta = b - s
-        return eta, b, 0.5 * law.stiffness[k] * b * (b / eta)
-    eta = (g - beta * s) / c
-    b = (big - 0.5 * beta * s) / c
-    return eta, b, 0.5 * law.stiffness[k] * (b + s)
+        force = unit * b * (b / eta)
+        return eta, b, force, (2.0 * unit * b - force) / eta
+    b = (big - scale * s) / c
+    return (g - 2.0 * scale * s) / c, b, unit * (s + b), unit
 
 
 @jit
-def quadratic_step(law, k, s, g, beta):
-    """End of a step within contact for α = 2 without contact loss, in closed form: η, b, f.
+def quadratic_step(law, k, s, g, scale):
+    """End of a step within contact for α = 2 without contact loss, in closed form: η, b, f, df/dη.
 
-    The mean of x² over [s, b] is (s² + sb + b²)/3, so the contact equation is quadratic.
+    The span of x² over [s, b] is s² + sb + b², so the contact equation is quadratic.
     """
-    third = beta / 3.0
-    over = (s + g) - third * s * s  # > 0, or the step would separate
-    c = 1.0 + third * s
-    width = math.sqrt(c * c + 4.0 * third * over)
-    eta = 2.0 * (g - beta * s * s) / (1.0 + beta * s + width)
+    over = (s + g) - scale * s * s  # > 0, or the step would separate
+    c = 1.0 + scale * s
+    width = math.sqrt(c * c + 4.0 * scale * over)
+    eta = 2.0 * (g - 3.0 * scale * s * s) / (c + 2.0 * scale * s + width)
     b = 2.0 * over / (c + width)
-    return eta, b, law.stiffness[k] / 3.0 * (s * s + s * b + b * b)
+    return eta, b, law.unit[k] * (s * s + b * (s + b)), law.unit[k] * (s + 2.0 * b)
 
 
 @jit
-def first_guess(law, k, s, g, beta):
+def first_guess(law, k, s, g, scale):
     """Where to begin: the asymptotes of the solution (DESIGN sec. 3)."""
     big = s + g
-    alpha = law.exponent[k]
+    alpha = exponent(law, k)
     n = alpha + 1.0
     if s <= 0.0:
-        free = n / beta * big
+        free = big / scale
         return min(big, max((-s * free) ** (1.0 / n), root(law, k, free)))
-    kappa = beta * power(law, k, s) / s
+    kappa = n * scale * power(law, k, s) / s
     away = (g / s - kappa) / (1.0 + 0.5 * alpha * kappa)  # Newton from b = s
     if abs(away) * alpha < 0.5:
         return s + s * away
@@ -145,27 +144,27 @@ def scalar(law, damping, k, s, g, compliance, tolerance):
     big = s + g
     if s <= 0.0 and big <= 0.0:
         return g, big, 0.0, 0.0, 0, FREE
-    alpha = law.exponent[k]
-    kc = law.stiffness[k]
-    beta = compliance * kc
+    alpha = exponent(law, k)
+    scale = compliance * law.unit[k]
     rate = contact_loss(damping, k)
     if s > 0.0:
         if rate * g <= -1.0:  # leaves faster than the loss allows a push: Hunt-Crossley never pulls
             return g, big, 0.0, 0.0, 0, SEPARATION
-        elastic = beta * s * power(law, k, s) / (alpha + 1.0)
+        elastic = scale * s * power(law, k, s)
         if s * big <= elastic * (1.0 - rate * s):
             eta, b, force, slope = separate(law, k, s, g, rate, elastic)
             return eta, b, force, slope, 0, SEPARATION
-    if alpha == 1.0 and rate == 0.0:
-        eta, b, force = linear_step(law, k, s, g, beta)
-        return eta, b, force, (kc * b - force) / eta if s <= 0.0 else 0.5 * kc, 0, CLOSED
-    if alpha == 2.0 and rate == 0.0 and s > 0.0:
-        eta, b, force = quadratic_step(law, k, s, g, beta)
-        return eta, b, force, kc / 3.0 * (s + 2.0 * b), 0, CLOSED
-    if beta <= 0.0:
+    if rate == 0.0:
+        if alpha == 1.0:
+            eta, b, force, slope = linear_step(law, k, s, g, scale)
+            return eta, b, force, slope, 0, CLOSED
+        if alpha == 2.0 and s > 0.0:
+            eta, b, force, slope = quadratic_step(law, k, s, g, scale)
+            return eta, b, force, slope, 0, CLOSED
+    if scale <= 0.0:
         b, eta = big, g
     else:
-        b = first_guess(law, k, s, g, beta)
+        b = first_guess(law, k, s, g, scale)
         eta = b - s
     return iterate(law, k, s, g, compliance, rate, tolerance, b, eta)
 
@@ -179,13 +178,13 @@ def iterate(law, k, s, g, compliance, rate, tolerance, b, eta):
     big = s + g
     low, high = 0.0, big
     if s > 0.0 and rate == 0.0:  # the sign of the residual at b = s is the sign of κ - g/s
-        if g > compliance * law.stiffness[k] * power(law, k, s):
+        if g > compliance * law.unit[k] * (exponent(law, k) + 1.0) * power(law, k, s):
             low = s
         else:
             high = s
     elif s > 0.0:
         high = max(big, s)
-    degree = law.exponent[k] + 1.0
+    degree = exponent(law, k) + 1.0
     for count in range(1, LIMIT + 1):
         f, df, ddf, dddf = inside(law, k, s, b, eta, rate)
         push = compliance * f

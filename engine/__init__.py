@@ -1,9 +1,9 @@
 """Sound synthesis in which things really collide: energy-exact contacts, in real time.
 
-    import engine
-    scene = engine.load("patches/bouncing_ball.toml")
-    take = engine.render(scene, seconds=2.0)
-    take.audio, take.stats
+import engine
+scene = engine.load("patches/bouncing_ball.toml")
+take = engine.render(scene, seconds=2.0)
+take.audio, take.stats
 """
 
 from typing import TYPE_CHECKING, Any

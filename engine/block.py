@@ -12,7 +12,6 @@ from engine.jit import jit
 from engine.model import ACCELERATION, DISPLACEMENT, VELOCITY
 from engine.modes import first_half, lose_all, project, second_half
 
-
 PIECE = 256  # samples an island runs before the next one does: small enough for the fast cache
 RESYNC = 64  # samples; out of contact, compressions are read anew from the modes this often
 
@@ -42,7 +41,7 @@ def step(model, state, frame, ledger):
     elif state.touching[0] or frame % RESYNC == 0:
         resync(contact, partner, state)
     state.touching[0] = touching
-    state.count[0] = count
+    state.evaluations[0] = count
 
 
 @jit
@@ -75,7 +74,7 @@ def record(trace, i, b0, k0, model, state):
         for k in range(state.compression.shape[0]):
             trace.compression[i, k0 + k] = state.compression[k]
             trace.force[i, k0 + k] = state.contact_force[k]
-        trace.iterations[i] += state.count[0]
+        trace.iterations[i] += state.evaluations[0]
         kinetic, potential = kinetic_and_potential(model.spring, model.gravity, state.q, state.p)
         trace.kinetic[i] += kinetic
         trace.potential[i] += potential

@@ -119,12 +119,15 @@ def _ends(layout: Layout, k: int) -> tuple[Point, Point]:
     return (c.body, sign), (c.on, -sign)
 
 
-def _contact(layout: Layout, modes: Modes, samplerate: float) -> tuple[Contact | None, ContactLoss | None, Coupling | None]:
+def _contact(
+    layout: Layout, modes: Modes, samplerate: float
+) -> tuple[Contact | None, ContactLoss | None, Coupling | None]:
     if not layout.contact:
         return None, None, None
     chosen = [layout.scene.contact[k] for k in layout.contact]
     barrier = [
-        (c.gap or 0.0) if c.on is not None else (1.0 if c.side == "above" else -1.0) * (c.barrier or 0.0) for c in chosen
+        (c.gap or 0.0) if c.on is not None else (1.0 if c.side == "above" else -1.0) * (c.barrier or 0.0)
+        for c in chosen
     ]
     rate = np.array([c.loss for c in chosen]) * samplerate
     matrices, beneath = _compliances(layout, modes)
@@ -153,7 +156,9 @@ def _compliances(layout: Layout, modes: Modes) -> tuple[list[np.ndarray], np.nda
     for n in range(islands.mode.size - 1):
         part = slice(islands.mode[n], islands.mode[n + 1])
         ends = [_ends(layout, k) for k in layout.contact[islands.contact[n] : islands.contact[n + 1]]]
-        shapes = np.array([layout.spread(a, n) + layout.spread(b, n) for a, b in ends]).reshape(-1, part.stop - part.start)
+        shapes = np.array([layout.spread(a, n) + layout.spread(b, n) for a, b in ends]).reshape(
+            -1, part.stop - part.start
+        )
         kick, drift = shapes * modes.kick[part], shapes * modes.drift[part]
         matrix = kick @ drift.T
         for k in range(len(ends)):
@@ -243,7 +248,7 @@ def _state(layout: Layout, model: Model) -> State:
         heard=np.array([scene.body[layout.number[scene.pickup[i].body]].velocity for i in layout.pickup]),
         account=np.zeros((count, 2)),
         touching=np.zeros(count, np.int64),
-        count=np.zeros(count, np.int64),
+        evaluations=np.zeros(count, np.int64),
         iterations=np.zeros(max(solve.LIMIT, coupled.LIMIT) + 1, np.int64),
         regimes=np.zeros(5, np.int64),
         contacts=np.zeros(count, np.int64),

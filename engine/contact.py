@@ -6,6 +6,7 @@ from engine.laws import potential
 from engine.modes import kick, project, project_drift
 from engine.solve import FREE, NEWTON, contact_loss, scalar
 
+
 @jit
 def loss_of_step(contact, damping, k, s, b, eta, f):
     """Energy that contact loss takes over one step: (f - φ)·η, J."""

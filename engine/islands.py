@@ -151,7 +151,9 @@ def cut_model(model, i):
     k0, k1 = of.contact[i], of.contact[i + 1]
     return Model(
         model.samplerate,
-        Islands(of.body[i : i + 2], of.mode[i : i + 2], of.contact[i : i + 2], of.force[i : i + 2], of.pickup[i : i + 2]),
+        Islands(
+            of.body[i : i + 2], of.mode[i : i + 2], of.contact[i : i + 2], of.force[i : i + 2], of.pickup[i : i + 2]
+        ),
         Modes(model.modes.kick[m0:m1], model.modes.drift[m0:m1]),
         cut_spring(model.spring, m0, m1),
         cut_loss(model.loss, m0, m1),
@@ -184,7 +186,7 @@ def cut_state(islands, state, i):
         state.heard[islands.pickup[i] : islands.pickup[i + 1]],
         state.account[i : i + 1],
         state.touching[i : i + 1],
-        state.count[i : i + 1],
+        state.evaluations[i : i + 1],
         state.iterations,
         state.regimes,
         state.contacts[i : i + 1],

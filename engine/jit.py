@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core import config
+from numba.core import config as numba_config
 
+config: Any = numba_config
 KEPT_DIGESTS = 4  # caches of older sources beyond this many are deleted
 
 OPTIONS: dict[str, Any] = {
@@ -33,7 +34,8 @@ OPTIONS: dict[str, Any] = {
 def kernel_sources() -> list[Path]:
     """The files of this package that hold compiled code: those that import this one."""
     here = Path(__file__).parent
-    return [p for p in sorted(here.glob("*.py")) if p.name == "jit.py" or "from engine.jit import" in p.read_text("utf-8")]
+    files = sorted(here.glob("*.py"))
+    return [p for p in files if p.name == "jit.py" or "from engine.jit import" in p.read_text("utf-8")]
 
 
 def source_digest() -> str:

@@ -67,7 +67,8 @@ def law_of(stiffness: np.ndarray, exponent: np.ndarray) -> Law:
     """The most special law that holds all the given contacts."""
     shared = set(exponent.tolist())
     kind: Any = OF_EXPONENT.get(shared.pop(), Power) if len(shared) == 1 else Power
-    return kind(stiffness / (exponent + 1), exponent)
+    law: Law = kind(stiffness / (exponent + 1), exponent)
+    return law
 
 
 # x^α, x^(1/α), and the span (b^(α+1) - a^(α+1))/(b - a), which is α + 1 times the mean of x^α
@@ -146,22 +147,22 @@ _SPAN = {
 
 def exponent(law: Law, k: int) -> float:
     """α of contact k: a constant of the compiled code where the type says it."""
-    return _EXPONENT[type(law)](law, k)
+    return float(_EXPONENT[type(law)](law, k))
 
 
 def power(law: Law, k: int, x: float) -> float:
     """x^α for x ≥ 0."""
-    return _POWER[type(law)](law, k, x)
+    return float(_POWER[type(law)](law, k, x))
 
 
 def root(law: Law, k: int, x: float) -> float:
     """x^(1/α) for x ≥ 0."""
-    return _ROOT[type(law)](law, k, x)
+    return float(_ROOT[type(law)](law, k, x))
 
 
 def span(law: Law, k: int, a: float, b: float, d: float) -> float:
     """(b^(α+1) - a^(α+1))/(b - a) with a, b ≥ 0, not both 0, and d = |b - a|."""
-    return _SPAN[type(law)](law, k, a, b, d)
+    return float(_SPAN[type(law)](law, k, a, b, d))
 
 
 @overload(exponent)

@@ -106,8 +106,14 @@ class Layout:
             kick.append(own * modes.kick[begin : begin + own.size])
             drift.append(own * modes.drift[begin : begin + own.size])
         sizes = np.subtract(last, first)
-        indices = [np.array(x, dtype=np.uint32) for x in (first, last, np.cumsum(sizes) - sizes)]
-        return Rows(*indices, np.concatenate(shape), np.concatenate(kick), np.concatenate(drift))
+        return Rows(
+            first=np.array(first, dtype=np.uint32),
+            last=np.array(last, dtype=np.uint32),
+            at=np.array(np.cumsum(sizes) - sizes, dtype=np.uint32),
+            shape=np.concatenate(shape),
+            kick=np.concatenate(kick),
+            drift=np.concatenate(drift),
+        )
 
     def shape(self, point: Point) -> np.ndarray:
         """The shape of a body at a point, times the factor; empty without a body."""

@@ -5,8 +5,9 @@ An effect is a slot of the Model: a NamedTuple of its data, or `None`. Numba pru
 works where the slot is a direct argument of the function that tests it.
 
 Bodies are sets of modes; modes, contacts, forces and pickups of one island are
-contiguous in all arrays, and indices of modes and contacts count from their island's first. Coordinates are mass-normalised: displacement in √kg·m,
-momentum in √kg·m/s, shapes in 1/√kg.
+contiguous in all arrays, and indices of modes and contacts count from their island's
+first. Coordinates are mass-normalised: displacement in √kg·m, momentum in √kg·m/s,
+shapes in 1/√kg.
 """
 
 from typing import NamedTuple
@@ -155,7 +156,7 @@ class State(NamedTuple):
     heard: np.ndarray  # [pickups], velocity one sample ago
     account: np.ndarray  # [islands, 2]: energy dissipated, work supplied, J
     touching: np.ndarray  # int [islands]: 1 if the last step had a contact in reach
-    count: np.ndarray  # int [islands]: evaluations of the contact law in the last step
+    evaluations: np.ndarray  # int [islands]: of the contact laws, in the last step
     iterations: np.ndarray  # int [evaluations]: histogram of evaluations per Newton solve
     regimes: np.ndarray  # int [5]: solves that ended by separation, closed form, Newton, failed; 0 unused
     contacts: np.ndarray  # int [islands]: samples with a contact in reach

@@ -36,7 +36,8 @@ def exact_table(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple[np.ndar
     Overdamped modes have cosh in place of cos. For ω = 0, t = sinh(σh)/2σ: a free mass
     coasts exactly. Valid for ω_d·h < π.
     """
-    return np.vectorize(lambda w, s: _exact(float(w), float(s), h), otypes=[float, float])(omega, sigma)
+    table = np.array([_exact(w, s, h) for w, s in zip(omega.tolist(), sigma.tolist(), strict=True)])
+    return table[:, 0].copy(), table[:, 1].copy()
 
 
 def _exact(w: float, s: float, h: float) -> tuple[float, float]:

@@ -177,5 +177,3 @@ def _named(trace: Trace, layout: Layout, samplerate: int) -> dict[str, np.ndarra
         "supplied": trace.supplied,
         "total": trace.kinetic + trace.potential + trace.contact,
     }
-
-

@@ -46,7 +46,9 @@ def load(path: str | Path) -> Scene:
         text = path.read_bytes().decode("utf-8")
     except OSError as error:
         what = "no such file" if isinstance(error, FileNotFoundError) else (error.strerror or str(error)).lower()
-        raise PatchError([Fault(file, None, "", f"{what}; give the path of a patch, such as patches/bouncing_ball.toml")]) from None
+        raise PatchError(
+            [Fault(file, None, "", f"{what}; give the path of a patch, such as patches/bouncing_ball.toml")]
+        ) from None
     except UnicodeDecodeError:
         raise PatchError([Fault(file, None, "", "not a text file; a patch is TOML in UTF-8")]) from None
     try:
@@ -203,7 +205,9 @@ def _describe(error: Any, where: Where, models: dict[str, type[BaseModel]], fiel
         return f"{shown} is not a name; a letter, then letters, digits, _ or -"
     if kind in ("model_type", "model_attributes_type", "list_type", "dict_type"):
         return f"{shown} is not a table; write [[{where[0]}]]" if where else "not a table of keys"
-    if kind.endswith("_type") or kind.endswith("_parsing"):
-        wanted = {"float_type": "a number", "int_type": "a whole number", "string_type": 'text in "quotes"'}.get(kind, kind.removesuffix("_type"))
+    if kind.endswith(("_type", "_parsing")):
+        wanted = {"float_type": "a number", "int_type": "a whole number", "string_type": 'text in "quotes"'}.get(
+            kind, kind.removesuffix("_type")
+        )
         return f"{shown} is not {wanted}; {_meaning(field)}"
     return f"{error['msg']}; {_meaning(field)}"

@@ -8,7 +8,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ModelWrapValidatorHandler, ValidationError, ValidationInfo, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ModelWrapValidatorHandler,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=64)]
@@ -59,7 +67,9 @@ class Contact(Part):
     body: Name = Field(description="the body that touches")
     on: Name | None = Field(default=None, description="the body it touches; without it, a fixed barrier")
     barrier: Metres | None = Field(default=None, description="position of the fixed barrier, m")
-    gap: Metres | None = Field(default=None, description="distance between two bodies when both are at 0, m; 0 if absent")
+    gap: Metres | None = Field(
+        default=None, description="distance between two bodies when both are at 0, m; 0 if absent"
+    )
     side: Literal["above", "below"] = Field(
         default="above", description="where the barrier, or the other body, lies seen from the body"
     )
@@ -143,7 +153,10 @@ class Scene(Part):
         if faults or scene is None:
             raise ValidationError.from_exception_data(cls.__name__, faults)
         if not folder.samefile(".") and any(isinstance(f, Samples) for f in scene.force):
-            force = [f.model_copy(update={"file": str(folder / f.file)}) if isinstance(f, Samples) else f for f in scene.force]
+            force = [
+                f.model_copy(update={"file": str(folder / f.file)}) if isinstance(f, Samples) else f
+                for f in scene.force
+            ]
             scene = scene.model_copy(update={"force": force})
         return scene
 
@@ -160,7 +173,9 @@ def _again(error: Any) -> InitErrorDetails:
 
 
 def _fault(where: Where, value: Any, what: str, right: str) -> InitErrorDetails:
-    return InitErrorDetails(type=PydanticCustomError("scene", "{what}; {right}", {"what": what, "right": right}), loc=where, input=value)
+    return InitErrorDetails(
+        type=PydanticCustomError("scene", "{what}; {right}", {"what": what, "right": right}), loc=where, input=value
+    )
 
 
 def _tables(data: dict[str, Any], key: str) -> Iterator[tuple[int, dict[str, Any]]]:

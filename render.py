@@ -1,0 +1,21 @@
+#!/usr/bin/env python3
+"""Render a patch to a WAV file: `uv run render.py patches/repelled_oscillator.toml`."""
+
+import sys
+
+if sys.version_info < (3, 11):  # noqa: UP036  this is what an old Python gets to see
+    sys.exit("render.py needs Python 3.11 or newer; with uv: uv run render.py PATCH")
+
+try:
+    from engine.cli import main
+
+    code = main()
+except ModuleNotFoundError as error:
+    if error.name is None or error.name.startswith("engine"):
+        raise
+    words = " ".join(sys.argv[1:]) or "PATCH"
+    sys.exit(
+        f"{error.name} is not installed. This sets up everything and renders:\n"
+        f"  python3 -m pip install uv && uv run render.py {words}"
+    )
+sys.exit(code)

@@ -5,7 +5,7 @@ begins. Sample i is what the scene is like before step i; sample 0 is the initia
 """
 
 from engine.contact import resync, spring_back, stored, touch
-from engine.energy import audit, enter, kinetic_and_potential
+from engine.energy import DISSIPATED, SUPPLIED, audit, book, enter, kinetic_and_potential
 from engine.force import push, supply
 from engine.islands import cut_model, cut_state
 from engine.jit import jit
@@ -34,8 +34,8 @@ def step(model, state, frame, ledger):
     else:
         lost += second_half(modes, spring, loss, gravity, state.carry, state.q, state.p)
     if ledger is not None:
-        state.account[0, 0] += lost + lost_in_contact
-        state.account[0, 1] += work
+        book(state.account, DISSIPATED, lost + lost_in_contact)
+        book(state.account, SUPPLIED, work)
     if touching:
         state.contacts[0] += 1
     elif state.touching[0] or frame % RESYNC == 0:
@@ -79,8 +79,8 @@ def record(trace, i, b0, k0, model, state):
         trace.kinetic[i] += kinetic
         trace.potential[i] += potential
         trace.contact[i] += stored(model.contact, state)
-        trace.dissipated[i] += state.account[0, 0]
-        trace.supplied[i] += state.account[0, 1]
+        trace.dissipated[i] += state.account[0, DISSIPATED]
+        trace.supplied[i] += state.account[0, SUPPLIED]
 
 
 @jit

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from engine import coupled, solve
+from engine import coupled, energy, solve
 from engine.laws import law_of
 from engine.layout import Layout, Point
 from engine.model import (
@@ -103,7 +103,8 @@ def _check_rate(layout: Layout, samplerate: float) -> None:
 def _loss(sigma: np.ndarray, samplerate: float) -> Loss | None:
     if not sigma.any():
         return None
-    return Loss(np.exp(-sigma / samplerate), -0.5 * np.expm1(-2 * sigma / samplerate))
+    keep = np.exp(-sigma / samplerate)
+    return Loss(keep, 0.5 * (1 - keep) * (1 + keep))  # of the rounded d: the two must agree, or the ledger drifts
 
 
 def _gravity(layout: Layout) -> Gravity | None:
@@ -246,7 +247,7 @@ def _state(layout: Layout, model: Model) -> State:
         contact_force=np.zeros(contacts),
         scratch=room if model.coupling is not None else None,
         heard=np.array([scene.body[layout.number[scene.pickup[i].body]].velocity for i in layout.pickup]),
-        account=np.zeros((count, 2)),
+        account=np.zeros((count, energy.ACCOUNTS)),
         touching=np.zeros(count, np.int64),
         evaluations=np.zeros(count, np.int64),
         iterations=np.zeros(max(solve.LIMIT, coupled.LIMIT) + 1, np.int64),

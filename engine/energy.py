@@ -13,6 +13,10 @@ from engine.jit import jit
 STORED, SPENT = 0, 1  # SPENT: dissipated less supplied
 COLUMNS = 2
 
+# columns of State.account: [islands, columns], J; each sum is followed by the rounding it carries
+DISSIPATED, SUPPLIED = 0, 2
+ACCOUNTS = 4
+
 # a tally: what an audit remembers between blocks
 FIRST, LAST, LAST_BALANCE, FIRST_BALANCE, LARGEST, ERROR, STEP_ERROR, COUNT = range(8)
 TALLY = 8
@@ -33,12 +37,21 @@ def kinetic_and_potential(spring, gravity, q, p):
 
 
 @jit
+def book(account, column, amount):
+    """Add to an island's account. Small amounts on a large sum: rounding is carried (Kahan)."""
+    amount += account[0, column + 1]
+    before = account[0, column]
+    account[0, column] = before + amount
+    account[0, column + 1] = amount - (account[0, column] - before)
+
+
+@jit
 def enter(ledger, i, first, model, state):
     """Write an island's energies into row i of the ledger; all but the first island add."""
     if ledger is not None:
         kinetic, potential = kinetic_and_potential(model.spring, model.gravity, state.q, state.p)
         total = kinetic + potential + stored(model.contact, state)
-        spent = state.account[0, 0] - state.account[0, 1]
+        spent = state.account[0, DISSIPATED] - state.account[0, SUPPLIED]
         if first:
             ledger[i, STORED] = total
             ledger[i, SPENT] = spent
@@ -74,14 +87,14 @@ def audit(ledger, tally, frames):
 def summary(tally: np.ndarray, account: np.ndarray) -> dict[str, float]:
     """Energies in joule; errors relative to the largest energy the scene has held.
 
-    tally: as left by `audit`; account: State.account, [islands, 2].
+    tally: as left by `audit`; account: State.account.
     """
     largest = tally[LARGEST] if tally[LARGEST] > 0 else 1.0
     return {
         "initial": float(tally[FIRST]),
         "final": float(tally[LAST]),
-        "supplied": float(account[:, 1].sum()),
-        "dissipated": float(account[:, 0].sum()),
+        "supplied": float(account[:, SUPPLIED].sum()),
+        "dissipated": float(account[:, DISSIPATED].sum()),
         "error_max": float(tally[ERROR] / largest),
         "error_per_step_max": float(tally[STEP_ERROR] / largest),
     }

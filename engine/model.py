@@ -154,7 +154,7 @@ class State(NamedTuple):
     contact_force: np.ndarray  # [contacts], N, mean over the last step
     scratch: Scratch | None  # for coupled contacts
     heard: np.ndarray  # [pickups], velocity one sample ago
-    account: np.ndarray  # [islands, 2]: energy dissipated, work supplied, J
+    account: np.ndarray  # [islands, 4], J: energy dissipated and work supplied (engine.energy)
     touching: np.ndarray  # int [islands]: 1 if the last step had a contact in reach
     evaluations: np.ndarray  # int [islands]: of the contact laws, in the last step
     iterations: np.ndarray  # int [evaluations]: histogram of evaluations per Newton solve

@@ -38,6 +38,8 @@ def respond(law, damping, k, s, eta):
     """Mean force and slope df/dη of contact k for a step η."""
     b = s + eta
     rate = contact_loss(damping, k)
+    if 1.0 + rate * eta <= 0.0:
+        return 0.0, 0.0
     if b > 0.0:
         f, df, _, _ = inside(law, k, s, b, eta, rate)
         return f, df

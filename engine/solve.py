@@ -42,13 +42,11 @@ def outside(law, k, s, eta, rate):
 
 @jit
 def inside(law, k, s, b, eta, rate):
-    """Mean force and its first three derivatives by η for a step that ends at b > 0."""
+    """Mean force and its first three derivatives by η for a step that ends at b > 0; 1 + rate·η ≥ 0."""
     unit = law.unit[k]
     f, df, ddf, dddf = gradient(law, k, s, b, eta)
     if rate > 0.0:
-        w = 1.0 + rate * eta
-        if w <= 0.0:
-            return 0.0, 0.0, 0.0, 0.0
+        w = max(0.0, 1.0 + rate * eta)
         f, df, ddf, dddf = f * w, df * w + f * rate, ddf * w + 2.0 * df * rate, dddf * w + 3.0 * ddf * rate
     return unit * f, unit * df, unit * ddf, unit * dddf
 
@@ -129,6 +127,17 @@ def first_guess(law, k, s, g, scale):
 
 
 @jit
+def lossy_guess(law, k, s, g, scale, rate, b):
+    """Where to begin with contact loss, given where to begin without it."""
+    n = exponent(law, k) + 1.0
+    if s <= 0.0:
+        return min(b, ((s + g) / (scale * rate)) ** (1.0 / n))
+    force = n * scale * power(law, k, s)
+    newton = s + (g - force) / (1.0 + force * (0.5 * exponent(law, k) / s + rate))  # from b = s; never below the root
+    return b if s - 1.0 / rate < b < newton else newton
+
+
+@jit
 def scalar(law, damping, k, s, g, compliance, tolerance):
     """Solve one contact equation.
 
@@ -165,6 +174,8 @@ def scalar(law, damping, k, s, g, compliance, tolerance):
         b, eta = big, g
     else:
         b = first_guess(law, k, s, g, scale)
+        if rate > 0.0:
+            b = lossy_guess(law, k, s, g, scale, rate, b)
         eta = b - s
     return iterate(law, k, s, g, compliance, rate, tolerance, b, eta)
 
@@ -183,7 +194,7 @@ def iterate(law, k, s, g, compliance, rate, tolerance, b, eta):
         else:
             high = s
     elif s > 0.0:
-        high = max(big, s)
+        low, high = max(0.0, s - 1.0 / rate), max(big, s)
     degree = exponent(law, k) + 1.0
     for count in range(1, LIMIT + 1):
         f, df, ddf, dddf = inside(law, k, s, b, eta, rate)

@@ -1,6 +1,6 @@
 """Contacts within a step: after the first half-kick, find the forces and let them act."""
 
-from engine.coupled import CURVE, END, ETA, FORCE, coupled
+from engine.coupled import CURVE, END, ETA, FORCE, MISS, coupled
 from engine.jit import jit
 from engine.laws import potential
 from engine.modes import kick, project, project_drift
@@ -38,8 +38,9 @@ def spring_back(contact, partner, state):
 
 
 @jit
-def settle(contact, damping, state, k, eta, b, f):
-    """Give contact k its new compression and force; returns the energy lost.
+def settle(contact, damping, state, k, eta, b, f, miss):
+    """Give contact k its new compression and force; returns the energy lost. `miss` is what the
+    bodies moved at the contact beyond η.
 
     What rounding leaves of a step has the same sign at every step of a contact, and would add up
     (2e-13 of the energy in 60 ms): the part of B beneath its last digit, the residual of the
@@ -50,7 +51,7 @@ def settle(contact, damping, state, k, eta, b, f):
     s = state.compression[k]
     if damping is not None:
         lost = loss_of_step(contact, damping, k, s, b, eta, f)
-    residue = state.residue[k] + (((state.free_move[k] - eta) - contact.compliance[k] * f) - contact.beneath[k] * f)
+    residue = state.residue[k] + (miss - contact.beneath[k] * f)
     if 2.0 * abs(eta) < b:
         start, move = s, eta + residue
     else:
@@ -84,7 +85,8 @@ def solve_one(contact, partner, damping, state, k):
     )
     push_apart(contact, partner, state, k, f)
     count_solve(state, count, how)
-    return settle(contact, damping, state, k, eta, b, f), count
+    miss = (state.free_move[k] - eta) - contact.compliance[k] * f
+    return settle(contact, damping, state, k, eta, b, f, miss), count
 
 
 @jit
@@ -102,8 +104,9 @@ def solve_only(contact, damping, coupling, state, only):
         move = g[k] - coupling.matrix[only * n + k] * f
         if k != only and s[k] + move > 0.0:
             return False, count, how
-        vectors[ETA, k], vectors[END, k], vectors[CURVE, k] = move, s[k] + move, 0.0
+        vectors[ETA, k], vectors[END, k], vectors[CURVE, k], vectors[MISS, k] = move, s[k] + move, 0.0, 0.0
     vectors[ETA, only], vectors[END, only], vectors[CURVE, only] = eta, b, f
+    vectors[MISS, only] = (g[only] - eta) - contact.compliance[only] * f
     return True, count, how
 
 
@@ -131,7 +134,8 @@ def solve_many(contact, partner, damping, coupling, state, touching, only):
     count_solve(state, count, how)
     lost = 0.0
     for k in range(n):
-        lost += settle(contact, damping, state, k, vectors[ETA, k], vectors[END, k], vectors[CURVE, k])
+        eta, b, f = vectors[ETA, k], vectors[END, k], vectors[CURVE, k]
+        lost += settle(contact, damping, state, k, eta, b, f, vectors[MISS, k])
     spring_back(contact, partner, state)
     return lost, count
 

@@ -59,7 +59,9 @@ def load(path: str | Path) -> Scene:
         return Scene.model_validate(data, context={"folder": path.parent})
     except ValidationError as error:
         lines = locate(text)
-        faults = [_fault(file, lines, e) for e in error.errors(include_url=False)]
+        errors = error.errors(include_url=False)
+        meant = {(*_resolve(e)[0][:-1], _meant(e)) for e in errors if e["type"] == "extra_forbidden"}
+        faults = [_fault(file, lines, e) for e in errors if e["type"] != "missing" or _resolve(e)[0] not in meant]
         raise PatchError(sorted(faults, key=lambda f: f.line or 0)) from None
 
 
@@ -123,8 +125,10 @@ def _paths(value: Any) -> Iterator[Where]:
 
 def _fault(file: str, lines: dict[Where, int], error: Any) -> Fault:
     """A pydantic error as one line."""
-    where, model, field = _resolve(tuple(error["loc"]))
-    what = _describe(error, where, model, field)
+    where, models, field = _resolve(error)
+    what = _describe(error, where, models, field)
+    if error["type"] == "union_tag_invalid":
+        where += ("kind",)
     at = where
     while at not in lines:
         at = at[:-1]
@@ -142,14 +146,17 @@ def _models(annotation: Any) -> dict[str, type[BaseModel]]:
     return {}
 
 
-def _resolve(loc: Where) -> tuple[Where, dict[str, type[BaseModel]], FieldInfo | None]:
-    """Path in the patch (without pydantic's union tags), the models whose key it is, and its field."""
+def _resolve(error: Any) -> tuple[Where, dict[str, type[BaseModel]], FieldInfo | None]:
+    """Path in the patch of an error, the models whose key it is, and its field.
+
+    Pydantic puts a table's kind into the path, after its number; our own errors do not.
+    """
     where: Where = ()
     models: dict[str, type[BaseModel]] = {"": Scene}
     field: FieldInfo | None = None
     inner = models
-    for part in loc:
-        if isinstance(part, str) and len(inner) > 1 and part in inner and isinstance(where[-1], int):
+    for part in error["loc"]:
+        if error["type"] != "scene" and len(inner) > 1 and part in inner and isinstance(where[-1], int):
             inner = {part: inner[part]}
             continue
         if isinstance(part, str):
@@ -158,6 +165,13 @@ def _resolve(loc: Where) -> tuple[Where, dict[str, type[BaseModel]], FieldInfo |
             inner = _models(field.annotation) if field else {}
         where += (part,)
     return where, models if isinstance(where[-1:] and where[-1], str) else inner, field
+
+
+def _meant(error: Any) -> str:
+    """The known key that an unknown one most resembles, or nothing."""
+    where, models, _ = _resolve(error)
+    known = [k for m in models.values() for k in m.model_fields]
+    return next(iter(difflib.get_close_matches(str(where[-1]), known, 1, 0.6)), "")
 
 
 def _nearest(word: str, known: list[str]) -> str:

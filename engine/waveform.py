@@ -34,9 +34,8 @@ def table(force: Force, samplerate: float) -> Table:
         phase = np.arange(int(begin), int(np.ceil(begin + length)) + 1) - begin
         values = np.where((phase > 0) & (phase < length), np.sin(np.pi * np.clip(phase / length, 0, 1)), 0.0)
     else:
-        begin, values = force.start * samplerate, samples(force, samplerate)
-        values = np.concatenate([[0.0], values, [0.0]])
-        begin = max(0, round(begin) - 1)
+        values = np.concatenate([[0.0], samples(force, samplerate), [0.0]])
+        begin = round(force.start * samplerate) - 1  # rises from 0 in the step before its first sample
     ends = force.amplitude * values
     return Table(int(begin), 0.5 * (ends[1:] + ends[:-1]), 0.0)
 

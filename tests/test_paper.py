@@ -1,5 +1,7 @@
 """The paper's systems do what its figures show."""
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -20,7 +22,7 @@ def test_the_oscillator_is_repelled(patch):
     """Fig. 6: it swings between -2 mm and where spring and barrier hold the energy of the start."""
     place = engine.render(patch("repelled_oscillator"), seconds=0.1, trace=True).trace["displacement"][:, 0]
     stiffness = (2 * np.pi * 440) ** 2
-    stored = lambda y: stiffness * y**2 / 2 + 2.5e10 / 3 * (y + 0.93e-3) ** 3  # noqa: E731
+    stored = lambda y: stiffness * y**2 / 2 + 2.5e10 / 3 * (y + 0.93e-3) ** 3
     turn = brentq(lambda y: stored(y) - stiffness * 2e-3**2 / 2, -0.93e-3, 1e-3)
     assert place.min() == pytest.approx(-2e-3, rel=1e-3)
     assert place.max() == pytest.approx(turn, abs=2e-6)
@@ -43,7 +45,7 @@ def test_nonlinear_damping_lowers_every_bounce(patch):
     trace = engine.render(patch("lossy_bounce"), trace=True).trace
     place, force = trace["displacement"][:, 0], trace["force"][:, 0]
     landings = np.flatnonzero((force[:-1] == 0) & (force[1:] > 0))
-    tops = [place[a:b].max() for a, b in zip(landings[:-1], landings[1:], strict=True)]
+    tops = [place[a:b].max() for a, b in itertools.pairwise(landings)]
     assert len(tops) >= 5
     assert np.all(np.diff(tops) < 0)
     flight = slice(landings[0] + 40, landings[1] - 2)

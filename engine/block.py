@@ -8,7 +8,7 @@ from engine.contact import resync, spring_back, stored, touch
 from engine.energy import DISSIPATED, SUPPLIED, audit, book, enter, kinetic_and_potential
 from engine.force import push, supply
 from engine.islands import cut_model, cut_state
-from engine.jit import jit
+from engine.jit import entry, jit
 from engine.model import ACCELERATION, DISPLACEMENT, VELOCITY
 from engine.modes import first_half, lose_all, project, second_half
 
@@ -99,7 +99,7 @@ def piece(model, state, out, ledger, tally, trace, begin):
     state.frame[0] += out.shape[0]
 
 
-@jit
+@entry
 def block(model, state, out, ledger, tally, trace):
     """Render len(out) samples.
 

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from engine import laws, solve
-from engine.jit import jit
+from engine.jit import entry
 
 EXPONENTS = [1.0, 1.3, 1.5, 2.0, 2.5, 3.0, 5.0, 8.0, 12.0]
 
 
-@jit
+@entry
 def solve_all(law, s, g, compliance, out, count, how):
     for i in range(s.shape[0]):
         out[i, 0], out[i, 1], out[i, 2], _, count[i], how[i] = solve.scalar(
@@ -18,7 +18,7 @@ def solve_all(law, s, g, compliance, out, count, how):
         )
 
 
-@jit
+@entry
 def gradient(law, s, b):
     return laws.gradient(law, 0, s, b, b - s)
 

@@ -1,0 +1,54 @@
+"""How fast each shipped patch runs on one core, once compiled, with its energy error beside it."""
+
+import time
+
+import numpy as np
+
+import engine
+from bench.report import ROOT, pin, publish
+from engine import energy
+from engine.block import PIECE, block
+from engine.build import build
+from engine.offline import newton
+
+RATE = 44_100
+REPEATS = 7
+FRAMES = 16_384
+
+
+def measure(scene: engine.Scene, metered: bool) -> tuple[float, dict, dict]:
+    """Seconds per sample (minimum of the repeats) over the patch's length, at least 1 s; its
+    energies and its Newton iterations."""
+    best = np.inf
+    out = np.zeros((FRAMES, max(p.channel for p in scene.pickup)))
+    blocks = max(1, round(max(1.0, scene.seconds) * RATE / FRAMES))
+    for _ in range(REPEATS + 1):  # the first run compiles, and is not better than the best
+        model, state, _ = build(scene, RATE)
+        ledger, tally = np.zeros((PIECE, energy.COLUMNS)) if metered else None, np.zeros(energy.TALLY)
+        begin = time.perf_counter()
+        for _ in range(blocks):
+            block(model, state, out, ledger, tally, None)
+        best = min(best, (time.perf_counter() - begin) / (blocks * FRAMES))
+    return best, energy.summary(tally, state.account), newton(state)
+
+
+def run() -> None:
+    """Measure and publish."""
+    pin()
+    rows = []
+    for path in sorted((ROOT / "patches").glob("*.toml")):
+        scene = engine.load(path)
+        seconds, energies, iterations = measure(scene, True)
+        bare, _, _ = measure(scene, False)
+        rows.append(
+            [
+                path.stem,
+                f"{1 / seconds / RATE:.0f}",
+                f"{seconds * 1e9:.1f}",
+                f"{bare * 1e9:.1f}",
+                f"{energies['error_max']:.0e}",
+                f"{iterations['mean']:.2f} / {iterations['max']}" if iterations["solves"] else "closed form",
+            ]
+        )
+    header = ["patch", "× real time", "ns per sample", "without energy metering", "energy error", "Newton mean / max"]
+    publish("realtime", header, rows)

@@ -1,0 +1,56 @@
+"""Where measurements go: a CSV in bench/results, and a table in README.md."""
+
+import csv
+import datetime
+import os
+import platform
+from importlib.metadata import version
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+RESULTS = ROOT / "bench" / "results"
+
+
+def processor() -> str:
+    """The machine's processor, as it calls itself."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
+
+
+def stamp(name: str) -> str:
+    """What measured, where and when."""
+    versions = ", ".join(f"{p} {version(p)}" for p in ("numba", "numpy"))
+    return (
+        f"`uv run python -m bench {name}`, {datetime.date.today()}, {processor()}, {os.cpu_count()} cores, "
+        f"Python {platform.python_version()}, {versions}"
+    )
+
+
+def publish(name: str, header: list[str], rows: list[list[str]]) -> None:
+    """Print a table, write it as CSV, and put it between its markers in README.md."""
+    RESULTS.mkdir(exist_ok=True)
+    with open(RESULTS / f"{name}.csv", "w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow([f"# {stamp(name)}"])
+        writer.writerow(header)
+        writer.writerows(rows)
+    lines = ["| " + " | ".join(row) + " |" for row in [header, ["---"] * len(header), *rows]]
+    table = "\n".join([*lines, "", stamp(name)])
+    print(table, end="\n\n")
+    readme = ROOT / "README.md"
+    text = readme.read_text("utf-8")
+    begin, end = f"<!-- bench:{name} -->", f"<!-- /bench:{name} -->"
+    if begin in text and end in text:
+        before, after = text.partition(begin)[0], text.partition(end)[2]
+        readme.write_text(f"{before}{begin}\n{table}\n{end}{after}", "utf-8")
+
+
+def pin() -> None:
+    """Stay on one core, where the system lets us."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})

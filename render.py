@@ -18,4 +18,6 @@ except ModuleNotFoundError as error:
         f"{error.name} is not installed. This sets up everything and renders:\n"
         f"  python3 -m pip install uv && uv run render.py {words}"
     )
+except KeyboardInterrupt:
+    code = 130
 sys.exit(code)

@@ -240,7 +240,7 @@ def _state(layout: Layout, model: Model) -> State:
         frame=np.zeros(1, np.int64),
         q=q,
         p=p,
-        carry=np.zeros(q.size) if model.gravity is not None else None,
+        carry=np.zeros(q.size),
         compression=compression,
         residue=np.zeros(contacts),
         free_move=np.zeros(contacts),

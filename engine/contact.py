@@ -1,10 +1,15 @@
 """Contacts within a step: after the first half-kick, find the forces and let them act."""
 
+import numpy as np
+
 from engine.coupled import CURVE, END, ETA, FORCE, MISS, coupled
-from engine.jit import jit
+from engine.jit import jit, outlined
 from engine.laws import potential
 from engine.modes import kick, project, project_drift
-from engine.solve import FREE, NEWTON, contact_loss, scalar
+from engine.solve import NEWTON, contact_loss, scalar
+
+# as an initial value, a literal 0 would make Numba compile all that it is passed to twice
+ZERO = np.int64(0)
 
 
 @jit
@@ -89,7 +94,7 @@ def solve_one(contact, partner, damping, state, k):
     return settle(contact, damping, state, k, eta, b, f, miss), count
 
 
-@jit
+@outlined
 def solve_only(contact, damping, coupling, state, only):
     """Try the one contact in reach alone: fails if its force would close another.
 
@@ -110,12 +115,12 @@ def solve_only(contact, damping, coupling, state, only):
     return True, count, how
 
 
-@jit
+@outlined
 def solve_many(contact, partner, damping, coupling, state, touching, only):
     """Solve all contacts of an island, `touching` of them in reach. Returns as `solve_one`."""
     vectors = state.scratch.vectors
     n = contact.barrier.shape[0]
-    alone, count, how = False, 0, FREE
+    alone, count, how = False, ZERO, ZERO
     if touching == 1:
         alone, count, how = solve_only(contact, damping, coupling, state, only)
     if not alone:
@@ -158,7 +163,7 @@ def touch(contact, partner, damping, coupling, state):
     """
     if contact is None:
         return 0.0, 0, False
-    touching, only = 0, 0
+    touching, only = ZERO, ZERO
     for k in range(contact.barrier.shape[0]):
         g = project_drift(contact.rows, k, state.p)
         if partner is not None:

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from engine.jit import jit
+from engine.jit import jit, outlined
 from engine.solve import FAILED, NEWTON, contact_loss, inside, outside, scalar
 
 MINTY_ROUNDS = 16  # usually 3 to 5 are enough; then the line search takes over
@@ -48,7 +48,7 @@ def respond(law, damping, k, s, eta):
     return 0.0, 0.0
 
 
-@jit
+@outlined
 def cholesky_solve(a, active, n, x):
     """Solve A x = x in place for the listed rows of a positive definite A; destroys A."""
     for i in range(n):
@@ -72,7 +72,7 @@ def cholesky_solve(a, active, n, x):
         x[active[i]] = total / a[i, i]
 
 
-@jit
+@outlined
 def newton_step(matrix, n, scratch):
     """STEP = √J y with (I + √J B √J) y = √J·MISS, over the contacts with slope J > 0.
 
@@ -98,7 +98,7 @@ def newton_step(matrix, n, scratch):
         step[active[i]] *= math.sqrt(slope[active[i]])
 
 
-@jit
+@outlined
 def to_curves(law, damping, matrix, n, s, g, tolerance, scratch):
     """Minty's projection of FORCE onto every contact's own curve; the residual goes to MISS.
 
@@ -130,7 +130,7 @@ def to_curves(law, damping, matrix, n, s, g, tolerance, scratch):
     return worst
 
 
-@jit
+@outlined
 def descent(law, damping, matrix, n, s, g, at, scratch):
     """Directional derivative along STEP of the convex potential
     ½ fᵀBf + Σ ∫φ_k dη at f = FORCE + at·STEP, η = g - B f; leaves the response in CURVE."""
@@ -148,7 +148,7 @@ def descent(law, damping, matrix, n, s, g, at, scratch):
     return total
 
 
-@jit
+@outlined
 def line_search(law, damping, matrix, n, s, g, scratch):
     """One Newton step on the convex potential, with FORCE moved to where it no longer falls."""
     force, step = scratch.vectors[FORCE], scratch.vectors[STEP]
@@ -179,7 +179,7 @@ def line_search(law, damping, matrix, n, s, g, scratch):
         force[k] += at * step[k]
 
 
-@jit
+@outlined
 def coupled(law, damping, matrix, n, s, g, tolerance, scratch):
     """Solve n contacts together.
 

@@ -90,6 +90,12 @@ def jit(function: Callable[..., Any]) -> Any:
     return numba.njit(**PART)(function)
 
 
+def outlined(function: Callable[..., Any]) -> Any:
+    """Compile a part of a kernel that is large and seldom runs: inlined wherever it is called, the
+    coupled contact solve alone would take 15 s to compile."""
+    return numba.njit(**PART | {"forceinline": False})(function)
+
+
 def entry(function: Callable[..., Any]) -> Any:
     """Compile a kernel that Python calls, into the cache of these sources."""
     other = config.CACHE_DIR

@@ -147,7 +147,7 @@ class State(NamedTuple):
     frame: np.ndarray  # int [1], samples rendered so far
     q: np.ndarray  # [modes], √kg·m, displacement
     p: np.ndarray  # [modes], √kg·m/s, momentum
-    carry: np.ndarray | None  # [modes]: rounding carried from kick to kick; for gravity
+    carry: np.ndarray  # [modes]: rounding carried from kick to kick; for gravity
     compression: np.ndarray  # [contacts], m
     residue: np.ndarray  # [contacts], m: what is too small to add to the compression yet
     free_move: np.ndarray  # [contacts], m: g, the change of compression without contact force

@@ -120,7 +120,7 @@ def close_mode(modes, spring, loss, gravity, carry, q, p, m):
 def first_half(modes, spring, loss, gravity, carry, q, p):
     """First half of a step of all modes, up to the contact. Returns the energy lost."""
     if p.shape[0] == 1:
-        return open_mode(modes, spring, loss, gravity, carry, q, p, 0)
+        return open_mode(modes, spring, loss, gravity, carry, q, p, p.shape[0] - 1)
     lost = 0.0
     for m in range(p.shape[0]):
         lost += open_mode(modes, spring, loss, gravity, carry, q, p, m)
@@ -131,7 +131,7 @@ def first_half(modes, spring, loss, gravity, carry, q, p):
 def second_half(modes, spring, loss, gravity, carry, q, p):
     """Second half of a step of all modes, after the contact. Returns the energy lost."""
     if p.shape[0] == 1:
-        return close_mode(modes, spring, loss, gravity, carry, q, p, 0)
+        return close_mode(modes, spring, loss, gravity, carry, q, p, p.shape[0] - 1)
     lost = 0.0
     for m in range(p.shape[0]):
         lost += close_mode(modes, spring, loss, gravity, carry, q, p, m)

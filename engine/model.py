@@ -163,7 +163,11 @@ class State(NamedTuple):
 
 
 class Trace(NamedTuple):
-    """What every sample was like; arrays of [frames, …] that a block fills."""
+    """What every sample was like; arrays of [frames, …] that a block fills.
+
+    `force` is the mean over the step that ends at the sample, so it is 0 at sample 0; `iterations`
+    are those of that step.
+    """
 
     displacement: np.ndarray
     velocity: np.ndarray

@@ -8,6 +8,7 @@ import engine
 from engine import energy
 from engine.block import PIECE, block
 from engine.build import build
+from engine.model import ContactLoss, Coupling
 
 
 def run(scene: engine.Scene, frames: int, sizes: list[int]) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
@@ -70,8 +71,8 @@ def test_absent_effects_are_none(patch):
     ).model
     assert nothing.spring is nothing.contact is nothing.contact_loss is nothing.force is None
     everything = build(patch("buzzing_reed"), 44_100).model
-    assert everything.coupling is not None
-    assert everything.contact_loss is not None
+    assert isinstance(everything.coupling, Coupling)
+    assert isinstance(everything.contact_loss, ContactLoss)
 
 
 def test_islands_do_not_hear_each_other(patch):

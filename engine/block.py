@@ -17,8 +17,11 @@ RESYNC = 64  # samples; out of contact, compressions are read anew from the mode
 
 
 @jit
-def step(model, state, frame, ledger):
-    """One step of one island."""
+def step(model, state, frame, ledger, touched):
+    """One step of one island; `touched`: the step before had a contact in reach.
+
+    Returns whether this one has, and the evaluations of the contact laws.
+    """
     modes, spring, loss, gravity = model.modes, model.spring, model.loss, model.gravity
     contact, partner = model.contact, model.partner
     lost = first_half(modes, spring, loss, gravity, state.carry, state.q, state.p)
@@ -38,10 +41,9 @@ def step(model, state, frame, ledger):
         book(state.account, SUPPLIED, work)
     if touching:
         state.contacts[0] += 1
-    elif state.touching[0] or frame % RESYNC == 0:
+    elif touched or frame % RESYNC == 0:
         resync(contact, partner, state)
-    state.touching[0] = touching
-    state.evaluations[0] = count
+    return touching, count
 
 
 @jit
@@ -84,17 +86,28 @@ def record(trace, i, b0, k0, model, state):
 
 
 @jit
+def note(trace, state, count):
+    """Keep the evaluations of a step for the row of the sample it ends at."""
+    if trace is not None:
+        state.evaluations[0] = count
+
+
+@jit
 def piece(model, state, out, ledger, tally, trace, begin):
     """Render len(out) samples, the first of which is row `begin` of the trace."""
     islands = model.islands
+    frame = state.frame[0]
     for n in range(islands.mode.shape[0] - 1):
         island = cut_model(model, n)
         island_state = cut_state(islands, state, n)
+        touching = island_state.touching[0] != 0
         for i in range(out.shape[0]):
             listen(island.pickups, island_state, model.samplerate, out, i)
             enter(ledger, i, n == 0, island, island_state)
             record(trace, begin + i, islands.body[n], islands.contact[n], island, island_state)
-            step(island, island_state, state.frame[0] + i, ledger)
+            touching, count = step(island, island_state, frame + i, ledger, touching)
+            note(trace, island_state, count)
+        island_state.touching[0] = touching
     audit(ledger, tally, out.shape[0])
     state.frame[0] += out.shape[0]
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from engine.coupled import CURVE, END, ETA, FORCE, MISS, coupled
 from engine.jit import jit, outlined
-from engine.laws import potential
+from engine.laws import gain, potential
 from engine.modes import kick, project, project_drift
 from engine.solve import NEWTON, contact_loss, scalar
 
@@ -19,9 +19,9 @@ def loss_of_step(contact, damping, k, s, b, eta, f):
     if rate == 0.0:
         return 0.0
     w = 1.0 + rate * eta
-    if w > 0.0:
+    if w > 0.5:
         return f * eta * (rate * eta) / w
-    return potential(contact.law, k, s) - potential(contact.law, k, b)
+    return f * eta - gain(contact.law, k, s, b, eta)  # f/w would cancel
 
 
 @jit

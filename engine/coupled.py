@@ -14,6 +14,7 @@ import math
 import numpy as np
 
 from engine.jit import jit, outlined
+from engine.laws import exponent
 from engine.solve import FAILED, NEWTON, contact_loss, inside, outside, scalar
 
 MINTY_ROUNDS = 16  # usually 3 to 5 are enough; then the line search takes over
@@ -179,6 +180,41 @@ def line_search(law, damping, matrix, n, s, g, scratch):
         force[k] += at * step[k]
 
 
+@jit
+def reach(law, damping, k, s, b, eta, f, slope, move):
+    """How far off the first-order force is after a small further move: relative error of f."""
+    if f <= 0.0:
+        return 0.0 if b <= 0.0 or move == 0.0 else np.inf
+    scale = max(s, abs(eta)) if s > 0.0 else b
+    size = (exponent(law, k) + 1.0) * abs(move) / scale
+    return size * max(size, abs(move) * slope / f)
+
+
+@outlined
+def finish(law, damping, matrix, n, s, g, tolerance, scratch):
+    """Try to take the last Newton step along the tangents of the curves, without another round.
+
+    Moves CURVE, ETA, END and MISS if every force stays within the tolerance of its curve.
+    """
+    eta, end, curve = scratch.vectors[ETA], scratch.vectors[END], scratch.vectors[CURVE]
+    slope, miss, step = scratch.vectors[SLOPE], scratch.vectors[MISS], scratch.vectors[STEP]
+    other = scratch.vectors[OTHER]
+    for k in range(n):
+        other[k] = miss[k] - row_dot(matrix, n, k, step)
+        if slope[k] > 0.0:
+            if not reach(law, damping, k, s[k], end[k], eta[k], curve[k], slope[k], other[k]) <= tolerance:
+                return False
+        elif respond(law, damping, k, s[k], eta[k] + other[k])[0] > 0.0:
+            return False
+    for k in range(n):
+        curve[k] += step[k]
+    for k in range(n):
+        eta[k] += other[k]
+        end[k] += other[k]
+        miss[k] = (g[k] - row_dot(matrix, n, k, curve)) - eta[k]
+    return True
+
+
 @outlined
 def coupled(law, damping, matrix, n, s, g, tolerance, scratch):
     """Solve n contacts together.
@@ -194,11 +230,13 @@ def coupled(law, damping, matrix, n, s, g, tolerance, scratch):
     best = np.inf
     for count in range(1, LIMIT + 1):
         worst = to_curves(law, damping, matrix, n, s, g, tolerance, scratch)
-        if worst <= 1.0 or (worst <= 64.0 and worst >= 0.5 * best):  # converged, or stalled on rounding
+        newton_step(matrix, n, scratch)
+        if finish(law, damping, matrix, n, s, g, tolerance, scratch):
+            return count, NEWTON
+        if worst <= 64.0 and worst >= 0.5 * best:  # stalled on rounding
             return count, NEWTON
         best = min(best, worst)
         if count < MINTY_ROUNDS:
-            newton_step(matrix, n, scratch)
             for k in range(n):
                 force[k] = curve[k] + step[k]
         else:

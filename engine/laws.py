@@ -194,6 +194,14 @@ def potential(law, k, s):
 
 
 @jit
+def gain(law, k, s, b, eta):
+    """V(b) - V(s) for a step η = b - s, in joule, without cancellation."""
+    if s <= 0.0 or b <= 0.0:
+        return potential(law, k, b) - potential(law, k, s)
+    return law.unit[k] * span(law, k, s, b, abs(eta)) * eta
+
+
+@jit
 def gradient(law, k, s, b, eta):
     """Discrete gradient φ = (V(b) - V(s))/η in units of the law, and its first three derivatives
     with respect to the end compression b.

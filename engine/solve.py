@@ -69,8 +69,11 @@ def separate(law, k, s, g, rate, elastic):
         b = 0.5 * (total - width)
     else:
         b = 2.0 * (s * big - elastic * (1.0 - rate * s)) / (total + width)
-    force, slope = outside(law, k, s, eta, rate)
-    return eta, b, force, slope
+    mean = law.unit[k] * s * power(law, k, s) / -eta
+    # 1 + rate·η, which is a root of w² - (1 + left + fade)·w + left, without cancellation
+    left, fade = 1.0 + rate * g, 1.0 + rate * rate * elastic
+    w = 2.0 * left / (left + fade + rate * width)
+    return eta, b, mean * w, mean / -eta
 
 
 @jit
@@ -110,9 +113,17 @@ def first_guess(law, k, s, g, scale):
     big = s + g
     alpha = exponent(law, k)
     n = alpha + 1.0
-    if s <= 0.0:
+    if s <= 0.0:  # (G - b)(b - s) = scale·b^n, where b^n is known at both asymptotes
         free = big / scale
-        return min(big, max((-s * free) ** (1.0 / n), root(law, k, free)))
+        near, far = root(law, k, free), (-s * free) ** (1.0 / n)
+        b, whole = (near, big * near) if near >= far else (far, -s * big)
+        if b >= big:
+            return big
+        miss = whole - (big - b) * (b - s)
+        tilt = n * whole / b - (big + s - 2.0 * b)
+        bottom = 2.0 * tilt * tilt - miss * (n * alpha * whole / (b * b) + 2.0)
+        step = -2.0 * miss * tilt / bottom if bottom > 0.0 else -miss / tilt
+        return min(big, max(b + step, 0.5 * b))
     kappa = n * scale * power(law, k, s) / s
     away = (g / s - kappa) / (1.0 + 0.5 * alpha * kappa)  # Newton from b = s
     if abs(away) * alpha < 0.5:
@@ -214,8 +225,10 @@ def iterate(law, k, s, g, compliance, rate, tolerance, b, eta):
         # Halley leaves an error of third order in its step, times how much the contact matters;
         # the force is extrapolated to third order, and errs by the fourth
         size = degree * abs(step) / max(s, min(b, b + step))
-        cube = size * size * size
-        done = (cube * (slope - 1.0) <= tolerance * slope and cube * size <= tolerance) or abs(miss) <= 4.4e-16 * (
+        change = abs(step) * (slope - 1.0)  # of the force, times B
+        error = max(size * size * (slope - 1.0) / slope, size * size * size) * change
+        after = push + step * (slope - 1.0)  # a force that falls by orders of magnitude is not extrapolated
+        done = (error <= tolerance * after and push <= 8.0 * after) or abs(miss) <= 4.4e-16 * (
             push + min(abs(g), abs(big))
         )
         if done:

@@ -29,7 +29,7 @@ def measure(scene: engine.Scene, metered: bool) -> tuple[float, dict, dict]:
         for _ in range(blocks):
             block(model, state, out, ledger, tally, None)
         best = min(best, (time.perf_counter() - begin) / (blocks * FRAMES))
-    return best, energy.summary(tally, state.account), newton(state)
+    return best, energy.summary(tally, state.account), newton(model, state)
 
 
 def run() -> None:

@@ -4,13 +4,14 @@ Any block size gives the same samples, bit for bit: nothing here depends on wher
 begins. Sample i is what the scene is like before step i; sample 0 is the initial state.
 """
 
-from engine.contact import resync, spring_back, stored, touch
+from engine.contact import let_go, resync, spring_back, stored, touch
 from engine.energy import DISSIPATED, SUPPLIED, audit, book, enter, kinetic_and_potential
 from engine.force import push, supply
 from engine.islands import cut_model, cut_state
 from engine.jit import entry, jit
 from engine.model import ACCELERATION, DISPLACEMENT, VELOCITY
-from engine.modes import first_half, lose_all, project, second_half
+from engine.modes import first_half, lose_all, project, second_half, turn_back
+from engine.solve import FAILED, FREE
 
 PIECE = 256  # samples an island runs before the next one does: small enough for the fast cache
 RESYNC = 64  # samples; out of contact, compressions are read anew from the modes this often
@@ -26,8 +27,14 @@ def step(model, state, frame, ledger, touched):
     contact, partner = model.contact, model.partner
     lost = first_half(modes, spring, loss, gravity, state.carry, state.q, state.p)
     push(model.force, frame, state.p)
-    lost_in_contact, count, touching = touch(contact, partner, model.contact_loss, model.coupling, state)
-    work = supply(model.force, frame, state.p)
+    lost_in_contact, count, how = touch(contact, partner, model.contact_loss, model.coupling, state)
+    touching = how != FREE
+    if how == FAILED:
+        turn_back(modes, state.q, state.p)
+        let_go(contact, state)
+        work = 0.0
+    else:
+        work = supply(model.force, frame, state.p)
     if touching or model.force is not None:  # their second half-kick comes before the loss
         second_half(modes, spring, None, gravity, state.carry, state.q, state.p)
         push(model.force, frame, state.p)

@@ -269,18 +269,16 @@ def summarise(stats: dict[str, Any], trace: str | None) -> None:
     level = f"{20 * math.log10(peak):.1f} dBFS" if peak > SILENCE else "silent: no pickup moves"
     if peak > 1.0:
         level += " (above full scale: integer formats clip; lower --gain)"
-    iterations = f"mean {newton['mean']:.2f}, p99 {newton['p99']}, max {newton['max']} over {newton['solves']} solves"
-    if not newton["solves"]:
-        iterations = "none needed"
-    if closed := regimes["closed_form"] + regimes["separation"]:
-        iterations += f"; {closed} in closed form"
-    if newton["unconverged"]:
-        iterations += f"; {newton['unconverged']} UNCONVERGED"
+    iterations = f"mean {newton['mean']:.2f}, p99 {newton['p99']}, max {newton['max']}; "
+    iterations += ", ".join(f"{n}: {count}" for n, count in enumerate(newton["histogram"]) if count)
+    samples = max(1, sum(regimes.values()))
+    shares = ", ".join(f"{name.replace('_', ' ')} {n / samples:.2%}" for name, n in regimes.items() if n)
     rows = {
         "duration": f"{stats['seconds']:g} s at {stats['samplerate']} Hz, channels: {stats['channels']}",
         "peak": f"{level} (gain {stats['gain_db']:+.1f} dB on SI units)",
         "speed": f"{stats['real_time_factor']:.0f} × real time, {stats['ns_per_sample']:.1f} ns per sample",
-        "Newton iterations": iterations,
+        "Newton iterations": iterations if newton["solves"] else "none needed",
+        "solved": shares or "no contacts",
         "energy error": f"{energy['error_max']:.1e} of the largest energy held,"
         f" {energy['error_per_step_max']:.1e} per step",
         "energy": f"{energy['initial']:.4g} J at first, {energy['supplied']:.4g} supplied,"
@@ -289,6 +287,8 @@ def summarise(stats: dict[str, Any], trace: str | None) -> None:
         "left out": ", ".join(stats["effects"]["left_out"]) or "none",
         "time": f"{activity['free']:.1%} free, {activity['contact']:.1%} in contact",
     }
+    if failed := newton["unconverged"]:
+        rows["FAILED"] = f"{failed} contact solves; at those samples the motion was turned back, and no energy added"
     if trace:
         rows["trace"] = trace
     for name, value in rows.items():

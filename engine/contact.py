@@ -1,4 +1,10 @@
-"""Contacts within a step: after the first half-kick, find the forces and let them act."""
+"""Contacts within a step: after the first half-kick, find the forces and let them act.
+
+A solve that fails, or whose forces are not finite, acts on nothing: the step then turns the
+island's motion around (engine.modes.turn_back), which keeps every energy as it is.
+"""
+
+import math
 
 import numpy as np
 
@@ -6,10 +12,11 @@ from engine.coupled import CURVE, END, ETA, FORCE, MISS, coupled
 from engine.jit import jit, outlined
 from engine.laws import gain, potential
 from engine.modes import kick, project, project_drift
-from engine.solve import NEWTON, contact_loss, scalar
+from engine.solve import FAILED, FREE, NEWTON, contact_loss, scalar
 
 # as an initial value, a literal 0 would make Numba compile all that it is passed to twice
 ZERO = np.int64(0)
+UNTOUCHED = np.int64(FREE)
 
 
 @jit
@@ -78,7 +85,10 @@ def count_solve(state, count, how):
 
 @jit
 def solve_one(contact, partner, damping, state, k):
-    """Solve contact k alone, and give the first half-kick. Returns the energy lost, and the evaluations of its law."""
+    """Solve contact k alone, and give the first half-kick.
+
+    Returns the energy lost, the evaluations of its law, and how the solve ended.
+    """
     eta, b, f, _, count, how = scalar(
         contact.law,
         damping,
@@ -88,10 +98,14 @@ def solve_one(contact, partner, damping, state, k):
         contact.compliance[k],
         contact.tolerance,
     )
-    push_apart(contact, partner, state, k, f)
+    if not math.isfinite(eta + b + f):
+        how = FAILED
     count_solve(state, count, how)
+    if how == FAILED:
+        return 0.0, count, how
+    push_apart(contact, partner, state, k, f)
     miss = (state.free_move[k] - eta) - contact.compliance[k] * f
-    return settle(contact, damping, state, k, eta, b, f, miss), count
+    return settle(contact, damping, state, k, eta, b, f, miss), count, how
 
 
 @outlined
@@ -136,13 +150,18 @@ def solve_many(contact, partner, damping, coupling, state, touching, only):
             contact.tolerance,
             state.scratch,
         )
+    for k in range(n):
+        if not math.isfinite(vectors[ETA, k] + vectors[END, k] + vectors[CURVE, k]):
+            how = FAILED
     count_solve(state, count, how)
     lost = 0.0
+    if how == FAILED:
+        return lost, count, how
     for k in range(n):
         eta, b, f = vectors[ETA, k], vectors[END, k], vectors[CURVE, k]
         lost += settle(contact, damping, state, k, eta, b, f, vectors[MISS, k])
     spring_back(contact, partner, state)
-    return lost, count
+    return lost, count, how
 
 
 @jit
@@ -158,11 +177,11 @@ def solve_touching(contact, partner, damping, coupling, state, touching, only):
 def touch(contact, partner, damping, coupling, state):
     """Solve for the contact forces of an island and give their first half-kick.
 
-    Returns the energy lost, the evaluations of the contact law, and whether any contact was in
-    reach.
+    Returns the energy lost, the evaluations of the contact law, and how the solve ended: FREE if
+    no contact was in reach.
     """
     if contact is None:
-        return 0.0, 0, False
+        return 0.0, 0, FREE
     touching, only = ZERO, ZERO
     for k in range(contact.barrier.shape[0]):
         g = project_drift(contact.rows, k, state.p)
@@ -176,9 +195,16 @@ def touch(contact, partner, damping, coupling, state):
     if touching == 0:
         for k in range(contact.barrier.shape[0]):
             state.compression[k] += state.free_move[k]
-        return 0.0, 0, False
-    lost, count = solve_touching(contact, partner, damping, coupling, state, touching, only)
-    return lost, count, True
+        return 0.0, ZERO, UNTOUCHED
+    return solve_touching(contact, partner, damping, coupling, state, touching, only)
+
+
+@jit
+def let_go(contact, state):
+    """No contact force in this step."""
+    if contact is not None:
+        for k in range(contact.barrier.shape[0]):
+            state.contact_force[k] = 0.0
 
 
 @jit

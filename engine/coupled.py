@@ -204,7 +204,7 @@ def finish(law, damping, matrix, n, s, g, tolerance, scratch):
         if slope[k] > 0.0:
             if not reach(law, damping, k, s[k], end[k], eta[k], curve[k], slope[k], other[k]) <= tolerance:
                 return False
-        elif respond(law, damping, k, s[k], eta[k] + other[k])[0] > 0.0:
+        elif not respond(law, damping, k, s[k], eta[k] + other[k])[0] <= 0.0:
             return False
     for k in range(n):
         curve[k] += step[k]

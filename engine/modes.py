@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from engine.jit import jit
+from engine.jit import jit, outlined
 
 
 def fdh_table(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
@@ -136,6 +136,18 @@ def second_half(modes, spring, loss, gravity, carry, q, p):
     for m in range(p.shape[0]):
         lost += close_mode(modes, spring, loss, gravity, carry, q, p, m)
     return lost
+
+
+@outlined
+def turn_back(modes, q, p):
+    """Turn the motion around in the middle of a step: after its second half, q is as before the
+    step and p is reversed, so that every energy is what it was.
+
+    The last resort where contact forces cannot be found: no force acts, and nothing moves.
+    """
+    for m in range(p.shape[0]):
+        p[m] = -p[m]
+        q[m] -= modes.drift[m] * p[m]  # what the drift that follows adds
 
 
 @jit

@@ -101,7 +101,7 @@ def statistics(model: Model, state: State, tally: np.ndarray) -> dict[str, Any]:
     """Newton iterations, energy, effects and activity of a scene up to now."""
     share = state.contacts / max(1, int(state.frame[0]))
     return {
-        "newton": newton(state),
+        "newton": newton(model, state),
         "energy": energy.summary(tally, state.account),
         "effects": {
             "compiled": [name for name, slot in EFFECTS.items() if getattr(model, slot) is not None],
@@ -111,9 +111,11 @@ def statistics(model: Model, state: State, tally: np.ndarray) -> dict[str, Any]:
     }
 
 
-def newton(state: State) -> dict[str, Any]:
-    """Evaluations of the contact law per iterative solve, and how all solves ended."""
+def newton(model: Model, state: State) -> dict[str, Any]:
+    """Evaluations of the contact law per iterative solve, and how each sample of each island with
+    contacts was solved; "failed" are the samples where the motion was turned back instead."""
     histogram = state.iterations
+    with_contacts = np.diff(model.islands.contact) > 0
     solves = int(histogram.sum())
     reached = np.cumsum(histogram)
     return {
@@ -124,9 +126,11 @@ def newton(state: State) -> dict[str, Any]:
         "unconverged": int(state.regimes[solve.FAILED]),
         "histogram": np.trim_zeros(histogram, "b").tolist(),
         "regimes": {
+            "free": int(np.sum(state.frame[0] - state.contacts[with_contacts])),
             "separation": int(state.regimes[solve.SEPARATION]),
             "closed_form": int(state.regimes[solve.CLOSED]),
             "newton": int(state.regimes[solve.NEWTON]),
+            "failed": int(state.regimes[solve.FAILED]),
         },
     }
 

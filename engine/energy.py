@@ -10,8 +10,8 @@ from engine.contact import stored
 from engine.jit import jit
 
 # columns of a ledger: [samples, columns], J
-STORED, SPENT = 0, 1  # SPENT: dissipated less supplied
-COLUMNS = 2
+STORED, SPENT, HELD = 0, 1, 2  # SPENT: dissipated less supplied; HELD: all parts without their signs
+COLUMNS = 3
 
 # columns of State.account: [islands, columns], J; each sum is followed by the rounding it carries
 DISSIPATED, SUPPLIED = 0, 2
@@ -50,14 +50,18 @@ def enter(ledger, i, first, model, state):
     """Write an island's energies into row i of the ledger; all but the first island add."""
     if ledger is not None:
         kinetic, potential = kinetic_and_potential(model.spring, model.gravity, state.q, state.p)
-        total = kinetic + potential + stored(model.contact, state)
+        squeezed = stored(model.contact, state)
+        total = kinetic + potential + squeezed
+        held = kinetic + abs(potential) + squeezed  # a falling ball holds energy, though its total may be 0
         spent = state.account[0, DISSIPATED] - state.account[0, SUPPLIED]
         if first:
             ledger[i, STORED] = total
             ledger[i, SPENT] = spent
+            ledger[i, HELD] = held
         else:
             ledger[i, STORED] += total
             ledger[i, SPENT] += spent
+            ledger[i, HELD] += held
 
 
 @jit
@@ -73,7 +77,7 @@ def audit(ledger, tally, frames):
     for i in range(frames):
         total = ledger[i, STORED]
         balance = total + ledger[i, SPENT]
-        largest = max(largest, abs(total))
+        largest = max(largest, ledger[i, HELD])
         # written so that NaN is kept, not hidden
         off, jump = abs(balance - first), abs(balance - last)
         error = error if off <= error else off
@@ -85,7 +89,8 @@ def audit(ledger, tally, frames):
 
 
 def summary(tally: np.ndarray, account: np.ndarray) -> dict[str, float]:
-    """Energies in joule; errors relative to the largest energy the scene has held.
+    """Energies in joule; errors relative to the largest energy the scene has held, kinetic and
+    potential counted each without sign.
 
     tally: as left by `audit`; account: State.account.
     """

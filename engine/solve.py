@@ -19,6 +19,7 @@ from engine.laws import exponent, gradient, power, root
 # How a solve ended; also the index of its counter in the telemetry.
 FREE, SEPARATION, CLOSED, NEWTON, FAILED = 0, 1, 2, 3, 4
 
+SLACK = 1e-15  # of a bracket: its ends are rounded
 LIMIT = 60  # evaluations; bisection alone would be done by then
 
 
@@ -89,8 +90,13 @@ def linear_step(law, k, s, g, scale):
         eta = b - s
         force = unit * b * (b / eta)
         return eta, b, force, (2.0 * unit * b - force) / eta
-    b = (big - scale * s) / c
-    return (g - 2.0 * scale * s) / c, b, unit * (s + b), unit
+    over = 1.0 / c
+    eta = (g - 2.0 * scale * s) * over
+    b = (big - scale * s) * over
+    # c is rounded alike at every step, which would feed the motion (3e-17 of its energy a step)
+    eta += ((g - eta) - scale * (2.0 * s + eta)) * over
+    b += ((big - b) - scale * (s + b)) * over
+    return eta, b, unit * (2.0 * s + eta), unit
 
 
 @jit
@@ -218,9 +224,11 @@ def iterate(law, k, s, g, compliance, rate, tolerance, b, eta):
             high = min(high, b)
         else:
             low = max(low, b)
-        if not low <= b + step <= high:
+        trusted = low <= b + step <= high
+        if not trusted:
             step = -miss / slope
-            if not low <= b + step <= high:
+            trusted = low * (1.0 - SLACK) <= b + step <= high * (1.0 + SLACK)
+            if not trusted:
                 step = 0.5 * (low + high) - b
         # Halley leaves an error of third order in its step, times how much the contact matters;
         # the force is extrapolated to third order, and errs by the fourth
@@ -228,7 +236,7 @@ def iterate(law, k, s, g, compliance, rate, tolerance, b, eta):
         change = abs(step) * (slope - 1.0)  # of the force, times B
         error = max(size * size * (slope - 1.0) / slope, size * size * size) * change
         after = push + step * (slope - 1.0)  # a force that falls by orders of magnitude is not extrapolated
-        done = (error <= tolerance * after and push <= 8.0 * after) or abs(miss) <= 4.4e-16 * (
+        done = (trusted and error <= tolerance * after and push <= 8.0 * after) or abs(miss) <= 4.4e-16 * (
             push + min(abs(g), abs(big))
         )
         if done:

@@ -3,7 +3,7 @@
 import importlib
 import sys
 
-NAMES = ["realtime", "start"]
+NAMES = ["realtime", "metric", "hard", "start"]
 
 
 def main() -> int:

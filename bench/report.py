@@ -4,11 +4,15 @@ import csv
 import datetime
 import os
 import platform
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "bench" / "results"
+FIGURES = ROOT / "bench" / "figures"
 
 
 def processor() -> str:
@@ -54,3 +58,18 @@ def pin() -> None:
     """Stay on one core, where the system lets us."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+
+
+@contextmanager
+def figure(name: str, width: float, height: float, **panels: Any) -> Iterator[Any]:
+    """Axes to draw on; then bench/figures/<name>.png. Sizes in inches; panels as of plt.subplots."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    drawn, axes = pyplot.subplots(figsize=(width, height), layout="constrained", **panels)
+    yield axes
+    FIGURES.mkdir(exist_ok=True)
+    drawn.savefig(FIGURES / f"{name}.png", dpi=120, metadata={"Software": None})
+    pyplot.close(drawn)

@@ -65,11 +65,11 @@ def settle(contact, damping, state, k, eta, b, f, miss):
         lost = loss_of_step(contact, damping, k, s, b, eta, f)
     residue = state.residue[k] + (miss - contact.beneath[k] * f)
     if 2.0 * abs(eta) < b:
-        start, move = s, eta + residue
-    else:
-        start, move = b, residue
-    end = start + move
-    state.residue[k] = move - (end - start)
+        end = s + (eta + residue)
+        residue = (eta + residue) - (end - s)
+    else:  # beside a long step to a small compression, what rounding left of the step is no longer small
+        end = b
+    state.residue[k] = residue
     state.compression[k] = end
     state.contact_force[k] = f
     return lost

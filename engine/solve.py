@@ -19,6 +19,7 @@ from engine.laws import exponent, gradient, power, root
 # How a solve ended; also the index of its counter in the telemetry.
 FREE, SEPARATION, CLOSED, NEWTON, FAILED = 0, 1, 2, 3, 4
 
+LEAST = 1e-150  # m; a compression below it is none: its square underflows
 SLACK = 1e-15  # of a bracket: its ends are rounded
 LIMIT = 60  # evaluations; bisection alone would be done by then
 
@@ -121,6 +122,8 @@ def first_guess(law, k, s, g, scale):
     n = alpha + 1.0
     if s <= 0.0:  # (G - b)(b - s) = scale·b^n, where b^n is known at both asymptotes
         free = big / scale
+        if not free < 1e150:
+            return big
         near, far = root(law, k, free), (-s * free) ** (1.0 / n)
         b, whole = (near, big * near) if near >= far else (far, -s * big)
         if b >= big:
@@ -137,7 +140,7 @@ def first_guess(law, k, s, g, scale):
     t = big / s
     if away > 0.0:  # loading
         q = root(law, k, t / kappa)
-        return s * min(min(t, 1.0 + away), min(2.0 * q - 1.0, n ** (1.0 / alpha) * q))
+        return min(big, s * min(min(t, 1.0 + away), min(2.0 * q - 1.0, n ** (1.0 / alpha) * q)))
     over = n * t - kappa  # unloading
     mid = n + alpha * t
     return s * 2.0 * over / (mid + math.sqrt(max(0.0, mid * mid - 4.0 * alpha * over)))
@@ -168,7 +171,7 @@ def scalar(law, damping, k, s, g, compliance, tolerance):
     and how it ended (FREE, SEPARATION, CLOSED, NEWTON or FAILED).
     """
     big = s + g
-    if s <= 0.0 and big <= 0.0:
+    if s < LEAST and big < LEAST:
         return g, big, 0.0, 0.0, 0, FREE
     alpha = exponent(law, k)
     scale = compliance * law.unit[k]

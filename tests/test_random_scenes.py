@@ -22,12 +22,17 @@ def decades(low: float, high: float) -> st.SearchStrategy[float]:
 
 
 def either(low: float, high: float) -> st.SearchStrategy[float]:
-    return st.one_of(st.just(0.0), st.builds(lambda x, sign: sign * x, decades(low, high), st.sampled_from([-1.0, 1.0])))
+    return st.one_of(
+        st.just(0.0), st.builds(lambda x, sign: sign * x, decades(low, high), st.sampled_from([-1.0, 1.0]))
+    )
 
 
 @st.composite
-def scenes(draw, lossless: bool = False) -> engine.Scene:
-    """Two or three bodies and up to five contacts, besides a few parts that call for every effect."""
+def scenes(draw, lossless: bool = False, overlap: float = 0.0) -> engine.Scene:
+    """Two or three bodies and up to five contacts, besides a few parts that call for every effect.
+
+    Places and gaps are drawn up to 10^overlap m: as stops have two sides, so deep may a body be in one at first.
+    """
     loss = st.just(0.0) if lossless else st.one_of(st.just(0.0), decades(-3, 3))
     damping = st.just(0.0) if lossless else st.one_of(st.just(0.0), decades(-1, 4))
     bodies = []
@@ -36,7 +41,7 @@ def scenes(draw, lossless: bool = False) -> engine.Scene:
             "name": f"b{i}",
             "mass": draw(decades(-4, 2)),
             "damping": draw(damping),
-            "displacement": draw(either(-6, 0)),
+            "displacement": draw(either(-6, overlap)),
             "velocity": draw(either(-3, 1.5)),
             "kind": "mass",
         }
@@ -54,7 +59,11 @@ def scenes(draw, lossless: bool = False) -> engine.Scene:
             "exponent": draw(st.sampled_from([1.0, 1.3, 1.5, 2.0, 2.5, 3.0, 5.0])),
             "loss": draw(loss),
         }
-        contact |= {"on": on, "gap": draw(either(-6, -1))} if draw(st.booleans()) else {"barrier": draw(either(-6, -1))}
+        contact |= (
+            {"on": on, "gap": draw(either(-6, overlap))}
+            if draw(st.booleans())
+            else {"barrier": draw(either(-6, overlap))}
+        )
         contacts.append(contact)
     spare = {"body": "b0", "stiffness": 1.0, "exponent": 7.7}
     contacts += [
@@ -80,7 +89,8 @@ def scenes(draw, lossless: bool = False) -> engine.Scene:
 
 
 def run(model, state, frames: int) -> dict:
-    """Render on; the ledger of these samples."""
+    """Render on; the ledger of these samples alone."""
+    state.account[:] = 0.0
     out = np.zeros((frames, 1))
     ledger, tally = np.zeros((PIECE, energy.COLUMNS)), np.zeros(energy.TALLY)
     block(model, state, out, ledger, tally, None)
@@ -93,7 +103,7 @@ def run(model, state, frames: int) -> dict:
 def ledger_closes(scene: engine.Scene, scheme: str) -> None:
     model, state, _ = build(scene, RATE, scheme)
     books = run(model, state, 4410)
-    assert books["error_max"] <= 1e-11
+    assert books["error_max"] <= 1e-10
     assert books["error_per_step_max"] <= 1e-12
 
 
@@ -107,10 +117,12 @@ def survives_changes(scene: engine.Scene, changes: list[tuple[float, float, floa
     model, state, _ = build(scene, RATE, "exact")
     for factor, exponent, shift in changes:
         contact = model.contact
-        law = contact.law._replace(unit=contact.law.unit * factor, exponent=np.maximum(1.0, contact.law.exponent * exponent))
+        law = contact.law._replace(
+            unit=contact.law.unit * factor, exponent=np.maximum(1.0, contact.law.exponent * exponent)
+        )
         model = model._replace(contact=contact._replace(law=law, barrier=contact.barrier - shift))
         state.compression[:] += shift
-        assert run(model, state, 1000)["error_per_step_max"] <= 1e-11
+        assert run(model, state, 1000)["error_per_step_max"] <= 1e-12
 
 
 SCHEMES = st.sampled_from(["exact", "fdh"])
@@ -122,12 +134,12 @@ MANY = settings(FEW, max_examples=1500)
 @FEW
 @given(scenes(), SCHEMES)
 def test_the_ledger_closes(scene, scheme):
-    """Stored + dissipated - supplied stays, with everything on."""
+    """Stored + dissipated - supplied stays, with everything on and bodies up to 1 m deep in one another."""
     ledger_closes(scene, scheme)
 
 
 @FEW
-@given(scenes(lossless=True), SCHEMES)
+@given(scenes(lossless=True, overlap=-3), SCHEMES)
 def test_lossless_scenes_do_not_drift(scene, scheme):
     drift_is_rounding(scene, scheme, 4410)
 
@@ -147,7 +159,7 @@ def test_the_ledger_closes_in_many_scenes(scene, scheme):
 
 @pytest.mark.hard
 @settings(MANY, max_examples=300)
-@given(scenes(lossless=True), SCHEMES)
+@given(scenes(lossless=True, overlap=-3), SCHEMES)
 def test_lossless_scenes_do_not_drift_over_1e5_steps(scene, scheme):
     """At most 1e-12 of the energy."""
     drift_is_rounding(scene, scheme, 100_000)

@@ -1,0 +1,377 @@
+"""Cases that broke prototypes, each by name; and long ones, marked `hard`."""
+
+import math
+
+import numpy as np
+import pytest
+from conftest import PATCHES, barrier, mass, oscillator, scene
+from test_solve import EXPONENTS, exact_force, hostile
+
+import engine
+from bench.metric import preservation
+from engine import energy, laws, offline, solve
+from engine.block import PIECE, block
+from engine.build import build
+from engine.coupled import CURVE, ETA, VECTORS, coupled
+from engine.jit import entry
+from engine.model import Scratch
+
+RATE = 44_100
+
+
+@entry
+def scalar(law, damping, s, g, compliance, out):
+    out[0], out[1], out[2], out[3], count, how = solve.scalar(law, damping, 0, s, g, compliance, 1e-15)
+    return count, how
+
+
+@entry
+def several(law, matrix, n, s, g, scratch):
+    return coupled(law, None, matrix, n, s, g, 1e-15, scratch)
+
+
+def long(scene: engine.Scene, seconds: float, samplerate: float = RATE) -> tuple[dict, dict]:
+    """Energies and Newton iterations of a render whose samples are not kept."""
+    model, state, _ = build(scene, samplerate)
+    out = np.zeros((1 << 16, 1))
+    ledger, tally = np.zeros((PIECE, energy.COLUMNS)), np.zeros(energy.TALLY)
+    for _ in range(math.ceil(seconds * samplerate / len(out))):
+        block(model, state, out, ledger, tally, None)
+        assert np.isfinite(out).all()
+    return energy.summary(tally, state.account), offline.newton(model, state)
+
+
+def stats(scene: engine.Scene, error: float = 1e-12, **options) -> dict:
+    """Render; every solve converges, all is finite, and the ledger closes."""
+    take = engine.render(scene, trace=True, **options)
+    assert np.isfinite(take.audio).all()
+    assert take.stats["newton"]["unconverged"] == 0
+    assert take.stats["energy"]["error_max"] <= error
+    assert take.trace["force"].max() > 0.0, "there was no contact"
+    return take.stats | {"trace": take.trace}
+
+
+# --- one solve
+
+
+@pytest.mark.parametrize("alpha", EXPONENTS)
+@pytest.mark.parametrize("rate", [0.0, 1e3])
+@pytest.mark.parametrize(
+    "state",
+    [(0.0, 0.0), (-1e-18, 4e-14), (-1e-300, 0.0), (1e-300, -1e-300), (1e-300, 0.0), (0.0, 1e-300), (5e-324, 5e-324)],
+)
+@pytest.mark.parametrize("compliance", [0.0, 1e-12, 1.0, 1e12])
+def test_grazing(alpha, rate, state, compliance):
+    """Touching with next to no compression, motion or compliance."""
+    law = laws.law_of(np.array([1e9]), np.array([alpha]))
+    out = np.zeros(4)
+    _, how = scalar(law, laws_loss(rate), *state, compliance, out)
+    assert how != solve.FAILED
+    assert np.isfinite(out).all()
+    assert out[2] >= 0.0
+
+
+def laws_loss(rate: float):
+    from engine.model import ContactLoss
+
+    return ContactLoss(np.array([rate])) if rate else None
+
+
+@pytest.mark.parametrize("alpha", EXPONENTS)
+@pytest.mark.parametrize("s", [1e-9, 1e-3, 1.0, 1e5])
+def test_at_rest_in_contact(alpha, s):
+    """s⁺ = s exactly, where the naive quotient is 0/0: the force is f(s)."""
+    law = laws.law_of(np.array([1e6]), np.array([alpha]))
+    force = 1e6 * s**alpha
+    out = np.zeros(4)
+    _, how = scalar(law, None, s, 1e-9 * force, 1e-9, out)
+    assert how != solve.FAILED
+    assert out[2] == pytest.approx(force, rel=1e-14)
+    assert abs(out[0]) <= 1e-14 * s
+
+
+@pytest.mark.parametrize("alpha", EXPONENTS)
+def test_contact_at_a_vibration_node(alpha):
+    """B = 0: the body does not give, and the force is that of its own motion."""
+    law = laws.law_of(np.array([1e9]), np.array([alpha]))
+    out = np.zeros(4)
+    _, how = scalar(law, None, 1e-3, 1e-3, 0.0, out)
+    assert how != solve.FAILED
+    mean = 1e9 / (alpha + 1) * (2e-3 ** (alpha + 1) - 1e-3 ** (alpha + 1)) / 1e-3
+    assert out[2] == pytest.approx(mean, rel=1e-13)
+
+
+@pytest.mark.parametrize("loss", [1e2, 1e4, 1e6, 1e9])
+@pytest.mark.parametrize("alpha", [1.0, 1.5, 2.3, 5.0])
+def test_strong_contact_loss(alpha, loss):
+    """μ|η|/h ≫ 1: few evaluations, and the ledger closes."""
+    ball = mass(displacement=-0.01, velocity=3.0)
+    found = stats(
+        scene([ball], contact=[barrier(stiffness=1e9, exponent=alpha, loss=loss)], gravity=-9.81), seconds=0.5
+    )
+    assert found["newton"]["max"] <= 8
+
+
+def adversarial(seed: int):
+    """Contacts of 14 decades of stiffness, more than there are modes or fewer, alike or not."""
+    rng = np.random.default_rng(seed)
+    n, modes = rng.integers(1, 41), rng.integers(1, 101)
+    shape = rng.normal(size=(n, modes))
+    if rng.random() < 0.3:
+        shape[:] = shape[0] * rng.choice([-1, 1], size=(n, 1))
+    e = 10 ** rng.uniform(-12, -2, modes) if rng.random() < 0.5 else np.full(modes, 10 ** rng.uniform(-12, -4))
+    matrix = (shape * e) @ shape.T
+    alpha = (
+        rng.choice([1, 1.3, 1.5, 2, 2.5, 3, 4, 5], n) if rng.random() < 0.6 else np.full(n, rng.choice([1, 1.5, 2, 3]))
+    )
+    stiffness = 10 ** rng.uniform(0, 14, n) if rng.random() < 0.6 else np.full(n, 10 ** rng.uniform(0, 14))
+    s = 10 ** rng.uniform(-9, -1, n) * rng.choice([-1, 1], n)
+    g = shape @ (rng.normal(size=modes) * 10 ** rng.uniform(-9, -2))
+    if rng.random() < 0.3:
+        g = 10 ** rng.uniform(-9, -1, n) * rng.choice([-1, 1], n)
+    return laws.Power(stiffness / (alpha + 1), alpha.astype(float)), 0.5 * (matrix + matrix.T), s, g
+
+
+def coupled_problems_are_solved(count: int) -> None:
+    for seed in range(count):
+        law, matrix, s, g = adversarial(seed)
+        n = s.size
+        scratch = Scratch(np.zeros((VECTORS, n)), np.zeros((n, n)), np.zeros(n, np.int64))
+        _, how = several(law, matrix.ravel(), n, s, g, scratch)
+        force, eta = scratch.vectors[CURVE], scratch.vectors[ETA]
+        assert how == solve.NEWTON
+        assert np.all(force >= 0.0)
+        off = np.abs(eta + matrix @ force - g)
+        assert np.max(off / (np.abs(g) + np.abs(matrix) @ force)) <= 1e-13
+
+
+def test_coupled_problems():
+    coupled_problems_are_solved(300)
+
+
+@pytest.mark.hard
+def test_many_coupled_problems():
+    """K up to 40, M up to 100, K > M too: none fails."""
+    coupled_problems_are_solved(6000)
+
+
+@pytest.mark.hard
+@pytest.mark.parametrize("alpha", [1.0, 1.3, 1.5, 2.0, 2.5, 3.0, 5.0, 8.0])
+def test_a_million_hostile_states(alpha):
+    """At most 4 evaluations, 3 for α ≤ 3; mean ≤ 1.7 where any are needed; force to 1e-13."""
+    import mpmath
+
+    s, g, compliance, out, count, how = hostile(alpha, 1_000_000)
+    assert np.all(how != solve.FAILED)
+    assert np.all(np.isfinite(out))
+    assert count.max() <= (3 if alpha <= 3 else 4)
+    if count.any():
+        assert count[count > 0].mean() <= 1.7
+    with mpmath.workdps(50):
+        for i in np.random.default_rng(4).choice(s.size, 2000, replace=False):
+            exact = exact_force(alpha, s[i], g[i], compliance[i])
+            assert abs(out[i, 2] - exact) <= mpmath.mpf(1e-13) * exact
+
+
+# --- whole scenes
+
+
+@pytest.mark.parametrize("stiffness, exponent", [(1e13, 1.0), (1e13, 1.5), (1e13, 2.3), (1e3, 5.0), (1e3, 1.0)])
+@pytest.mark.parametrize("contacts", [1, 30])
+def test_unknowns_do_not_cancel(stiffness, exponent, contacts):
+    """Soft or stiff, one contact or thirty: the energy error of a step is rounding."""
+    walls = [barrier(stiffness=stiffness, exponent=exponent, side=side) for side in ("above", "below")]
+    walls = [
+        w | {"barrier": 1e-3 * (1 if w["side"] == "above" else -1) + 1e-6 * i} for w in walls for i in range(contacts)
+    ]
+    found = stats(scene([mass(mass=0.01, velocity=2.0)], contact=walls), seconds=0.5)
+    assert found["energy"]["error_per_step_max"] <= (1e-14 if contacts == 1 else 2e-14)
+
+
+@pytest.mark.parametrize("alpha", [1, 1.3, 1.5, 2, 3, 5, 8])
+@pytest.mark.parametrize("beta", [1e-3, 1.0, 1e3, 1e8])
+def test_the_paper_metric(alpha, beta):
+    """P of eq. (21) stays below the ceiling of the paper's Fig. 3."""
+    assert preservation(alpha, beta) <= 2e-16
+
+
+@pytest.mark.parametrize("alpha", EXPONENTS)
+def test_a_resting_ball_stays(alpha):
+    place = (9.81 / 1e9) ** (1 / alpha)
+    ball = mass(displacement=place)
+    found = stats(scene([ball], gravity=-9.81, contact=[barrier(stiffness=1e9, exponent=alpha)]), seconds=10)
+    assert np.max(np.abs(found["trace"]["displacement"][:, 0] - place)) <= 1e-15 + 1e-13 * place
+    assert np.max(np.abs(found["trace"]["velocity"])) <= 1e-12
+
+
+@pytest.mark.parametrize("alpha", [1.0, 1.5, 2.3, 5.0])
+@pytest.mark.parametrize("stiffness, error", [(1e6, 1e-12), (1e9, 1e-12), (1e13, 1e-8)])
+def test_a_squeezed_body(alpha, stiffness, error):
+    """A body on a spring between two stops that overlap by 1 mm.
+
+    At kc = 1e13 the two forces are 1e10 times the one left between them, and their rounding is seen.
+    """
+    stops = [
+        barrier(stiffness=stiffness, exponent=alpha, barrier=-5e-4),
+        barrier(stiffness=stiffness, exponent=alpha, barrier=5e-4, side="below"),
+    ]
+    body = oscillator(frequency=300.0, velocity=0.1)
+    stats(scene([body], contact=stops), seconds=1.0, error=error)
+
+
+@pytest.mark.parametrize("alpha", [1.0, 1.5, 3.0])
+def test_forty_identical_contacts_on_a_mass(alpha):
+    stats(scene([mass(velocity=1.0, displacement=-1e-3)], contact=[barrier(exponent=alpha)] * 40), seconds=0.1)
+
+
+def test_forty_contacts_on_five_bodies():
+    """More contacts than modes, each body between others."""
+    bodies = [oscillator(name=f"b{i}", frequency=200.0 + 37 * i, velocity=(-1.0) ** i) for i in range(5)]
+    contacts = [
+        {
+            "body": f"b{i % 5}",
+            "on": f"b{(i + 1 + i // 5 % 4) % 5}",
+            "gap": 1e-6 * i,
+            "stiffness": 10.0 ** (6 + i % 6),
+            "exponent": 1 + i % 3,
+        }
+        for i in range(40)
+    ]
+    stats(scene(bodies, contact=contacts), seconds=0.5)
+
+
+@pytest.mark.parametrize("light", [1e-12, 1e-15])
+def test_a_mass_ratio_of_1e15(light):
+    """A speck of dust between an anvil and a stop."""
+    bodies = [mass(mass=light, velocity=1.0), mass(name="anvil", mass=light * 1e15, displacement=1e-2, velocity=-0.1)]
+    contacts = [
+        {"body": "body", "on": "anvil", "stiffness": 1e6, "exponent": 1.5},
+        barrier(stiffness=1e6, exponent=1.5, barrier=-1e-2, side="below"),
+    ]
+    stats(scene(bodies, contact=contacts), seconds=0.2)
+
+
+@pytest.mark.parametrize("scheme, frequency", [("exact", 21_600.0), ("fdh", 22_049.0), ("fdh", 22_050.0)])
+def test_a_mode_at_the_nyquist_frequency(scheme, frequency):
+    body = oscillator(frequency=frequency, displacement=-1e-3)
+    stats(scene([body], contact=[barrier(barrier=1e-4)]), seconds=0.5, scheme=scheme)
+
+
+def test_overdamped():
+    body = oscillator(frequency=100.0, damping=1e5, displacement=-1e-3, velocity=1e3)
+    stats(scene([body], contact=[barrier()]), seconds=0.2)
+
+
+def test_far_from_the_origin():
+    """1 km away, where a compression has 9 digits less than a place."""
+    body = mass(displacement=999.999, velocity=1.0)
+    stats(scene([body], contact=[barrier(barrier=1000.0, stiffness=1e9)]), seconds=0.1, error=1e-11)
+
+
+@pytest.mark.parametrize("alpha", EXPONENTS)
+def test_penetration_at_the_start(alpha):
+    """1 mm deep at kc = 1e13."""
+    stats(scene([mass(displacement=1e-3)], contact=[barrier(stiffness=1e13, exponent=alpha)]), seconds=0.1)
+
+
+@pytest.mark.parametrize("velocity", [1e-150, 1e-100, 1e-30, 1e30])
+def test_tiny_and_huge_motion(velocity):
+    """The kink of α = 1, whatever the scale: the bounce is the same."""
+    if velocity > 1:
+        contact, velocity = barrier(stiffness=1e60, exponent=1.0), 1e6
+    else:
+        contact = barrier(stiffness=1e6, exponent=1.0)
+    found = engine.render(
+        scene([mass(displacement=-velocity * 1e-3, velocity=velocity)], contact=[contact]), seconds=0.05
+    )
+    assert found.stats["newton"]["unconverged"] == 0
+    assert np.isfinite(found.audio).all()
+    assert found.audio[-1, 0] == pytest.approx(-velocity, rel=1e-12)
+
+
+@pytest.mark.parametrize("alpha", EXPONENTS)
+def test_decay_into_subnormal_numbers(alpha):
+    """Contact at compressions whose force and energy underflow."""
+    body = oscillator(frequency=100.0, damping=400.0, displacement=-1e-3)
+    model, state, _ = build(scene([body], contact=[barrier(exponent=alpha, loss=0.1)]), RATE)
+    out = np.zeros((8 * RATE, 1))
+    block(model, state, out, None, np.zeros(energy.TALLY), None)
+    assert np.isfinite(out).all()
+    assert np.abs(out[-RATE:]).max() < 1e-290
+    assert offline.newton(model, state)["unconverged"] == 0
+
+
+# --- faults
+
+
+def never_done(model):
+    """No iteration is ever good enough."""
+    return model._replace(contact=model.contact._replace(tolerance=-1.0))
+
+
+def not_a_number(model):
+    return model._replace(contact=model.contact._replace(compliance=model.contact.compliance * np.nan))
+
+
+def overflow(model):
+    law = model.contact.law
+    return model._replace(contact=model.contact._replace(law=law._replace(unit=law.unit * np.inf)))
+
+
+@pytest.mark.parametrize("fault", [never_done, not_a_number, overflow])
+@pytest.mark.parametrize("path", PATCHES, ids=lambda p: p.stem)
+def test_a_failed_solve_is_passive_and_counted(path, fault, monkeypatch):
+    """The sound goes on: finite, with no energy from nowhere, and every failure is counted."""
+
+    def faulty(*arguments):
+        built = build(*arguments)
+        return built._replace(model=fault(built.model))
+
+    monkeypatch.setattr(offline, "build", faulty)
+    take = engine.render(engine.load(path), seconds=1.0, trace=True)
+    assert np.isfinite(take.audio).all()
+    failed = take.stats["newton"]["unconverged"]
+    assert failed == take.stats["newton"]["regimes"]["failed"]
+    if fault is not never_done:
+        assert failed > 0
+    if fault is not overflow:  # there, the stored energy itself is infinite
+        total = take.trace["total"] - take.trace["supplied"] + take.trace["dissipated"]
+        held = np.max(np.abs(take.trace["kinetic"]) + np.abs(take.trace["potential"]) + take.trace["contact"])
+        assert np.max(np.abs(total - total[0])) <= 1e-12 * held
+
+
+def test_an_iteration_that_never_ends_is_counted(patch, monkeypatch):
+    monkeypatch.setattr(offline, "build", lambda *a: (lambda b: b._replace(model=never_done(b.model)))(build(*a)))
+    take = engine.render(patch("buzzing_reed"))
+    assert take.stats["newton"]["unconverged"] > 0
+    assert take.stats["energy"]["error_max"] <= 1e-12
+
+
+# --- long
+
+
+@pytest.mark.hard
+def test_a_million_bounces():
+    """Between two walls, a bounce every 0.3 ms: nothing is lost."""
+    walls = [barrier(exponent=2.3, barrier=b, side=s) for b, s in ((1e-4, "above"), (-1e-4, "below"))]
+    energies, newton = long(scene([mass(mass=1e-3, velocity=1.0)], contact=walls), 320.0)
+    assert newton["regimes"]["separation"] >= 1_000_000
+    assert newton["unconverged"] == 0
+    assert energies["error_max"] <= 1e-11
+
+
+@pytest.mark.hard
+def test_an_hour_of_the_repelled_oscillator(patch):
+    """Fig. 6 for 3600 s, 1.6 million collisions."""
+    energies, newton = long(patch("repelled_oscillator"), 3600.0)
+    assert newton["regimes"]["separation"] > 1_500_000
+    assert newton["unconverged"] == 0
+    assert energies["error_max"] <= 1e-10
+    assert newton["max"] <= 3
+
+
+@pytest.mark.hard
+def test_the_paper_metric_over_its_grid():
+    for alpha in (1, 1.3, 1.5, 2, 2.5, 3, 4, 5, 6, 8):
+        for decade in range(-3, 9):
+            assert preservation(alpha, 10.0**decade) <= 2e-16, (alpha, decade)

@@ -35,16 +35,20 @@ def stamp(name: str) -> str:
     )
 
 
-def publish(name: str, header: list[str], rows: list[list[str]]) -> None:
-    """Print a table, write it as CSV, and put it between its markers in README.md."""
+def publish(name: str, header: list[str], rows: list[list[str]], command: str = "") -> None:
+    """Print a table, write it as CSV, and put it between its markers in README.md.
+
+    command: the measurement that makes it, if that has another name.
+    """
+    made = stamp(command or name)
     RESULTS.mkdir(exist_ok=True)
     with open(RESULTS / f"{name}.csv", "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow([f"# {stamp(name)}"])
+        writer.writerow([f"# {made}"])
         writer.writerow(header)
         writer.writerows(rows)
     lines = ["| " + " | ".join(row) + " |" for row in [header, ["---"] * len(header), *rows]]
-    table = "\n".join([*lines, "", stamp(name)])
+    table = "\n".join([*lines, "", made])
     print(table, end="\n\n")
     readme = ROOT / "README.md"
     text = readme.read_text("utf-8")

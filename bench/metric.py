@@ -6,7 +6,7 @@ import engine
 from bench.report import figure, publish
 
 RATE = 44_100
-BODIES = 48  # P of a collision of two samples is a multiple of half a rounding: take the mean of many
+BODIES = 192  # P of a collision of two samples is a multiple of half a rounding: take the mean of many
 ALPHAS = [1, 1.3, 1.5, 2, 2.5, 3, 4, 5, 6, 8]
 DECADES = range(-3, 9)
 

@@ -76,7 +76,7 @@ def compare() -> None:
         for plot, (name, (seconds, body, y, v)) in zip(axes.flat, CASES.items(), strict=False):
             steps = round(seconds * RATE)
             row = [name]
-            for scheme in [*SCHEMES, "this engine"]:
+            for n, scheme in enumerate([*SCHEMES, "this engine"]):
                 if scheme == "FDN (eq. 4)" and body.alpha not in (1.0, 3.0):
                     row.append("no such α")
                     continue
@@ -90,7 +90,11 @@ def compare() -> None:
                     off = np.clip(np.nan_to_num(error(run), nan=1e6), 1e-17, 1e6)
                 thin = max(1, steps // 2000)
                 late = np.maximum.reduceat(off, np.arange(0, steps, thin))
-                ink = {"color": "black", "linewidth": 2} if scheme == "this engine" else {"linewidth": 1}
+                ink = (
+                    {"color": "black", "linewidth": 2}
+                    if scheme == "this engine"
+                    else {"color": f"C{n}", "linewidth": 1}
+                )
                 plot.semilogy(np.arange(late.size) * thin / RATE, late, label=scheme, **ink)
             plot.set_title(name, fontsize=9)
             plot.set_ylim(1e-17, 1e6)

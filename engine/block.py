@@ -10,7 +10,7 @@ from engine.force import push, supply
 from engine.islands import cut_model, cut_state
 from engine.jit import entry, jit
 from engine.model import ACCELERATION, DISPLACEMENT, VELOCITY
-from engine.modes import first_half, lose_all, project, second_half, turn_back
+from engine.modes import first_half, hush, lose_all, project, second_half, turn_back
 from engine.solve import FAILED, FREE
 
 PIECE = 256  # samples an island runs before the next one does: small enough for the fast cache
@@ -50,6 +50,7 @@ def step(model, state, frame, ledger, touched):
         state.contacts[0] += 1
     elif touched or frame % RESYNC == 0:
         resync(contact, partner, state)
+        hush(loss, state.q, state.p)
     return touching, count
 
 

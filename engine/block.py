@@ -4,25 +4,41 @@ Any block size gives the same samples, bit for bit: nothing here depends on wher
 begins. Sample i is what the scene is like before step i; sample 0 is the initial state.
 """
 
-from engine.contact import let_go, resync, spring_back, stored, touch
+import numpy as np
+
+from engine.contact import let_go, out_of_reach, resync, separated, spring_back, stored, touch
 from engine.energy import DISSIPATED, SUPPLIED, audit, book, enter, kinetic_and_potential
-from engine.force import push, supply
+from engine.events import keep_score, quiet
+from engine.force import idle, push, supply
 from engine.islands import cut_model, cut_state
 from engine.jit import entry, jit
 from engine.model import ACCELERATION, DISPLACEMENT, VELOCITY
-from engine.modes import first_half, hush, lose_all, project, second_half, turn_back
+from engine.modes import coast, first_half, hush, lose_all, project, second_half, swing, turn_back
 from engine.solve import FAILED, FREE
 
+ZERO = np.int64(0)
 PIECE = 256  # samples an island runs before the next one does: small enough for the fast cache
 RESYNC = 64  # samples; out of contact, compressions are read anew from the modes this often
 
 
 @jit
-def step(model, state, frame, ledger, touched):
-    """One step of one island; `touched`: the step before had a contact in reach.
+def look_ahead(model, state, frame):
+    """Find out whether anything can act on the island in the steps up to the next look.
 
-    Returns whether this one has, and the evaluations of the contact laws.
+    If not, they need no test for contact and go through the modes once instead of twice.
     """
+    until = (frame // RESYNC + 1) * RESYNC
+    ahead = until - frame
+    if idle(model.force, frame + 1, ahead) and quiet(model.events, state, frame + 1, ahead):
+        span = ahead / model.samplerate
+        swing(model.modes, model.spring, model.gravity, state.q, state.p, span, state.reach)
+        if out_of_reach(model.contact, model.partner, state):
+            state.clear[0] = until + 1
+
+
+@jit
+def contact_step(model, state, frame, ledger):
+    """One step in which forces may act. Returns whether a contact was in reach, and evaluations."""
     modes, spring, loss, gravity = model.modes, model.spring, model.loss, model.gravity
     contact, partner = model.contact, model.partner
     lost = first_half(modes, spring, loss, gravity, state.carry, state.q, state.p)
@@ -46,11 +62,44 @@ def step(model, state, frame, ledger, touched):
     if ledger is not None:
         book(state.account, DISSIPATED, lost + lost_in_contact)
         book(state.account, SUPPLIED, work)
+    return touching, count
+
+
+@jit
+def coasting_step(model, state, ledger):
+    """One step in which no force can act. Returns as contact_step."""
+    lost = coast(model.modes, model.spring, model.loss, model.gravity, state.carry, state.q, state.p)
+    if ledger is not None:
+        book(state.account, DISSIPATED, lost)
+    return False, ZERO
+
+
+@jit
+def act(model, contact, force, state, frame, ledger):
+    """One step, the short way if that is known to do."""
+    if contact is None:
+        if force is None:
+            return coasting_step(model, state, ledger)
+    if frame < state.clear[0]:
+        return coasting_step(model, state, ledger)
+    return contact_step(model, state, frame, ledger)
+
+
+@jit
+def step(model, state, frame, ledger, touched):
+    """One step of one island; `touched`: the step before had a contact in reach.
+
+    Returns whether this one has, and the evaluations of the contact laws.
+    """
+    keep_score(model, model.events, state, frame)
+    touching, count = act(model, model.contact, model.force, state, frame, ledger)
     if touching:
         state.contacts[0] += 1
     elif touched or frame % RESYNC == 0:
-        resync(contact, partner, state)
-        hush(loss, state.q, state.p)
+        resync(model.contact, model.partner, state)
+        hush(model.loss, state.q, state.p)
+        if frame % RESYNC == 0:
+            look_ahead(model, state, frame)
     return touching, count
 
 
@@ -75,14 +124,17 @@ def listen(pickups, state, samplerate, out, i):
 
 
 @jit
-def record(trace, i, b0, k0, model, state):
+def record(trace, i, b0, k0, model, state, frame):
     """Write row i of the trace for an island whose bodies and contacts begin at columns b0, k0."""
     if trace is not None:
         for b in range(model.bodies.first.shape[0]):
             trace.displacement[i, b0 + b] = project(model.bodies, b, state.q)
             trace.velocity[i, b0 + b] = project(model.bodies, b, state.p)
         for k in range(state.compression.shape[0]):
-            trace.compression[i, k0 + k] = state.compression[k]
+            s = state.compression[k]
+            if frame < state.clear[0]:  # not kept up to date
+                s = separated(model.contact, model.partner, state, k)
+            trace.compression[i, k0 + k] = s
             trace.force[i, k0 + k] = state.contact_force[k]
         trace.iterations[i] += state.evaluations[0]
         kinetic, potential = kinetic_and_potential(model.spring, model.gravity, state.q, state.p)
@@ -106,13 +158,13 @@ def piece(model, state, out, ledger, tally, trace, begin):
     islands = model.islands
     frame = state.frame[0]
     for n in range(islands.mode.shape[0] - 1):
-        island = cut_model(model, n)
+        island = cut_model(model, state, n)
         island_state = cut_state(islands, state, n)
         touching = island_state.touching[0] != 0
         for i in range(out.shape[0]):
             listen(island.pickups, island_state, model.samplerate, out, i)
             enter(ledger, i, n == 0, island, island_state)
-            record(trace, begin + i, islands.body[n], islands.contact[n], island, island_state)
+            record(trace, begin + i, islands.body[n], islands.contact[n], island, island_state, frame + i)
             touching, count = step(island, island_state, frame + i, ledger, touching)
             note(trace, island_state, count)
         island_state.touching[0] = touching

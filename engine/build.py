@@ -5,11 +5,12 @@ absence (no loss, no stiffness), is None.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from engine import coupled, energy, solve
+from engine import coupled, energy, score, solve
+from engine.bodies import TooMany, modal, string_stiffness
 from engine.laws import law_of
 from engine.layout import Layout, Point
 from engine.model import (
@@ -31,11 +32,14 @@ from engine.model import (
     State,
 )
 from engine.modes import TABLES
+from engine.parts import Body, Change, String
 from engine.scene import Scene
+from engine.spots import places
 from engine.waveform import table
 
 QUANTITIES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION, "force": FORCE}
 TOLERANCE = 1e-15  # relative error left in a compression; a looser one saves little (DESIGN sec. 2)
+MOST_CONTACTS = 512  # in an island; its coupled solve takes time of their third power
 HIGHEST = 0.49  # of the sample rate; what vibrates faster would come out at another frequency
 
 
@@ -63,41 +67,86 @@ def build(scene: Scene, samplerate: float, scheme: str = "exact") -> Built:
     """
     if scheme not in TABLES:
         raise ValueError(f'unknown scheme "{scheme}"; one of {", ".join(TABLES)}')
-    layout = Layout(scene)
-    if scheme == "exact":
-        _check_rate(layout, samplerate)
+    layout = _lay_out(scene, samplerate, scheme)
     omega, sigma = layout.gather("omega"), layout.gather("sigma")
     modes = Modes(*TABLES[scheme](omega, sigma, 1.0 / samplerate))
     contact, contact_loss, coupling = _contact(layout, modes, samplerate)
-    partners = [_ends(layout, k)[1] for k in layout.contact]
+    partners = [layout.ends(k, spot)[1] for k, spot in layout.spot]
+    events, begins = score.events(layout, _base(layout), samplerate)
     model = Model(
         samplerate=float(samplerate),
-        islands=layout.islands,
+        islands=layout.islands._replace(event=begins),
         modes=modes,
-        spring=Spring(omega**2) if omega.any() else None,
+        spring=Spring(omega**2, modes.kick * omega**2) if omega.any() else None,
         loss=_loss(sigma, samplerate),
         gravity=_gravity(layout),
         force=_force(layout, modes, samplerate),
         contact=contact,
-        partner=layout.rows(partners, modes) if any(name is not None for name, _ in partners) else None,
+        partner=layout.rows(partners, modes) if any(p.body is not None for p in partners) else None,
         contact_loss=contact_loss,
         coupling=coupling,
+        events=events,
         pickups=_pickups(layout, modes),
-        bodies=layout.rows([(scene.body[b].name, 1.0) for b in layout.body], modes),
+        bodies=layout.rows([_watched(layout, b) for b in layout.body], modes),
     )
     return Built(model, _state(layout, model), layout)
 
 
-def _check_rate(layout: Layout, samplerate: float) -> None:
-    """The exact table needs every frequency below the Nyquist frequency."""
+def _lay_out(scene: Scene, samplerate: float, scheme: str) -> Layout:
+    """The scene's layout, or what stands against building it at this sample rate."""
     faults = []
-    for i, body in enumerate(layout.modal):
-        fastest = math.sqrt(max(0.0, float(np.max(body.omega**2 - body.sigma**2)))) / (2 * math.pi)
-        if fastest > HIGHEST * samplerate:
+    highest = HIGHEST * samplerate
+    for i, body in enumerate(scene.body):
+        try:
+            own = modal(body, highest)
+        except TooMany as error:
+            faults.append((f"body[{i}]", f"{error}; give modes = the number to build"))
+            continue
+        if own.omega.size == 0:
+            what = f"has no mode below {highest:g} Hz, {HIGHEST} of the sample rate"
+            faults.append((f"body[{i}]", f"{what}; a lower frequency, or a higher --samplerate"))
+        fastest = math.sqrt(max(0.0, float(np.max(own.omega**2 - own.sigma**2, initial=0.0)))) / (2 * math.pi)
+        if scheme == "exact" and fastest > highest:
             what = f"vibrates at {fastest:g} Hz, above {HIGHEST} of the sample rate of {samplerate:g} Hz"
             faults.append((f"body[{i}]", f"{what}; render with --samplerate {math.ceil(fastest / HIGHEST)} or more"))
+        if isinstance(body, String) and string_stiffness(body)[0] <= 0.0:
+            what = f"its bending stiffness alone makes it vibrate faster than {body.frequency:g} Hz"
+            faults.append((f"body[{i}].frequency", f"{what}; a higher frequency, or less bending"))
     if faults:
         raise BuildError(faults)
+    layout = Layout(scene, highest)
+    contacts = np.diff(layout.islands.contact)
+    if contacts.max() > MOST_CONTACTS:
+        n = int(np.argmax(contacts))
+        names = [b.name for b in scene.body if layout.island[layout.number[b.name]] == n]
+        what = f"{contacts.max()} points of contact join {', '.join(names[:4])}{' …' if len(names) > 4 else ''}"
+        raise BuildError([("contact", f"{what}; at most {MOST_CONTACTS} in an island")])
+    return layout
+
+
+def _watched(layout: Layout, number: int) -> Point:
+    """Where a body is traced: at its first pickup, or else its first contact, or else its first force."""
+    scene, name = layout.scene, layout.scene.body[number].name
+    for pickup in scene.pickup:
+        if pickup.body == name:
+            return Point(name, _one(pickup.at, scene.body[number]), 1.0)
+    for k, spot in layout.spot:
+        for point in layout.ends(k, spot):
+            if point.body == name:
+                return Point(name, point.place, 1.0)
+    for force in layout.forces:
+        if force.body == name:
+            return Point(name, _one(force.at, scene.body[number]), 1.0)
+    return Point(None, None, 0.0)  # nothing touches it
+
+
+def _point(layout: Layout, part: Any) -> Point:
+    """Where a force acts, or a pickup listens."""
+    return Point(part.body, _one(part.at, layout.scene.body[layout.number[part.body]]), 1.0)
+
+
+def _one(at: Any, body: Body) -> Any:
+    return places(at, body)[0]
 
 
 def _loss(sigma: np.ndarray, samplerate: float) -> Loss | None:
@@ -113,29 +162,33 @@ def _gravity(layout: Layout) -> Gravity | None:
     return Gravity(-layout.scene.gravity * layout.gather("weight"))
 
 
-def _ends(layout: Layout, k: int) -> tuple[Point, Point]:
-    """The two points that contact k of the scene joins, with the sign of their part in its compression."""
-    c = layout.scene.contact[k]
-    sign = 1.0 if c.side == "above" else -1.0
-    return (c.body, sign), (c.on, -sign)
+def _base(layout: Layout) -> np.ndarray:
+    """Stiffness of each point of contact, N/m^α; where it is 0 at first, what an event first makes it."""
+    base = []
+    for k, spot in layout.spot:
+        name = layout.scene.contact[k].name
+        later = (e.stiffness for e in layout.scene.event if isinstance(e, Change) and e.contact == name)
+        base.append(spot.stiffness or next(s for s in later if s))
+    return np.array(base)
 
 
 def _contact(
     layout: Layout, modes: Modes, samplerate: float
 ) -> tuple[Contact | None, ContactLoss | None, Coupling | None]:
-    if not layout.contact:
+    if not layout.spot:
         return None, None, None
-    chosen = [layout.scene.contact[k] for k in layout.contact]
-    barrier = [
-        (c.gap or 0.0) if c.on is not None else (1.0 if c.side == "above" else -1.0) * (c.barrier or 0.0)
-        for c in chosen
-    ]
+    chosen = [layout.scene.contact[k] for k, _ in layout.spot]
+    turned = [c.on is None and c.side == "below" for c in chosen]
+    barrier = np.where(turned, -1.0, 1.0) * [spot.offset for _, spot in layout.spot]
     rate = np.array([c.loss for c in chosen]) * samplerate
     matrices, beneath = _compliances(layout, modes)
+    law = law_of(_base(layout), np.array([c.exponent for c in chosen]))
     contact = Contact(
-        law=law_of(np.array([c.stiffness for c in chosen]), np.array([c.exponent for c in chosen])),
-        rows=layout.rows([_ends(layout, k)[0] for k in layout.contact], modes),
-        barrier=np.array(barrier),
+        law=law,
+        rows=layout.rows([layout.ends(k, spot)[0] for k, spot in layout.spot], modes),
+        barrier=barrier,
+        base=law.unit,
+        place=barrier,
         compliance=np.concatenate([np.diag(m) for m in matrices]),
         beneath=beneath,
         tolerance=TOLERANCE,
@@ -156,7 +209,7 @@ def _compliances(layout: Layout, modes: Modes) -> tuple[list[np.ndarray], np.nda
     matrices, beneath = [], []
     for n in range(islands.mode.size - 1):
         part = slice(islands.mode[n], islands.mode[n + 1])
-        ends = [_ends(layout, k) for k in layout.contact[islands.contact[n] : islands.contact[n + 1]]]
+        ends = [layout.ends(k, spot) for k, spot in layout.spot[islands.contact[n] : islands.contact[n + 1]]]
         shapes = np.array([layout.spread(a, n) + layout.spread(b, n) for a, b in ends]).reshape(
             -1, part.stop - part.start
         )
@@ -186,10 +239,10 @@ def exact_product(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 def _force(layout: Layout, modes: Modes, samplerate: float) -> Force | None:
     if not layout.force:
         return None
-    chosen = [layout.scene.force[j] for j in layout.force]
+    chosen = [layout.forces[j] for j in layout.force]
     tables = [table(force, samplerate) for force in chosen]
     return Force(
-        rows=layout.rows([(force.body, 1.0) for force in chosen], modes),
+        rows=layout.rows([_point(layout, force) for force in chosen], modes),
         start=np.array([t.start for t in tables], dtype=np.int64),
         begin=np.cumsum([0] + [t.values.size for t in tables]).astype(np.int64),
         table=np.concatenate([t.values for t in tables]),
@@ -203,14 +256,14 @@ def _pickups(layout: Layout, modes: Modes) -> Pickups:
     begin, contact, sign = [0], [], []
     for pickup in chosen:
         first = int(layout.islands.contact[layout.island[layout.number[pickup.body]]])
-        for place, k in enumerate(layout.contact):
-            for name, part in _ends(layout, k):
-                if pickup.quantity == "force" and name == pickup.body:
+        for place, (k, spot) in enumerate(layout.spot):
+            for point in layout.ends(k, spot):
+                if pickup.quantity == "force" and point.body == pickup.body:
                     contact.append(place - first)
-                    sign.append(-part)
+                    sign.append(-point.factor)
         begin.append(len(contact))
     return Pickups(
-        rows=layout.rows([(pickup.body, 1.0) for pickup in chosen], modes),
+        rows=layout.rows([_point(layout, pickup) for pickup in chosen], modes),
         quantity=np.array([QUANTITIES[pickup.quantity] for pickup in chosen], dtype=np.int64),
         channel=np.array([pickup.channel - 1 for pickup in chosen], dtype=np.int64),
         gain=np.array([pickup.gain for pickup in chosen]),
@@ -225,29 +278,38 @@ def _state(layout: Layout, model: Model) -> State:
     scene, islands = layout.scene, layout.islands
     q, p = layout.gather("q"), layout.gather("p")
     count = islands.mode.size - 1
-    contacts = len(layout.contact)
+    contacts = len(layout.spot)
     largest = int(np.diff(islands.contact).max())
-    compression = np.zeros(contacts)
-    for place, k in enumerate(layout.contact):
+    compression, barrier, unit = np.zeros(contacts), np.zeros(contacts), np.zeros(contacts)
+    for place, (k, spot) in enumerate(layout.spot):
         island = layout.island[layout.number[scene.contact[k].body]]
         own = q[islands.mode[island] : islands.mode[island + 1]]
-        a, b = _ends(layout, k)
+        a, b = layout.ends(k, spot)
         compression[place] = layout.spread(a, island) @ own + layout.spread(b, island) @ own
     if model.contact is not None:
-        compression -= model.contact.barrier
+        barrier = model.contact.place.copy()
+        compression -= barrier
+        unit = np.where([spot.stiffness > 0.0 for _, spot in layout.spot], model.contact.base, 0.0)
     room = Scratch(np.zeros((coupled.VECTORS, largest)), np.zeros((largest, largest)), np.zeros(largest, np.int64))
+    heard = [getattr(scene.body[layout.number[scene.pickup[i].body]], "velocity", 0.0) for i in layout.pickup]
     return State(
         frame=np.zeros(1, np.int64),
         q=q,
         p=p,
         carry=np.zeros(q.size),
+        reach=np.zeros(q.size),
+        unit=unit,
+        barrier=barrier,
         compression=compression,
         residue=np.zeros(contacts),
         free_move=np.zeros(contacts),
         contact_force=np.zeros(contacts),
         scratch=room if model.coupling is not None else None,
-        heard=np.array([scene.body[layout.number[scene.pickup[i].body]].velocity for i in layout.pickup]),
+        heard=np.array(heard),
         account=np.zeros((count, energy.ACCOUNTS)),
+        clear=np.zeros(count, np.int64),
+        next_event=np.zeros((count, 2), np.int64),
+        event_from=np.zeros(0 if model.events is None else model.events.kind.size),
         touching=np.zeros(count, np.int64),
         evaluations=np.zeros(count, np.int64),
         iterations=np.zeros(max(solve.LIMIT, coupled.LIMIT) + 1, np.int64),

@@ -143,7 +143,8 @@ def render(args: argparse.Namespace) -> int:
 
 def settings(args: argparse.Namespace) -> tuple[dict[str, float | None], list[tuple[str, str]]]:
     """The numbers among the arguments, and what is wrong with the arguments."""
-    from engine.scene import SAMPLERATES, SECONDS
+    from engine.parts import SECONDS
+    from engine.scene import SAMPLERATES
 
     ranges = {"seconds": (0.0, SECONDS, "s"), "samplerate": (*SAMPLERATES, "Hz"), "gain": (-400.0, 400.0, "dB")}
     numbers: dict[str, float | None] = {}

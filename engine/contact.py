@@ -11,7 +11,7 @@ import numpy as np
 from engine.coupled import CURVE, END, ETA, FORCE, MISS, coupled
 from engine.jit import jit, outlined
 from engine.laws import gain, potential
-from engine.modes import kick, project, project_drift
+from engine.modes import bound, kick, project, project_drift
 from engine.solve import FAILED, FREE, NEWTON, contact_loss, scalar
 
 # as an initial value, a literal 0 would make Numba compile all that it is passed to twice
@@ -208,6 +208,30 @@ def let_go(contact, state):
 
 
 @jit
+def separated(contact, partner, state, k):
+    """Compression of contact k as the modes have it, m."""
+    if contact is None:
+        return 0.0
+    s = project(contact.rows, k, state.q) - contact.barrier[k]
+    if partner is not None:
+        s += project(partner, k, state.q)
+    return s
+
+
+@jit
+def out_of_reach(contact, partner, state):
+    """Whether no contact can close if each mode moves no further than `state.reach`."""
+    if contact is not None:
+        for k in range(contact.barrier.shape[0]):
+            far = bound(contact.rows, k, state.reach)
+            if partner is not None:
+                far += bound(partner, k, state.reach)
+            if not state.compression[k] + 1.01 * far < 0.0:  # NaN is in reach
+                return False
+    return True
+
+
+@jit
 def resync(contact, partner, state):
     """Out of contact, read the compressions from the modes.
 
@@ -216,11 +240,8 @@ def resync(contact, partner, state):
     if contact is None:
         return
     for k in range(contact.barrier.shape[0]):
-        s = project(contact.rows, k, state.q) - contact.barrier[k]
-        if partner is not None:
-            s += project(partner, k, state.q)
         state.contact_force[k] = 0.0
-        state.compression[k] = min(s, 0.0)
+        state.compression[k] = min(separated(contact, partner, state, k), 0.0)
 
 
 @jit

@@ -7,7 +7,7 @@ and never changes the scheme.
 import numpy as np
 
 from engine.contact import stored
-from engine.jit import jit
+from engine.jit import jit, summing
 
 # columns of a ledger: [samples, columns], J
 STORED, SPENT, HELD = 0, 1, 2  # SPENT: dissipated less supplied; HELD: all parts without their signs
@@ -22,7 +22,7 @@ FIRST, LAST, LAST_BALANCE, FIRST_BALANCE, LARGEST, ERROR, STEP_ERROR, COUNT = ra
 TALLY = 8
 
 
-@jit
+@summing
 def kinetic_and_potential(spring, gravity, q, p):
     """½p², and ½ω²q² - weight·q, summed over modes, J."""
     kinetic = 0.0

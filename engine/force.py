@@ -15,6 +15,17 @@ def strength(force, j, frame):
 
 
 @jit
+def idle(force, frame, ahead):
+    """Whether no external force acts from this frame on for `ahead` samples."""
+    if force is not None:
+        for j in range(force.start.shape[0]):
+            over = force.start[j] + force.begin[j + 1] - force.begin[j] <= frame and force.after[j] == 0.0
+            if not over and force.start[j] <= frame + ahead:
+                return False
+    return True
+
+
+@jit
 def push(force, frame, p):
     """Half a kick by every external force."""
     if force is not None:

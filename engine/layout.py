@@ -1,36 +1,62 @@
 """Where everything lies: the islands of a scene, and the order in which the kernels see its parts."""
 
+import math
 from collections.abc import Iterable, Sequence
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from engine.bodies import ModalBody, modal
 from engine.model import Islands, Modes, Rows
+from engine.parts import Change, Contact, Force, PluckAgain
 from engine.scene import Scene
+from engine.spots import Spot, spots
 
-Point = tuple[str | None, float]  # a body's name, or None for no body; and a factor on its shape
+
+class Point(NamedTuple):
+    """A place on a body, with a factor on its shape there; no body: a barrier."""
+
+    body: str | None
+    place: Any
+    factor: float
 
 
 class Layout:
     """The parts of a scene sorted by island.
 
-    Contacts of no stiffness and forces of no amplitude amount to absence: they join nothing, and
-    are not built.
+    Contacts of no stiffness, now or by an event, and forces of no amplitude amount to absence: they
+    join nothing, and are not built.
+
+    scene:   what to lay out
+    highest: Hz; what vibrates faster is not built
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, highest: float = math.inf) -> None:
         self.scene = scene
-        self.modal: list[ModalBody] = [modal(b) for b in scene.body]
+        self.modal: list[ModalBody] = [modal(b, highest) for b in scene.body]
         self.number = {body.name: i for i, body in enumerate(scene.body)}
-        contacts = [k for k, c in enumerate(scene.contact) if c.stiffness > 0.0]
+        stiff = {e.contact for e in scene.event if isinstance(e, Change) and e.stiffness}
+        contacts = [k for k, c in enumerate(scene.contact) if c.stiffness > 0.0 or c.name in stiff]
         self.island = self._join(contacts)
         self.body = self._ordered(range(len(scene.body)), [b.name for b in scene.body])
-        self.contact = self._ordered(contacts, [c.body for c in scene.contact])
-        self.force = self._ordered(
-            (i for i, f in enumerate(scene.force) if f.amplitude != 0.0), [f.body for f in scene.force]
-        )
+        touching = self._ordered(contacts, [c.body for c in scene.contact])
+        self.spot = [(k, spot) for k in touching for spot in self.spots(scene.contact[k])]
+        self.forces: list[Force | PluckAgain] = [f for f in scene.force if f.amplitude != 0.0]
+        self.forces += [e for e in scene.event if isinstance(e, PluckAgain) and e.amplitude != 0.0]
+        self.force = self._ordered(range(len(self.forces)), [f.body for f in self.forces])
         self.pickup = self._ordered(range(len(scene.pickup)), [p.body for p in scene.pickup])
+
+    def spots(self, contact: Contact) -> list[Spot]:
+        """The points of a contact."""
+        on = None if contact.on is None else self.scene.body[self.number[contact.on]]
+        return spots(contact, self.scene.body[self.number[contact.body]], on)
+
+    def ends(self, k: int, spot: Spot) -> tuple[Point, Point]:
+        """The two places that a point of contact k joins, with the sign of their part in its compression."""
+        contact = self.scene.contact[k]
+        sign = 1.0 if contact.side == "above" else -1.0
+        return Point(contact.body, spot.at, sign), Point(contact.on, spot.on_at, -sign)
 
     def _join(self, contacts: Iterable[int]) -> list[int]:
         """Island of each body: bodies joined by contacts share one."""
@@ -67,8 +93,9 @@ class Layout:
         return Islands(
             body=body,
             mode=self._mode_begins[body],
-            contact=self._slices(scene.contact[k].body for k in self.contact),
-            force=self._slices(scene.force[j].body for j in self.force),
+            contact=self._slices(scene.contact[k].body for k, _ in self.spot),
+            force=self._slices(self.forces[j].body for j in self.force),
+            event=np.zeros(body.size, dtype=np.int64),  # events are built last (engine.score)
             pickup=self._slices(scene.pickup[p].body for p in self.pickup),
         )
 
@@ -77,13 +104,15 @@ class Layout:
         """First mode of each body, in the kernels' order, and the number of all modes."""
         return np.cumsum([0] + [self.modal[b].omega.size for b in self.body]).astype(np.int64)
 
+    def modes_of(self, number: int) -> slice:
+        """The modes of one of the scene's bodies, counted from its island's first."""
+        begin = int(self._mode_begins[self._place[number]] - self.islands.mode[self.island[number]])
+        return slice(begin, begin + self.modal[number].omega.size)
+
     @cached_property
-    def _first(self) -> list[int]:
-        """First mode of each of the scene's bodies, counted from its island's first."""
-        first = [0] * len(self.body)
-        for place, b in enumerate(self.body):
-            first[b] = int(self._mode_begins[place] - self.islands.mode[self.island[b]])
-        return first
+    def _place(self) -> dict[int, int]:
+        """Where each of the scene's bodies lies in the kernels' order."""
+        return {number: place for place, number in enumerate(self.body)}
 
     def gather(self, field: str) -> np.ndarray:
         """A field of the modal bodies, over all modes."""
@@ -92,16 +121,16 @@ class Layout:
     def rows(self, points: Sequence[Point], modes: Modes) -> Rows:
         """Shapes at points."""
         first, last, shape, kick, drift = [], [], [np.empty(0)], [np.empty(0)], [np.empty(0)]
-        for name, factor in points:
-            if name is None:
+        for point in points:
+            own = self.shape(point)
+            if point.body is None:
                 first.append(0)
                 last.append(0)
                 continue
-            number = self.number[name]
-            own = factor * self.modal[number].shape
-            begin = self._mode_begins[self.body.index(number)]
-            first.append(self._first[number])
-            last.append(self._first[number] + own.size)
+            number = self.number[point.body]
+            begin = self._mode_begins[self._place[number]]
+            first.append(self.modes_of(number).start)
+            last.append(first[-1] + own.size)
             shape.append(own)
             kick.append(own * modes.kick[begin : begin + own.size])
             drift.append(own * modes.drift[begin : begin + own.size])
@@ -117,15 +146,13 @@ class Layout:
 
     def shape(self, point: Point) -> np.ndarray:
         """The shape of a body at a point, times the factor; empty without a body."""
-        name, factor = point
-        return np.empty(0) if name is None else factor * self.modal[self.number[name]].shape
+        if point.body is None:
+            return np.empty(0)
+        return point.factor * self.modal[self.number[point.body]].shape(point.place)
 
     def spread(self, point: Point, island: int) -> np.ndarray:
         """The same over all modes of an island."""
         wide = np.zeros(int(self.islands.mode[island + 1] - self.islands.mode[island]))
-        name, _ = point
-        if name is not None:
-            shape = self.shape(point)
-            first = self._first[self.number[name]]
-            wide[first : first + shape.size] = shape
+        if point.body is not None:
+            wide[self.modes_of(self.number[point.body])] = self.shape(point)
         return wide

@@ -44,6 +44,7 @@ class Spring(NamedTuple):
     """Restoring force."""
 
     stiffness: np.ndarray  # ω² [modes], 1/s²
+    pull: np.ndarray  # t·ω² [modes], 1/s: momentum per displacement in half a kick
 
 
 class Loss(NamedTuple):
@@ -72,9 +73,11 @@ class Force(NamedTuple):
 class Contact(NamedTuple):
     """Contacts: the law of each, and where it is on its body."""
 
-    law: Law
+    law: Law  # in a kernel, with the stiffness of the State
     rows: Rows  # of the body that touches
-    barrier: np.ndarray  # [contacts], m, subtracted from the projected displacement
+    barrier: np.ndarray  # [contacts], m, subtracted from the projected displacement; in a kernel, the State's
+    base: np.ndarray  # [contacts], unit of the law as the patch says
+    place: np.ndarray  # [contacts], m, barrier as the patch says
     compliance: np.ndarray  # B_kk [contacts], m/N
     beneath: np.ndarray  # [contacts], m/N: what rounding cut from B_kk
     tolerance: float  # relative error left in the end compression
@@ -93,6 +96,18 @@ class Coupling(NamedTuple):
     matrix: np.ndarray  # all matrices flat, m/N
 
 
+class Events(NamedTuple):
+    """The score, sorted by island and start (engine.events)."""
+
+    kind: np.ndarray  # int [events]
+    start: np.ndarray  # int [events], the step it begins with
+    end: np.ndarray  # int [events], the step after its last
+    first: np.ndarray  # int [events], the modes or contacts it acts on
+    last: np.ndarray  # int [events]
+    a: np.ndarray  # [events]
+    b: np.ndarray  # [events]
+
+
 class Pickups(NamedTuple):
     """What is heard."""
 
@@ -106,12 +121,13 @@ class Pickups(NamedTuple):
 
 
 class Islands(NamedTuple):
-    """Slices of bodies, modes, contacts, forces and pickups per island: [islands + 1] each."""
+    """Slices of bodies, modes, contacts, forces, events and pickups per island: [islands + 1] each."""
 
     body: np.ndarray
     mode: np.ndarray
     contact: np.ndarray
     force: np.ndarray
+    event: np.ndarray
     pickup: np.ndarray
 
 
@@ -129,6 +145,7 @@ class Model(NamedTuple):
     partner: Rows | None  # of the body that contact k touches, empty for a barrier; None without any
     contact_loss: ContactLoss | None
     coupling: Coupling | None
+    events: Events | None
     pickups: Pickups
     bodies: Rows  # where each body is traced
 
@@ -148,6 +165,9 @@ class State(NamedTuple):
     q: np.ndarray  # [modes], √kg·m, displacement
     p: np.ndarray  # [modes], √kg·m/s, momentum
     carry: np.ndarray  # [modes]: rounding carried from kick to kick; for gravity
+    reach: np.ndarray  # [modes], √kg·m: room to bound how far each can move
+    unit: np.ndarray  # [contacts]: stiffness, as the law counts it; events change it
+    barrier: np.ndarray  # [contacts], m; events move it
     compression: np.ndarray  # [contacts], m
     residue: np.ndarray  # [contacts], m: what is too small to add to the compression yet
     free_move: np.ndarray  # [contacts], m: g, the change of compression without contact force
@@ -155,6 +175,9 @@ class State(NamedTuple):
     scratch: Scratch | None  # for coupled contacts
     heard: np.ndarray  # [pickups], velocity one sample ago
     account: np.ndarray  # [islands, 4], J: energy dissipated and work supplied (engine.energy)
+    clear: np.ndarray  # int [islands]: before this frame, nothing can act on the island
+    next_event: np.ndarray  # int [islands, 2]: the first event not over yet, and the next to begin
+    event_from: np.ndarray  # [events]: what a gliding value was at first
     touching: np.ndarray  # int [islands]: 1 if the last step had a contact in reach
     evaluations: np.ndarray  # int [islands]: of the contact laws, in the last step
     iterations: np.ndarray  # int [evaluations]: histogram of evaluations per Newton solve

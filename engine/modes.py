@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from engine.jit import jit, outlined
+from engine.jit import jit, outlined, summing
 
 LEAST = 1e-290  # √kg·m, √kg·m/s
 
@@ -62,14 +62,6 @@ TABLES = {"exact": exact_table, "fdh": fdh_table}
 
 
 @jit
-def pull(spring, t, m, q):
-    """Half a kick by the restoring force."""
-    if spring is None:
-        return 0.0
-    return -t * (spring.stiffness[m] * q)
-
-
-@jit
 def lose(loss, m, p):
     """Half a step of loss: the momentum left, and the energy lost."""
     if loss is None:
@@ -78,7 +70,7 @@ def lose(loss, m, p):
 
 
 @jit
-def fall(gravity, carry, t, m, p):
+def fall(gravity, carry, kick, m, p):
     """Half a kick by weight.
 
     The kick is the same at every step, and so would be its rounding: in free fall the energy
@@ -86,57 +78,79 @@ def fall(gravity, carry, t, m, p):
     """
     if gravity is None:
         return p
-    push = t * gravity.weight[m] - carry[m]
+    push = kick[m] * gravity.weight[m] - carry[m]
     moved = p + push
     carry[m] = (moved - p) - push
     return moved
 
 
 @jit
-def open_mode(modes, spring, loss, gravity, carry, q, p, m):
-    """Half a step of loss and half a kick of mode m, without contact. Returns the energy lost."""
-    t = modes.kick[m]
-    moved, lost = lose(loss, m, p[m])
-    moved = fall(gravity, carry, t, m, moved)
-    p[m] = moved + pull(spring, t, m, q[m])
-    return lost
+def pull(spring, m, q):
+    """Half a kick by the restoring force."""
+    if spring is None:
+        return 0.0
+    return -spring.pull[m] * q
 
 
 @jit
-def close_mode(modes, spring, loss, gravity, carry, q, p, m):
-    """Drift, half a kick and half a step of loss of mode m. Returns the energy lost."""
-    t = modes.kick[m]
-    moved = p[m]
-    place = q[m] + modes.drift[m] * moved
-    q[m] = place
-    moved += pull(spring, t, m, place)
-    p[m], lost = lose(loss, m, fall(gravity, carry, t, m, moved))
-    return lost
+def open_mode(modes, spring, loss, gravity, carry, m, q, p):
+    """Half a step of loss and half a kick of mode m, without contact: its momentum, and the energy lost."""
+    p, lost = lose(loss, m, p)
+    p = fall(gravity, carry, modes.kick, m, p)
+    return p + pull(spring, m, q), lost
+
+
+@jit
+def close_mode(modes, spring, loss, gravity, carry, m, q, p):
+    """Drift, half a kick and half a step of loss of mode m: q, p, and the energy lost."""
+    q += modes.drift[m] * p
+    p += pull(spring, m, q)
+    p, lost = lose(loss, m, fall(gravity, carry, modes.kick, m, p))
+    return q, p, lost
 
 
 # A loop over modes is compiled to vector code, which first has to check that no two of its arrays
 # overlap. For a body of one mode that costs more than the mode; so each loop has a way around it.
 
 
-@jit
+@summing
 def first_half(modes, spring, loss, gravity, carry, q, p):
     """First half of a step of all modes, up to the contact. Returns the energy lost."""
     if p.shape[0] == 1:
-        return open_mode(modes, spring, loss, gravity, carry, q, p, p.shape[0] - 1)
+        p[0], lost = open_mode(modes, spring, loss, gravity, carry, 0, q[0], p[0])
+        return lost
     lost = 0.0
     for m in range(p.shape[0]):
-        lost += open_mode(modes, spring, loss, gravity, carry, q, p, m)
+        p[m], own = open_mode(modes, spring, loss, gravity, carry, m, q[m], p[m])
+        lost += own
     return lost
 
 
-@jit
+@summing
 def second_half(modes, spring, loss, gravity, carry, q, p):
     """Second half of a step of all modes, after the contact. Returns the energy lost."""
     if p.shape[0] == 1:
-        return close_mode(modes, spring, loss, gravity, carry, q, p, p.shape[0] - 1)
+        q[0], p[0], lost = close_mode(modes, spring, loss, gravity, carry, 0, q[0], p[0])
+        return lost
     lost = 0.0
     for m in range(p.shape[0]):
-        lost += close_mode(modes, spring, loss, gravity, carry, q, p, m)
+        q[m], p[m], own = close_mode(modes, spring, loss, gravity, carry, m, q[m], p[m])
+        lost += own
+    return lost
+
+
+@summing
+def coast(modes, spring, loss, gravity, carry, q, p):
+    """A step of all modes on which nothing acts: both halves in one pass. Returns the energy lost."""
+    if p.shape[0] == 1:
+        half, lost = open_mode(modes, spring, loss, gravity, carry, 0, q[0], p[0])
+        q[0], p[0], more = close_mode(modes, spring, loss, gravity, carry, 0, q[0], half)
+        return lost + more
+    lost = 0.0
+    for m in range(p.shape[0]):
+        half, own = open_mode(modes, spring, loss, gravity, carry, m, q[m], p[m])
+        q[m], p[m], more = close_mode(modes, spring, loss, gravity, carry, m, q[m], half)
+        lost += own + more
     return lost
 
 
@@ -163,7 +177,7 @@ def turn_back(modes, q, p):
         q[m] -= modes.drift[m] * p[m]  # what the drift that follows adds
 
 
-@jit
+@summing
 def lose_all(loss, p):
     """Half a step of loss of all modes. Returns the energy lost."""
     total = 0.0
@@ -174,36 +188,72 @@ def lose_all(loss, p):
     return total
 
 
+@summing
+def dot(weights, at, x, first, last):
+    """Σ weights[at + m]·x[first + m] over the modes first to last of an island."""
+    if last - first == 1:
+        return weights[at] * x[first]
+    a, b = weights[at : at + (last - first)], x[first:last]
+    total = 0.0
+    for m in range(b.shape[0]):
+        total += a[m] * b[m]
+    return total
+
+
 @jit
 def project(rows, r, x):
     """Displacement at row r, from the modes' displacements; or velocity, from their momenta."""
-    first, at = rows.first[r], rows.at[r]
-    if rows.last[r] - first == 1:
-        return rows.shape[at] * x[first]
-    total = 0.0
-    for m in range(rows.last[r] - first):
-        total += rows.shape[at + m] * x[first + m]
-    return total
+    return dot(rows.shape, rows.at[r], x, rows.first[r], rows.last[r])
 
 
 @jit
 def project_drift(rows, r, p):
     """Displacement at row r that the coming drift brings."""
-    first, at = rows.first[r], rows.at[r]
-    if rows.last[r] - first == 1:
-        return rows.drift[at] * p[first]
-    total = 0.0
-    for m in range(rows.last[r] - first):
-        total += rows.drift[at + m] * p[first + m]
-    return total
+    return dot(rows.drift, rows.at[r], p, rows.first[r], rows.last[r])
 
 
 @jit
 def kick(rows, r, f, p):
     """Half a kick by a force f (N) at row r."""
-    first, at = rows.first[r], rows.at[r]
-    if rows.last[r] - first == 1:
+    first, last, at = rows.first[r], rows.last[r], rows.at[r]
+    if last - first == 1:
         p[first] += rows.kick[at] * f
         return
-    for m in range(rows.last[r] - first):
-        p[first + m] += rows.kick[at + m] * f
+    a, b = rows.kick[at : at + (last - first)], p[first:last]
+    for m in range(b.shape[0]):
+        b[m] += a[m] * f
+
+
+@summing
+def swing(modes, spring, gravity, q, p, span, reach):
+    """How far each mode can move in `span` seconds on which nothing else acts, √kg·m, into `reach`.
+
+    A mode swings about where its weight holds it, with amplitude A/ω and speed A at most,
+    A² = p² + ω²q²; it loses energy, and gains none. A free mass coasts and falls.
+    """
+    for m in range(p.shape[0]):
+        speed, fallen, widest = abs(p[m]), 0.0, np.inf
+        if spring is not None:
+            stiffness = spring.stiffness[m]
+            if stiffness > 0.0:
+                away = q[m]
+                if gravity is not None:
+                    away -= gravity.weight[m] / stiffness
+                speed = math.sqrt(p[m] * p[m] + stiffness * away * away)
+                widest = 2.0 * speed / math.sqrt(stiffness)
+            elif gravity is not None:
+                fallen = abs(gravity.weight[m]) * span
+        elif gravity is not None:
+            fallen = abs(gravity.weight[m]) * span
+        reach[m] = min((speed + 0.5 * fallen) * span, widest)
+
+
+@summing
+def bound(rows, r, reach):
+    """How far the point of row r can move, m, if each mode moves no further than `reach`."""
+    first, last, at = rows.first[r], rows.last[r], rows.at[r]
+    a, b = rows.shape[at : at + (last - first)], reach[first:last]
+    total = 0.0
+    for m in range(b.shape[0]):
+        total += abs(a[m]) * b[m]
+    return total

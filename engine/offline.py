@@ -12,7 +12,8 @@ from engine.block import PIECE, block
 from engine.build import build
 from engine.layout import Layout
 from engine.model import Model, State, Trace
-from engine.scene import SAMPLERATES, SECONDS, Scene
+from engine.parts import SECONDS
+from engine.scene import SAMPLERATES, Scene
 
 CHUNK = 16_384  # samples between two looks at the clock and at Ctrl-C
 
@@ -26,6 +27,7 @@ EFFECTS = {
     "contact between bodies": "partner",
     "contact loss": "contact_loss",
     "coupled contacts": "coupling",
+    "events": "events",
 }
 
 
@@ -160,13 +162,13 @@ def _named(trace: Trace, layout: Layout, samplerate: int) -> dict[str, np.ndarra
     frames = trace.iterations.size
     body = np.argsort(layout.body)
     displacement = trace.displacement[:, body]
-    compression, force = np.zeros((frames, len(scene.contact))), np.zeros((frames, len(scene.contact)))
-    for k, contact in enumerate(scene.contact):  # a contact that was not built still has a compression
-        sign = 1.0 if contact.side == "above" else -1.0
-        other = displacement[:, layout.number[contact.on]] if contact.on else (contact.barrier or 0.0)
-        compression[:, k] = sign * (displacement[:, layout.number[contact.body]] - other) - (contact.gap or 0.0)
-    compression[:, layout.contact] = trace.compression
-    force[:, layout.contact] = trace.force
+    columns = [(k, len(layout.spots(contact))) for k, contact in enumerate(scene.contact)]
+    begin = dict(zip([k for k, _ in columns], np.cumsum([0] + [n for _, n in columns]).tolist(), strict=False))
+    total = sum(n for _, n in columns)
+    compression, force = np.full((frames, total), np.nan), np.zeros((frames, total))  # NaN: not built
+    for place, (k, _) in enumerate(layout.spot):
+        compression[:, begin[k]], force[:, begin[k]] = trace.compression[:, place], trace.force[:, place]
+        begin[k] += 1
     return {
         "time": np.arange(frames) / samplerate,
         "displacement": displacement,

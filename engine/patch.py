@@ -13,7 +13,8 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from engine.scene import Scene, Where
+from engine.references import Where
+from engine.scene import Scene
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from engine.scene import Constant, Force, HalfSine, Pulse, Samples
+from engine.parts import Constant, Force, HalfSine, Pluck, PluckAgain, Pulse, Samples
 
 
 class Table(NamedTuple):
@@ -15,7 +15,7 @@ class Table(NamedTuple):
     after: float
 
 
-def table(force: Force, samplerate: float) -> Table:
+def table(force: Force | PluckAgain, samplerate: float) -> Table:
     """The table of a force: the mean of its values at the two ends of each step (eq. 34).
 
     Edges of constant and pulse count by the part of the step they cover, which keeps the
@@ -29,6 +29,8 @@ def table(force: Force, samplerate: float) -> Table:
         step = np.arange(int(begin), int(np.ceil(end)))
         covered = np.minimum(step + 1, end) - np.maximum(step, begin)
         return Table(int(begin), force.amplitude * covered, 0.0)
+    if isinstance(force, Pluck | PluckAgain):
+        return _pluck(force, samplerate)
     if isinstance(force, HalfSine):
         begin, length = force.start * samplerate, force.duration * samplerate
         phase = np.arange(int(begin), int(np.ceil(begin + length)) + 1) - begin
@@ -38,6 +40,20 @@ def table(force: Force, samplerate: float) -> Table:
         begin = round(force.start * samplerate) - 1  # rises from 0 in the step before its first sample
     ends = force.amplitude * values
     return Table(int(begin), 0.5 * (ends[1:] + ends[:-1]), 0.0)
+
+
+def _pluck(force: Pluck | PluckAgain, samplerate: float) -> Table:
+    """½(1 - cos) up, the same down; the mean over each step, exactly, however short the release."""
+    start = force.time if isinstance(force, PluckAgain) else force.start
+    begin, rise, fall = (x * samplerate for x in (start, force.duration, force.release))
+
+    def impulse(x: np.ndarray) -> np.ndarray:  # integral of the shape up to x, in samples
+        up, down = np.clip(x / rise, 0, 1), np.clip((x - rise) / fall, 0, 1) if fall else np.zeros(x.size)
+        climb = rise * 0.5 * (up - np.sin(np.pi * up) / np.pi)
+        return np.asarray(climb + fall * 0.5 * (down + np.sin(np.pi * down) / np.pi))
+
+    edges = np.arange(int(begin), int(np.ceil(begin + rise + fall)) + 1) - begin
+    return Table(int(begin), force.amplitude * np.diff(impulse(edges)), 0.0)
 
 
 def samples(force: Samples, samplerate: float) -> np.ndarray:

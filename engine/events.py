@@ -1,0 +1,131 @@
+"""Events: what the score says happens at the start of a step.
+
+All that an event adds to the stored energy counts as supplied, all that it takes as dissipated, so
+the ledger stays closed: turning a knob cannot blow up the sound.
+"""
+
+import math
+
+from engine.contact import stored
+from engine.energy import DISSIPATED, SUPPLIED, book, kinetic_and_potential
+from engine.jit import jit, outlined
+
+# what an event does, and to what
+STRIKE = 0  # mode `first` gets q = a, p = b
+DAMP = 1  # modes first:last lose the share 1 - a² of their kinetic energy at each step
+STIFFEN = 2  # the stiffness of contacts first:last glides to a times what the model says
+MOVE = 3  # the barriers of contacts first:last glide to a beyond where the model has them
+
+
+@jit
+def quiet(events, state, frame, ahead):
+    """Whether no event but damping goes on at this frame, or begins within `ahead` samples."""
+    if events is None:
+        return True
+    last = state.next_event[1]
+    for j in range(state.next_event[0], last):
+        if events.kind[j] != DAMP and frame < events.end[j]:
+            return False
+    return last == events.kind.shape[0] or events.start[last] > frame + ahead
+
+
+@jit
+def glide(events, state, j, frame, now):
+    """Where a value that was `now` at the start of event j is at the end of this step."""
+    if frame == events.start[j]:
+        state.event_from[j] = now
+    if frame + 1 >= events.end[j]:
+        return events.a[j]
+    share = (frame + 1 - events.start[j]) / (events.end[j] - events.start[j])
+    return state.event_from[j] + (events.a[j] - state.event_from[j]) * 0.5 * (1.0 - math.cos(math.pi * share))
+
+
+@outlined
+def strike(model, state, m, q, p):
+    """Put mode m at displacement q with momentum p, and its contacts where that takes them."""
+    change = q - state.q[m]
+    state.q[m] = q
+    state.p[m] = p
+    state.carry[m] = 0.0
+    if model.contact is not None:
+        for k in range(model.contact.barrier.shape[0]):
+            move = shift(model.contact.rows, k, m, change)
+            if model.partner is not None:
+                move += shift(model.partner, k, m, change)
+            if move != 0.0:
+                state.compression[k] += move
+                state.residue[k] = 0.0
+
+
+@jit
+def shift(rows, r, m, change):
+    """Displacement at row r that a change of mode m brings."""
+    if rows.first[r] <= m and m < rows.last[r]:
+        return rows.shape[rows.at[r] + (m - rows.first[r])] * change
+    return 0.0
+
+
+@outlined
+def damp(state, first, last, keep):
+    """Take from the momenta of some modes; returns the energy lost."""
+    lost = 0.0
+    for m in range(first, last):
+        lost += 0.5 * state.p[m] * state.p[m] * (1.0 - keep) * (1.0 + keep)
+        state.p[m] *= keep
+    return lost
+
+
+@outlined
+def happen(model, state, j, frame):
+    """Let event j, which is not damping, act at the start of this step."""
+    events = model.events
+    first, last = events.first[j], events.last[j]
+    if events.kind[j] == STRIKE:
+        strike(model, state, first, events.a[j], events.b[j])
+    elif model.contact is not None:
+        if events.kind[j] == STIFFEN:
+            ratio = glide(events, state, j, frame, state.unit[first] / model.contact.base[first])
+            for k in range(first, last):
+                state.unit[k] = ratio * model.contact.base[k]
+        else:
+            beyond = glide(events, state, j, frame, state.barrier[first] - model.contact.place[first])
+            for k in range(first, last):
+                moved = model.contact.place[k] + beyond
+                state.compression[k] -= moved - state.barrier[k]
+                state.barrier[k] = moved
+
+
+@outlined
+def held(model, state):
+    """Energy of an island, J."""
+    kinetic, potential = kinetic_and_potential(model.spring, model.gravity, state.q, state.p)
+    return kinetic + potential + stored(model.contact, state)
+
+
+@outlined
+def run_events(model, state, frame):
+    """All that happens at the start of this step, with the energy it takes and gives."""
+    events, following = model.events, state.next_event
+    while following[1] < events.kind.shape[0] and events.start[following[1]] <= frame:
+        following[1] += 1
+    for j in range(following[0], following[1]):
+        if frame >= events.end[j]:
+            continue
+        if events.kind[j] == DAMP:
+            book(state.account, DISSIPATED, damp(state, events.first[j], events.last[j], events.a[j]))
+        else:
+            before = held(model, state)
+            happen(model, state, j, frame)
+            book(state.account, SUPPLIED, held(model, state) - before)
+            state.clear[0] = 0
+    while following[0] < following[1] and events.end[following[0]] <= frame + 1:
+        following[0] += 1
+
+
+@jit
+def keep_score(model, events, state, frame):
+    """What the score says for the start of this step."""
+    if events is not None:
+        following = state.next_event
+        if following[0] < following[1] or (following[1] < events.kind.shape[0] and events.start[following[1]] <= frame):
+            run_events(model, state, frame)

@@ -1,0 +1,54 @@
+"""Where a contact touches: its points, each with its place on either body, offset and stiffness."""
+
+from typing import Any, NamedTuple
+
+from engine.parts import Bar, Body, Bridge, Contact, Frets, Membrane, Plate, String
+
+
+class Spot(NamedTuple):
+    """One point of a contact."""
+
+    at: Any  # place on the body
+    on_at: Any  # place on the other body
+    offset: float  # m: position of the barrier, or the gap
+    stiffness: float  # N/m^exponent
+
+
+def spots(contact: Contact, body: Body, on: Body | None) -> list[Spot]:
+    """The points of a contact; `body` is the one that touches."""
+    if contact.bridge is not None and isinstance(body, String | Bar):
+        return _bridge(contact.bridge, contact.stiffness, body.length)
+    if contact.frets is not None:
+        return _frets(contact.frets, contact.stiffness)
+    own, other = places(contact.at, body), places(contact.on_at, on)
+    offset = contact.gap if contact.on is not None else contact.barrier
+    offsets = offset if isinstance(offset, list) else [offset or 0.0]
+    count = max(len(own), len(other), len(offsets))
+    own, other, offsets = (items * count if len(items) == 1 else items for items in (own, other, offsets))
+    return [Spot(a, b, float(c), contact.stiffness) for a, b, c in zip(own, other, offsets, strict=True)]
+
+
+def places(at: Any, body: Body | None) -> list[Any]:
+    """The places that `at` lists; a pair of fractions is one place on a membrane or plate, two on a string."""
+    pair = isinstance(body, Membrane | Plate) and isinstance(at, list) and not isinstance(at[0], list)
+    return at if isinstance(at, list) and not pair else [at]
+
+
+def _bridge(bridge: Bridge, stiffness: float, length: float) -> list[Spot]:
+    """A parabola through its top; the points share its stiffness."""
+    across = [2 * i / (bridge.points - 1) - 1 for i in range(bridge.points)]  # -1 to 1
+    half = bridge.width / length / 2
+    return [
+        Spot(bridge.at + half * x, None, bridge.height - bridge.depth * x**2, stiffness / bridge.points) for x in across
+    ]
+
+
+def _frets(frets: Frets, stiffness: float) -> list[Spot]:
+    """Each fret has the whole stiffness. Two heights for several frets are those of the first and the
+    last, with the others in line between them."""
+    at = frets.at or [1 - 2 ** (-n / 12) for n in range(1, (frets.count or 0) + 1)]
+    height = frets.height if isinstance(frets.height, list) else [frets.height] * len(at)
+    if len(height) == 2 and len(at) > 2:
+        low, high = height
+        height = [low + (high - low) * (x - at[0]) / (at[-1] - at[0]) for x in at]
+    return [Spot(x, None, float(h), stiffness) for x, h in zip(at, height, strict=True)]

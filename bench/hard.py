@@ -7,9 +7,8 @@ import numpy as np
 import engine
 from bench.baselines import SCHEMES, Body, simulate
 from bench.report import figure, pin, publish
-from engine import energy
-from engine.block import block
 from engine.build import build
+from engine.runner import Runner
 
 RATE = 44_100
 FAR = 1e3  # m, where no wall is met
@@ -137,10 +136,11 @@ def tails() -> None:
         early, late = np.inf, np.inf
         for _ in range(6):
             model, state, _ = build(scene, RATE)
+            runner = Runner(model, state, metered=False)
             out = np.zeros((2048, 1))
             for i in range(150):  # 7 s: exp(-150·7) is below the smallest number
                 begin = time.perf_counter()
-                block(model, state, out, None, np.zeros(energy.TALLY), None)
+                runner.block(out)
                 took = (time.perf_counter() - begin) / len(out)
                 early, late = (min(early, took) if i < 8 else early), (min(late, took) if i >= 110 else late)
         what = f"{bodies} oscillator{'s' * (bodies > 1)}" + (" against barriers" if contacts else "")

@@ -6,10 +6,9 @@ import numpy as np
 
 import engine
 from bench.report import ROOT, pin, publish
-from engine import energy
-from engine.block import PIECE, block
 from engine.build import build
 from engine.offline import newton
+from engine.runner import Runner
 
 RATE = 44_100
 REPEATS = 7
@@ -24,12 +23,12 @@ def measure(scene: engine.Scene, metered: bool) -> tuple[float, dict, dict]:
     blocks = max(1, round(max(1.0, scene.seconds) * RATE / FRAMES))
     for _ in range(REPEATS + 1):  # the first run compiles, and is not better than the best
         model, state, _ = build(scene, RATE)
-        ledger, tally = np.zeros((PIECE, energy.COLUMNS)) if metered else None, np.zeros(energy.TALLY)
+        runner = Runner(model, state, metered=metered)
         begin = time.perf_counter()
         for _ in range(blocks):
-            block(model, state, out, ledger, tally, None)
+            runner.block(out)
         best = min(best, (time.perf_counter() - begin) / (blocks * FRAMES))
-    return best, energy.summary(tally, state.account), newton(model, state)
+    return best, runner.energies(), newton(model, state)
 
 
 def run() -> None:

@@ -7,7 +7,7 @@ begins. Sample i is what the scene is like before step i; sample 0 is the initia
 import numpy as np
 
 from engine.contact import let_go, out_of_reach, resync, separated, spring_back, stored, touch
-from engine.energy import DISSIPATED, SUPPLIED, audit, book, enter, kinetic_and_potential
+from engine.energy import DISSIPATED, SUPPLIED, book, enter, kinetic_and_potential
 from engine.events import keep_score, quiet
 from engine.force import idle, push, supply
 from engine.islands import cut_model, cut_state
@@ -153,35 +153,34 @@ def note(trace, state, count):
 
 
 @jit
-def piece(model, state, out, ledger, tally, trace, begin):
-    """Render len(out) samples, the first of which is row `begin` of the trace."""
+def piece(model, state, part, out, ledger, trace, begin):
+    """Render len(out) samples of a part, the first of which is row `begin` of ledger and trace."""
     islands = model.islands
-    frame = state.frame[0]
-    for n in range(islands.mode.shape[0] - 1):
+    frame, first = state.frame[part], islands.part[part]
+    for n in range(first, islands.part[part + 1]):
         island = cut_model(model, state, n)
-        island_state = cut_state(islands, state, n)
+        island_state = cut_state(islands, state, part, n)
         touching = island_state.touching[0] != 0
         for i in range(out.shape[0]):
             listen(island.pickups, island_state, model.samplerate, out, i)
-            enter(ledger, i, n == 0, island, island_state)
+            enter(ledger, begin + i, n == first, island, island_state)
             record(trace, begin + i, islands.body[n], islands.contact[n], island, island_state, frame + i)
             touching, count = step(island, island_state, frame + i, ledger, touching)
             note(trace, island_state, count)
         island_state.touching[0] = touching
-    audit(ledger, tally, out.shape[0])
-    state.frame[0] += out.shape[0]
+    state.frame[part] += out.shape[0]
 
 
 @entry
-def block(model, state, out, ledger, tally, trace):
-    """Render len(out) samples.
+def block(model, state, part, out, ledger, trace):
+    """Render len(out) samples of one part of the scene; engine.runner adds the parts.
 
+    part:   its number; parts have nothing in common, and may run at the same time
     out:    [frames, channels], overwritten
-    ledger: room for the energies of some samples, [any, engine.energy.COLUMNS]; or None, and
+    ledger: [frames, engine.energy.COLUMNS], overwritten with the part's energies; or None, and
             energy is not measured
-    tally:  what the audit of the energies remembers from block to block (engine.energy)
-    trace:  a Trace of [frames, …], zeroed, to be filled; or None
+    trace:  a Trace of [frames, …], zeroed, to be added to; or None
     """
     out[:] = 0.0
     for begin in range(0, out.shape[0], PIECE):
-        piece(model, state, out[begin : begin + PIECE], ledger, tally, trace, begin)
+        piece(model, state, part, out[begin : begin + PIECE], ledger, trace, begin)

@@ -290,10 +290,15 @@ def _state(layout: Layout, model: Model) -> State:
         barrier = model.contact.place.copy()
         compression -= barrier
         unit = np.where([spot.stiffness > 0.0 for _, spot in layout.spot], model.contact.base, 0.0)
-    room = Scratch(np.zeros((coupled.VECTORS, largest)), np.zeros((largest, largest)), np.zeros(largest, np.int64))
+    parts = islands.part.size - 1
+    room = Scratch(
+        np.zeros((parts, coupled.VECTORS, largest)),
+        np.zeros((parts, largest, largest)),
+        np.zeros((parts, largest), np.int64),
+    )
     heard = [getattr(scene.body[layout.number[scene.pickup[i].body]], "velocity", 0.0) for i in layout.pickup]
     return State(
-        frame=np.zeros(1, np.int64),
+        frame=np.zeros(parts, np.int64),
         q=q,
         p=p,
         carry=np.zeros(q.size),
@@ -312,7 +317,7 @@ def _state(layout: Layout, model: Model) -> State:
         event_from=np.zeros(0 if model.events is None else model.events.kind.size),
         touching=np.zeros(count, np.int64),
         evaluations=np.zeros(count, np.int64),
-        iterations=np.zeros(max(solve.LIMIT, coupled.LIMIT) + 1, np.int64),
-        regimes=np.zeros(5, np.int64),
+        iterations=np.zeros((count, max(solve.LIMIT, coupled.LIMIT) + 1), np.int64),
+        regimes=np.zeros((count, 5), np.int64),
         contacts=np.zeros(count, np.int64),
     )

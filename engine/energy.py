@@ -7,7 +7,7 @@ and never changes the scheme.
 import numpy as np
 
 from engine.contact import stored
-from engine.jit import jit, summing
+from engine.jit import entry, jit, summing
 
 # columns of a ledger: [samples, columns], J
 STORED, SPENT, HELD = 0, 1, 2  # SPENT: dissipated less supplied; HELD: all parts without their signs
@@ -64,27 +64,26 @@ def enter(ledger, i, first, model, state):
             ledger[i, HELD] += held
 
 
-@jit
-def audit(ledger, tally, frames):
-    """Follow the balance over the first rows of the ledger; `tally` keeps what to remember."""
-    if ledger is None or frames == 0:
+@entry
+def audit(ledger, tally):
+    """Follow the balance over the rows of a ledger; `tally` keeps what to remember between blocks."""
+    if ledger.shape[0] == 0:
         return
     if tally[COUNT] == 0.0:
         tally[FIRST] = ledger[0, STORED]
         tally[FIRST_BALANCE] = tally[LAST_BALANCE] = ledger[0, STORED] + ledger[0, SPENT]
     first, last = tally[FIRST_BALANCE], tally[LAST_BALANCE]
     largest, error, step = tally[LARGEST], tally[ERROR], tally[STEP_ERROR]
-    for i in range(frames):
-        total = ledger[i, STORED]
-        balance = total + ledger[i, SPENT]
+    for i in range(ledger.shape[0]):
+        balance = ledger[i, STORED] + ledger[i, SPENT]
         largest = max(largest, ledger[i, HELD])
         # written so that NaN is kept, not hidden
         off, jump = abs(balance - first), abs(balance - last)
         error = error if off <= error else off
         step = step if jump <= step else jump
         last = balance
-    tally[COUNT] += frames
-    tally[LAST] = ledger[frames - 1, STORED]
+    tally[COUNT] += ledger.shape[0]
+    tally[LAST] = ledger[-1, STORED]
     tally[LAST_BALANCE], tally[LARGEST], tally[ERROR], tally[STEP_ERROR] = last, largest, error, step
 
 

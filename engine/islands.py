@@ -25,6 +25,7 @@ from engine.model import (
     Modes,
     Pickups,
     Rows,
+    Scratch,
     Spring,
     State,
 )
@@ -107,6 +108,7 @@ def cut_model(model, state, i):
             of.force[i : i + 2],
             of.event[i : i + 2],
             of.pickup[i : i + 2],
+            of.part,
         ),
         cut(model.modes, m0, m1),
         cut(model.spring, m0, m1),
@@ -123,13 +125,25 @@ def cut_model(model, state, i):
     )
 
 
+def cut_scratch(scratch: Any, part: int) -> Any:
+    """The scratch of a part of the scene."""
+    raise TypeError("cut_scratch is for compiled code")
+
+
+@overload(cut_scratch)
+def _cut_scratch(scratch, part):
+    if isinstance(scratch, types.NoneType):
+        return lambda scratch, part: None
+    return lambda scratch, part: Scratch(scratch.vectors[part], scratch.matrix[part], scratch.active[part])
+
+
 @jit
-def cut_state(islands, state, i):
-    """Island i of a state. The clock and the telemetry stay shared."""
+def cut_state(islands, state, part, i):
+    """Island i of a state, which is in that part of the scene. The clock is the part's."""
     m0, m1 = islands.mode[i], islands.mode[i + 1]
     k0, k1 = islands.contact[i], islands.contact[i + 1]
     return State(
-        state.frame,
+        state.frame[part : part + 1],
         state.q[m0:m1],
         state.p[m0:m1],
         state.carry[m0:m1],
@@ -140,7 +154,7 @@ def cut_state(islands, state, i):
         state.residue[k0:k1],
         state.free_move[k0:k1],
         state.contact_force[k0:k1],
-        state.scratch,
+        cut_scratch(state.scratch, part),
         state.heard[islands.pickup[i] : islands.pickup[i + 1]],
         state.account[i : i + 1],
         state.clear[i : i + 1],
@@ -148,7 +162,7 @@ def cut_state(islands, state, i):
         state.event_from[islands.event[i] : islands.event[i + 1]],
         state.touching[i : i + 1],
         state.evaluations[i : i + 1],
-        state.iterations,
-        state.regimes,
+        state.iterations[i],
+        state.regimes[i],
         state.contacts[i : i + 1],
     )

@@ -13,6 +13,10 @@ from engine.parts import Change, Contact, Force, PluckAgain
 from engine.scene import Scene
 from engine.spots import Spot, spots
 
+PARTS = 8  # at most: as many cores can share the work
+WORTH_SHARING = 200.0  # work, about 1 ns a sample each: below, waking a thread costs more than it saves
+ISLAND_WORK = 15.0  # of an island, besides its modes and contacts
+
 
 class Point(NamedTuple):
     """A place on a body, with a factor on its shape there; no body: a barrier."""
@@ -97,7 +101,19 @@ class Layout:
             force=self._slices(self.forces[j].body for j in self.force),
             event=np.zeros(body.size, dtype=np.int64),  # events are built last (engine.score)
             pickup=self._slices(scene.pickup[p].body for p in self.pickup),
+            part=self._parts(),
         )
+
+    def _parts(self) -> np.ndarray:
+        """Where to cut the islands into parts of about equal work: one part if there is little of it."""
+        modes = np.diff(self._mode_begins[self._slices(b.name for b in self.scene.body)])
+        contacts = np.diff(self._slices(self.scene.contact[k].body for k, _ in self.spot))
+        work = np.cumsum(ISLAND_WORK + modes * (1 + contacts / 4) + contacts**2)
+        if work.size < 2 or work[-1] < WORTH_SHARING:
+            return np.array([0, work.size])
+        parts = min(PARTS, work.size)
+        cuts = np.searchsorted(work, np.arange(1, parts) * work[-1] / parts) + 1
+        return np.unique(np.concatenate([[0], cuts, [work.size]]))
 
     @cached_property
     def _mode_begins(self) -> np.ndarray:

@@ -121,7 +121,10 @@ class Pickups(NamedTuple):
 
 
 class Islands(NamedTuple):
-    """Slices of bodies, modes, contacts, forces, events and pickups per island: [islands + 1] each."""
+    """Slices of bodies, modes, contacts, forces, events and pickups per island: [islands + 1] each.
+
+    `part` cuts the islands in parts, each of which may run on a core of its own: [parts + 1].
+    """
 
     body: np.ndarray
     mode: np.ndarray
@@ -129,6 +132,7 @@ class Islands(NamedTuple):
     force: np.ndarray
     event: np.ndarray
     pickup: np.ndarray
+    part: np.ndarray
 
 
 class Model(NamedTuple):
@@ -151,17 +155,18 @@ class Model(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Room for the coupled contact solve; K is the largest number of contacts in an island."""
+    """Room for the coupled contact solve, for each part of the scene; in a kernel, that of its part.
+    K is the largest number of contacts in an island."""
 
-    vectors: np.ndarray  # [rows, K]
-    matrix: np.ndarray  # [K, K]
-    active: np.ndarray  # int [K]
+    vectors: np.ndarray  # [parts, rows, K]
+    matrix: np.ndarray  # [parts, K, K]
+    active: np.ndarray  # int [parts, K]
 
 
 class State(NamedTuple):
     """Everything that moves. A field is None where no effect needs it."""
 
-    frame: np.ndarray  # int [1], samples rendered so far
+    frame: np.ndarray  # int [parts], samples rendered so far
     q: np.ndarray  # [modes], √kg·m, displacement
     p: np.ndarray  # [modes], √kg·m/s, momentum
     carry: np.ndarray  # [modes]: rounding carried from kick to kick; for gravity
@@ -180,8 +185,8 @@ class State(NamedTuple):
     event_from: np.ndarray  # [events]: what a gliding value was at first
     touching: np.ndarray  # int [islands]: 1 if the last step had a contact in reach
     evaluations: np.ndarray  # int [islands]: of the contact laws, in the last step
-    iterations: np.ndarray  # int [evaluations]: histogram of evaluations per Newton solve
-    regimes: np.ndarray  # int [5]: solves that ended by separation, closed form, Newton, failed; 0 unused
+    iterations: np.ndarray  # int [islands, evaluations]: histogram of evaluations per Newton solve
+    regimes: np.ndarray  # int [islands, 5]: solves that ended by separation, closed form, Newton, failed; 0 unused
     contacts: np.ndarray  # int [islands]: samples with a contact in reach
 
 

@@ -1,5 +1,6 @@
 """Render a scene to an array: the engine at full speed, with its statistics."""
 
+import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from engine import energy, solve
-from engine.block import PIECE, block
+from engine import solve
 from engine.build import build
 from engine.layout import Layout
 from engine.model import Model, State, Trace
 from engine.parts import SECONDS
+from engine.runner import Runner
 from engine.scene import SAMPLERATES, Scene
 
 CHUNK = 16_384  # samples between two looks at the clock and at Ctrl-C
@@ -52,6 +53,7 @@ def render(
     samplerate: int = 44_100,
     scheme: str = "exact",
     trace: bool = False,
+    cores: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Take:
     """Render a scene.
@@ -60,6 +62,7 @@ def render(
     samplerate: Hz
     scheme:     "exact", or "fdh", the paper's own coefficients (engine.modes)
     trace:      keep every sample's displacements, forces and energies
+    cores:      how many may share the work; all of the machine's if None. The samples are the same
     progress:   called now and then with the share rendered, 0 to 1
 
     Raises ValueError if an argument is out of range, BuildError (a ValueError) if the scene
@@ -70,18 +73,20 @@ def render(
         raise ValueError(f"seconds = {seconds:g} is out of range; more than 0, at most {SECONDS:g}")
     if not SAMPLERATES[0] <= samplerate <= SAMPLERATES[1]:
         raise ValueError(f"samplerate = {samplerate} is out of range; {SAMPLERATES[0]} to {SAMPLERATES[1]} Hz")
+    if cores is not None and cores < 1:
+        raise ValueError(f"cores = {cores} is out of range; at least 1")
     model, state, layout = build(scene, samplerate, scheme)
+    runner = Runner(model, state, cores or os.cpu_count() or 1)
     frames = max(1, round(seconds * samplerate))
     audio = np.zeros((frames, max(p.channel for p in scene.pickup)))
     kept = _room(model, frames) if trace else None
-    ledger, tally = np.zeros((PIECE, energy.COLUMNS)), np.zeros(energy.TALLY)
-    block(model, state, audio[:0], ledger, tally, _part(kept, 0, 0))  # compile before the clock starts
+    runner.block(audio[:0], _part(kept, 0, 0))  # compile before the clock starts
     elapsed = 0.0
     for begin in range(0, frames, CHUNK):
         end = min(begin + CHUNK, frames)
         part = _part(kept, begin, end)
         start = time.perf_counter()
-        block(model, state, audio[begin:end], ledger, tally, part)
+        runner.block(audio[begin:end], part)
         elapsed += time.perf_counter() - start
         if progress is not None:
             progress(end / frames)
@@ -94,17 +99,19 @@ def render(
         "peak": float(np.max(np.abs(audio))),
         "real_time_factor": frames / samplerate / elapsed,
         "ns_per_sample": elapsed / frames * 1e9,
-        **statistics(model, state, tally),
+        "cores": runner.cores if kept is None else 1,
+        **statistics(runner),
     }
     return Take(audio, samplerate, stats, _named(kept, layout, samplerate) if kept is not None else None)
 
 
-def statistics(model: Model, state: State, tally: np.ndarray) -> dict[str, Any]:
+def statistics(runner: Runner) -> dict[str, Any]:
     """Newton iterations, energy, effects and activity of a scene up to now."""
+    model, state = runner.model, runner.state
     share = state.contacts / max(1, int(state.frame[0]))
     return {
         "newton": newton(model, state),
-        "energy": energy.summary(tally, state.account),
+        "energy": runner.energies(),
         "effects": {
             "compiled": [name for name, slot in EFFECTS.items() if getattr(model, slot) is not None],
             "left_out": [name for name, slot in EFFECTS.items() if getattr(model, slot) is None],
@@ -116,7 +123,7 @@ def statistics(model: Model, state: State, tally: np.ndarray) -> dict[str, Any]:
 def newton(model: Model, state: State) -> dict[str, Any]:
     """Evaluations of the contact law per iterative solve, and how each sample of each island with
     contacts was solved; "failed" are the samples where the motion was turned back instead."""
-    histogram = state.iterations
+    histogram, regimes = state.iterations.sum(axis=0), state.regimes.sum(axis=0)
     with_contacts = np.diff(model.islands.contact) > 0
     solves = int(histogram.sum())
     reached = np.cumsum(histogram)
@@ -125,14 +132,14 @@ def newton(model: Model, state: State) -> dict[str, Any]:
         "mean": float(histogram @ np.arange(histogram.size) / solves) if solves else 0.0,
         "p99": int(np.searchsorted(reached, 0.99 * solves)) if solves else 0,
         "max": int(np.flatnonzero(histogram)[-1]) if solves else 0,
-        "unconverged": int(state.regimes[solve.FAILED]),
+        "unconverged": int(regimes[solve.FAILED]),
         "histogram": np.trim_zeros(histogram, "b").tolist(),
         "regimes": {
             "free": int(np.sum(state.frame[0] - state.contacts[with_contacts])),
-            "separation": int(state.regimes[solve.SEPARATION]),
-            "closed_form": int(state.regimes[solve.CLOSED]),
-            "newton": int(state.regimes[solve.NEWTON]),
-            "failed": int(state.regimes[solve.FAILED]),
+            "separation": int(regimes[solve.SEPARATION]),
+            "closed_form": int(regimes[solve.CLOSED]),
+            "newton": int(regimes[solve.NEWTON]),
+            "failed": int(regimes[solve.FAILED]),
         },
     }
 

@@ -5,23 +5,22 @@ import pytest
 from conftest import PATCHES, barrier, mass, oscillator, scene
 
 import engine
-from engine import energy
-from engine.block import PIECE, block
 from engine.build import build
 from engine.model import ContactLoss, Coupling
+from engine.runner import Runner
 
 
 def run(scene: engine.Scene, frames: int, sizes: list[int]) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
     """Render in blocks of the given sizes, over and over."""
     model, state, _ = build(scene, 44_100)
     out = np.empty((frames, max(p.channel for p in scene.pickup)))
-    ledger, tally = np.zeros((PIECE, energy.COLUMNS)), np.zeros(energy.TALLY)
+    runner = Runner(model, state)
     begin, n = 0, 0
     while begin < frames:
         end = min(frames, begin + sizes[n % len(sizes)])
-        block(model, state, out[begin:end], ledger, tally, None)
+        runner.block(out[begin:end])
         begin, n = end, n + 1
-    return out, tally, [a for a in state if isinstance(a, np.ndarray)]
+    return out, runner.tally, [a for a in state if isinstance(a, np.ndarray)]
 
 
 @pytest.mark.parametrize("path", PATCHES, ids=lambda p: p.stem)
@@ -47,7 +46,7 @@ def test_measuring_changes_nothing(patch):
     scene = patch("marble_on_a_bell")
     model, state, _ = build(scene, 44_100)
     bare = np.empty((8820, 1))
-    block(model, state, bare, None, np.zeros(energy.TALLY), None)
+    Runner(model, state, metered=False).block(bare)
     take = engine.render(scene, seconds=0.2, trace=True)
     np.testing.assert_array_equal(take.audio, bare)
     np.testing.assert_array_equal(take.audio, engine.render(scene, seconds=0.2).audio)

@@ -14,12 +14,12 @@ from test_solve import EXPONENTS, exact_force, hostile
 
 import engine
 from bench.metric import preservation
-from engine import energy, laws, offline, solve
-from engine.block import PIECE, block
+from engine import laws, offline, solve
 from engine.build import build
 from engine.coupled import CURVE, ETA, VECTORS, coupled
 from engine.jit import entry
 from engine.model import Scratch
+from engine.runner import Runner
 
 RATE = 44_100
 
@@ -39,11 +39,11 @@ def long(scene: engine.Scene, seconds: float, samplerate: float = RATE) -> tuple
     """Energies and Newton iterations of a render whose samples are not kept."""
     model, state, _ = build(scene, samplerate)
     out = np.zeros((1 << 16, 1))
-    ledger, tally = np.zeros((PIECE, energy.COLUMNS)), np.zeros(energy.TALLY)
+    runner = Runner(model, state)
     for _ in range(math.ceil(seconds * samplerate / len(out))):
-        block(model, state, out, ledger, tally, None)
+        runner.block(out)
         assert np.isfinite(out).all()
-    return energy.summary(tally, state.account), offline.newton(model, state)
+    return runner.energies(), offline.newton(model, state)
 
 
 def stats(scene: engine.Scene, error: float = 1e-12, **options) -> dict:
@@ -300,7 +300,7 @@ def test_decay_into_subnormal_numbers(alpha):
     body = oscillator(frequency=100.0, damping=400.0, displacement=-1e-3)
     model, state, _ = build(scene([body], contact=[barrier(exponent=alpha, loss=0.1)]), RATE)
     out = np.zeros((8 * RATE, 1))
-    block(model, state, out, None, np.zeros(energy.TALLY), None)
+    Runner(model, state).block(out)
     assert np.isfinite(out).all()
     assert np.abs(out[-RATE:]).max() < 1e-290
     assert offline.newton(model, state)["unconverged"] == 0

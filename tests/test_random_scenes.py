@@ -10,9 +10,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import engine
-from engine import energy, offline
-from engine.block import PIECE, block
+from engine import offline
 from engine.build import build
+from engine.runner import Runner
 
 RATE = 44_100
 
@@ -94,12 +94,12 @@ def run(model, state, frames: int) -> dict:
     """Render on; the ledger of these samples alone."""
     state.account[:] = 0.0
     out = np.zeros((frames, 1))
-    ledger, tally = np.zeros((PIECE, energy.COLUMNS)), np.zeros(energy.TALLY)
-    block(model, state, out, ledger, tally, None)
+    runner = Runner(model, state)
+    runner.block(out)
     assert np.isfinite(out).all()
     assert np.isfinite(state.q).all() and np.isfinite(state.p).all() and np.isfinite(state.compression).all()
     assert offline.newton(model, state)["unconverged"] == 0
-    return energy.summary(tally, state.account)
+    return runner.energies()
 
 
 def ledger_closes(scene: engine.Scene, scheme: str) -> None:

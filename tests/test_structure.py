@@ -21,7 +21,7 @@ FLOORS = [
     ["energy"],
     ["events"],
     ["block", "score"],
-    ["build"],
+    ["build", "runner"],
     ["offline"],
     ["cli"],
     ["__init__"],

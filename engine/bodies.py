@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from engine.parts import Bar, Body, Mass, Membrane, Modes, Oscillator, Plate, String
+from engine.spots import places
 
 TO_60_DB = 3 * math.log(10)  # σ·T60: e^(-σ·T60) = 10^-3
 MOST = 20_000  # modes of one body
@@ -38,7 +39,10 @@ def modal(body: Body, highest: float = math.inf) -> ModalBody:
     """
     if isinstance(body, Mass | Oscillator):
         return _lumped(body)
-    omega, sigma, shape = _SPREAD[type(body)](body, 2 * math.pi * highest)
+    spread = _SPREAD[type(body)](body, 2 * math.pi * highest)
+    if not isinstance(body, Modes) and body.support:
+        spread = _supported(spread, body, 2 * math.pi * highest)
+    omega, sigma, shape = spread
     still = np.zeros(omega.size)
     return ModalBody(omega, sigma, shape, still, still, still)
 
@@ -260,6 +264,27 @@ def _measured(body: Modes, highest: float) -> Spread:
     chosen = omega < highest
     points = {name: np.array(values, dtype=float)[chosen] for name, values in (body.points or {}).items()}
     return omega[chosen], sigma[chosen], lambda name: points[name]
+
+
+def _supported(free: Spread, body: String | Bar | Membrane | Plate, highest: float) -> Spread:
+    """Modes of a body held by springs: eigenvectors of diag(ω²) + Σ k·ΦΦᵀ.
+
+    Dampers take the diagonal of Σ r·ΦΦᵀ in those modes: what they couple is left out, as is usual
+    for light damping (Fletcher & Rossing, sec. 4.5).
+    """
+    omega, sigma, shape = free
+    stiffness, damping = np.diag(omega**2), np.diag(2 * sigma)
+    for support in body.support:
+        at = places(support.at, body)
+        for place in at:
+            own = shape(place)
+            stiffness += np.outer(own, own) * (support.stiffness / len(at))
+            damping += np.outer(own, own) * (support.damping / len(at))
+    square, vectors = np.linalg.eigh(stiffness)
+    held = np.sqrt(np.maximum(square, 0.0))
+    vectors = vectors[:, held < highest]
+    rate = 0.5 * np.einsum("ij,ik,kj->j", vectors, damping, vectors, optimize=True)
+    return held[held < highest], rate, lambda place: vectors.T @ shape(place)
 
 
 _SPREAD: dict[type, Callable[[Any, float], Spread]] = {

@@ -88,6 +88,14 @@ class Oscillator(_Lumped):
     )
 
 
+class Support(Part):
+    """A spring and damper that hold a body to the ground, such as a thread, a felt or a soft rest."""
+
+    at: Places = Field(description="where: a place, or a list of places that share it")
+    stiffness: float = Field(default=0.0, ge=0.0, le=1e15, description="stiffness, N/m")
+    damping: float = Field(default=0.0, ge=0.0, le=1e9, description="damping, kg/s")
+
+
 class _Spread(_Body):
     """A body with many modes. At time 0 it is at rest; gravity does not move it from there.
 
@@ -101,6 +109,7 @@ class _Spread(_Body):
         le=20_000,
         description="how many to build, the lowest; if absent, all below 0.49 of the sample rate",
     )
+    support: list[Support] = Field(default=[], description="springs and dampers that hold it to the ground")
     sigma0: float = Field(default=0.0, ge=0.0, le=1e6, description="decay rate of all modes, 1/s")
     sigma1: float = Field(default=0.0, ge=0.0, le=1e6, description="decay rate per wave number, m/s")
     sigma3: float = Field(default=0.0, ge=0.0, le=1e6, description="decay rate per wave number³, m³/s")

@@ -72,6 +72,9 @@ def references(data: dict[str, Any]) -> Faults:
     ):
         for i, table in tables(data, key):
             yield from _named((key, i, field), table.get(field), bodies, "body", "bodies")
+    for i, body in tables(data, "body"):
+        for j, support in tables(body, "support"):
+            yield from _place(("body", i, "support", j, "at"), support, body, single=False)
     for i, contact in tables(data, "contact"):
         yield from _contact(("contact", i), contact, bodies)
     for i, event in tables(data, "event"):

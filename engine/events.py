@@ -43,15 +43,20 @@ def glide(events, state, j, frame, now):
 @outlined
 def strike(model, state, m, q, p):
     """Put mode m at displacement q with momentum p, and its contacts where that takes them."""
-    change = q - state.q[m]
+    follow(model.contact, model.partner, state, m, q - state.q[m])
     state.q[m] = q
     state.p[m] = p
     state.carry[m] = 0.0
-    if model.contact is not None:
-        for k in range(model.contact.barrier.shape[0]):
-            move = shift(model.contact.rows, k, m, change)
-            if model.partner is not None:
-                move += shift(model.partner, k, m, change)
+
+
+@jit
+def follow(contact, partner, state, m, change):
+    """Let the compressions follow a change of mode m."""
+    if contact is not None:
+        for k in range(contact.barrier.shape[0]):
+            move = shift(contact.rows, k, m, change)
+            if partner is not None:
+                move += shift(partner, k, m, change)
             if move != 0.0:
                 state.compression[k] += move
                 state.residue[k] = 0.0
@@ -75,24 +80,31 @@ def damp(state, first, last, keep):
     return lost
 
 
+@jit
+def turn(contact, events, state, j, frame):
+    """Glide on with the stiffness or the barriers that event j changes."""
+    if contact is not None:
+        first, last = events.first[j], events.last[j]
+        if events.kind[j] == STIFFEN:
+            ratio = glide(events, state, j, frame, state.unit[first] / contact.base[first])
+            for k in range(first, last):
+                state.unit[k] = ratio * contact.base[k]
+        else:
+            beyond = glide(events, state, j, frame, state.barrier[first] - contact.place[first])
+            for k in range(first, last):
+                moved = contact.place[k] + beyond
+                state.compression[k] -= moved - state.barrier[k]
+                state.barrier[k] = moved
+
+
 @outlined
 def happen(model, state, j, frame):
     """Let event j, which is not damping, act at the start of this step."""
     events = model.events
-    first, last = events.first[j], events.last[j]
     if events.kind[j] == STRIKE:
-        strike(model, state, first, events.a[j], events.b[j])
-    elif model.contact is not None:
-        if events.kind[j] == STIFFEN:
-            ratio = glide(events, state, j, frame, state.unit[first] / model.contact.base[first])
-            for k in range(first, last):
-                state.unit[k] = ratio * model.contact.base[k]
-        else:
-            beyond = glide(events, state, j, frame, state.barrier[first] - model.contact.place[first])
-            for k in range(first, last):
-                moved = model.contact.place[k] + beyond
-                state.compression[k] -= moved - state.barrier[k]
-                state.barrier[k] = moved
+        strike(model, state, events.first[j], events.a[j], events.b[j])
+    else:
+        turn(model.contact, events, state, j, frame)
 
 
 @outlined

@@ -309,13 +309,13 @@ def test_decay_into_subnormal_numbers(alpha):
 # --- faults
 
 
-def not_a_number(model):
-    return model._replace(contact=model.contact._replace(compliance=model.contact.compliance * np.nan))
+def not_a_number(built):
+    contact = built.model.contact
+    return built._replace(model=built.model._replace(contact=contact._replace(compliance=contact.compliance * np.nan)))
 
 
-def overflow(model):
-    law = model.contact.law
-    return model._replace(contact=model.contact._replace(law=law._replace(unit=law.unit * np.inf)))
+def overflow(built):
+    return built._replace(state=built.state._replace(unit=built.state.unit * np.inf))
 
 
 @pytest.mark.parametrize("fault", [not_a_number, overflow])
@@ -324,8 +324,7 @@ def test_a_failed_solve_is_passive_and_counted(path, fault, monkeypatch):
     """The sound goes on: finite, with no energy from nowhere, and every failure is counted."""
 
     def faulty(*arguments):
-        built = build(*arguments)
-        return built._replace(model=fault(built.model))
+        return fault(build(*arguments))
 
     monkeypatch.setattr(offline, "build", faulty)
     take = engine.render(engine.load(path), seconds=1.0, trace=True)

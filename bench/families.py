@@ -1,0 +1,46 @@
+"""Synthetic scenes of any size: banks of free modes, hammered strings, tanpuras."""
+
+from typing import Any
+
+import engine
+
+
+def bank(modes: int) -> engine.Scene:
+    """Free modes with loss, of which nothing is heard."""
+    frequency = [50.0 + 19_950.0 * i / modes for i in range(modes)]
+    body = {"kind": "modes", "frequency": frequency, "sigma": [1.0] * modes, "points": {"top": [1.0] * modes}}
+    silent = {"name": "silent", "kind": "mass", "mass": 1.0}
+    return engine.Scene.model_validate({"body": [body | {"name": "bank"}, silent], "pickup": [{"body": "silent"}]})
+
+
+def hammered(strings: int, modes: int) -> engine.Scene:
+    """Piano strings (C4 of Chaigne & Askenfelt), each struck by a felt hammer of its own at once."""
+    parts: dict[str, list[Any]] = {"body": [], "contact": [], "pickup": []}
+    for i in range(strings):
+        string, hammer = f"string{i}", f"hammer{i}"
+        material = {"length": 0.62, "mass": 3.93e-3, "tension": 670.0, "inharmonicity": 3.77e-4}
+        loss = {"sigma0": 0.5, "b3": 6.25e-9}
+        parts["body"] += [
+            {"name": string, "kind": "string", "modes": modes} | material | loss,
+            {"name": hammer, "kind": "mass", "mass": 2.97e-3, "displacement": -1e-3, "velocity": 4.0},
+        ]
+        felt = {"stiffness": 4.5e9, "exponent": 2.5}
+        parts["contact"].append({"body": hammer, "on": string, "on_at": 0.12} | felt)
+        parts["pickup"].append({"body": string, "at": 0.9})
+    return engine.Scene.model_validate(parts)
+
+
+def tanpuras(strings: int, points: int, exponent: float = 1.0, stiffness: float = 4.39e8) -> engine.Scene:
+    """Plucked tanpura strings of 80 modes (van Walstijn, Bridges & Mehes, DAFx-16), each on a bridge."""
+    parts: dict[str, list[Any]] = {"body": [], "contact": [], "force": [], "pickup": []}
+    for i in range(strings):
+        string = f"string{i}"
+        material = {"length": 1.0, "density": 4.83e-4, "tension": 33.1, "bending": 6.03e-5}
+        loss = {"sigma0": 0.6, "sigma1": 6.5e-3, "sigma3": 5e-6}
+        parts["body"].append({"name": string, "kind": "string", "modes": 80} | material | loss)
+        bridge = {"at": 0.01, "width": 2e-3, "points": points, "depth": 1e-5}
+        law = {"stiffness": stiffness, "exponent": exponent}
+        parts["contact"].append({"body": string, "bridge": bridge, "side": "below"} | law)
+        parts["force"].append({"body": string, "at": 0.37, "kind": "pluck", "amplitude": -0.4, "duration": 0.05})
+        parts["pickup"].append({"body": string, "at": 0.05})
+    return engine.Scene.model_validate(parts)

@@ -3,35 +3,61 @@
     η_k + Σ_j B_kj f_j(η_j) = g_k
 
 f_k is increasing and B positive semidefinite, so the forces are unique, also where
-contacts are redundant. Newton on all contacts at once, and after each linear solve a
-return to every contact's own curve by the scalar solve along η + B_kk·f = const
-(Minty's projection). Where that stalls, Newton with a line search on the convex
-potential of the problem, which cannot fail. B is never inverted: it may be singular.
+contacts are redundant. Only contacts in reach are solved for: the set, which others join
+when they are closed by it. Each round returns every contact to its own curve, by the scalar
+solve along η + ρ·f = const (Minty's projection), and then takes a Newton step on all at once.
+ρ is how much the body gives at the contact while the others' curves are replaced by their
+tangents. Where that stalls, Newton with a line search on the convex potential of the
+problem, which cannot fail. B is never inverted: it may be singular.
 """
 
 import math
 
 import numpy as np
 
-from engine.jit import jit, outlined
+from engine.jit import jit, outlined, reduction
 from engine.laws import exponent
-from engine.solve import FAILED, NEWTON, contact_loss, inside, outside, scalar
+from engine.model import Scratch
+from engine.solve import CAPPED, FAILED, FREE, NEWTON, contact_loss, inside, outside, scalar
 
-MINTY_ROUNDS = 16  # usually 3 to 5 are enough; then the line search takes over
-LIMIT = 100  # rounds in all
+EARLY = 6
+CYCLE = 10
+SHORT = 0.6
+SEARCH = 40
+LIMIT = 200  # rounds in all
+LEAST_RHO = 1e-8  # of B_kk; below, ρ is rounding
 
-# rows of Scratch.vectors
-FORCE, ETA, END, CURVE, SLOPE, MISS, STEP, TRIAL, OTHER = range(9)
-VECTORS = 9
+# rows of Scratch.vectors: of all contacts
+FORCE, ETA, END, MISS, LAST = range(5)
+# and of those in the set
+START, GO, BASE, TARGET, RHO, F, MOVE, CLOSE, SLOPE, LEFT, STEP, AFTER, ROOT, Y = range(5, 19)
+VECTORS = 19
+MEMBER = 2  # row of Scratch.index: is this contact in the set?
 
 
-@jit
-def row_dot(matrix, n, i, x):
-    """(B x)_i"""
+def room(largest: int) -> Scratch:
+    """Scratch for islands of up to so many contacts."""
+    return Scratch(np.zeros((VECTORS, largest)), np.zeros((2, largest, largest)), np.zeros((3, largest), np.int64))
+
+
+@reduction
+def dot(a, b, n):
+    """Σ a·b over the first n."""
     total = 0.0
     for j in range(n):
-        total += matrix[i * n + j] * x[j]
+        total += a[j] * b[j]
     return total
+
+
+@reduction
+def dot_and_size(a, b, n):
+    """Σ a·b and Σ |a·b| over the first n."""
+    total, size = 0.0, 0.0
+    for j in range(n):
+        part = a[j] * b[j]
+        total += part
+        size += abs(part)
+    return total, size
 
 
 @jit
@@ -50,124 +76,144 @@ def respond(law, damping, k, s, eta):
 
 
 @outlined
-def cholesky_solve(a, active, n, x):
-    """Solve A x = x in place for the listed rows of a positive definite A; destroys A."""
-    for i in range(n):
-        for j in range(i + 1):
-            total = a[i, j]
-            for m in range(j):
-                total -= a[i, m] * a[j, m]
-            if i == j:
-                a[i, i] = math.sqrt(max(total, 1e-300))
-            else:
-                a[i, j] = total / a[j, j]
-    for i in range(n):
-        total = x[active[i]]
-        for m in range(i):
-            total -= a[i, m] * x[active[m]]
-        x[active[i]] = total / a[i, i]
-    for i in range(n - 1, -1, -1):
-        total = x[active[i]]
-        for m in range(i + 1, n):
-            total -= a[m, i] * x[active[m]]
-        x[active[i]] = total / a[i, i]
-
-
-@outlined
-def newton_step(matrix, n, scratch):
-    """STEP = √J y with (I + √J B √J) y = √J·MISS, over the contacts with slope J > 0.
-
-    The symmetric form of the Newton step: to first order, adding STEP to the forces on the
-    curve removes MISS.
-    """
-    slope, miss, step = scratch.vectors[SLOPE], scratch.vectors[MISS], scratch.vectors[STEP]
-    active = scratch.active
+def substitute(n, left, out, scratch):
+    """out = √J y with (I + √J B √J) y = √J·left, by the factor at hand."""
+    a, hot = scratch.matrix[1], scratch.index[1]
+    slope, root, y = scratch.vectors[SLOPE], scratch.vectors[ROOT], scratch.vectors[Y]
     count = 0
-    for k in range(n):
-        step[k] = 0.0
-        if slope[k] > 0.0:
-            active[count] = k
+    for i in range(n):
+        out[i] = 0.0
+        if slope[i] > 0.0:
+            y[count] = root[count] * left[i]
             count += 1
     for i in range(count):
-        wi = math.sqrt(slope[active[i]])
-        step[active[i]] = wi * miss[active[i]]
-        for j in range(i + 1):
-            scratch.matrix[i, j] = wi * math.sqrt(slope[active[j]]) * matrix[active[i] * n + active[j]]
-        scratch.matrix[i, i] += 1.0
-    cholesky_solve(scratch.matrix, active, count, step)
+        row = a[i]
+        y[i] = (y[i] - dot(row, y, i)) * row[i]
+    for i in range(count - 1, -1, -1):
+        row = a[i]
+        here = y[i] * row[i]
+        y[i] = here
+        for j in range(i):
+            y[j] -= row[j] * here
     for i in range(count):
-        step[active[i]] *= math.sqrt(slope[active[i]])
+        out[hot[i]] = root[i] * y[i]
 
 
 @outlined
-def to_curves(law, damping, matrix, n, s, g, tolerance, scratch):
-    """Minty's projection of FORCE onto every contact's own curve; the residual goes to MISS.
+def newton_step(n, scratch):
+    """STEP = √J y with (I + √J B √J) y = √J·LEFT, over the contacts with slope J > 0.
 
-    Returns the largest residual in units of what rounding allows (converged: ≤ 1).
+    The symmetric form of the Newton step: to first order, adding STEP to the forces on the
+    curve removes LEFT. The factor (Cholesky, its diagonal inverted) stays in the scratch.
     """
-    force, eta, end = scratch.vectors[FORCE], scratch.vectors[ETA], scratch.vectors[END]
-    curve, slope, miss = scratch.vectors[CURVE], scratch.vectors[SLOPE], scratch.vectors[MISS]
+    near, a, hot = scratch.matrix[0], scratch.matrix[1], scratch.index[1]
+    slope, root = scratch.vectors[SLOPE], scratch.vectors[ROOT]
+    count = 0
+    for i in range(n):
+        if slope[i] > 0.0:
+            hot[count] = i
+            root[count] = math.sqrt(slope[i])
+            count += 1
+    for i in range(count):
+        row, source, w = a[i], near[hot[i]], root[i]
+        for j in range(i + 1):
+            row[j] = w * root[j] * source[hot[j]]
+        row[i] += 1.0
+        for j in range(i):
+            row[j] = (row[j] - dot(row, a[j], j)) * a[j, j]
+        row[i] = 1.0 / math.sqrt(max(row[i] - dot(row, row, i), 1e-300))
+    substitute(n, scratch.vectors[LEFT], scratch.vectors[STEP], scratch)
+
+
+@outlined
+def give(n, scratch):
+    """RHO: compliance at each contact while the others keep to their tangents, from the factor at hand.
+
+    With A = I + √J B √J it is (1/(A⁻¹)_kk - 1)/J_k, or without a slope B_kk - (B √J A⁻¹ √J B)_kk.
+    """
+    near, a, hot = scratch.matrix[0], scratch.matrix[1], scratch.index[1]
+    slope, root, rho, y = scratch.vectors[SLOPE], scratch.vectors[ROOT], scratch.vectors[RHO], scratch.vectors[Y]
+    count = 0
+    for i in range(n):
+        if slope[i] > 0.0:
+            count += 1
+    place = 0
     for k in range(n):
-        own = matrix[k * n + k]
-        target = g[k] - (row_dot(matrix, n, k, force) - own * force[k])
-        eta[k], end[k], curve[k], slope[k], _, _ = scalar(law, damping, k, s[k], target, own, tolerance)
+        begin, total = 0, 0.0
+        if slope[k] > 0.0:
+            begin = place
+            place += 1
+            y[begin] = 1.0
+            for i in range(begin + 1, count):
+                y[i] = 0.0
+        else:
+            for i in range(count):
+                y[i] = root[i] * near[k, hot[i]]
+        for i in range(begin, count):
+            row = a[i]
+            y[i] = (y[i] - dot(row[begin:], y[begin:], i - begin)) * row[i]
+            total += y[i] * y[i]
+        own = near[k, k]
+        less = (1.0 / total - 1.0) / slope[k] if slope[k] > 0.0 else own - total
+        rho[k] = min(own, max(less, LEAST_RHO * own))
+
+
+@outlined
+def to_curves(law, damping, n, tolerance, scratch):
+    """Each contact alone, to the point of its curve with η + RHO·f = TARGET; the residual goes to LEFT.
+
+    Returns the largest residual in units of what rounding allows (converged: ≤ 1); and for a
+    set of one, which this solves, the evaluations of its law and how it ended.
+    """
+    vectors, near, contacts = scratch.vectors, scratch.matrix[0], scratch.index[0]
+    s, g, target, rho = vectors[START], vectors[GO], vectors[TARGET], vectors[RHO]
+    f, move, close, slope, left = vectors[F], vectors[MOVE], vectors[CLOSE], vectors[SLOPE], vectors[LEFT]
+    count, how = 0, FREE
+    for i in range(n):
+        move[i], close[i], f[i], slope[i], count, how = scalar(
+            law, damping, contacts[i], s[i], target[i], rho[i], tolerance
+        )
     worst = 0.0
-    for k in range(n):
-        move = g[k]
-        noise = abs(g[k])
-        for j in range(n):
-            part = matrix[k * n + j] * curve[j]
-            move -= part
-            noise += abs(part)
-        miss[k] = move - eta[k]
-        allowed = 1e-15 * noise + 1e-300
-        if curve[k] == 0.0 and s[k] <= 0.0 and s[k] + move <= 0.0:
-            eta[k] = move  # free, and remains so: its end is where the others leave it
-            end[k] = s[k] + move
-            miss[k] = 0.0
-        worst = max(worst, abs(miss[k]) / allowed)
-        if not np.isfinite(worst):
-            return np.inf
-    return worst
+    for i in range(n):
+        total, size = dot_and_size(near[i], f, n)
+        leaves = g[i] - total
+        left[i] = leaves - move[i]
+        if f[i] == 0.0 and s[i] <= 0.0 and s[i] + leaves <= 0.0:
+            move[i] = leaves  # free, and remains so: its end is where the others leave it
+            close[i] = s[i] + leaves
+            left[i] = 0.0
+        worst = max(worst, abs(left[i]) / (1e-15 * (abs(g[i]) + size) + 1e-300))
+        if not math.isfinite(left[i]):
+            return np.inf, count, FAILED
+    return worst, count, how
 
 
 @outlined
-def descent(law, damping, matrix, n, s, g, at, scratch):
-    """Directional derivative along STEP of the convex potential
-    ½ fᵀBf + Σ ∫φ_k dη at f = FORCE + at·STEP, η = g - B f; leaves the response in CURVE."""
-    force, step, trial = scratch.vectors[FORCE], scratch.vectors[STEP], scratch.vectors[TRIAL]
-    curve, slope, miss = scratch.vectors[CURVE], scratch.vectors[SLOPE], scratch.vectors[MISS]
-    for k in range(n):
-        trial[k] = force[k] + at * step[k]
-    for k in range(n):
-        eta = g[k] - row_dot(matrix, n, k, trial)
-        curve[k], slope[k] = respond(law, damping, k, s[k], eta)
-        miss[k] = trial[k] - curve[k]
-    total = 0.0
-    for k in range(n):
-        total += step[k] * row_dot(matrix, n, k, miss)
-    return total
-
-
-@outlined
-def line_search(law, damping, matrix, n, s, g, scratch):
-    """One Newton step on the convex potential, with FORCE moved to where it no longer falls."""
-    force, step = scratch.vectors[FORCE], scratch.vectors[STEP]
-    curve, miss, other = scratch.vectors[CURVE], scratch.vectors[MISS], scratch.vectors[OTHER]
-    for k in range(n):
-        step[k] = 0.0
-    descent(law, damping, matrix, n, s, g, 0.0, scratch)
-    for k in range(n):  # Newton: (I + J B) d = φ - f, that is d = (φ - f) - J B (φ - f) + …
-        other[k] = curve[k] - force[k]
-    for k in range(n):
-        miss[k] = -row_dot(matrix, n, k, other)
-    newton_step(matrix, n, scratch)
-    for k in range(n):
-        step[k] += other[k]
-    before = descent(law, damping, matrix, n, s, g, 0.0, scratch)
+def line_search(law, damping, n, scratch):
+    """Move the forces BASE by one Newton step on the convex potential ½ fᵀBf + Σ ∫φ_k dη, η = g - B f,
+    as far as it falls."""
+    vectors, near, contacts = scratch.vectors, scratch.matrix[0], scratch.index[0]
+    s, g, f, off, slope = vectors[START], vectors[GO], vectors[BASE], vectors[F], vectors[SLOPE]
+    left, step, after, eta = vectors[LEFT], vectors[STEP], vectors[AFTER], vectors[MOVE]
+    for i in range(n):
+        eta[i] = g[i] - dot(near[i], f, n)
+        off[i], slope[i] = respond(law, damping, contacts[i], s[i], eta[i])
+        off[i] -= f[i]
+    for i in range(n):  # Newton: (I + J B) d = φ - f, that is d = (φ - f) - J B (φ - f) + …
+        left[i] = -dot(near[i], off, n)
+    newton_step(n, scratch)
+    for i in range(n):
+        step[i] += off[i]
+    before = 0.0
+    for i in range(n):
+        after[i] = dot(near[i], step, n)
+        before -= after[i] * off[i]
     low, high, at = 0.0, 0.0, 1.0
     for _ in range(60):  # the derivative rises along the ray: find where it changes sign
-        here = descent(law, damping, matrix, n, s, g, at, scratch)
+        here = 0.0
+        for i in range(n):
+            force, _ = respond(law, damping, contacts[i], s[i], eta[i] - at * after[i])
+            here += after[i] * (f[i] + at * step[i] - force)
         if abs(here) <= 0.1 * abs(before):
             break
         if here < 0.0:
@@ -176,73 +222,189 @@ def line_search(law, damping, matrix, n, s, g, scratch):
         else:
             high = at
             at = 0.5 * (low + high)
-    for k in range(n):
-        force[k] += at * step[k]
+    for i in range(n):
+        f[i] += at * step[i]
 
 
 @jit
-def reach(law, damping, k, s, b, eta, f, slope, move):
-    """How far off the first-order force is after a small further move: relative error of f."""
+def reach(law, k, s, b, eta, f, slope, move):
+    """Relative errors of the force after a small further move, to first order and to second."""
     if f <= 0.0:
-        return 0.0 if b <= 0.0 or move == 0.0 else np.inf
+        none = 0.0 if b <= 0.0 or move == 0.0 else np.inf
+        return none, none
     scale = max(s, abs(eta)) if s > 0.0 else b
     size = (exponent(law, k) + 1.0) * abs(move) / scale
-    return size * max(size, abs(move) * slope / f)
+    change = max(size, abs(move) * slope / f)
+    near = size * max(1.0, scale / abs(b))  # beyond the first, derivatives have a kink at b = 0
+    return size * change, near * near * max(change, near)
+
+
+@jit
+def bend(law, damping, k, s, b, eta, f, move):
+    """Change of the force of contact k of second order in a small move."""
+    if b > 0.0:
+        _, _, ddf, _ = inside(law, k, s, b, eta, contact_loss(damping, k))
+        return 0.5 * ddf * move * move
+    return f * (move / eta) * (move / eta)
 
 
 @outlined
-def finish(law, damping, matrix, n, s, g, tolerance, scratch):
-    """Try to take the last Newton step along the tangents of the curves, without another round.
+def finish(law, damping, n, tolerance, scratch):
+    """Try to take the last Newton step along the curves' tangents, or to second order, without another round.
 
-    Moves CURVE, ETA, END and MISS if every force stays within the tolerance of its curve.
+    Moves F, MOVE and CLOSE if every force stays within the tolerance of its curve. AFTER is how
+    much further each contact moves with the Newton step.
     """
-    eta, end, curve = scratch.vectors[ETA], scratch.vectors[END], scratch.vectors[CURVE]
-    slope, miss, step = scratch.vectors[SLOPE], scratch.vectors[MISS], scratch.vectors[STEP]
-    other = scratch.vectors[OTHER]
-    for k in range(n):
-        other[k] = miss[k] - row_dot(matrix, n, k, step)
-        if slope[k] > 0.0:
-            if not reach(law, damping, k, s[k], end[k], eta[k], curve[k], slope[k], other[k]) <= tolerance:
+    vectors, near, contacts = scratch.vectors, scratch.matrix[0], scratch.index[0]
+    s, f, eta, end = vectors[START], vectors[F], vectors[MOVE], vectors[CLOSE]
+    slope, left, step, after = vectors[SLOPE], vectors[LEFT], vectors[STEP], vectors[AFTER]
+    for i in range(n):
+        after[i] = left[i] - dot(near[i], step, n)
+    first = 0.0
+    for i in range(n):
+        k = contacts[i]
+        if slope[i] > 0.0:
+            one, two = reach(law, k, s[i], end[i], eta[i], f[i], slope[i], after[i])
+            if not min(one, two) <= tolerance:
                 return False
-        elif not respond(law, damping, k, s[k], eta[k] + other[k])[0] <= 0.0:
+            first = max(first, one)
+        elif not respond(law, damping, k, s[i], eta[i] + after[i])[0] <= 0.0:
             return False
-    for k in range(n):
-        curve[k] += step[k]
-    for k in range(n):
-        eta[k] += other[k]
-        end[k] += other[k]
-        miss[k] = (g[k] - row_dot(matrix, n, k, curve)) - eta[k]
+    if first > tolerance:  # (I + J B) d = ½ f'' AFTER², that is d = ½ f'' AFTER² - J B (½ f'' AFTER²) + …
+        curl, more = vectors[BASE], vectors[TARGET]
+        for i in range(n):
+            curl[i] = 0.0
+            if slope[i] > 0.0:
+                curl[i] = bend(law, damping, contacts[i], s[i], end[i], eta[i], f[i], after[i])
+        for i in range(n):
+            left[i] = -dot(near[i], curl, n)
+        substitute(n, left, more, scratch)
+        for i in range(n):
+            more[i] += curl[i]
+            step[i] += more[i]
+        for i in range(n):
+            after[i] -= dot(near[i], more, n)
+    for i in range(n):
+        f[i] += step[i]
+        eta[i] += after[i]
+        end[i] += after[i]
     return True
 
 
 @outlined
-def coupled(law, damping, matrix, n, s, g, tolerance, scratch):
-    """Solve n contacts together.
+def join(matrix, total, n, k, target, s, g, scratch):
+    """Take contact k into the set of n."""
+    vectors, near, contacts = scratch.vectors, scratch.matrix[0], scratch.index[0]
+    contacts[n] = k
+    scratch.index[MEMBER, k] = 1
+    row = matrix[k * total : (k + 1) * total]
+    for j in range(n + 1):
+        near[n, j] = near[j, n] = row[contacts[j]]
+    vectors[START, n], vectors[GO, n] = s[k], g[k]
+    vectors[TARGET, n], vectors[RHO, n] = target, row[k]
+
+
+@outlined
+def spread(matrix, total, n, f, s, g, scratch):
+    """ETA and END of all contacts where the forces f of the set leave them, FORCE and MISS as without force."""
+    vectors, contacts = scratch.vectors, scratch.index[0]
+    force, eta, end, miss = vectors[FORCE], vectors[ETA], vectors[END], vectors[MISS]
+    for k in range(total):
+        eta[k], force[k], miss[k] = g[k], 0.0, 0.0
+    for i in range(n):
+        push = f[i]
+        if push != 0.0:
+            row = matrix[contacts[i] * total : (contacts[i] + 1) * total]
+            for k in range(total):
+                eta[k] -= row[k] * push
+    for k in range(total):
+        end[k] = s[k] + eta[k]
+
+
+@outlined
+def grow(matrix, total, n, f, s, g, scratch):
+    """Let those join whom the forces f of the set would close. Returns the size of the set."""
+    spread(matrix, total, n, f, s, g, scratch)
+    for k in range(total):
+        if scratch.index[MEMBER, k] == 0 and scratch.vectors[END, k] > 0.0:
+            join(matrix, total, n, k, scratch.vectors[ETA, k], s, g, scratch)
+            n += 1
+    return n
+
+
+@outlined
+def settle_set(n, scratch):
+    """Write the solution of the set beside the moves of all, as `spread` left them."""
+    vectors, contacts = scratch.vectors, scratch.index[0]
+    for i in range(n):
+        k = contacts[i]
+        if vectors[F, i] != 0.0 or vectors[START, i] > 0.0 or vectors[END, k] > 0.0:
+            vectors[MISS, k] = vectors[ETA, k] - vectors[MOVE, i]
+            vectors[FORCE, k], vectors[ETA, k], vectors[END, k] = vectors[F, i], vectors[MOVE, i], vectors[CLOSE, i]
+
+
+@outlined
+def coupled(law, damping, matrix, total, s, g, cap, tolerance, scratch):
+    """Solve the contacts of an island together.
 
     matrix:  B, row by row, m/N
-    s, g:    compressions at the start, and their changes without contact force, m [n]
-    scratch: FORCE holds the first guess; on return CURVE, ETA and END hold the forces
-             (N), steps and end compressions (m)
+    s, g:    compressions at the start, and their changes without contact force, m [total]
+    scratch: FORCE holds the first guess; on return FORCE, ETA, END and MISS hold the forces
+             (N), steps, end compressions and what the bodies moved beyond the steps (m)
 
-    Returns rounds and how it ended (NEWTON or FAILED).
+    Returns rounds and how it ended.
     """
-    force, curve, step = scratch.vectors[FORCE], scratch.vectors[CURVE], scratch.vectors[STEP]
-    best = np.inf
-    for count in range(1, LIMIT + 1):
-        worst = to_curves(law, damping, matrix, n, s, g, tolerance, scratch)
-        newton_step(matrix, n, scratch)
-        if finish(law, damping, matrix, n, s, g, tolerance, scratch):
-            return count, NEWTON
-        if worst <= 64.0 and worst >= 0.5 * best:  # stalled on rounding
-            return count, NEWTON
+    vectors, near = scratch.vectors, scratch.matrix[0]
+    guess, base, target, rho, f = vectors[FORCE], vectors[BASE], vectors[TARGET], vectors[RHO], vectors[F]
+    move, step, after = vectors[MOVE], vectors[STEP], vectors[AFTER]
+    n = 0
+    for k in range(total):
+        scratch.index[MEMBER, k] = 0
+        if s[k] > 0.0 or s[k] + g[k] > 0.0 or guess[k] > 0.0:
+            base[n] = guess[k]
+            join(matrix, total, n, k, 0.0, s, g, scratch)
+            n += 1
+    if n == 0:
+        spread(matrix, total, n, f, s, g, scratch)
+        return 0, FREE, 0.0
+    count, best, search, aim = 0, np.inf, False, True
+    while count < LIMIT:
+        count += 1
+        if aim:
+            for i in range(n):
+                rho[i] = near[i, i]
+                target[i] = vectors[GO, i] - (dot(near[i], base, n) - rho[i] * base[i])
+        worst, evaluations, how = to_curves(law, damping, n, tolerance, scratch)
+        done = n == 1
+        if not done:
+            newton_step(n, scratch)
+            done = finish(law, damping, n, tolerance, scratch)
+            done = done or (worst <= 64.0 and worst >= 0.5 * best)  # stalled on rounding
+        if done:
+            more = grow(matrix, total, n, f, s, g, scratch)
+            if more == n:
+                settle_set(n, scratch)
+                return (evaluations, how, 0.0) if n == 1 else (count, NEWTON, 0.0)
+            for i in range(n):
+                target[i] = move[i] + rho[i] * f[i]
+            n, best, aim = more, np.inf, False
+            continue
         best = min(best, worst)
-        if count < MINTY_ROUNDS:
-            for k in range(n):
-                force[k] = curve[k] + step[k]
-        else:
-            if count == MINTY_ROUNDS:  # not from the force it stalled at, which may overflow
-                for k in range(n):
-                    force[k] = 0.0
-                best = np.inf
-            line_search(law, damping, matrix, n, s, g, scratch)
-    return LIMIT, FAILED
+        search = search or count >= SEARCH or not math.isfinite(worst)
+        aim = search
+        if search:
+            if count == SEARCH or not math.isfinite(worst): # not from the force it stalled at, which may overflow
+                for i in range(n):
+                    base[i] = 0.0
+            line_search(law, damping, n, scratch)
+            count += 1
+            continue
+        give(n, scratch)
+        part = SHORT if count >= CYCLE and count % 2 == 0 else 1.0
+        for i in range(n):
+            target[i] = (move[i] + rho[i] * f[i]) + part * (after[i] + rho[i] * step[i])
+        if count <= EARLY and n < total:
+            for i in range(n):
+                step[i] += f[i]
+            n = grow(matrix, total, n, step, s, g, scratch)
+    return LIMIT, FAILED, 0.0

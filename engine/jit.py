@@ -90,6 +90,12 @@ def jit(function: Callable[..., Any]) -> Any:
     return numba.njit(**PART)(function)
 
 
+def reduction(function: Callable[..., Any]) -> Any:
+    """Compile a sum of products as vector code: its terms may be added in any order (on 30 terms
+    2.6 times faster). Not `nnan` or `ninf`: what is not a number stays so, and is seen."""
+    return numba.njit(**PART | {"fastmath": {"reassoc", "nsz", "contract"}})(function)
+
+
 def outlined(function: Callable[..., Any]) -> Any:
     """Compile a part of a kernel that is large and seldom runs: inlined wherever it is called, the
     coupled contact solve alone would take 15 s to compile."""

@@ -137,8 +137,8 @@ class Scratch(NamedTuple):
     """Room for the coupled contact solve; K is the largest number of contacts in an island."""
 
     vectors: np.ndarray  # [rows, K]
-    matrix: np.ndarray  # [K, K]
-    active: np.ndarray  # int [K]
+    matrix: np.ndarray  # [2, K, K]: B of the set, and what is factorised
+    index: np.ndarray  # int [2, K]: the contacts of the set, and those of them with a slope
 
 
 class State(NamedTuple):

@@ -26,7 +26,6 @@ from engine.model import (
     Model,
     Modes,
     Pickups,
-    Scratch,
     Spring,
     State,
 )
@@ -36,6 +35,7 @@ from engine.waveform import table
 
 QUANTITIES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION, "force": FORCE}
 TOLERANCE = 1e-15  # relative error left in a compression; a looser one saves little (DESIGN sec. 2)
+CAP = 6  # rounds of a coupled solve (DESIGN sec. 3)
 HIGHEST = 0.49  # of the sample rate; what vibrates faster would come out at another frequency
 
 
@@ -139,6 +139,7 @@ def _contact(
         compliance=np.concatenate([np.diag(m) for m in matrices]),
         beneath=beneath,
         tolerance=TOLERANCE,
+        cap=CAP,
     )
     begin = np.cumsum([0] + [m.size for m in matrices]).astype(np.int64)
     several = any(m.size > 1 for m in matrices)
@@ -235,7 +236,6 @@ def _state(layout: Layout, model: Model) -> State:
         compression[place] = layout.spread(a, island) @ own + layout.spread(b, island) @ own
     if model.contact is not None:
         compression -= model.contact.barrier
-    room = Scratch(np.zeros((coupled.VECTORS, largest)), np.zeros((largest, largest)), np.zeros(largest, np.int64))
     return State(
         frame=np.zeros(1, np.int64),
         q=q,
@@ -245,12 +245,13 @@ def _state(layout: Layout, model: Model) -> State:
         residue=np.zeros(contacts),
         free_move=np.zeros(contacts),
         contact_force=np.zeros(contacts),
-        scratch=room if model.coupling is not None else None,
+        scratch=coupled.room(largest) if model.coupling is not None else None,
+        budget=np.zeros(count, np.int64),
         heard=np.array([scene.body[layout.number[scene.pickup[i].body]].velocity for i in layout.pickup]),
         account=np.zeros((count, energy.ACCOUNTS)),
         touching=np.zeros(count, np.int64),
         evaluations=np.zeros(count, np.int64),
         iterations=np.zeros(max(solve.LIMIT, coupled.LIMIT) + 1, np.int64),
-        regimes=np.zeros(5, np.int64),
+        regimes=np.zeros(6, np.int64),
         contacts=np.zeros(count, np.int64),
     )

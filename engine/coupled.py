@@ -3,12 +3,15 @@
     η_k + Σ_j B_kj f_j(η_j) = g_k
 
 f_k is increasing and B positive semidefinite, so the forces are unique, also where
-contacts are redundant. Only contacts in reach are solved for: the set, which others join
-when they are closed by it. Each round returns every contact to its own curve, by the scalar
+contacts are redundant. Only a set of them is solved for, which others join when they are
+closed by it: it begins with one sweep over those in reach. Each round returns every contact to its own curve, by the scalar
 solve along η + ρ·f = const (Minty's projection), and then takes a Newton step on all at once.
 ρ is how much the body gives at the contact while the others' curves are replaced by their
 tangents. Where that stalls, Newton with a line search on the convex potential of the
 problem, which cannot fail. B is never inverted: it may be singular.
+
+A solve may be capped: after so many rounds it ends with forces that are off the curves, but
+whose energy is known and nearly none (DESIGN sec. 3, "A bounded worst case").
 """
 
 import math
@@ -25,13 +28,14 @@ CYCLE = 10
 SHORT = 0.6
 SEARCH = 40
 LIMIT = 200  # rounds in all
+LEAST, MOST = 0.25, 4.0  # how far unfinished forces may be scaled
 LEAST_RHO = 1e-8  # of B_kk; below, ρ is rounding
 
 # rows of Scratch.vectors: of all contacts
-FORCE, ETA, END, MISS, LAST = range(5)
+FORCE, ETA, END, MISS = range(4)
 # and of those in the set
-START, GO, BASE, TARGET, RHO, F, MOVE, CLOSE, SLOPE, LEFT, STEP, AFTER, ROOT, Y = range(5, 19)
-VECTORS = 19
+START, GO, BASE, TARGET, RHO, F, MOVE, CLOSE, SLOPE, LEFT, STEP, AFTER, ROOT, Y = range(4, 18)
+VECTORS = 18
 MEMBER = 2  # row of Scratch.index: is this contact in the set?
 
 
@@ -292,7 +296,7 @@ def finish(law, damping, n, tolerance, scratch):
 
 
 @outlined
-def join(matrix, total, n, k, target, s, g, scratch):
+def join(matrix, total, n, k, guess, target, s, g, scratch):
     """Take contact k into the set of n."""
     vectors, near, contacts = scratch.vectors, scratch.matrix[0], scratch.index[0]
     contacts[n] = k
@@ -301,7 +305,7 @@ def join(matrix, total, n, k, target, s, g, scratch):
     for j in range(n + 1):
         near[n, j] = near[j, n] = row[contacts[j]]
     vectors[START, n], vectors[GO, n] = s[k], g[k]
-    vectors[TARGET, n], vectors[RHO, n] = target, row[k]
+    vectors[BASE, n], vectors[TARGET, n], vectors[RHO, n] = guess, target, row[k]
 
 
 @outlined
@@ -327,8 +331,46 @@ def grow(matrix, total, n, f, s, g, scratch):
     spread(matrix, total, n, f, s, g, scratch)
     for k in range(total):
         if scratch.index[MEMBER, k] == 0 and scratch.vectors[END, k] > 0.0:
-            join(matrix, total, n, k, scratch.vectors[ETA, k], s, g, scratch)
+            join(matrix, total, n, k, 0.0, scratch.vectors[ETA, k], s, g, scratch)
             n += 1
+    return n
+
+
+@outlined
+def gather(law, damping, matrix, total, s, g, tolerance, scratch):
+    """The set to begin with, and a guess of its forces: those in contact, and of the others the one
+    that would go deepest, again and again, until the forces found keep the rest out.
+
+    Each is solved alone, beside the forces of those before it. Returns the size of the set.
+    """
+    vectors = scratch.vectors
+    eta, end, base = vectors[ETA], vectors[END], vectors[BASE]
+    n = 0
+    for k in range(total):
+        scratch.index[MEMBER, k] = 0
+        if s[k] > 0.0:
+            join(matrix, total, n, k, vectors[FORCE, k], 0.0, s, g, scratch)
+            n += 1
+    spread(matrix, total, n, base, s, g, scratch)
+    for i in range(total):
+        if i == n:
+            deepest, at = 0.0, 0
+            for j in range(total):
+                if scratch.index[MEMBER, j] == 0 and end[j] > deepest:
+                    at, deepest = j, end[j]
+            if not deepest > 0.0:
+                break
+            join(matrix, total, n, at, 0.0, 0.0, s, g, scratch)
+            n += 1
+        k = scratch.index[0, i]
+        row = matrix[k * total : (k + 1) * total]
+        _, _, push, _, _, _ = scalar(law, damping, k, s[k], eta[k] + row[k] * base[i], row[k], tolerance)
+        more = push - base[i]
+        base[i] = push
+        if more != 0.0:
+            for j in range(total):
+                eta[j] -= row[j] * more
+                end[j] = s[j] + eta[j]
     return n
 
 
@@ -344,30 +386,109 @@ def settle_set(n, scratch):
 
 
 @outlined
-def coupled(law, damping, matrix, total, s, g, cap, tolerance, scratch):
+def created(law, damping, total, s, g, at, scratch):
+    """Energy that the forces at·FORCE create, and its slope by `at`: E = Σ (φ - f)·η, J; with the energy
+    they turn over, Σ |f·η|. MISS is B·FORCE."""
+    force, give_way = scratch.vectors[FORCE], scratch.vectors[MISS]
+    energy, slope, size = 0.0, 0.0, 0.0
+    for k in range(total):
+        eta, f = g[k] - at * give_way[k], at * force[k]
+        if f != 0.0 or s[k] > 0.0 or s[k] + eta > 0.0:
+            phi, rise = respond(law, damping, k, s[k], eta)
+            energy += (phi - f) * eta
+            slope -= (rise * eta + phi - f) * give_way[k] + force[k] * eta
+            size += abs(f * eta)
+    return energy, slope, size
+
+
+@outlined
+def push_only(law, damping, matrix, total, n, forces, s, g, scratch):
+    """Let the forces of the set act where they push. Returns the energy they create."""
+    vectors, contacts = scratch.vectors, scratch.index[0]
+    for i in range(n):
+        forces[i] = max(0.0, forces[i])
+    spread(matrix, total, n, forces, s, g, scratch)
+    for i in range(n):
+        vectors[FORCE, contacts[i]] = forces[i]
+    for k in range(total):
+        vectors[MISS, k] = g[k] - vectors[ETA, k]
+    return created(law, damping, total, s, g, 1.0, scratch)[0]
+
+
+@outlined
+def balance(law, damping, total, s, g, scratch):
+    """The λ for which the forces λ·FORCE create no energy; 0 if none is near 1. E is convex in λ."""
+    at = 1.0
+    for _ in range(8):
+        energy, slope, size = created(law, damping, total, s, g, at, scratch)
+        if abs(energy) <= 1e-14 * size:
+            return at
+        at -= energy / slope
+        if not LEAST <= at <= MOST:
+            return 0.0
+    return at if abs(energy) <= 1e-6 * size else 0.0
+
+
+@outlined
+def consider(law, damping, matrix, total, n, forces, s, g, least, scratch):
+    """Keep these forces of the set in BASE if they create less energy than `least`; returns the least."""
+    energy = push_only(law, damping, matrix, total, n, forces, s, g, scratch)
+    if not abs(energy) < abs(least):
+        return least
+    for i in range(n):
+        scratch.vectors[BASE, i] = forces[i]
+    return energy
+
+
+@outlined
+def make_do(law, damping, matrix, total, n, s, g, budget, least, scratch):
+    """End with the forces BASE, which create the energy `least`: scaled so that they create none, or
+    after a line search where the budget allows it. Returns the energy they create."""
+    base, kept = scratch.vectors[BASE], scratch.vectors[TARGET]
+    while True:
+        push_only(law, damping, matrix, total, n, base, s, g, scratch)
+        at = balance(law, damping, total, s, g, scratch)
+        if at > 0.0 or budget[0] <= 0:
+            break
+        budget[0] -= 1
+        for i in range(n):
+            kept[i] = base[i]
+        line_search(law, damping, n, scratch)
+        energy = push_only(law, damping, matrix, total, n, base, s, g, scratch)
+        if not abs(energy) < abs(least):
+            for i in range(n):
+                base[i] = kept[i]
+            break
+        least = energy
+    if at > 0.0:
+        for i in range(n):
+            base[i] *= at
+    energy = push_only(law, damping, matrix, total, n, base, s, g, scratch)
+    for k in range(total):
+        scratch.vectors[MISS, k] = 0.0
+    return energy
+
+
+@outlined
+def coupled(law, damping, matrix, total, s, g, cap, budget, tolerance, scratch):
     """Solve the contacts of an island together.
 
     matrix:  B, row by row, m/N
     s, g:    compressions at the start, and their changes without contact force, m [total]
     scratch: FORCE holds the first guess; on return FORCE, ETA, END and MISS hold the forces
              (N), steps, end compressions and what the bodies moved beyond the steps (m)
+    cap:     rounds after which it makes do with forces off their curves
+    budget:  how often it may then try a line search, in budget[0]
 
-    Returns rounds and how it ended.
+    Returns rounds (the first sweep is one), how it ended, and the energy that forces off their curves create, J.
     """
     vectors, near = scratch.vectors, scratch.matrix[0]
-    guess, base, target, rho, f = vectors[FORCE], vectors[BASE], vectors[TARGET], vectors[RHO], vectors[F]
+    base, target, rho, f = vectors[BASE], vectors[TARGET], vectors[RHO], vectors[F]
     move, step, after = vectors[MOVE], vectors[STEP], vectors[AFTER]
-    n = 0
-    for k in range(total):
-        scratch.index[MEMBER, k] = 0
-        if s[k] > 0.0 or s[k] + g[k] > 0.0 or guess[k] > 0.0:
-            base[n] = guess[k]
-            join(matrix, total, n, k, 0.0, s, g, scratch)
-            n += 1
+    n = gather(law, damping, matrix, total, s, g, tolerance, scratch)
     if n == 0:
-        spread(matrix, total, n, f, s, g, scratch)
         return 0, FREE, 0.0
-    count, best, search, aim = 0, np.inf, False, True
+    count, best, search, aim, least = 1 if n > 1 else 0, np.inf, False, True, np.inf
     while count < LIMIT:
         count += 1
         if aim:
@@ -390,10 +511,18 @@ def coupled(law, damping, matrix, total, s, g, cap, tolerance, scratch):
             n, best, aim = more, np.inf, False
             continue
         best = min(best, worst)
+        if count >= cap - 1:
+            least = consider(law, damping, matrix, total, n, f, s, g, least, scratch)
+        if count >= cap:
+            for i in range(n):
+                step[i] += f[i]
+            least = consider(law, damping, matrix, total, n, step, s, g, least, scratch)
+            excess = make_do(law, damping, matrix, total, n, s, g, budget, least, scratch)
+            return count, (CAPPED if math.isfinite(least + excess) else FAILED), excess
         search = search or count >= SEARCH or not math.isfinite(worst)
         aim = search
         if search:
-            if count == SEARCH or not math.isfinite(worst): # not from the force it stalled at, which may overflow
+            if count == SEARCH or not math.isfinite(worst):  # not from the force it stalled at, which may overflow
                 for i in range(n):
                     base[i] = 0.0
             line_search(law, damping, n, scratch)

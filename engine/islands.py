@@ -43,7 +43,7 @@ _CUT: dict[type, Any] = {
     Gravity: lambda x, a, b: Gravity(x.weight[a:b]),
     Force: lambda x, a, b: Force(cut(x.rows, a, b), x.start[a:b], x.begin[a : b + 1], x.table, x.after[a:b]),
     Contact: lambda x, a, b: Contact(
-        cut(x.law, a, b), cut(x.rows, a, b), x.barrier[a:b], x.compliance[a:b], x.beneath[a:b], x.tolerance
+        cut(x.law, a, b), cut(x.rows, a, b), x.barrier[a:b], x.compliance[a:b], x.beneath[a:b], x.tolerance, x.cap
     ),
     ContactLoss: lambda x, a, b: ContactLoss(x.rate[a:b]),
     Coupling: lambda x, a, b: Coupling(x.begin[a : b + 1], x.matrix[x.begin[a] : x.begin[b]]),
@@ -105,6 +105,7 @@ def cut_state(islands, state, i):
         state.free_move[k0:k1],
         state.contact_force[k0:k1],
         state.scratch,
+        state.budget[i : i + 1],
         state.heard[islands.pickup[i] : islands.pickup[i + 1]],
         state.account[i : i + 1],
         state.touching[i : i + 1],

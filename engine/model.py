@@ -78,6 +78,7 @@ class Contact(NamedTuple):
     compliance: np.ndarray  # B_kk [contacts], m/N
     beneath: np.ndarray  # [contacts], m/N: what rounding cut from B_kk
     tolerance: float  # relative error left in the end compression
+    cap: int  # rounds of a coupled solve before it makes do
 
 
 class ContactLoss(NamedTuple):
@@ -138,7 +139,7 @@ class Scratch(NamedTuple):
 
     vectors: np.ndarray  # [rows, K]
     matrix: np.ndarray  # [2, K, K]: B of the set, and what is factorised
-    index: np.ndarray  # int [2, K]: the contacts of the set, and those of them with a slope
+    index: np.ndarray  # int [3, K]: the contacts of the set, those of them with a slope, and who is in it
 
 
 class State(NamedTuple):
@@ -153,12 +154,13 @@ class State(NamedTuple):
     free_move: np.ndarray  # [contacts], m: g, the change of compression without contact force
     contact_force: np.ndarray  # [contacts], N, mean over the last step
     scratch: Scratch | None  # for coupled contacts
+    budget: np.ndarray  # int [islands]: line searches left to capped solves
     heard: np.ndarray  # [pickups], velocity one sample ago
     account: np.ndarray  # [islands, 4], J: energy dissipated and work supplied (engine.energy)
     touching: np.ndarray  # int [islands]: 1 if the last step had a contact in reach
     evaluations: np.ndarray  # int [islands]: of the contact laws, in the last step
     iterations: np.ndarray  # int [evaluations]: histogram of evaluations per Newton solve
-    regimes: np.ndarray  # int [5]: solves that ended by separation, closed form, Newton, failed; 0 unused
+    regimes: np.ndarray  # int [6]: solves that ended by separation, closed form, Newton, failed, capped; 0 unused
     contacts: np.ndarray  # int [islands]: samples with a contact in reach
 
 

@@ -113,7 +113,8 @@ def statistics(model: Model, state: State, tally: np.ndarray) -> dict[str, Any]:
 
 def newton(model: Model, state: State) -> dict[str, Any]:
     """Evaluations of the contact law per iterative solve, and how each sample of each island with
-    contacts was solved; "failed" are the samples where the motion was turned back instead."""
+    contacts was solved; "capped" are the samples that made do with unfinished forces, "failed" those
+    where the motion was turned back instead."""
     histogram = state.iterations
     with_contacts = np.diff(model.islands.contact) > 0
     solves = int(histogram.sum())
@@ -130,6 +131,7 @@ def newton(model: Model, state: State) -> dict[str, Any]:
             "separation": int(state.regimes[solve.SEPARATION]),
             "closed_form": int(state.regimes[solve.CLOSED]),
             "newton": int(state.regimes[solve.NEWTON]),
+            "capped": int(state.regimes[solve.CAPPED]),
             "failed": int(state.regimes[solve.FAILED]),
         },
     }

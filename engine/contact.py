@@ -8,10 +8,11 @@ import math
 
 import numpy as np
 
-from engine.coupled import END, ETA, FORCE, GO, MISS, START, coupled, respond
+from engine.coupled import coupled
 from engine.jit import jit, outlined
 from engine.laws import gain, potential
 from engine.modes import kick, project, project_drift
+from engine.rounds import END, ETA, FORCE, GO, MISS, START, respond
 from engine.solve import CAPPED, FAILED, FREE, NEWTON, contact_loss, scalar
 
 # as an initial value, a literal 0 would make Numba compile all that it is passed to twice
@@ -118,7 +119,16 @@ def solve_many(contact, partner, damping, coupling, state):
     for k in range(n):
         vectors[FORCE, k] = state.contact_force[k]
     count, how, excess = coupled(
-        law, damping, coupling.matrix, n, s, state.free_move, contact.cap, state.budget, contact.tolerance, state.scratch
+        law,
+        damping,
+        coupling.matrix,
+        n,
+        s,
+        state.free_move,
+        contact.cap,
+        state.budget,
+        contact.tolerance,
+        state.scratch,
     )
     for k in range(n):
         if not math.isfinite(vectors[ETA, k] + vectors[END, k] + vectors[FORCE, k]):

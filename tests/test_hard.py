@@ -17,8 +17,9 @@ from bench.metric import preservation
 from engine import energy, laws, offline, solve
 from engine.block import PIECE, block
 from engine.build import build
-from engine.coupled import ETA, FORCE, LIMIT, coupled, room
+from engine.coupled import LIMIT, coupled, room
 from engine.jit import entry
+from engine.rounds import ETA, FORCE
 
 RATE = 44_100
 

@@ -15,7 +15,7 @@ FLOORS = [
     ["jit", "scene"],
     ["laws", "patch", "bodies", "waveform"],
     ["model", "solve"],
-    ["modes", "coupled", "islands", "layout"],
+    ["modes", "rounds", "coupled", "islands", "layout"],
     ["force", "contact"],
     ["energy"],
     ["block", "build"],
@@ -23,7 +23,7 @@ FLOORS = [
     ["cli"],
     ["__init__"],
 ]
-KERNELS = ["laws", "solve", "coupled", "modes", "islands", "force", "contact", "energy", "block"]
+KERNELS = ["laws", "solve", "rounds", "coupled", "modes", "islands", "force", "contact", "energy", "block"]
 WITHOUT_NUMBA = ["scene", "patch", "bodies", "waveform", "cli", "__init__"]
 
 

@@ -4,8 +4,9 @@
 
 f_k is increasing and B positive semidefinite, so the forces are unique, also where
 contacts are redundant. Only a set of them is solved for, which others join when they are
-closed by it: it begins with one sweep over those in reach. Each round returns every contact to its own curve, by the scalar
-solve along η + ρ·f = const (Minty's projection), and then takes a Newton step on all at once.
+closed by it: it begins with one sweep over those in reach. Each round returns every contact
+to its own curve, by the scalar solve along η + ρ·f = const (Minty's projection), and then
+takes a Newton step on all at once.
 ρ is how much the body gives at the contact while the others' curves are replaced by their
 tangents. Where that stalls, Newton with a line search on the convex potential of the
 problem, which cannot fail. B is never inverted: it may be singular.

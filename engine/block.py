@@ -6,19 +6,51 @@ begins. Sample i is what the scene is like before step i; sample 0 is the initia
 
 import numpy as np
 
-from engine.contact import let_go, out_of_reach, resync, separated, spring_back, stored, touch
+from engine.contact import back_to_start, let_go, out_of_reach, refill, resync, separated, spring_back, stored, touch
 from engine.energy import DISSIPATED, SUPPLIED, book, enter, kinetic_and_potential
 from engine.events import keep_score, quiet
 from engine.force import idle, push, supply
 from engine.islands import cut_model, cut_state
-from engine.jit import entry, jit
+from engine.jit import entry, jit, outlined
 from engine.model import ACCELERATION, DISPLACEMENT, VELOCITY
-from engine.modes import coast, first_half, hush, lose_all, project, second_half, swing, turn_back
-from engine.solve import FAILED, FREE
+from engine.modes import coast, first_half, hush, lose_all, pay, project, second_half, swing, turn_back
+from engine.solve import CAPPED, FAILED, FREE
 
 ZERO = np.int64(0)
 PIECE = 256  # samples an island runs before the next one does: small enough for the fast cache
 RESYNC = 64  # samples; out of contact, compressions are read anew from the modes this often
+
+
+@jit
+def settle_up(coupling, model, state, frame, energy):
+    """At the end of a step whose contact solve was capped: the motion pays for the energy created.
+
+    If it cannot, it is turned around, and the step run backwards from there, as if the solve had
+    failed. Returns whether it could, and the energy lost.
+    """
+    if coupling is None:
+        return True, 0.0
+    paid, lost = pay(energy, state.p)
+    if not paid:
+        undo(model, state, frame)
+    return paid, lost
+
+
+@outlined
+def undo(model, state, frame):
+    """Back to the beginning of a step, between its two half-steps of loss, with all motion reversed."""
+    modes, spring, gravity = model.modes, model.spring, model.gravity
+    for m in range(state.p.shape[0]):
+        state.p[m] = -state.p[m]
+    first_half(modes, spring, None, gravity, state.carry, state.q, state.p)
+    push(model.force, frame, state.p)
+    spring_back(model.contact, model.partner, state)
+    second_half(modes, spring, None, gravity, state.carry, state.q, state.p)
+    push(model.force, frame, state.p)
+    spring_back(model.contact, model.partner, state)
+    back_to_start(state)
+    state.regimes[CAPPED] -= 1
+    state.regimes[FAILED] += 1
 
 
 @jit
@@ -43,7 +75,7 @@ def contact_step(model, state, frame, ledger):
     contact, partner = model.contact, model.partner
     lost = first_half(modes, spring, loss, gravity, state.carry, state.q, state.p)
     push(model.force, frame, state.p)
-    lost_in_contact, count, how = touch(contact, partner, model.contact_loss, model.coupling, state)
+    lost_in_contact, count, how, excess = touch(contact, partner, model.contact_loss, model.coupling, state)
     touching = how != FREE
     if how == FAILED:
         turn_back(modes, state.q, state.p)
@@ -56,6 +88,9 @@ def contact_step(model, state, frame, ledger):
         push(model.force, frame, state.p)
         if touching:
             spring_back(contact, partner, state)
+            if how == CAPPED:
+                paid, more = settle_up(model.coupling, model, state, frame, excess)
+                work, lost_in_contact = work if paid else 0.0, lost_in_contact + more if paid else 0.0
         lost += lose_all(loss, state.p)
     else:
         lost += second_half(modes, spring, loss, gravity, state.carry, state.q, state.p)
@@ -92,6 +127,8 @@ def step(model, state, frame, ledger, touched):
     Returns whether this one has, and the evaluations of the contact laws.
     """
     keep_score(model, model.events, state, frame)
+    if frame % RESYNC == 0:
+        refill(model.coupling, state)
     touching, count = act(model, model.contact, model.force, state, frame, ledger)
     if touching:
         state.contacts[0] += 1

@@ -27,7 +27,6 @@ from engine.model import (
     Model,
     Modes,
     Pickups,
-    Scratch,
     Spring,
     State,
 )
@@ -40,6 +39,7 @@ from engine.waveform import table
 QUANTITIES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION, "force": FORCE}
 TOLERANCE = 1e-15  # relative error left in a compression; a looser one saves little (DESIGN sec. 2)
 MOST_CONTACTS = 512  # in an island; its coupled solve takes time of their third power
+CAP = 6  # rounds of a coupled solve (DESIGN sec. 3)
 HIGHEST = 0.49  # of the sample rate; what vibrates faster would come out at another frequency
 
 
@@ -192,6 +192,7 @@ def _contact(
         compliance=np.concatenate([np.diag(m) for m in matrices]),
         beneath=beneath,
         tolerance=TOLERANCE,
+        cap=CAP,
     )
     begin = np.cumsum([0] + [m.size for m in matrices]).astype(np.int64)
     several = any(m.size > 1 for m in matrices)
@@ -291,11 +292,6 @@ def _state(layout: Layout, model: Model) -> State:
         compression -= barrier
         unit = np.where([spot.stiffness > 0.0 for _, spot in layout.spot], model.contact.base, 0.0)
     parts = islands.part.size - 1
-    room = Scratch(
-        np.zeros((parts, coupled.VECTORS, largest)),
-        np.zeros((parts, largest, largest)),
-        np.zeros((parts, largest), np.int64),
-    )
     heard = [getattr(scene.body[layout.number[scene.pickup[i].body]], "velocity", 0.0) for i in layout.pickup]
     return State(
         frame=np.zeros(parts, np.int64),
@@ -309,7 +305,8 @@ def _state(layout: Layout, model: Model) -> State:
         residue=np.zeros(contacts),
         free_move=np.zeros(contacts),
         contact_force=np.zeros(contacts),
-        scratch=room if model.coupling is not None else None,
+        scratch=coupled.room(parts, largest) if model.coupling is not None else None,
+        budget=np.zeros(count, np.int64),
         heard=np.array(heard),
         account=np.zeros((count, energy.ACCOUNTS)),
         clear=np.zeros(count, np.int64),
@@ -318,6 +315,6 @@ def _state(layout: Layout, model: Model) -> State:
         touching=np.zeros(count, np.int64),
         evaluations=np.zeros(count, np.int64),
         iterations=np.zeros((count, max(solve.LIMIT, coupled.LIMIT) + 1), np.int64),
-        regimes=np.zeros((count, 5), np.int64),
+        regimes=np.zeros((count, 6), np.int64),
         contacts=np.zeros(count, np.int64),
     )

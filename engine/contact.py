@@ -8,15 +8,18 @@ import math
 
 import numpy as np
 
-from engine.coupled import CURVE, END, ETA, FORCE, MISS, coupled
+from engine.coupled import coupled
 from engine.jit import jit, outlined
 from engine.laws import gain, potential
 from engine.modes import bound, kick, project, project_drift
-from engine.solve import FAILED, FREE, NEWTON, contact_loss, scalar
+from engine.rounds import END, ETA, FORCE, GO, MISS, START, respond
+from engine.solve import CAPPED, FAILED, FREE, NEWTON, contact_loss, scalar
 
 # as an initial value, a literal 0 would make Numba compile all that it is passed to twice
 ZERO = np.int64(0)
 UNTOUCHED = np.int64(FREE)
+
+BUDGET = 16  # line searches that the capped solves of an island may spend between two refills
 
 
 @jit
@@ -50,9 +53,9 @@ def spring_back(contact, partner, state):
 
 
 @jit
-def settle(contact, damping, state, k, eta, b, f, miss):
-    """Give contact k its new compression and force; returns the energy lost. `miss` is what the
-    bodies moved at the contact beyond η.
+def settle(contact, damping, state, k, eta, b, f, response, miss):
+    """Give contact k its new compression and force; returns the energy lost. `response` is the force
+    of the contact law, `miss` what the bodies moved at the contact beyond η.
 
     What rounding leaves of a step has the same sign at every step of a contact, and would add up
     (2e-13 of the energy in 60 ms): the part of B beneath its last digit, the residual of the
@@ -62,7 +65,7 @@ def settle(contact, damping, state, k, eta, b, f, miss):
     lost = 0.0
     s = state.compression[k]
     if damping is not None:
-        lost = loss_of_step(contact, damping, k, s, b, eta, f)
+        lost = loss_of_step(contact, damping, k, s, b, eta, response)
     residue = state.residue[k] + (miss - contact.beneath[k] * f)
     if 2.0 * abs(eta) < b:
         end = s + (eta + residue)
@@ -87,7 +90,7 @@ def count_solve(state, count, how):
 def solve_one(contact, partner, damping, state, k):
     """Solve contact k alone, and give the first half-kick.
 
-    Returns the energy lost, the evaluations of its law, and how the solve ended.
+    Returns the energy lost, the evaluations of its law, how the solve ended, and the energy created.
     """
     eta, b, f, _, count, how = scalar(
         contact.law,
@@ -102,74 +105,80 @@ def solve_one(contact, partner, damping, state, k):
         how = FAILED
     count_solve(state, count, how)
     if how == FAILED:
-        return 0.0, count, how
+        return 0.0, count, how, 0.0
     push_apart(contact, partner, state, k, f)
     miss = (state.free_move[k] - eta) - contact.compliance[k] * f
-    return settle(contact, damping, state, k, eta, b, f, miss), count, how
+    return settle(contact, damping, state, k, eta, b, f, f, miss), count, how, 0.0
 
 
 @outlined
-def solve_only(contact, damping, coupling, state, only):
-    """Try the one contact in reach alone: fails if its force would close another.
-
-    On success writes the solution to the scratch, as `coupled` does.
-    """
+def solve_many(contact, partner, damping, coupling, state):
+    """Solve all contacts of an island. Returns as `solve_one`."""
+    law, s, vectors = contact.law, state.compression, state.scratch.vectors
     n = contact.barrier.shape[0]
-    s, g, vectors = state.compression, state.free_move, state.scratch.vectors
-    eta, b, f, _, count, how = scalar(
-        contact.law, damping, only, s[only], g[only], contact.compliance[only], contact.tolerance
+    for k in range(n):
+        vectors[FORCE, k] = state.contact_force[k]
+    count, how, excess = coupled(
+        law,
+        damping,
+        coupling.matrix,
+        n,
+        s,
+        state.free_move,
+        contact.cap,
+        state.budget,
+        contact.tolerance,
+        state.scratch,
     )
     for k in range(n):
-        move = g[k] - coupling.matrix[only * n + k] * f
-        if k != only and s[k] + move > 0.0:
-            return False, count, how
-        vectors[ETA, k], vectors[END, k], vectors[CURVE, k], vectors[MISS, k] = move, s[k] + move, 0.0, 0.0
-    vectors[ETA, only], vectors[END, only], vectors[CURVE, only] = eta, b, f
-    vectors[MISS, only] = (g[only] - eta) - contact.compliance[only] * f
-    return True, count, how
-
-
-@outlined
-def solve_many(contact, partner, damping, coupling, state, touching, only):
-    """Solve all contacts of an island, `touching` of them in reach. Returns as `solve_one`."""
-    vectors = state.scratch.vectors
-    n = contact.barrier.shape[0]
-    alone, count, how = False, ZERO, ZERO
-    if touching == 1:
-        alone, count, how = solve_only(contact, damping, coupling, state, only)
-    if not alone:
-        for k in range(n):
-            vectors[FORCE, k] = state.contact_force[k]
-        count, how = coupled(
-            contact.law,
-            damping,
-            coupling.matrix,
-            n,
-            state.compression,
-            state.free_move,
-            contact.tolerance,
-            state.scratch,
-        )
-    for k in range(n):
-        if not math.isfinite(vectors[ETA, k] + vectors[END, k] + vectors[CURVE, k]):
+        if not math.isfinite(vectors[ETA, k] + vectors[END, k] + vectors[FORCE, k]):
             how = FAILED
     count_solve(state, count, how)
     lost = 0.0
     if how == FAILED:
-        return lost, count, how
+        return lost, count, how, 0.0
+    if how == CAPPED:
+        keep_start(state)
     for k in range(n):
-        eta, b, f = vectors[ETA, k], vectors[END, k], vectors[CURVE, k]
-        lost += settle(contact, damping, state, k, eta, b, f, vectors[MISS, k])
+        eta, b, f = vectors[ETA, k], vectors[END, k], vectors[FORCE, k]
+        response = f  # the force of the law, which that of an unfinished solve is not
+        if how == CAPPED and damping is not None:
+            response = respond(law, damping, k, s[k], eta)[0]
+        lost += settle(contact, damping, state, k, eta, b, f, response, vectors[MISS, k])
     spring_back(contact, partner, state)
-    return lost, count, how
+    return lost, count, how, excess
 
 
 @jit
-def solve_touching(contact, partner, damping, coupling, state, touching, only):
+def keep_start(state):
+    """Remember where the contacts were, should the step have to be undone."""
+    for k in range(state.compression.shape[0]):
+        state.scratch.vectors[START, k] = state.compression[k]
+        state.scratch.vectors[GO, k] = state.residue[k]
+
+
+@jit
+def back_to_start(state):
+    """Contacts where they were before the step, and without force."""
+    for k in range(state.compression.shape[0]):
+        state.compression[k] = state.scratch.vectors[START, k]
+        state.residue[k] = state.scratch.vectors[GO, k]
+        state.contact_force[k] = 0.0
+
+
+@jit
+def refill(coupling, state):
+    """A new budget for capped solves."""
+    if coupling is not None:
+        state.budget[0] = BUDGET
+
+
+@jit
+def solve_touching(contact, partner, damping, coupling, state, only):
     """One contact or several: decided by type where no island of the scene has several."""
     if coupling is not None:
         if contact.barrier.shape[0] > 1:
-            return solve_many(contact, partner, damping, coupling, state, touching, only)
+            return solve_many(contact, partner, damping, coupling, state)
     return solve_one(contact, partner, damping, state, only)
 
 
@@ -177,11 +186,11 @@ def solve_touching(contact, partner, damping, coupling, state, touching, only):
 def touch(contact, partner, damping, coupling, state):
     """Solve for the contact forces of an island and give their first half-kick.
 
-    Returns the energy lost, the evaluations of the contact law, and how the solve ended: FREE if
-    no contact was in reach.
+    Returns the energy lost, the evaluations of the contact law, how the solve ended, FREE if no contact
+    was in reach, and the energy that an unfinished solve creates.
     """
     if contact is None:
-        return 0.0, 0, FREE
+        return 0.0, 0, FREE, 0.0
     touching, only = ZERO, ZERO
     for k in range(contact.barrier.shape[0]):
         g = project_drift(contact.rows, k, state.p)
@@ -195,8 +204,8 @@ def touch(contact, partner, damping, coupling, state):
     if touching == 0:
         for k in range(contact.barrier.shape[0]):
             state.compression[k] += state.free_move[k]
-        return 0.0, ZERO, UNTOUCHED
-    return solve_touching(contact, partner, damping, coupling, state, touching, only)
+        return 0.0, ZERO, UNTOUCHED, 0.0
+    return solve_touching(contact, partner, damping, coupling, state, only)
 
 
 @jit

@@ -3,246 +3,307 @@
     η_k + Σ_j B_kj f_j(η_j) = g_k
 
 f_k is increasing and B positive semidefinite, so the forces are unique, also where
-contacts are redundant. Newton on all contacts at once, and after each linear solve a
-return to every contact's own curve by the scalar solve along η + B_kk·f = const
-(Minty's projection). Where that stalls, Newton with a line search on the convex
-potential of the problem, which cannot fail. B is never inverted: it may be singular.
+contacts are redundant. Only a set of them is solved for, which others join when they are
+closed by it: it begins with one sweep over those in reach. Each round returns every contact
+to its own curve, by the scalar solve along η + ρ·f = const (Minty's projection), and then
+takes a Newton step on all at once.
+ρ is how much the body gives at the contact while the others' curves are replaced by their
+tangents. Where that stalls, Newton with a line search on the convex potential of the
+problem, which cannot fail. B is never inverted: it may be singular.
+
+A solve may be capped: after so many rounds it ends with forces that are off the curves, but
+whose energy is known and nearly none (DESIGN sec. 3, "A bounded worst case").
 """
 
 import math
 
 import numpy as np
 
-from engine.jit import jit, outlined
-from engine.laws import exponent
-from engine.solve import FAILED, NEWTON, contact_loss, inside, outside, scalar
+from engine.jit import outlined
+from engine.model import Scratch
+from engine.rounds import (
+    AFTER,
+    BASE,
+    CLOSE,
+    END,
+    ETA,
+    FORCE,
+    GO,
+    MEMBER,
+    MISS,
+    MOVE,
+    RHO,
+    START,
+    STEP,
+    TARGET,
+    VECTORS,
+    F,
+    dot,
+    finish,
+    give,
+    line_search,
+    newton_step,
+    respond,
+    to_curves,
+)
+from engine.solve import CAPPED, FAILED, FREE, NEWTON, scalar
 
-MINTY_ROUNDS = 16  # usually 3 to 5 are enough; then the line search takes over
-LIMIT = 100  # rounds in all
-
-# rows of Scratch.vectors
-FORCE, ETA, END, CURVE, SLOPE, MISS, STEP, TRIAL, OTHER = range(9)
-VECTORS = 9
-
-
-@jit
-def row_dot(matrix, n, i, x):
-    """(B x)_i"""
-    total = 0.0
-    for j in range(n):
-        total += matrix[i * n + j] * x[j]
-    return total
+EARLY = 6
+CYCLE = 10
+SHORT = 0.6
+SEARCH = 40
+LIMIT = 200  # rounds in all
+LEAST, MOST = 0.25, 4.0  # how far unfinished forces may be scaled
 
 
-@jit
-def respond(law, damping, k, s, eta):
-    """Mean force and slope df/dη of contact k for a step η."""
-    b = s + eta
-    rate = contact_loss(damping, k)
-    if 1.0 + rate * eta <= 0.0:
-        return 0.0, 0.0
-    if b > 0.0:
-        f, df, _, _ = inside(law, k, s, b, eta, rate)
-        return f, df
-    if s > 0.0:
-        return outside(law, k, s, eta, rate)
-    return 0.0, 0.0
+def room(parts: int, largest: int) -> Scratch:
+    """Scratch for each part of a scene whose islands have up to so many contacts."""
+    return Scratch(
+        np.zeros((parts, VECTORS, largest)),
+        np.zeros((parts, 2, largest, largest)),
+        np.zeros((parts, 3, largest), np.int64),
+    )
 
 
 @outlined
-def cholesky_solve(a, active, n, x):
-    """Solve A x = x in place for the listed rows of a positive definite A; destroys A."""
+def join(matrix, total, n, k, guess, target, s, g, scratch):
+    """Take contact k into the set of n."""
+    vectors, near, contacts = scratch.vectors, scratch.matrix[0], scratch.order[0]
+    contacts[n] = k
+    scratch.order[MEMBER, k] = 1
+    row = matrix[k * total : (k + 1) * total]
+    for j in range(n + 1):
+        near[n, j] = near[j, n] = row[contacts[j]]
+    vectors[START, n], vectors[GO, n] = s[k], g[k]
+    vectors[BASE, n], vectors[TARGET, n], vectors[RHO, n] = guess, target, row[k]
+
+
+@outlined
+def spread(matrix, total, n, f, s, g, scratch):
+    """ETA and END of all contacts where the forces f of the set leave them, FORCE and MISS as without force."""
+    vectors, contacts = scratch.vectors, scratch.order[0]
+    force, eta, end, miss = vectors[FORCE], vectors[ETA], vectors[END], vectors[MISS]
+    for k in range(total):
+        eta[k], force[k], miss[k] = g[k], 0.0, 0.0
     for i in range(n):
-        for j in range(i + 1):
-            total = a[i, j]
-            for m in range(j):
-                total -= a[i, m] * a[j, m]
-            if i == j:
-                a[i, i] = math.sqrt(max(total, 1e-300))
-            else:
-                a[i, j] = total / a[j, j]
+        push = f[i]
+        if push != 0.0:
+            row = matrix[contacts[i] * total : (contacts[i] + 1) * total]
+            for k in range(total):
+                eta[k] -= row[k] * push
+    for k in range(total):
+        end[k] = s[k] + eta[k]
+
+
+@outlined
+def grow(matrix, total, n, f, s, g, scratch):
+    """Let those join whom the forces f of the set would close. Returns the size of the set."""
+    spread(matrix, total, n, f, s, g, scratch)
+    for k in range(total):
+        if scratch.order[MEMBER, k] == 0 and scratch.vectors[END, k] > 0.0:
+            join(matrix, total, n, k, 0.0, scratch.vectors[ETA, k], s, g, scratch)
+            n += 1
+    return n
+
+
+@outlined
+def gather(law, damping, matrix, total, s, g, tolerance, scratch):
+    """The set to begin with, and a guess of its forces: those in contact, and of the others the one
+    that would go deepest, again and again, until the forces found keep the rest out.
+
+    Each is solved alone, beside the forces of those before it. Returns the size of the set.
+    """
+    vectors = scratch.vectors
+    eta, end, base = vectors[ETA], vectors[END], vectors[BASE]
+    n = 0
+    for k in range(total):
+        scratch.order[MEMBER, k] = 0
+        if s[k] > 0.0:
+            join(matrix, total, n, k, vectors[FORCE, k], 0.0, s, g, scratch)
+            n += 1
+    spread(matrix, total, n, base, s, g, scratch)
+    for i in range(total):
+        if i == n:
+            deepest, at = 0.0, 0
+            for j in range(total):
+                if scratch.order[MEMBER, j] == 0 and end[j] > deepest:
+                    at, deepest = j, end[j]
+            if not deepest > 0.0:
+                break
+            join(matrix, total, n, at, 0.0, 0.0, s, g, scratch)
+            n += 1
+        k = scratch.order[0, i]
+        row = matrix[k * total : (k + 1) * total]
+        _, _, push, _, _, _ = scalar(law, damping, k, s[k], eta[k] + row[k] * base[i], row[k], tolerance)
+        more = push - base[i]
+        base[i] = push
+        if more != 0.0:
+            for j in range(total):
+                eta[j] -= row[j] * more
+                end[j] = s[j] + eta[j]
+    return n
+
+
+@outlined
+def settle_set(n, scratch):
+    """Write the solution of the set beside the moves of all, as `spread` left them."""
+    vectors, contacts = scratch.vectors, scratch.order[0]
     for i in range(n):
-        total = x[active[i]]
-        for m in range(i):
-            total -= a[i, m] * x[active[m]]
-        x[active[i]] = total / a[i, i]
-    for i in range(n - 1, -1, -1):
-        total = x[active[i]]
-        for m in range(i + 1, n):
-            total -= a[m, i] * x[active[m]]
-        x[active[i]] = total / a[i, i]
+        k = contacts[i]
+        if vectors[F, i] != 0.0 or vectors[START, i] > 0.0 or vectors[END, k] > 0.0:
+            vectors[MISS, k] = vectors[ETA, k] - vectors[MOVE, i]
+            vectors[FORCE, k], vectors[ETA, k], vectors[END, k] = vectors[F, i], vectors[MOVE, i], vectors[CLOSE, i]
 
 
 @outlined
-def newton_step(matrix, n, scratch):
-    """STEP = √J y with (I + √J B √J) y = √J·MISS, over the contacts with slope J > 0.
-
-    The symmetric form of the Newton step: to first order, adding STEP to the forces on the
-    curve removes MISS.
-    """
-    slope, miss, step = scratch.vectors[SLOPE], scratch.vectors[MISS], scratch.vectors[STEP]
-    active = scratch.active
-    count = 0
-    for k in range(n):
-        step[k] = 0.0
-        if slope[k] > 0.0:
-            active[count] = k
-            count += 1
-    for i in range(count):
-        wi = math.sqrt(slope[active[i]])
-        step[active[i]] = wi * miss[active[i]]
-        for j in range(i + 1):
-            scratch.matrix[i, j] = wi * math.sqrt(slope[active[j]]) * matrix[active[i] * n + active[j]]
-        scratch.matrix[i, i] += 1.0
-    cholesky_solve(scratch.matrix, active, count, step)
-    for i in range(count):
-        step[active[i]] *= math.sqrt(slope[active[i]])
+def created(law, damping, total, s, g, at, scratch):
+    """Energy that the forces at·FORCE create, and its slope by `at`: E = Σ (φ - f)·η, J; with the energy
+    they turn over, Σ |f·η|. MISS is B·FORCE."""
+    force, give_way = scratch.vectors[FORCE], scratch.vectors[MISS]
+    energy, slope, size = 0.0, 0.0, 0.0
+    for k in range(total):
+        eta, f = g[k] - at * give_way[k], at * force[k]
+        if f != 0.0 or s[k] > 0.0 or s[k] + eta > 0.0:
+            phi, rise = respond(law, damping, k, s[k], eta)
+            energy += (phi - f) * eta
+            slope -= (rise * eta + phi - f) * give_way[k] + force[k] * eta
+            size += abs(f * eta)
+    return energy, slope, size
 
 
 @outlined
-def to_curves(law, damping, matrix, n, s, g, tolerance, scratch):
-    """Minty's projection of FORCE onto every contact's own curve; the residual goes to MISS.
-
-    Returns the largest residual in units of what rounding allows (converged: ≤ 1).
-    """
-    force, eta, end = scratch.vectors[FORCE], scratch.vectors[ETA], scratch.vectors[END]
-    curve, slope, miss = scratch.vectors[CURVE], scratch.vectors[SLOPE], scratch.vectors[MISS]
-    for k in range(n):
-        own = matrix[k * n + k]
-        target = g[k] - (row_dot(matrix, n, k, force) - own * force[k])
-        eta[k], end[k], curve[k], slope[k], _, _ = scalar(law, damping, k, s[k], target, own, tolerance)
-    worst = 0.0
-    for k in range(n):
-        move = g[k]
-        noise = abs(g[k])
-        for j in range(n):
-            part = matrix[k * n + j] * curve[j]
-            move -= part
-            noise += abs(part)
-        miss[k] = move - eta[k]
-        allowed = 1e-15 * noise + 1e-300
-        if curve[k] == 0.0 and s[k] <= 0.0 and s[k] + move <= 0.0:
-            eta[k] = move  # free, and remains so: its end is where the others leave it
-            end[k] = s[k] + move
-            miss[k] = 0.0
-        worst = max(worst, abs(miss[k]) / allowed)
-        if not np.isfinite(worst):
-            return np.inf
-    return worst
+def push_only(law, damping, matrix, total, n, forces, s, g, scratch):
+    """Let the forces of the set act where they push. Returns the energy they create."""
+    vectors, contacts = scratch.vectors, scratch.order[0]
+    for i in range(n):
+        forces[i] = max(0.0, forces[i])
+    spread(matrix, total, n, forces, s, g, scratch)
+    for i in range(n):
+        vectors[FORCE, contacts[i]] = forces[i]
+    for k in range(total):
+        vectors[MISS, k] = g[k] - vectors[ETA, k]
+    return created(law, damping, total, s, g, 1.0, scratch)[0]
 
 
 @outlined
-def descent(law, damping, matrix, n, s, g, at, scratch):
-    """Directional derivative along STEP of the convex potential
-    ½ fᵀBf + Σ ∫φ_k dη at f = FORCE + at·STEP, η = g - B f; leaves the response in CURVE."""
-    force, step, trial = scratch.vectors[FORCE], scratch.vectors[STEP], scratch.vectors[TRIAL]
-    curve, slope, miss = scratch.vectors[CURVE], scratch.vectors[SLOPE], scratch.vectors[MISS]
-    for k in range(n):
-        trial[k] = force[k] + at * step[k]
-    for k in range(n):
-        eta = g[k] - row_dot(matrix, n, k, trial)
-        curve[k], slope[k] = respond(law, damping, k, s[k], eta)
-        miss[k] = trial[k] - curve[k]
-    total = 0.0
-    for k in range(n):
-        total += step[k] * row_dot(matrix, n, k, miss)
-    return total
+def balance(law, damping, total, s, g, scratch):
+    """The λ for which the forces λ·FORCE create no energy; 0 if none is near 1. E is convex in λ."""
+    at = 1.0
+    for _ in range(8):
+        energy, slope, size = created(law, damping, total, s, g, at, scratch)
+        if abs(energy) <= 1e-14 * size:
+            return at
+        at -= energy / slope
+        if not LEAST <= at <= MOST:
+            return 0.0
+    return at if abs(energy) <= 1e-6 * size else 0.0
 
 
 @outlined
-def line_search(law, damping, matrix, n, s, g, scratch):
-    """One Newton step on the convex potential, with FORCE moved to where it no longer falls."""
-    force, step = scratch.vectors[FORCE], scratch.vectors[STEP]
-    curve, miss, other = scratch.vectors[CURVE], scratch.vectors[MISS], scratch.vectors[OTHER]
-    for k in range(n):
-        step[k] = 0.0
-    descent(law, damping, matrix, n, s, g, 0.0, scratch)
-    for k in range(n):  # Newton: (I + J B) d = φ - f, that is d = (φ - f) - J B (φ - f) + …
-        other[k] = curve[k] - force[k]
-    for k in range(n):
-        miss[k] = -row_dot(matrix, n, k, other)
-    newton_step(matrix, n, scratch)
-    for k in range(n):
-        step[k] += other[k]
-    before = descent(law, damping, matrix, n, s, g, 0.0, scratch)
-    low, high, at = 0.0, 0.0, 1.0
-    for _ in range(60):  # the derivative rises along the ray: find where it changes sign
-        here = descent(law, damping, matrix, n, s, g, at, scratch)
-        if abs(here) <= 0.1 * abs(before):
+def consider(law, damping, matrix, total, n, forces, s, g, least, scratch):
+    """Keep these forces of the set in BASE if they create less energy than `least`; returns the least."""
+    energy = push_only(law, damping, matrix, total, n, forces, s, g, scratch)
+    if not abs(energy) < abs(least):
+        return least
+    for i in range(n):
+        scratch.vectors[BASE, i] = forces[i]
+    return energy
+
+
+@outlined
+def make_do(law, damping, matrix, total, n, s, g, budget, least, scratch):
+    """End with the forces BASE, which create the energy `least`: scaled so that they create none, or
+    after a line search where the budget allows it. Returns the energy they create."""
+    base, kept = scratch.vectors[BASE], scratch.vectors[TARGET]
+    while True:
+        push_only(law, damping, matrix, total, n, base, s, g, scratch)
+        at = balance(law, damping, total, s, g, scratch)
+        if at > 0.0 or budget[0] <= 0:
             break
-        if here < 0.0:
-            low = at
-            at = 2.0 * at if high == 0.0 else 0.5 * (low + high)
-        else:
-            high = at
-            at = 0.5 * (low + high)
-    for k in range(n):
-        force[k] += at * step[k]
-
-
-@jit
-def reach(law, damping, k, s, b, eta, f, slope, move):
-    """How far off the first-order force is after a small further move: relative error of f."""
-    if f <= 0.0:
-        return 0.0 if b <= 0.0 or move == 0.0 else np.inf
-    scale = max(s, abs(eta)) if s > 0.0 else b
-    size = (exponent(law, k) + 1.0) * abs(move) / scale
-    return size * max(size, abs(move) * slope / f)
-
-
-@outlined
-def finish(law, damping, matrix, n, s, g, tolerance, scratch):
-    """Try to take the last Newton step along the tangents of the curves, without another round.
-
-    Moves CURVE, ETA, END and MISS if every force stays within the tolerance of its curve.
-    """
-    eta, end, curve = scratch.vectors[ETA], scratch.vectors[END], scratch.vectors[CURVE]
-    slope, miss, step = scratch.vectors[SLOPE], scratch.vectors[MISS], scratch.vectors[STEP]
-    other = scratch.vectors[OTHER]
-    for k in range(n):
-        other[k] = miss[k] - row_dot(matrix, n, k, step)
-        if slope[k] > 0.0:
-            if not reach(law, damping, k, s[k], end[k], eta[k], curve[k], slope[k], other[k]) <= tolerance:
-                return False
-        elif not respond(law, damping, k, s[k], eta[k] + other[k])[0] <= 0.0:
-            return False
-    for k in range(n):
-        curve[k] += step[k]
-    for k in range(n):
-        eta[k] += other[k]
-        end[k] += other[k]
-        miss[k] = (g[k] - row_dot(matrix, n, k, curve)) - eta[k]
-    return True
+        budget[0] -= 1
+        for i in range(n):
+            kept[i] = base[i]
+        line_search(law, damping, n, scratch)
+        energy = push_only(law, damping, matrix, total, n, base, s, g, scratch)
+        if not abs(energy) < abs(least):
+            for i in range(n):
+                base[i] = kept[i]
+            break
+        least = energy
+    if at > 0.0:
+        for i in range(n):
+            base[i] *= at
+    energy = push_only(law, damping, matrix, total, n, base, s, g, scratch)
+    for k in range(total):
+        scratch.vectors[MISS, k] = 0.0
+    return energy
 
 
 @outlined
-def coupled(law, damping, matrix, n, s, g, tolerance, scratch):
-    """Solve n contacts together.
+def coupled(law, damping, matrix, total, s, g, cap, budget, tolerance, scratch):
+    """Solve the contacts of an island together.
 
     matrix:  B, row by row, m/N
-    s, g:    compressions at the start, and their changes without contact force, m [n]
-    scratch: FORCE holds the first guess; on return CURVE, ETA and END hold the forces
-             (N), steps and end compressions (m)
+    s, g:    compressions at the start, and their changes without contact force, m [total]
+    scratch: FORCE holds the first guess; on return FORCE, ETA, END and MISS hold the forces
+             (N), steps, end compressions and what the bodies moved beyond the steps (m)
+    cap:     rounds after which it makes do with forces off their curves
+    budget:  how often it may then try a line search, in budget[0]
 
-    Returns rounds and how it ended (NEWTON or FAILED).
+    Returns rounds (the first sweep is one), how it ended, and the energy that forces off their curves create, J.
     """
-    force, curve, step = scratch.vectors[FORCE], scratch.vectors[CURVE], scratch.vectors[STEP]
-    best = np.inf
-    for count in range(1, LIMIT + 1):
-        worst = to_curves(law, damping, matrix, n, s, g, tolerance, scratch)
-        newton_step(matrix, n, scratch)
-        if finish(law, damping, matrix, n, s, g, tolerance, scratch):
-            return count, NEWTON
-        if worst <= 64.0 and worst >= 0.5 * best:  # stalled on rounding
-            return count, NEWTON
+    vectors, near = scratch.vectors, scratch.matrix[0]
+    base, target, rho, f = vectors[BASE], vectors[TARGET], vectors[RHO], vectors[F]
+    move, step, after = vectors[MOVE], vectors[STEP], vectors[AFTER]
+    n = gather(law, damping, matrix, total, s, g, tolerance, scratch)
+    if n == 0:
+        return 0, FREE, 0.0
+    count, best, search, aim, least = 1 if n > 1 else 0, np.inf, False, True, np.inf
+    while count < LIMIT:
+        count += 1
+        if aim:
+            for i in range(n):
+                rho[i] = near[i, i]
+                target[i] = vectors[GO, i] - (dot(near[i], base, n) - rho[i] * base[i])
+        worst, evaluations, how = to_curves(law, damping, n, tolerance, scratch)
+        done = n == 1
+        if not done:
+            newton_step(n, scratch)
+            done = finish(law, damping, n, tolerance, scratch)
+            done = done or (worst <= 64.0 and worst >= 0.5 * best)  # stalled on rounding
+        if done:
+            more = grow(matrix, total, n, f, s, g, scratch)
+            if more == n:
+                settle_set(n, scratch)
+                return (evaluations, how, 0.0) if n == 1 else (count, NEWTON, 0.0)
+            for i in range(n):
+                target[i] = move[i] + rho[i] * f[i]
+            n, best, aim = more, np.inf, False
+            continue
         best = min(best, worst)
-        if count < MINTY_ROUNDS:
-            for k in range(n):
-                force[k] = curve[k] + step[k]
-        else:
-            if count == MINTY_ROUNDS:  # not from the force it stalled at, which may overflow
-                for k in range(n):
-                    force[k] = 0.0
-                best = np.inf
-            line_search(law, damping, matrix, n, s, g, scratch)
-    return LIMIT, FAILED
+        if count >= cap - 1:
+            least = consider(law, damping, matrix, total, n, f, s, g, least, scratch)
+        if count >= cap:
+            for i in range(n):
+                step[i] += f[i]
+            least = consider(law, damping, matrix, total, n, step, s, g, least, scratch)
+            excess = make_do(law, damping, matrix, total, n, s, g, budget, least, scratch)
+            return count, (CAPPED if math.isfinite(least + excess) else FAILED), excess
+        search = search or count >= SEARCH or not math.isfinite(worst)
+        aim = search
+        if search:
+            if count == SEARCH or not math.isfinite(worst):  # not from the force it stalled at, which may overflow
+                for i in range(n):
+                    base[i] = 0.0
+            line_search(law, damping, n, scratch)
+            count += 1
+            continue
+        give(n, scratch)
+        part = SHORT if count >= CYCLE and count % 2 == 0 else 1.0
+        for i in range(n):
+            target[i] = (move[i] + rho[i] * f[i]) + part * (after[i] + rho[i] * step[i])
+        if count <= EARLY and n < total:
+            for i in range(n):
+                step[i] += f[i]
+            n = grow(matrix, total, n, step, s, g, scratch)
+    return LIMIT, FAILED, 0.0

@@ -88,6 +88,7 @@ def _cut_contact(contact, state, a, b):
             contact.compliance[a:b],
             contact.beneath[a:b],
             contact.tolerance,
+            contact.cap,
         )
 
     return live
@@ -134,7 +135,7 @@ def cut_scratch(scratch: Any, part: int) -> Any:
 def _cut_scratch(scratch, part):
     if isinstance(scratch, types.NoneType):
         return lambda scratch, part: None
-    return lambda scratch, part: Scratch(scratch.vectors[part], scratch.matrix[part], scratch.active[part])
+    return lambda scratch, part: Scratch(scratch.vectors[part], scratch.matrix[part], scratch.order[part])
 
 
 @jit
@@ -155,6 +156,7 @@ def cut_state(islands, state, part, i):
         state.free_move[k0:k1],
         state.contact_force[k0:k1],
         cut_scratch(state.scratch, part),
+        state.budget[i : i + 1],
         state.heard[islands.pickup[i] : islands.pickup[i + 1]],
         state.account[i : i + 1],
         state.clear[i : i + 1],

@@ -100,7 +100,7 @@ def outlined(function: Callable[..., Any]) -> Any:
 
 
 def summing(function: Callable[..., Any]) -> Any:
-    """Compile a part of a kernel that sums over modes, as vector code (2.5 → 0.2 ns per product)."""
+    """Compile a part of a kernel that sums many products, as vector code (1.0 → 0.1 ns each)."""
     return numba.njit(**SUM)(function)
 
 

@@ -81,6 +81,7 @@ class Contact(NamedTuple):
     compliance: np.ndarray  # B_kk [contacts], m/N
     beneath: np.ndarray  # [contacts], m/N: what rounding cut from B_kk
     tolerance: float  # relative error left in the end compression
+    cap: int  # rounds of a coupled solve before it makes do
 
 
 class ContactLoss(NamedTuple):
@@ -159,8 +160,8 @@ class Scratch(NamedTuple):
     K is the largest number of contacts in an island."""
 
     vectors: np.ndarray  # [parts, rows, K]
-    matrix: np.ndarray  # [parts, K, K]
-    active: np.ndarray  # int [parts, K]
+    matrix: np.ndarray  # [parts, 2, K, K]: B of the set, and what is factorised
+    order: np.ndarray  # int [parts, 3, K]: the contacts of the set, those with a slope, and who is in it
 
 
 class State(NamedTuple):
@@ -178,6 +179,7 @@ class State(NamedTuple):
     free_move: np.ndarray  # [contacts], m: g, the change of compression without contact force
     contact_force: np.ndarray  # [contacts], N, mean over the last step
     scratch: Scratch | None  # for coupled contacts
+    budget: np.ndarray  # int [islands]: line searches left to capped solves
     heard: np.ndarray  # [pickups], velocity one sample ago
     account: np.ndarray  # [islands, 4], J: energy dissipated and work supplied (engine.energy)
     clear: np.ndarray  # int [islands]: before this frame, nothing can act on the island
@@ -186,7 +188,7 @@ class State(NamedTuple):
     touching: np.ndarray  # int [islands]: 1 if the last step had a contact in reach
     evaluations: np.ndarray  # int [islands]: of the contact laws, in the last step
     iterations: np.ndarray  # int [islands, evaluations]: histogram of evaluations per Newton solve
-    regimes: np.ndarray  # int [islands, 5]: solves that ended by separation, closed form, Newton, failed; 0 unused
+    regimes: np.ndarray  # int [islands, 6]: solves by separation, closed form, Newton, failed, capped; 0 unused
     contacts: np.ndarray  # int [islands]: samples with a contact in reach
 
 

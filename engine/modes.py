@@ -177,6 +177,23 @@ def turn_back(modes, q, p):
         q[m] -= modes.drift[m] * p[m]  # what the drift that follows adds
 
 
+@outlined
+def pay(energy, p):
+    """Take an energy from the motion, or give it (negative), J. Returns whether there was as much, and
+    what was lost instead of given: a motion is not to be more than doubled."""
+    kinetic = 0.0
+    for m in range(p.shape[0]):
+        kinetic += 0.5 * p[m] * p[m]
+    if not energy < kinetic:
+        return False, 0.0
+    if energy < -kinetic:
+        return True, -energy
+    part = math.sqrt(1.0 - energy / kinetic)
+    for m in range(p.shape[0]):
+        p[m] *= part
+    return True, 0.0
+
+
 @summing
 def lose_all(loss, p):
     """Half a step of loss of all modes. Returns the energy lost."""

@@ -122,7 +122,8 @@ def statistics(runner: Runner) -> dict[str, Any]:
 
 def newton(model: Model, state: State) -> dict[str, Any]:
     """Evaluations of the contact law per iterative solve, and how each sample of each island with
-    contacts was solved; "failed" are the samples where the motion was turned back instead."""
+    contacts was solved; "capped" are the samples that made do with unfinished forces, "failed" those
+    where the motion was turned back instead."""
     histogram, regimes = state.iterations.sum(axis=0), state.regimes.sum(axis=0)
     with_contacts = np.diff(model.islands.contact) > 0
     solves = int(histogram.sum())
@@ -139,6 +140,7 @@ def newton(model: Model, state: State) -> dict[str, Any]:
             "separation": int(regimes[solve.SEPARATION]),
             "closed_form": int(regimes[solve.CLOSED]),
             "newton": int(regimes[solve.NEWTON]),
+            "capped": int(regimes[solve.CAPPED]),
             "failed": int(regimes[solve.FAILED]),
         },
     }

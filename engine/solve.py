@@ -17,7 +17,7 @@ from engine.jit import jit
 from engine.laws import exponent, gradient, power, root
 
 # How a solve ended; also the index of its counter in the telemetry.
-FREE, SEPARATION, CLOSED, NEWTON, FAILED = 0, 1, 2, 3, 4
+FREE, SEPARATION, CLOSED, NEWTON, FAILED, CAPPED = 0, 1, 2, 3, 4, 5
 
 LEAST = 1e-150  # m; a compression below it is none: its square underflows
 SLACK = 1e-15  # of a bracket: its ends are rounded

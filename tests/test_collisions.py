@@ -1,7 +1,10 @@
 """Bodies with many modes collide as physics has it."""
 
 import math
+import re
+import tomllib
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -32,46 +35,57 @@ def hammered(**more) -> engine.Scene:
     return build(body=[STRING, HAMMER], contact=[FELT], pickup=[EAR], **more)
 
 
+EVERYTHING = """
+gravity = 9.81
+seconds = 0.5
+body = [
+    { name = "string", kind = "string", length = 0.62, mass = 3.93e-3, tension = 670.0, inharmonicity = 3.77e-4,
+      modes = 60, sigma0 = 0.5, b3 = 6e-9, support = [{ at = 0.01, stiffness = 1e4, damping = 0.5 }] },
+    { name = "hammer", kind = "mass", mass = 2.97e-3, displacement = -1e-3, velocity = 4.0 },
+    { name = "bar", kind = "bar", length = 0.3, mass = 0.2, frequency = 440.0, t60 = [1.0, 0.5], t60_at = [400.0, 4e3] },
+    { name = "skin", kind = "membrane", radius = 0.2, density = 0.26, frequency = 90.0, modes = 80, sigma0 = 4.0 },
+    { name = "plate", kind = "plate", size = [0.4, 0.3], density = 8.0, rigidity = 20.0, modes = 60, t60 = [2.0] },
+    { name = "bell", kind = "modes", frequency = [300.0, 810.0], sigma = [1.0, 2.0], points = { rim = [2.0, 1.5] } },
+    { name = "ball", kind = "mass", mass = 0.01, displacement = 0.01 },
+    { name = "reed", kind = "oscillator", mass = 1e-3, frequency = 55.0, damping = 2.0, displacement = 3e-3 },
+]
+contact = [
+    { name = "felt", body = "hammer", on = "string", on_at = 0.12, stiffness = 4.5e9, exponent = 2.5, loss = 0.1 },
+    { name = "rail", body = "string", bridge = { at = 0.6, width = 0.05, points = 5, depth = 1e-4, height = -1e-3 },
+      side = "below", stiffness = 1e8, exponent = 1.5 },
+    { body = "string", frets = { count = 6, height = [-8e-4, -2e-3] }, side = "below", stiffness = 1e8, exponent = 1.3 },
+    { body = "ball", on = "skin", on_at = [0.4, 0.5], side = "below", stiffness = 1e6, exponent = 1.5, loss = 0.2 },
+    { body = "skin", at = [[0.3, 0.3], [0.6, 0.7]], on = "plate", on_at = [[0.3, 0.3], [0.6, 0.7]], gap = 1e-4,
+      side = "below", stiffness = 1e7, exponent = 2.0 },
+    { body = "reed", on = "bell", on_at = "rim", gap = 1e-3, stiffness = 1e6, exponent = 1.0 },
+]
+force = [{ body = "string", at = 0.5, kind = "pluck", amplitude = -2.0, duration = 0.01 }]
+event = [
+    { kind = "strike", time = 0.1, body = "hammer", velocity = 3.0 },
+    { kind = "pluck", time = 0.15, body = "bar", at = 0.2, amplitude = 20.0, duration = 0.002 },
+    { kind = "change", time = 0.2, contact = "rail", barrier = -2e-4, duration = 0.02 },
+    { kind = "change", time = 0.25, contact = "felt", stiffness = 1e9, duration = 0.01 },
+    { kind = "strike", time = 0.26, body = "hammer", velocity = 2.0 },
+    { kind = "damp", time = 0.35, body = "string", sigma = 50.0, duration = 0.1 },
+]
+pickup = [
+    { body = "string", at = 0.37 },
+    { body = "plate", at = [0.3, 0.4] },
+    { body = "bell", at = "rim", quantity = "force" },
+]
+"""
+
+
+def text_scene(text: str) -> engine.Scene:
+    """A scene from TOML, whose inline tables may here go over lines."""
+    joined = re.sub(r",\n +(?=[a-z_]+ =)", ", ", text)
+    return engine.Scene.model_validate(tomllib.loads(joined))
+
+
 @lru_cache
 def everything() -> engine.Take:
     """Every kind of body, contact and event in one scene, some in one island, some apart."""
-    loss = {"sigma0": 0.5, "b3": 6e-9}
-    bodies = [
-        STRING | loss | {"support": [{"at": 0.01, "stiffness": 1e4, "damping": 0.5}]},
-        HAMMER,
-        {"name": "bar", "kind": "bar", "length": 0.3, "mass": 0.2, "frequency": 440.0, "t60": [1.0, 0.5], "t60_at": [400.0, 4000.0]},
-        {"name": "skin", "kind": "membrane", "radius": 0.2, "density": 0.26, "frequency": 90.0, "modes": 80, "sigma0": 4.0},
-        {"name": "plate", "kind": "plate", "size": [0.4, 0.3], "density": 8.0, "rigidity": 20.0, "modes": 60, "t60": [2.0]},
-        {"name": "bell", "kind": "modes", "frequency": [300.0, 810.0], "sigma": [1.0, 2.0], "points": {"rim": [2.0, 1.5]}},
-        {"name": "ball", "kind": "mass", "mass": 0.01, "displacement": 0.01},
-        {"name": "reed", "kind": "oscillator", "mass": 1e-3, "frequency": 55.0, "damping": 2.0, "displacement": 3e-3},
-    ]  # fmt: skip
-    contacts = [
-        FELT | {"loss": 0.1},
-        {"name": "rail", "body": "string", "bridge": {"at": 0.6, "width": 0.05, "points": 5, "depth": 1e-4, "height": -1e-3}, "side": "below", "stiffness": 1e8, "exponent": 1.5},
-        {"body": "string", "frets": {"count": 6, "height": [-8e-4, -2e-3]}, "side": "below", "stiffness": 1e8, "exponent": 1.3},
-        {"body": "ball", "on": "skin", "on_at": [0.4, 0.5], "side": "below", "stiffness": 1e6, "exponent": 1.5, "loss": 0.2},
-        {"body": "skin", "at": [[0.3, 0.3], [0.6, 0.7]], "on": "plate", "on_at": [[0.3, 0.3], [0.6, 0.7]], "gap": 1e-4, "side": "below", "stiffness": 1e7, "exponent": 2.0},
-        {"body": "reed", "on": "bell", "on_at": "rim", "gap": 1e-3, "stiffness": 1e6, "exponent": 1.0},
-    ]  # fmt: skip
-    events = [
-        {"kind": "strike", "time": 0.1, "body": "hammer", "velocity": 3.0},
-        {"kind": "pluck", "time": 0.15, "body": "bar", "at": 0.2, "amplitude": 20.0, "duration": 0.002},
-        {"kind": "change", "time": 0.2, "contact": "rail", "barrier": -2e-4, "duration": 0.02},
-        {"kind": "change", "time": 0.25, "contact": "felt", "stiffness": 1e9, "duration": 0.01},
-        {"kind": "strike", "time": 0.26, "body": "hammer", "velocity": 2.0},
-        {"kind": "damp", "time": 0.35, "body": "string", "sigma": 50.0, "duration": 0.1},
-    ]
-    scene = build(
-        gravity=9.81,
-        seconds=0.5,
-        body=bodies,
-        contact=contacts,
-        event=events,
-        force=[{"body": "string", "at": 0.5, "kind": "pluck", "amplitude": -2.0, "duration": 0.01}],
-        pickup=[EAR, {"body": "plate", "at": [0.3, 0.4]}, {"body": "bell", "at": "rim", "quantity": "force"}],
-    )
-    return engine.render(scene, trace=True)
+    return engine.render(text_scene(EVERYTHING), trace=True)
 
 
 def test_the_ledger_closes_with_everything_on():
@@ -213,9 +227,7 @@ def test_string_against_an_obstacle_agrees_with_finite_differences():
         power = np.abs(np.fft.rfft(x * np.hanning(x.size))) ** 2 / rate**2
         frequency = np.fft.rfftfreq(x.size, 1 / rate)
         edges = 100.0 * 2 ** (np.arange(0, 15) / 3 - 1 / 6)
-        return np.array(
-            [power[(frequency >= a) & (frequency < b)].sum() for a, b in zip(edges, edges[1:], strict=False)]
-        )
+        return np.array([power[(frequency >= a) & (frequency < b)].sum() for a, b in pairwise(edges)])
 
     decibels = 10 * np.log10(bands(take.audio[:, 0], rate) / bands(heard, fine))
     assert np.abs(decibels).max() <= 1.0, decibels
@@ -247,7 +259,8 @@ def test_damping_adds_its_decay_rate():
     """The envelope of a vibration falls with σ + σ_damp while it lasts, and with σ again after."""
     body = STRING | {"modes": 1, "sigma0": 3.0}
     score = [{"kind": "damp", "time": 0.5, "body": "string", "sigma": 40.0, "duration": 0.1}]
-    scene = build(body=[body], event=[{"kind": "pluck", "time": 0.0, "body": "string", "at": 0.5, "amplitude": 1.0, "duration": 0.001}, *score], pickup=[EAR])  # fmt: skip
+    pluck = {"kind": "pluck", "time": 0.0, "body": "string", "at": 0.5, "amplitude": 1.0, "duration": 0.001}
+    scene = build(body=[body], event=[pluck, *score], pickup=[EAR])
     take = engine.render(scene, seconds=1.0, trace=True)
     total = take.trace["total"]
     for begin, end, rate in ((0.1, 0.5, 3.0), (0.5, 0.6, 43.0), (0.65, 0.95, 3.0)):
@@ -257,7 +270,8 @@ def test_damping_adds_its_decay_rate():
 
 def test_a_barrier_moves_and_the_ledger_knows():
     """A stop pushed into a string lifts it; the work done is what it holds then."""
-    rail = {"name": "rail", "body": "string", "at": [0.45, 0.5, 0.55], "barrier": -1e-3, "side": "below", "stiffness": 1e7, "exponent": 1.5}  # fmt: skip
+    rail = {"name": "rail", "body": "string", "at": [0.45, 0.5, 0.55], "barrier": -1e-3, "side": "below"}
+    rail |= {"stiffness": 1e7, "exponent": 1.5}
     score = [{"kind": "change", "time": 0.01, "contact": "rail", "barrier": 1e-3, "duration": 0.05}]
     body = STRING | {"sigma0": 200.0}
     scene = build(body=[body], contact=[rail], event=score, pickup=[EAR | {"quantity": "displacement"}])

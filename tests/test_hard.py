@@ -16,9 +16,10 @@ import engine
 from bench.metric import preservation
 from engine import laws, offline, solve
 from engine.build import build
-from engine.coupled import CURVE, ETA, VECTORS, coupled
+from engine.coupled import LIMIT, coupled, room
 from engine.jit import entry
 from engine.model import Scratch
+from engine.rounds import ETA, FORCE
 from engine.runner import Runner
 
 RATE = 44_100
@@ -31,8 +32,8 @@ def scalar(law, damping, s, g, compliance, out):
 
 
 @entry
-def several(law, matrix, n, s, g, scratch):
-    return coupled(law, None, matrix, n, s, g, 1e-15, scratch)
+def several(law, matrix, n, s, g, cap, budget, scratch):
+    return coupled(law, None, matrix, n, s, g, cap, budget, 1e-15, scratch)
 
 
 def long(scene: engine.Scene, seconds: float, samplerate: float = RATE) -> tuple[dict, dict]:
@@ -141,10 +142,10 @@ def coupled_problems_are_solved(count: int) -> None:
     for seed in range(count):
         law, matrix, s, g = adversarial(seed)
         n = s.size
-        scratch = Scratch(np.zeros((VECTORS, n)), np.zeros((n, n)), np.zeros(n, np.int64))
-        _, how = several(law, matrix.ravel(), n, s, g, scratch)
-        force, eta = scratch.vectors[CURVE], scratch.vectors[ETA]
-        assert how == solve.NEWTON
+        scratch = Scratch(*(x[0] for x in room(1, n)))
+        _, how, _ = several(law, matrix.ravel(), n, s, g, LIMIT + 1, np.zeros(1, np.int64), scratch)
+        force, eta = scratch.vectors[FORCE], scratch.vectors[ETA]
+        assert how not in (solve.FAILED, solve.CAPPED)
         assert np.all(force >= 0.0)
         off = np.abs(eta + matrix @ force - g)
         assert np.max(off / (np.abs(g) + np.abs(matrix) @ force)) <= 1e-13

@@ -16,7 +16,7 @@ FLOORS = [
     ["references", "spots", "waveform"],
     ["laws", "scene", "bodies"],
     ["model", "solve", "patch"],
-    ["modes", "coupled", "islands", "layout"],
+    ["modes", "rounds", "coupled", "islands", "layout"],
     ["force", "contact"],
     ["energy"],
     ["events"],
@@ -26,7 +26,7 @@ FLOORS = [
     ["cli"],
     ["__init__"],
 ]
-KERNELS = ["laws", "solve", "coupled", "modes", "islands", "force", "contact", "energy", "events", "block"]
+KERNELS = ["laws", "solve", "rounds", "coupled", "modes", "islands", "force", "contact", "energy", "events", "block"]
 WITHOUT_NUMBA = ["parts", "measured", "references", "scene", "patch", "bodies", "spots", "waveform", "cli", "__init__"]
 
 

@@ -6,15 +6,15 @@ begins. Sample i is what the scene is like before step i; sample 0 is the initia
 
 import numpy as np
 
-from engine.contact import back_to_start, let_go, out_of_reach, refill, resync, separated, spring_back, stored, touch
+from engine.contact import let_go, out_of_reach, refill, resync, separated, spring_back, stored, touch
 from engine.energy import DISSIPATED, SUPPLIED, book, enter, kinetic_and_potential
 from engine.events import keep_score, quiet
 from engine.force import idle, push, supply
 from engine.islands import cut_model, cut_state
-from engine.jit import entry, jit, outlined
+from engine.jit import entry, jit
 from engine.model import ACCELERATION, DISPLACEMENT, VELOCITY
 from engine.modes import coast, first_half, hush, lose_all, pay, project, second_half, swing, turn_back
-from engine.solve import CAPPED, FAILED, FREE
+from engine.solve import FAILED, FREE
 
 ZERO = np.int64(0)
 PIECE = 256  # samples an island runs before the next one does: small enough for the fast cache
@@ -22,35 +22,17 @@ RESYNC = 64  # samples; out of contact, compressions are read anew from the mode
 
 
 @jit
-def settle_up(coupling, model, state, frame, energy):
-    """At the end of a step whose contact solve was capped: the motion pays for the energy created.
-
-    If it cannot, it is turned around, and the step run backwards from there, as if the solve had
-    failed. Returns whether it could, and the energy lost.
-    """
+def settle_up(coupling, state, excess):
+    """At the end of a step, the motion pays for the energy that an unfinished contact solve created,
+    or is given what it took; what cannot be paid at once is owed. Returns the energy lost, J."""
     if coupling is None:
-        return True, 0.0
-    paid, lost = pay(energy, state.p)
-    if not paid:
-        undo(model, state, frame)
-    return paid, lost
-
-
-@outlined
-def undo(model, state, frame):
-    """Back to the beginning of a step, between its two half-steps of loss, with all motion reversed."""
-    modes, spring, gravity = model.modes, model.spring, model.gravity
-    for m in range(state.p.shape[0]):
-        state.p[m] = -state.p[m]
-    first_half(modes, spring, None, gravity, state.carry, state.q, state.p)
-    push(model.force, frame, state.p)
-    spring_back(model.contact, model.partner, state)
-    second_half(modes, spring, None, gravity, state.carry, state.q, state.p)
-    push(model.force, frame, state.p)
-    spring_back(model.contact, model.partner, state)
-    back_to_start(state)
-    state.regimes[CAPPED] -= 1
-    state.regimes[FAILED] += 1
+        return 0.0
+    owed = state.debt[0] + excess
+    if owed == 0.0:
+        return 0.0
+    paid = pay(owed, state.p)
+    state.debt[0] = max(0.0, owed - paid)
+    return paid - excess
 
 
 @jit
@@ -69,12 +51,20 @@ def look_ahead(model, state, frame):
 
 
 @jit
-def contact_step(model, state, frame, ledger):
-    """One step in which forces may act. Returns whether a contact was in reach, and evaluations."""
+def step(model, contact, force, state, frame, ledger):
+    """One step of one island, the short way where nothing can act on it.
+
+    Returns whether a contact was in reach, and the evaluations of the contact laws.
+    """
     modes, spring, loss, gravity = model.modes, model.spring, model.loss, model.gravity
-    contact, partner = model.contact, model.partner
+    if contact is None:
+        if force is None:
+            return coasting_step(modes, spring, loss, gravity, state, ledger)
+    if frame < state.clear[0]:
+        return coasting_step(modes, spring, loss, gravity, state, ledger)
+    partner = model.partner
     lost = first_half(modes, spring, loss, gravity, state.carry, state.q, state.p)
-    push(model.force, frame, state.p)
+    push(force, frame, state.p)
     lost_in_contact, count, how, excess = touch(contact, partner, model.contact_loss, model.coupling, state)
     touching = how != FREE
     if how == FAILED:
@@ -82,15 +72,13 @@ def contact_step(model, state, frame, ledger):
         let_go(contact, state)
         work = 0.0
     else:
-        work = supply(model.force, frame, state.p)
-    if touching or model.force is not None:  # their second half-kick comes before the loss
+        work = supply(force, frame, state.p)
+    if touching or force is not None:  # their second half-kick comes before the loss
         second_half(modes, spring, None, gravity, state.carry, state.q, state.p)
-        push(model.force, frame, state.p)
+        push(force, frame, state.p)
         if touching:
             spring_back(contact, partner, state)
-            if how == CAPPED:
-                paid, more = settle_up(model.coupling, model, state, frame, excess)
-                work, lost_in_contact = work if paid else 0.0, lost_in_contact + more if paid else 0.0
+            lost_in_contact += settle_up(model.coupling, state, excess)
         lost += lose_all(loss, state.p)
     else:
         lost += second_half(modes, spring, loss, gravity, state.carry, state.q, state.p)
@@ -101,35 +89,18 @@ def contact_step(model, state, frame, ledger):
 
 
 @jit
-def coasting_step(model, state, ledger):
-    """One step in which no force can act. Returns as contact_step."""
-    lost = coast(model.modes, model.spring, model.loss, model.gravity, state.carry, state.q, state.p)
+def coasting_step(modes, spring, loss, gravity, state, ledger):
+    """One step in which no force can act. Returns as `step`."""
+    lost = coast(modes, spring, loss, gravity, state.carry, state.q, state.p)
     if ledger is not None:
         book(state.account, DISSIPATED, lost)
     return False, ZERO
 
 
 @jit
-def act(model, contact, force, state, frame, ledger):
-    """One step, the short way if that is known to do."""
-    if contact is None:
-        if force is None:
-            return coasting_step(model, state, ledger)
-    if frame < state.clear[0]:
-        return coasting_step(model, state, ledger)
-    return contact_step(model, state, frame, ledger)
-
-
-@jit
-def step(model, state, frame, ledger, touched):
-    """One step of one island; `touched`: the step before had a contact in reach.
-
-    Returns whether this one has, and the evaluations of the contact laws.
-    """
-    keep_score(model, model.events, state, frame)
-    if frame % RESYNC == 0:
-        refill(model.coupling, state)
-    touching, count = act(model, model.contact, model.force, state, frame, ledger)
+def look_around(model, state, frame, touching, touched):
+    """After a step: keep count of contact, and out of contact, on the scene's own grid of samples, read
+    the compressions anew and look ahead."""
     if touching:
         state.contacts[0] += 1
     elif touched or frame % RESYNC == 0:
@@ -137,7 +108,8 @@ def step(model, state, frame, ledger, touched):
         hush(model.loss, state.q, state.p)
         if frame % RESYNC == 0:
             look_ahead(model, state, frame)
-    return touching, count
+    if frame % RESYNC == 0:
+        refill(model.coupling, state)
 
 
 @jit
@@ -189,25 +161,6 @@ def note(trace, state, count):
         state.evaluations[0] = count
 
 
-@jit
-def piece(model, state, part, out, ledger, trace, begin):
-    """Render len(out) samples of a part, the first of which is row `begin` of ledger and trace."""
-    islands = model.islands
-    frame, first = state.frame[part], islands.part[part]
-    for n in range(first, islands.part[part + 1]):
-        island = cut_model(model, state, n)
-        island_state = cut_state(islands, state, part, n)
-        touching = island_state.touching[0] != 0
-        for i in range(out.shape[0]):
-            listen(island.pickups, island_state, model.samplerate, out, i)
-            enter(ledger, begin + i, n == first, island, island_state)
-            record(trace, begin + i, islands.body[n], islands.contact[n], island, island_state, frame + i)
-            touching, count = step(island, island_state, frame + i, ledger, touching)
-            note(trace, island_state, count)
-        island_state.touching[0] = touching
-    state.frame[part] += out.shape[0]
-
-
 @entry
 def block(model, state, part, out, ledger, trace):
     """Render len(out) samples of one part of the scene; engine.runner adds the parts.
@@ -219,5 +172,24 @@ def block(model, state, part, out, ledger, trace):
     trace:  a Trace of [frames, …], zeroed, to be added to; or None
     """
     out[:] = 0.0
+    islands = model.islands
+    first, last = islands.part[part], islands.part[part + 1]
     for begin in range(0, out.shape[0], PIECE):
-        piece(model, state, part, out[begin : begin + PIECE], ledger, trace, begin)
+        end = min(begin + PIECE, out.shape[0])
+        start = state.frame[part] - begin
+        for n in range(first, last):
+            island = cut_model(model, state, n)
+            own = cut_state(islands, state, part, n)
+            touching = own.touching[0] != 0
+            for i in range(begin, end):
+                frame = start + i
+                listen(island.pickups, own, model.samplerate, out, i)
+                enter(ledger, i, n == first, island, own)
+                record(trace, i, islands.body[n], islands.contact[n], island, own, frame)
+                keep_score(island, island.events, own, frame)
+                touched = touching
+                touching, count = step(island, island.contact, island.force, own, frame, ledger)
+                look_around(island, own, frame, touching, touched)
+                note(trace, own, count)
+            own.touching[0] = touching
+        state.frame[part] += end - begin

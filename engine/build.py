@@ -307,6 +307,7 @@ def _state(layout: Layout, model: Model) -> State:
         contact_force=np.zeros(contacts),
         scratch=coupled.room(parts, largest) if model.coupling is not None else None,
         budget=np.zeros(count, np.int64),
+        debt=np.zeros(count),
         heard=np.array(heard),
         account=np.zeros((count, energy.ACCOUNTS)),
         clear=np.zeros(count, np.int64),

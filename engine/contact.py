@@ -11,8 +11,8 @@ import numpy as np
 from engine.coupled import coupled
 from engine.jit import jit, outlined
 from engine.laws import gain, potential
-from engine.modes import bound, kick, project, project_drift
-from engine.rounds import END, ETA, FORCE, GO, MISS, START, respond
+from engine.modes import bound, energy_of_motion, kick, project, project_drift
+from engine.rounds import END, ETA, FORCE, MISS, respond
 from engine.solve import CAPPED, FAILED, FREE, NEWTON, contact_loss, scalar
 
 # as an initial value, a literal 0 would make Numba compile all that it is passed to twice
@@ -133,12 +133,12 @@ def solve_many(contact, partner, damping, coupling, state):
     for k in range(n):
         if not math.isfinite(vectors[ETA, k] + vectors[END, k] + vectors[FORCE, k]):
             how = FAILED
+    if how == CAPPED and not excess < 0.5 * energy_of_motion(state.p):
+        how = FAILED  # more than the motion could pay for
     count_solve(state, count, how)
     lost = 0.0
     if how == FAILED:
         return lost, count, how, 0.0
-    if how == CAPPED:
-        keep_start(state)
     for k in range(n):
         eta, b, f = vectors[ETA, k], vectors[END, k], vectors[FORCE, k]
         response = f  # the force of the law, which that of an unfinished solve is not
@@ -150,36 +150,10 @@ def solve_many(contact, partner, damping, coupling, state):
 
 
 @jit
-def keep_start(state):
-    """Remember where the contacts were, should the step have to be undone."""
-    for k in range(state.compression.shape[0]):
-        state.scratch.vectors[START, k] = state.compression[k]
-        state.scratch.vectors[GO, k] = state.residue[k]
-
-
-@jit
-def back_to_start(state):
-    """Contacts where they were before the step, and without force."""
-    for k in range(state.compression.shape[0]):
-        state.compression[k] = state.scratch.vectors[START, k]
-        state.residue[k] = state.scratch.vectors[GO, k]
-        state.contact_force[k] = 0.0
-
-
-@jit
 def refill(coupling, state):
     """A new budget for capped solves."""
     if coupling is not None:
         state.budget[0] = BUDGET
-
-
-@jit
-def solve_touching(contact, partner, damping, coupling, state, only):
-    """One contact or several: decided by type where no island of the scene has several."""
-    if coupling is not None:
-        if contact.barrier.shape[0] > 1:
-            return solve_many(contact, partner, damping, coupling, state)
-    return solve_one(contact, partner, damping, state, only)
 
 
 @jit
@@ -205,7 +179,10 @@ def touch(contact, partner, damping, coupling, state):
         for k in range(contact.barrier.shape[0]):
             state.compression[k] += state.free_move[k]
         return 0.0, ZERO, UNTOUCHED, 0.0
-    return solve_touching(contact, partner, damping, coupling, state, only)
+    if coupling is not None:  # by type, where no island of the scene has several contacts
+        if contact.barrier.shape[0] > 1:
+            return solve_many(contact, partner, damping, coupling, state)
+    return solve_one(contact, partner, damping, state, only)
 
 
 @jit

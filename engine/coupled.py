@@ -44,9 +44,10 @@ from engine.rounds import (
     line_search,
     newton_step,
     respond,
+    scalar_apart,
     to_curves,
 )
-from engine.solve import CAPPED, FAILED, FREE, NEWTON, scalar
+from engine.solve import CAPPED, FAILED, FREE, NEWTON
 
 EARLY = 6
 CYCLE = 10
@@ -134,7 +135,7 @@ def gather(law, damping, matrix, total, s, g, tolerance, scratch):
             n += 1
         k = scratch.order[0, i]
         row = matrix[k * total : (k + 1) * total]
-        _, _, push, _, _, _ = scalar(law, damping, k, s[k], eta[k] + row[k] * base[i], row[k], tolerance)
+        _, _, push, _, _, _ = scalar_apart(law, damping, k, s[k], eta[k] + row[k] * base[i], row[k], tolerance)
         more = push - base[i]
         base[i] = push
         if more != 0.0:

@@ -157,6 +157,7 @@ def cut_state(islands, state, part, i):
         state.contact_force[k0:k1],
         cut_scratch(state.scratch, part),
         state.budget[i : i + 1],
+        state.debt[i : i + 1],
         state.heard[islands.pickup[i] : islands.pickup[i + 1]],
         state.account[i : i + 1],
         state.clear[i : i + 1],

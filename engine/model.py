@@ -180,6 +180,7 @@ class State(NamedTuple):
     contact_force: np.ndarray  # [contacts], N, mean over the last step
     scratch: Scratch | None  # for coupled contacts
     budget: np.ndarray  # int [islands]: line searches left to capped solves
+    debt: np.ndarray  # [islands], J: what capped solves created and the motion could not pay for yet
     heard: np.ndarray  # [pickups], velocity one sample ago
     account: np.ndarray  # [islands, 4], J: energy dissipated and work supplied (engine.energy)
     clear: np.ndarray  # int [islands]: before this frame, nothing can act on the island

@@ -179,19 +179,26 @@ def turn_back(modes, q, p):
 
 @outlined
 def pay(energy, p):
-    """Take an energy from the motion, or give it (negative), J. Returns whether there was as much, and
-    what was lost instead of given: a motion is not to be more than doubled."""
-    kinetic = 0.0
-    for m in range(p.shape[0]):
-        kinetic += 0.5 * p[m] * p[m]
-    if not energy < kinetic:
-        return False, 0.0
+    """Take an energy from the motion, or give it one (negative), J. Returns what was taken: at most nearly
+    all there is; and nothing is given that would more than double it."""
+    kinetic = energy_of_motion(p)
     if energy < -kinetic:
-        return True, -energy
-    part = math.sqrt(1.0 - energy / kinetic)
+        return 0.0
+    energy = min(energy, 0.99 * kinetic)
+    if kinetic > 0.0:
+        part = math.sqrt(1.0 - energy / kinetic)
+        for m in range(p.shape[0]):
+            p[m] *= part
+    return energy
+
+
+@summing
+def energy_of_motion(p):
+    """Σ ½p², J."""
+    total = 0.0
     for m in range(p.shape[0]):
-        p[m] *= part
-    return True, 0.0
+        total += 0.5 * p[m] * p[m]
+    return total
 
 
 @summing

@@ -11,6 +11,7 @@ from engine.jit import jit, outlined, summing
 from engine.laws import exponent
 from engine.solve import FAILED, FREE, contact_loss, inside, outside, scalar
 
+scalar_apart = outlined(scalar.py_func)  # inlined in every round, it would take 10 s more to compile
 LEAST_RHO = 1e-8  # of B_kk; below, ρ is rounding
 
 # rows of Scratch.vectors: of all contacts
@@ -151,7 +152,7 @@ def to_curves(law, damping, n, tolerance, scratch):
     f, move, close, slope, left = vectors[F], vectors[MOVE], vectors[CLOSE], vectors[SLOPE], vectors[LEFT]
     count, how = 0, FREE
     for i in range(n):
-        move[i], close[i], f[i], slope[i], count, how = scalar(
+        move[i], close[i], f[i], slope[i], count, how = scalar_apart(
             law, damping, contacts[i], s[i], target[i], rho[i], tolerance
         )
     worst = 0.0

@@ -59,10 +59,12 @@ class Built(NamedTuple):
     layout: Layout
 
 
-def build(scene: Scene, samplerate: float, scheme: str = "exact") -> Built:
+def build(scene: Scene, samplerate: float, scheme: str = "exact", iterations: int = CAP) -> Built:
     """Model, State and Layout of a scene at a sample rate (Hz), with the coefficients of a scheme.
 
-    scheme: "exact" (free vibration at its own frequency and decay) or "fdh" (the paper's).
+    scheme:     "exact" (free vibration at its own frequency and decay) or "fdh" (the paper's)
+    iterations: rounds of a coupled contact solve, after which it makes do with forces that are not
+                finished, but create no energy
     Raises BuildError if a body vibrates too fast for the sample rate.
     """
     if scheme not in TABLES:
@@ -70,7 +72,7 @@ def build(scene: Scene, samplerate: float, scheme: str = "exact") -> Built:
     layout = _lay_out(scene, samplerate, scheme)
     omega, sigma = layout.gather("omega"), layout.gather("sigma")
     modes = Modes(*TABLES[scheme](omega, sigma, 1.0 / samplerate))
-    contact, contact_loss, coupling = _contact(layout, modes, samplerate)
+    contact, contact_loss, coupling = _contact(layout, modes, samplerate, iterations)
     partners = [layout.ends(k, spot)[1] for k, spot in layout.spot]
     events, begins = score.events(layout, _base(layout), samplerate)
     model = Model(
@@ -173,7 +175,7 @@ def _base(layout: Layout) -> np.ndarray:
 
 
 def _contact(
-    layout: Layout, modes: Modes, samplerate: float
+    layout: Layout, modes: Modes, samplerate: float, iterations: int
 ) -> tuple[Contact | None, ContactLoss | None, Coupling | None]:
     if not layout.spot:
         return None, None, None
@@ -192,7 +194,7 @@ def _contact(
         compliance=np.concatenate([np.diag(m) for m in matrices]),
         beneath=beneath,
         tolerance=TOLERANCE,
-        cap=CAP,
+        cap=iterations,
     )
     begin = np.cumsum([0] + [m.size for m in matrices]).astype(np.int64)
     several = any(m.size > 1 for m in matrices)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from engine import solve
-from engine.build import build
+from engine.build import CAP, build
 from engine.layout import Layout
 from engine.model import Model, State, Trace
 from engine.parts import SECONDS
@@ -54,6 +54,7 @@ def render(
     scheme: str = "exact",
     trace: bool = False,
     cores: int | None = None,
+    iterations: int = CAP,
     progress: Callable[[float], None] | None = None,
 ) -> Take:
     """Render a scene.
@@ -62,6 +63,7 @@ def render(
     samplerate: Hz
     scheme:     "exact", or "fdh", the paper's own coefficients (engine.modes)
     trace:      keep every sample's displacements, forces and energies
+    iterations: rounds of a coupled contact solve at most; then it makes do (engine.build)
     cores:      how many may share the work; all of the machine's if None. The samples are the same
     progress:   called now and then with the share rendered, 0 to 1
 
@@ -73,9 +75,11 @@ def render(
         raise ValueError(f"seconds = {seconds:g} is out of range; more than 0, at most {SECONDS:g}")
     if not SAMPLERATES[0] <= samplerate <= SAMPLERATES[1]:
         raise ValueError(f"samplerate = {samplerate} is out of range; {SAMPLERATES[0]} to {SAMPLERATES[1]} Hz")
+    if iterations < 2:
+        raise ValueError(f"iterations = {iterations} is out of range; at least 2")
     if cores is not None and cores < 1:
         raise ValueError(f"cores = {cores} is out of range; at least 1")
-    model, state, layout = build(scene, samplerate, scheme)
+    model, state, layout = build(scene, samplerate, scheme, iterations)
     runner = Runner(model, state, cores or os.cpu_count() or 1)
     frames = max(1, round(seconds * samplerate))
     audio = np.zeros((frames, max(p.channel for p in scene.pickup)))

@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from conftest import PATCHES, ROOT, barrier, mass, oscillator, scene
 from test_solve import EXPONENTS, exact_force, hostile
 
 import engine
+from bench.families import tanpuras
 from bench.metric import preservation
 from engine import laws, offline, solve
 from engine.build import build
@@ -305,6 +307,54 @@ def test_decay_into_subnormal_numbers(alpha):
     assert np.isfinite(out).all()
     assert np.abs(out[-RATE:]).max() < 1e-290
     assert offline.newton(model, state)["unconverged"] == 0
+
+
+# --- solves that are not finished
+
+
+@pytest.mark.parametrize(
+    "stiffness, exponent, loss", [(1e10, 1.0, 0.0), (1e12, 1.0, 0.0), (1e9, 1.5, 0.0), (1e9, 1.5, 0.5)]
+)
+def test_unfinished_solves_are_passive(stiffness, exponent, loss):
+    """Four rounds are too few for a bridge of thirty points: the ledger closes all the same, and it is counted."""
+    scene = tanpuras(1, 30, exponent, stiffness)
+    contact = scene.contact[0].model_copy(update={"loss": loss})
+    take = engine.render(scene.model_copy(update={"contact": [contact]}), seconds=0.4, iterations=4)
+    assert np.isfinite(take.audio).all()
+    assert take.stats["newton"]["regimes"]["capped"] > 10
+    assert take.stats["newton"]["unconverged"] == 0
+    assert take.stats["energy"]["error_max"] <= 1e-11
+
+
+def bands(audio: np.ndarray) -> np.ndarray:
+    """Power in third-octave bands from 100 Hz to 10 kHz."""
+    power = np.abs(np.fft.rfft(audio * np.hanning(audio.size))) ** 2
+    frequency = np.fft.rfftfreq(audio.size, 1 / RATE)
+    edges = 100 * 2 ** (np.arange(22) / 3 - 1 / 6)
+    return np.array([power[(frequency >= a) & (frequency < b)].sum() for a, b in pairwise(edges)])
+
+
+@pytest.mark.hard
+@pytest.mark.parametrize("stiffness", [1e10, 1e11, 1e12, 1e13])
+def test_a_bounded_worst_case_sounds_the_same(stiffness):
+    """At most four rounds on a bridge of thirty points, α = 1: energy to 1e-11, and third-octave bands within
+    0.5 dB of solves that all converged. The motion is chaotic: the mean over 32 runs, plucked alike to 1e-6."""
+    base = tanpuras(1, 30, 1.0, 30 * stiffness)
+    rng = np.random.default_rng(8)
+    means = []
+    for iterations in (4, 1000):
+        heard, capped = [], 0
+        for _ in range(32):
+            pluck = base.force[0].model_copy(update={"amplitude": -0.4 * (1 + 1e-6 * rng.normal())})
+            take = engine.render(base.model_copy(update={"force": [pluck]}), seconds=2.0, iterations=iterations)
+            assert take.stats["energy"]["error_max"] <= 1e-11
+            assert take.stats["newton"]["unconverged"] == 0
+            capped += take.stats["newton"]["regimes"]["capped"]
+            heard.append(bands(take.audio[2205:, 0]))
+        assert (capped > 0) == (iterations == 4)
+        means.append(10 * np.log10(heard).mean(axis=0))
+    loud = means[1] > means[1].max() - 60
+    assert np.abs(means[0] - means[1])[loud].max() <= 0.5
 
 
 # --- faults

@@ -125,6 +125,24 @@ def test_rectangles():
     assert f[0] == pytest.approx(math.pi / 2 * math.sqrt(90 / 7.8) * 2 / 0.16, rel=1e-13)
 
 
+@pytest.mark.parametrize("size", [[2.0, 0.01], [0.02, 3.0], [0.4, 0.4]])
+@pytest.mark.parametrize("count", [1, 50, 600])
+def test_narrow_sheets_keep_their_lowest_modes(size, count):
+    m, n = np.mgrid[1 : count + 2, 1 : count + 2]
+    wanted = np.sort(((m / size[0]) ** 2 + (n / size[1]) ** 2).ravel())[:count]
+    f = modal(plate(size=size, modes=count), math.inf).omega
+    np.testing.assert_allclose(f / f[0], wanted / wanted[0], rtol=1e-12)
+
+
+def test_thousands_of_modes_of_a_drum():
+    """None is missed: Weyl's law z²/4 - z/2 counts those below z."""
+    own = modal(membrane(radius=0.3, modes=5000), math.inf)
+    z = own.omega / own.omega[0] * jn_zeros(0, 1)[0]
+    assert np.all(np.diff(z) >= 0)
+    assert np.max(np.abs(np.arange(1, 5001) - (z**2 / 4 - z / 2))) < 60
+    assert own.omega.size == 5000
+
+
 # --- how many
 
 

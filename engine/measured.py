@@ -19,6 +19,9 @@ def read(path: Path) -> dict[str, Any]:
     if "frequency" not in header:
         raise ValueError(f"no column frequency; its columns are {', '.join(header)}")
     columns: dict[str, list[float]] = {name: [] for name in header}
+    if len(columns) < len(header):
+        twice = next(name for name in header if header.count(name) > 1)
+        raise ValueError(f'two columns are named "{twice}"')
     for number, row in enumerate(rows[1:], 1):
         if len(row) != len(header):
             raise ValueError(f"mode {number} has {len(row)} entries, the header {len(header)}")

@@ -43,7 +43,8 @@ def _floats(value: Any) -> Any:
         return None
     items = value if isinstance(value, list) else [value]
     if not items or not all(_number(x) and abs(x) <= 1e6 for x in items):
-        raise PydanticCustomError("scene", "{value} is not a position in m, nor a list of them", {"value": str(value)})
+        shown = f'"{value}"' if isinstance(value, str) else str(value)
+        raise PydanticCustomError("scene", "{value} is no position; a number in m, or a list of them", {"value": shown})
     return value
 
 

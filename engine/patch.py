@@ -204,8 +204,10 @@ def _describe(error: Any, where: Where, models: dict[str, type[BaseModel]], fiel
     if kind == "extra_forbidden":
         known = list(dict.fromkeys(k for m in models.values() for k in m.model_fields))
         return f"unknown key; {_nearest(key, known)}"
-    if kind == "missing" or (kind == "too_short" and not value):
-        return f"missing; {_meaning(field)}" if not isinstance(value, list) else f"empty; give at least one [[{key}]]"
+    if kind == "missing":
+        return f"missing; {_meaning(field)}"
+    if kind == "too_short" and not value and len(where) < 3:
+        return f"empty; give at least one [[{key}]]"
     if kind == "union_tag_not_found":
         return f"kind missing; one of {', '.join(models)}"
     if kind == "union_tag_invalid":
@@ -218,8 +220,17 @@ def _describe(error: Any, where: Where, models: dict[str, type[BaseModel]], fiel
         return f"{shown} is out of range; {_meaning(field)}"
     if kind == "string_pattern_mismatch":
         return f"{shown} is not a name; a letter, then letters, digits, _ or -"
-    if kind in ("model_type", "model_attributes_type", "list_type", "dict_type"):
+    if kind in ("model_type", "model_attributes_type", "list_type", "dict_type") and len(where) < 3:
         return f"{shown} is not a table; write [[{where[0]}]]" if where else "not a table of keys"
+    if kind in ("model_type", "model_attributes_type", "dict_type"):
+        inner = _models(field.annotation).values() if field else ()
+        needed = [k for m in inner for k, f in m.model_fields.items() if f.is_required()] or ["name"]
+        return f"{shown} is not a table; write {key} = {{ {', '.join(f'{k} = …' for k in needed)} }}"
+    if kind == "list_type":
+        return f"{shown} is not a list; write {key} = [ … ]: {_meaning(field)}"
+    if kind in ("too_short", "too_long"):
+        wanted = context.get("min_length" if kind == "too_short" else "max_length")
+        return f"{len(value)} in the list, at {'least' if kind == 'too_short' else 'most'} {wanted}; {_meaning(field)}"
     if kind.endswith(("_type", "_parsing")):
         wanted = {"float_type": "a number", "int_type": "a whole number", "string_type": 'text in "quotes"'}.get(
             kind, kind.removesuffix("_type")

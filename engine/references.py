@@ -1,6 +1,8 @@
 """Faults that only the whole patch shows: names, places on bodies, keys that exclude or need each other."""
 
+import math
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any
 
 from pydantic_core import InitErrorDetails, PydanticCustomError
@@ -114,6 +116,9 @@ def _body(here: Where, body: dict[str, Any]) -> Faults:
         yield from _decay(here, body)
     if kind == "modes":
         yield from _lists(here, body)
+    ratios: Any = body.get("ratios")
+    if kind == "bar" and _numbers(ratios) and (ratios[0] != 1 or any(a >= b for a, b in pairwise(ratios))):
+        yield fault((*here, "ratios"), ratios, "these do not rise from 1", "the first is 1, each next one is higher")
 
 
 def _decay(here: Where, body: dict[str, Any]) -> Faults:
@@ -173,16 +178,18 @@ def _place(where: Where, table: dict[str, Any], body: dict[str, Any] | None, sin
     if body is None or body.get("kind") not in (*LUMPED, *LINES, *SHEETS, "modes"):
         return
     kind, key = body.get("kind"), str(where[-1])
+    if kind == "modes" and given(body, "file"):  # which could not be read
+        return
     at = table.get(key)
     if kind in LUMPED:
         if at is not None:
             yield fault(where, at, f'"{body["name"]}" is a {kind}, which has no places', "leave it out")
         return
     points = body.get("points")
-    named = ", ".join(f'"{p}"' for p in points) if isinstance(points, dict) else "none"
+    named = ", ".join(f'"{p}"' for p in points) if isinstance(points, dict) and points else "none"
     right = {
         "modes": f"one of its points: {named}",
-        "membrane": "[x, y], fractions of its sides",
+        "membrane": f"[x, y], fractions of {'the square around it' if given(body, 'radius') else 'its sides'}",
         "plate": "[x, y], fractions of its sides",
     }.get(str(kind), "a fraction of its length, 0 to 1")
     if at is None:
@@ -199,7 +206,12 @@ def _place(where: Where, table: dict[str, Any], body: dict[str, Any] | None, sin
         else:
             fits = isinstance(item, int | float)
         if not fits:
-            yield fault(where, at, f'{item} is no place on "{body["name"]}"', right)
+            shown = f'"{item}"' if isinstance(item, str) else item
+            yield fault(where, at, f'{shown} is no place on "{body["name"]}"', right)
+            return
+        if given(body, "radius") and math.hypot(2 * item[0] - 1, 2 * item[1] - 1) > 1:
+            outside = f'{item} lies outside the circle of "{body["name"]}"'
+            yield fault(where, at, outside, "[x, y] are fractions of the square around it, with [0.5, 0.5] its middle")
             return
 
 
@@ -225,7 +237,7 @@ def _contact(here: Where, contact: dict[str, Any], bodies: dict[str, Any]) -> Fa
     yield from _place((*here, "at"), contact, own, single=False)
     if on:
         yield from _place((*here, "on_at"), contact, other, single=False)
-        if contact["on"] == contact.get("body") and contact.get("at") == contact.get("on_at"):
+        if contact["on"] == contact.get("body") and _same_place(contact, own):
             yield fault((*here, "on"), contact["on"], "a body cannot touch itself at one place", "name another body")
     elif given(contact, "on_at"):
         yield fault((*here, "on_at"), contact["on_at"], "on_at without on", "name the other body by on")
@@ -239,6 +251,15 @@ def _contact(here: Where, contact: dict[str, Any], bodies: dict[str, Any]) -> Fa
         if isinstance(value, list) and len(value) != max(count, several):
             right = "as many as places, or one number for all"
             yield fault((*here, key), value, f"{len(value)} numbers for {max(count, several)} place(s)", right)
+
+
+def _same_place(contact: dict[str, Any], body: dict[str, Any] | None) -> bool:
+    """Whether a contact of a body with itself joins a place with itself."""
+    own, other = (
+        contact[key] if count_places(contact, key, body) > 1 else [contact.get(key)] for key in ("at", "on_at")
+    )
+    count = max(len(own), len(other))
+    return any(a == b for a, b in zip(own * (count // len(own)), other * (count // len(other)), strict=False))
 
 
 def _profile(here: Where, contact: dict[str, Any], own: dict[str, Any] | None, profile: str) -> Faults:

@@ -42,7 +42,7 @@ class Scene(Part):
         try:
             scene = handler(data)
         except ValidationError as error:
-            faults += [_again(e) for e in error.errors(include_url=False)]
+            faults += [_again(e, data) for e in error.errors(include_url=False)]
         if isinstance(data, dict):
             faults += list(references(data))
         if faults or scene is None:
@@ -56,8 +56,14 @@ class Scene(Part):
         return scene
 
 
-def _again(error: Any) -> InitErrorDetails:
-    """A fault found by pydantic, to be raised once more beside ours."""
+def _again(error: Any, data: Any) -> InitErrorDetails:
+    """A fault found by pydantic, or by a check of ours on one key, to be raised once more beside the others."""
+    if error["type"] == "scene":
+        where = error["loc"]
+        if len(where) > 2 and data[where[0]][where[1]].get("kind") == where[2]:  # pydantic puts a table's kind there
+            where = where[:2] + where[3:]
+        what, _, right = error["msg"].partition("; ")
+        return fault(where, error["input"], what, right)
     again = InitErrorDetails(type=error["type"], loc=error["loc"], input=error["input"])
     if "ctx" in error:
         again["ctx"] = error["ctx"]

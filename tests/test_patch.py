@@ -1,5 +1,7 @@
 """Bad patches are refused with all their faults at once, located."""
 
+import re
+
 import numpy as np
 import pytest
 import soundfile
@@ -109,6 +111,126 @@ def test_one_fault_is_located_and_explained(tmp_path, text, line, path, says):
     found = faults(tmp_path, text)
     assert len(found) == 1, found
     assert found[0].startswith(f":{line} {path}: " if path else f":{line}: "), found
+    assert says in found[0]
+
+
+STRING = """[[body]]
+name = "s"
+kind = "string"
+length = 1.0
+density = 1e-3
+tension = 50.0
+
+[[body]]
+name = "drum"
+kind = "membrane"
+radius = 0.2
+density = 0.3
+frequency = 400.0
+
+[[body]]
+name = "ball"
+kind = "mass"
+mass = 1e-3
+
+[[pickup]]
+body = "s"
+at = 0.9
+
+[[contact]]
+name = "c"
+body = "s"
+stiffness = 1e6
+exponent = 1.5
+"""
+BAR = '[[body]]\nname = "b"\nkind = "bar"\nlength = 1\nmass = 1\nfrequency = 9\nratios = [1, 4, 3]\n\n'
+AT = "at = 0.3\nbarrier = 0.0\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "path", "says"),
+    [
+        (STRING.replace("at = 0.9", "at = 1.5") + AT, "pickup[0].at", "1.5 is no place on a body"),
+        (STRING.replace("at = 0.9", "at = nan") + AT, "pickup[0].at", "nan is no place on a body"),
+        (STRING.replace("at = 0.9", "") + AT, "pickup[0]", 'no place on "s"; give at = a fraction of its length'),
+        (STRING.replace("at = 0.9", 'at = "middle"') + AT, "pickup[0].at", '"middle" is no place on "s"'),
+        (STRING.replace("at = 0.9", "at = [0.1, 0.2]") + AT, "pickup[0].at", "several places; give one"),
+        (STRING.replace("tension = 50.0", "tension = 0.0") + AT, "body[0].tension", "0.0 is out of range; tension, N"),
+        (STRING.replace("density = 0.3", "density = 0.3\nsize = [0.1]") + AT, "body[1]", "both radius and size"),
+        (STRING.replace("radius = 0.2", "size = [0.1]") + AT, "body[1].size", "1 in the list, at least 2"),
+        (STRING.replace("tension", "t60 = 3.0\ntension") + AT, "body[0].t60", "3.0 is not a list; write t60 = [ … ]"),
+        (STRING + "at = -0.1\nbarrier = 0.0\n", "contact[0].at", "-0.1 is no place on a body"),
+        (STRING + "at = []\nbarrier = 0.0\n", "contact[0].at", "[] is no place on a body"),
+        (STRING + "at = 0.3\nbarrier = nan\n", "contact[0].barrier", "nan is no position; a number in m"),
+        (STRING + 'at = 0.3\nbarrier = "0.1"\n', "contact[0].barrier", '"0.1" is no position; a number in m'),
+        (STRING + "at = [0.1, 0.2, 0.3]\nbarrier = [0.0, 0.1]\n", "contact[0].barrier", "2 numbers for 3 place(s)"),
+        (STRING + 'at = 0.3\non = "s"\non_at = 0.3\n', "contact[0].on", "cannot touch itself at one place"),
+        (
+            STRING + 'at = [0.3, 0.4]\non = "s"\non_at = [0.5, 0.4]\n',
+            "contact[0].on",
+            "cannot touch itself at one place",
+        ),
+        (STRING + 'at = 0.3\non = "drum"\non_at = 0.5\n', "contact[0].on_at", '0.5 is no place on "drum"; [x, y]'),
+        (
+            STRING + 'at = 0.3\non = "drum"\non_at = [0.1, 0.1]\n',
+            "contact[0].on_at",
+            "[0.1, 0.1] lies outside the circle",
+        ),
+        (STRING + 'at = 0.3\non = "ball"\non_at = 0.5\n', "contact[0].on_at", '"ball" is a mass, which has no places'),
+        (
+            STRING + "bridge = { at = 5e-4, width = 2e-3 }\n",
+            "contact[0].bridge.width",
+            "the bridge reaches past the end",
+        ),
+        (STRING + "bridge = { at = 0.1, widht = 2e-3 }\n", "contact[0].bridge.widht", 'did you mean "width"?'),
+        (
+            STRING + "bridge = [0.1, 2e-3]\n",
+            "contact[0].bridge",
+            "is not a table; write bridge = { at = …, width = … }",
+        ),
+        (STRING + AT + "bridge = { at = 0.1, width = 2e-3 }\n", "contact[0].at", "bridge and at given"),
+        (STRING + "frets = { count = 5, height = [1, 2, 3] }\n", "contact[0].frets.height", "3 heights for 5 frets"),
+        (STRING + "frets = { at = [], height = -1e-3 }\n", "contact[0].frets.at", "0 in the list, at least 1"),
+        (
+            STRING + AT + '[[event]]\ntime = 1\nkind = "change"\ncontact = "d"\ngap = 1\n',
+            "event[0].contact",
+            'named "d"',
+        ),
+        (STRING + AT + '[[event]]\ntime = 1\nkind = "change"\ncontact = "c"\n', "event[0]", "nothing changes; give"),
+        (STRING + AT + '[[event]]\ntime = 1\nkind = "change"\ncontact = "c"\ngap = 1\n', "event[0].gap", "has no gap"),
+        (
+            STRING + AT + '[[event]]\ntime = 1\nkind = "strike"\nbody = "s"\nvelocity = 1\n',
+            "event[0].body",
+            "is a string",
+        ),
+        (
+            STRING + AT + '[[force]]\nbody = "s"\nkind = "pluck"\nat = 2\namplitude = 1\nduration = 1\n',
+            "force[0].at",
+            "2 is no place on a body",
+        ),
+        (STRING.replace("[[pickup]]", BAR + "[[pickup]]") + AT, "body[3].ratios", "these do not rise from 1"),
+    ],
+)
+def test_faults_of_bodies_with_many_modes(tmp_path, text, path, says):
+    found = faults(tmp_path, text)
+    assert any(re.match(rf":\d+ {re.escape(path)}: ", f) and says in f for f in found), found
+
+
+@pytest.mark.parametrize(
+    ("table", "says"),
+    [
+        ("freq,p\n100,1\n", "no column frequency; its columns are freq, p"),
+        ("frequency,p\n100\n", "mode 1 has 1 entries, the header 2"),
+        ("frequency,p\n100,x\n", 'mode 1: p is "x", not a number'),
+        ("frequency,p,p\n100,1,2\n", 'two columns are named "p"'),
+        ("", "it needs a header and at least one mode"),
+    ],
+)
+def test_a_faulty_table_of_modes_is_one_fault(tmp_path, table, says):
+    (tmp_path / "m.csv").write_text(table)
+    found = faults(tmp_path, '[[body]]\nname = "m"\nkind = "modes"\nfile = "m.csv"\n[[pickup]]\nbody = "m"\nat = "p"\n')
+    assert len(found) == 1
+    assert found[0].startswith(":4 body[0].file: cannot be read as CSV")
     assert says in found[0]
 
 

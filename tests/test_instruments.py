@@ -1,0 +1,268 @@
+"""The instruments among the patches: in tune, dying away as they should, touching when and as long as they should.
+
+Each patch is rendered once, as it is, with more pickups beside its own.
+"""
+
+import functools
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from scipy.optimize import brentq
+
+import engine
+from engine.bodies import modal
+
+RATE = 44_100
+NAMES = [
+    "piano_c2",
+    "piano_c4",
+    "piano_c7",
+    "tanpura",
+    "tanpura_drone",
+    "guitar_frets",
+    "bass_frets",
+    "marimba",
+    "ball_on_drum",
+    "snare_wires",
+    "rattle",
+]
+
+
+class Heard(NamedTuple):
+    scene: engine.Scene
+    take: engine.Take
+
+    def between(self, start: float, end: float, channel: int = 0) -> np.ndarray:
+        return self.take.audio[round(start * RATE) : round(end * RATE), channel]
+
+    def touches(self, body: str, gap: float = 0.0) -> list[tuple[float, float]]:
+        """When a body was touched, and for how long, s; touches less than `gap` apart are one."""
+        force = self.take.audio[:, 2 + [b.name for b in self.scene.body].index(body)]
+        on = np.flatnonzero(force != 0.0)
+        cut = np.flatnonzero(np.diff(on) > max(1.0, gap * RATE))
+        first, last = on[np.r_[0, cut + 1]], on[np.r_[cut, on.size - 1]]
+        return [(float(a) / RATE, float(b - a + 1) / RATE) for a, b in zip(first, last, strict=True)]
+
+    def body(self, name: str):
+        return next(b for b in self.scene.body if b.name == name)
+
+
+@functools.lru_cache
+def heard(name: str, bridge: bool = True) -> Heard:
+    """A patch, rendered with the contact force on each body beside what it has; without its bridge if so wished."""
+    scene = engine.load(ROOT / "patches" / f"{name}.toml")
+    told = scene.model_dump(exclude_none=True)
+    if not bridge:
+        told["contact"][0]["bridge"]["height"] = -1.0  # m: out of reach
+    for k, body in enumerate(scene.body):
+        place = {"string": {"at": 0.5}, "bar": {"at": 0.5}, "membrane": {"at": [0.5, 0.5]}}.get(body.kind, {})
+        told["pickup"].append({"body": body.name, "quantity": "force", "channel": 3 + k} | place)
+    return Heard(scene, engine.render(engine.Scene.model_validate(told)))
+
+
+def partial(x: np.ndarray, near: float) -> tuple[float, float]:
+    """Frequency (Hz) and decay rate (1/s) of a partial that sounds alone within a tenth of its frequency: its
+    complex amplitude in Hann windows of 24 periods, fitted by a straight line in log amplitude and phase."""
+    size = round(24 * RATE / near)
+    hop = size // 3
+    carrier = np.exp(-2j * np.pi * near * np.arange(x.size) / RATE) * x
+    starts = np.arange(0, x.size - size, hop)
+    z = np.array([carrier[s : s + size] @ np.hanning(size) for s in starts])
+    decay = np.polyfit(starts / RATE, np.log(np.abs(z)), 1)[0]
+    turn = np.polyfit(starts / RATE, np.unwrap(np.angle(z)), 1)[0]
+    return near + float(turn) / (2 * math.pi), -float(decay)
+
+
+def cents(a: float, b: float) -> float:
+    return 1200 * math.log2(a / b)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_sounds_and_its_energy_is_exact(name):
+    take = heard(name).take
+    assert np.all(np.isfinite(take.audio))
+    assert take.stats["newton"]["unconverged"] == 0
+    assert take.stats["energy"]["error_max"] <= 1e-12
+    sounding = take.audio[:, :2]
+    assert np.max(np.abs(sounding[: RATE // 2])) > 1e-4
+    assert np.max(np.abs(sounding), axis=0).min() > 1e-3  # m/s, on both sides
+
+
+@pytest.mark.parametrize(
+    ("name", "body", "pitch", "start", "end", "channel"),
+    [
+        ("piano_c2", "string", 65.4064, 0.5, 3.4, 0),
+        ("piano_c4", "string", 261.6256, 0.3, 1.95, 0),
+        ("piano_c7", "string", 2093.0045, 0.2, 1.45, 0),
+        ("guitar_frets", "string", 81.4519, 6.6, 8.0, 0),  # the open string
+        ("bass_frets", "string", 97.973, 0.3, 2.4, 0),
+        ("bass_frets", "string", 97.973, 3.0, 4.9, 0),
+        ("marimba", "c", 130.8128, 3.2, 5.0, 0),
+        ("marimba", "g", 195.9977, 2.3, 4.5, 1),
+        ("marimba", "e_high", 329.6276, 2.5, 3.4, 0),
+        ("snare_wires", "head", 190.0, 2.7, 4.0, 0),
+        ("rattle", "string", 73.4162, 1.5, 2.9, 0),
+    ],
+)
+def test_pitch_and_decay_of_the_free_tail(name, body, pitch, start, end, channel):
+    """Once nothing touches, the fundamental is within 1 cent of its pitch, and its decay within 2 % of the body's."""
+    take = heard(name)
+    frequency, decay = partial(take.between(start, end, channel), pitch)
+    assert abs(cents(frequency, pitch)) < 1.0
+    assert decay == pytest.approx(modal(take.body(body), 0.49 * RATE).sigma[0], rel=0.02)
+
+
+@pytest.mark.parametrize(("name", "milliseconds"), [("piano_c2", 4.0), ("piano_c4", 2.0), ("piano_c7", 1.0)])
+def test_the_hammer_touches_for(name, milliseconds):
+    """About 4, 2 and 1 ms (Chaigne & Askenfelt): from first to last touch of the first strike."""
+    begin, duration = heard(name).touches("hammer", gap=0.02)[0]
+    assert begin < 5e-3
+    assert duration * 1e3 == pytest.approx(milliseconds, rel=0.25)
+
+
+def test_the_damper_of_the_piano():
+    """From 7.2 s on, 12 1/s more than the string's own."""
+    piano = heard("piano_c2")
+    frequency, decay = partial(piano.between(7.22, 8.0), 65.4064)
+    assert decay == pytest.approx(12.0 + modal(piano.body("string"), 0.49 * RATE).sigma[0], rel=0.01)
+    assert abs(cents(frequency, 65.4064)) < 2.0
+
+
+def centroid(x: np.ndarray) -> float:
+    power = np.abs(np.fft.rfft(x * np.hanning(x.size))) ** 2
+    return float(power @ np.fft.rfftfreq(x.size, 1 / RATE) / power.sum())
+
+
+def test_a_harder_strike_is_shorter_and_brighter():
+    """Felt stiffens as it is compressed."""
+    lengths = [duration for _, duration in heard("piano_c4").touches("hammer", gap=0.02)[1:]]
+    assert len(lengths) == 3  # at 1.2, 2.5 and 5 m/s
+    assert lengths == sorted(lengths, reverse=True)
+    told = heard("piano_c4").scene.model_dump(exclude_none=True)
+    bright = []
+    for velocity in (1.0, 2.5, 6.0):
+        told["body"][1]["velocity"] = velocity
+        x = engine.render(engine.Scene.model_validate(told), seconds=0.3).audio[RATE // 20 :, 0]
+        power, hertz = np.abs(np.fft.rfft(x * np.hanning(x.size))) ** 2, np.fft.rfftfreq(x.size, 1 / RATE)
+        bright.append(10 * math.log10(power[hertz > 2000].sum() / power[hertz < 600].sum()))
+    assert np.all(np.diff(bright) > 3.0)  # dB
+
+
+def high_to_low(x: np.ndarray, pitch: float) -> float:
+    """Energy of partials 15 to 40 over that of 1 to 5, dB."""
+    power = np.abs(np.fft.rfft(x * np.hanning(x.size))) ** 2
+    number = np.fft.rfftfreq(x.size, 1 / RATE) / pitch
+    high, low = (power[(number > a) & (number < b)].sum() for a, b in ((14.5, 40.5), (0.5, 5.5)))
+    return 10 * math.log10(high / low)
+
+
+def test_the_bridge_of_the_tanpura_makes_the_jvari():
+    """High partials grow at the cost of the low ones after the pluck is over, and stay for seconds; without the
+    bridge they only die away."""
+    pitch, times = 131.995, (0.06, 0.25, 0.45, 0.7, 1.0, 1.5)
+    on, off = (heard("tanpura", bridge) for bridge in (True, False))
+    bridge, bare = ([high_to_low(h.between(t, t + 0.15), pitch) for t in times] for h in (on, off))
+    assert max(bridge) > bridge[0] + 5.0
+    assert np.argmax(bridge) >= 2
+    assert np.all(np.diff(bare) < 0.0)
+    assert min(np.subtract(bridge, bare)) > 4.0
+    assert min(np.subtract(bridge[2:], bare[2:])) > 12.0
+    assert centroid(on.between(0.7, 0.85)) > 3 * centroid(off.between(0.7, 0.85))
+
+
+def test_the_pitch_of_the_tanpura():
+    """The thread, which reaches 0.8 % of the length from the end, makes it sharper than √(T/μ)/2L, by less than
+    1 %; and so it stays where the bridge is touched, at 1 %."""
+    frequency, decay = partial(heard("tanpura", False).between(1.0, 7.0), 131.995)
+    string = modal(heard("tanpura").body("string"), 0.49 * RATE)
+    assert abs(cents(frequency, string.omega[0] / 2 / math.pi)) < 0.01
+    assert 0.0 < cents(frequency, math.sqrt(33.1 / 4.83e-4) / 2) < cents(1.01, 1.0)
+    assert decay == pytest.approx(string.sigma[0], rel=0.001)
+    frequency, decay = partial(heard("tanpura").between(3.0, 7.0), 131.995)
+    assert abs(cents(frequency, string.omega[0] / 2 / math.pi)) < 1.0
+
+
+@pytest.mark.parametrize(
+    ("start", "pitch"), [(0.1, 97.9989), (3.9, 97.9989)], ids=["first round", "second round, over the others"]
+)
+def test_the_drone_is_in_tune(start, pitch):
+    frequency, _ = partial(heard("tanpura_drone").between(start + 0.2, start + 1.0), pitch)
+    assert -1.0 < cents(frequency, pitch) < cents(1.01, 1.0)
+
+
+def held(scene: engine.Scene, frets: list[float], finger: float) -> float:
+    """Fundamental (Hz) of the guitar string held fast at two frets and by the finger, a mass on the spring that its
+    flesh is under its constant force: where the matrix of their compliances is singular."""
+    string, mass = scene.body[0], scene.body[1].mass
+    tip, push = scene.contact[1], -scene.force[0].amplitude
+    spring = tip.exponent * push / (push / tip.stiffness) ** (1 / tip.exponent)
+    own = modal(string, 0.49 * RATE)
+    shapes = np.array([own.shape(x) for x in [*frets, finger]])
+
+    def singular(frequency: float) -> float:
+        square = (2 * math.pi * frequency) ** 2
+        matrix = (shapes / (own.omega**2 - square)) @ shapes.T
+        matrix[-1, -1] += 1 / (spring - mass * square)
+        return float(np.linalg.det(matrix * 1e4))
+
+    return float(brentq(singular, 105.0, 112.0))
+
+
+def test_the_fretted_string_sounds_from_its_fret():
+    """Pressed down behind the fifth fret: the pitch is that of a string held at frets 4 and 5 and by the finger,
+    and about five semitones above the open one (stiffness makes it sharper)."""
+    guitar = heard("guitar_frets")
+    frequency, _ = partial(guitar.between(2.6, 3.6), 109.2)
+    frets = [1 - 2 ** (-n / 12) for n in (4, 5)]
+    assert abs(cents(frequency, held(guitar.scene, frets, guitar.scene.contact[1].on_at))) < 1.0
+    assert 0.0 < cents(frequency, 81.4519 * 2 ** (5 / 12)) < 12.0
+    begin, end = guitar.touches("finger", gap=0.5)[0]
+    assert begin + end == pytest.approx(5.4, abs=0.05)
+
+
+def test_the_bass_slaps_its_frets():
+    """A soft pluck stays clear of them but for a touch, a hard one does not; the thumb drives the string down."""
+    bass = heard("bass_frets")
+    times = np.array([t for t, _ in bass.touches("string")])
+    soft, hard = np.sum(times < 2.4), np.sum((times > 2.5) & (times < 4.9))
+    assert soft <= 2
+    assert hard > 20
+    begin, duration = bass.touches("thumb", gap=0.02)[0]
+    assert begin == pytest.approx(5.0, abs=0.03)
+    assert 2e-3 < duration < 15e-3
+
+
+def test_the_mallet_touches_for_some_milliseconds():
+    strikes = heard("marimba").touches("mallet_c", gap=0.02)
+    assert [round(t, 1) for t, _ in strikes] == [0.0, 2.1, 3.0]
+    assert all(1e-3 < duration < 4e-3 for _, duration in strikes)
+
+
+def test_the_ball_falls_bounces_and_comes_to_rest():
+    """It lands after √(2h/g), and weighs m·g on the drum in the end."""
+    drum = heard("ball_on_drum")
+    bounces = drum.touches("ball")
+    assert bounces[0][0] == pytest.approx(math.sqrt(2 * 0.25 / 9.81), abs=1.5 / RATE)
+    assert len(bounces) > 10
+    weight = drum.take.audio[-RATE // 4 :, 2 + 1].mean()
+    assert weight == pytest.approx(4e-3 * 9.81, rel=0.01)
+
+
+def test_every_stroke_makes_the_wires_rattle():
+    snare = heard("snare_wires")
+    strokes = [t for t, _ in snare.touches("stick", gap=0.05)]
+    thrown = [f.start for f in snare.scene.force]
+    assert [round(t - s, 3) for t, s in zip(strokes, thrown, strict=True)] == pytest.approx([0.008] * 9, abs=6e-3)
+    rattle = np.array([t for t, _ in snare.touches("wire1")])
+    assert all(np.sum((rattle > t) & (rattle < t + 0.1)) > 10 for t in strokes)
+    assert max(rattle) < 2.7
+
+
+def test_the_bolt_rattles_and_falls_silent():
+    knocks = np.array([t for t, _ in heard("rattle").touches("bolt")])
+    counts = [int(np.sum((knocks > t) & (knocks < t + 0.25))) for t in (0.0, 0.25, 0.75, 1.25)]
+    assert counts[0] > counts[1] > counts[2] > counts[3] == 0
+    assert counts[0] > 100

@@ -15,6 +15,7 @@ from engine.spots import places
 
 TO_60_DB = 3 * math.log(10)  # σ·T60: e^(-σ·T60) = 10^-3
 MOST = 20_000  # modes of one body
+WIDEST = 2_000  # modes among which those of a supported body are found
 
 
 class ModalBody(NamedTuple):
@@ -39,9 +40,10 @@ def modal(body: Body, highest: float = math.inf) -> ModalBody:
     """
     if isinstance(body, Mass | Oscillator):
         return _lumped(body)
-    spread = _SPREAD[type(body)](body, 2 * math.pi * highest)
-    if not isinstance(body, Modes) and body.support:
-        spread = _supported(spread, body, 2 * math.pi * highest)
+    if isinstance(body, Modes) or not body.support:
+        spread = _SPREAD[type(body)](body, 2 * math.pi * highest)
+    else:
+        spread = _supported(body, 2 * math.pi * highest)
     omega, sigma, shape = spread
     still = np.zeros(omega.size)
     return ModalBody(omega, sigma, shape, still, still, still)
@@ -266,13 +268,17 @@ def _measured(body: Modes, highest: float) -> Spread:
     return omega[chosen], sigma[chosen], lambda name: points[name]
 
 
-def _supported(free: Spread, body: String | Bar | Membrane | Plate, highest: float) -> Spread:
-    """Modes of a body held by springs: eigenvectors of diag(ω²) + Σ k·ΦΦᵀ.
+def _supported(body: String | Bar | Membrane | Plate, highest: float) -> Spread:
+    """Modes of a body held by springs: the lowest eigenvectors of diag(ω²) + Σ k·ΦΦᵀ, found among four
+    times as many free modes, for a spring bends the body more sharply than its lowest modes can.
 
     Dampers take the diagonal of Σ r·ΦΦᵀ in those modes: what they couple is left out, as is usual
     for light damping (Fletcher & Rossing, sec. 4.5).
     """
-    omega, sigma, shape = free
+    build = _SPREAD[type(body)]
+    count = build(body, highest)[0].size
+    wide = max(count, min(4 * count, WIDEST))
+    omega, sigma, shape = build(body.model_copy(update={"modes": wide}), math.inf)
     stiffness, damping = np.diag(omega**2), np.diag(2 * sigma)
     for support in body.support:
         at = places(support.at, body)
@@ -281,9 +287,9 @@ def _supported(free: Spread, body: String | Bar | Membrane | Plate, highest: flo
             stiffness += np.outer(own, own) * (support.stiffness / len(at))
             damping += np.outer(own, own) * (support.damping / len(at))
     square, vectors = np.linalg.eigh(stiffness)
-    held = np.sqrt(np.maximum(square, 0.0))
-    vectors = vectors[:, held < highest]
-    rate = 0.5 * np.einsum("ij,ik,kj->j", vectors, damping, vectors, optimize=True)
+    held = np.sqrt(np.maximum(square, 0.0))[:count]
+    vectors = vectors[:, :count][:, held < highest]
+    rate = 0.5 * np.einsum("ij,ij->j", vectors, damping @ vectors)
     return held[held < highest], rate, lambda place: vectors.T @ shape(place)
 
 

@@ -130,7 +130,7 @@ def _watched(layout: Layout, number: int) -> Point:
     """Where a body is traced: at its first pickup, or else its first contact, or else its first force."""
     scene, name = layout.scene, layout.scene.body[number].name
     for pickup in scene.pickup:
-        if pickup.body == name:
+        if pickup.body == name and pickup.quantity != "force":
             return Point(name, _one(pickup.at, scene.body[number]), 1.0)
     for k, spot in layout.spot:
         for point in layout.ends(k, spot):
@@ -143,7 +143,9 @@ def _watched(layout: Layout, number: int) -> Point:
 
 
 def _point(layout: Layout, part: Any) -> Point:
-    """Where a force acts, or a pickup listens."""
+    """Where a force acts, or a pickup listens; nowhere, if that is all contact forces of its body."""
+    if getattr(part, "quantity", None) == "force":
+        return Point(None, None, 0.0)
     return Point(part.body, _one(part.at, layout.scene.body[layout.number[part.body]]), 1.0)
 
 

@@ -48,6 +48,9 @@ def parser() -> argparse.ArgumentParser:
         default="exact",
         help="exact: free vibration in tune; fdh: the paper's (default: exact)",
     )
+    parse.add_argument(
+        "--cores", metavar="N", help="how many may share the work (default: all; the samples are the same)"
+    )
     parse.add_argument("--trace", metavar="OUT.npz", help="also write every sample's displacements, forces, energies")
     parse.add_argument("--json", action="store_true", help="print the statistics as one JSON object")
     return parse
@@ -121,6 +124,7 @@ def render(args: argparse.Namespace) -> int:
                 samplerate=int(numbers["samplerate"] or 44_100),
                 scheme=args.scheme,
                 trace=args.trace is not None,
+                cores=None if numbers["cores"] is None else int(numbers["cores"]),
                 progress=progress,
             )
     except BuildError as error:
@@ -147,6 +151,7 @@ def settings(args: argparse.Namespace) -> tuple[dict[str, float | None], list[tu
     from engine.scene import SAMPLERATES
 
     ranges = {"seconds": (0.0, SECONDS, "s"), "samplerate": (*SAMPLERATES, "Hz"), "gain": (-400.0, 400.0, "dB")}
+    ranges["cores"] = (1, 1024, "cores")
     numbers: dict[str, float | None] = {}
     wrong: list[tuple[str, str]] = []
     for name, (low, high, unit) in ranges.items():
@@ -159,7 +164,7 @@ def settings(args: argparse.Namespace) -> tuple[dict[str, float | None], list[tu
             continue
         if number is not None and (not low <= number <= high or (name == "seconds" and number == 0)):
             wrong.append((f"--{name}", f"{text} is out of range; {right}"))
-        elif name == "samplerate" and number is not None and number != int(number):
+        elif name in ("samplerate", "cores") and number is not None and number != int(number):
             wrong.append((f"--{name}", f"{text} is not a whole number; {right}"))
         numbers[name] = number
     if args.scheme not in ("exact", "fdh"):
@@ -273,11 +278,12 @@ def summarise(stats: dict[str, Any], trace: str | None) -> None:
     iterations = f"mean {newton['mean']:.2f}, p99 {newton['p99']}, max {newton['max']}; "
     iterations += ", ".join(f"{n}: {count}" for n, count in enumerate(newton["histogram"]) if count)
     samples = max(1, sum(regimes.values()))
+    cores = f" on {stats['cores']} cores" if stats["cores"] > 1 else ""
     shares = ", ".join(f"{name.replace('_', ' ')} {n / samples:.2%}" for name, n in regimes.items() if n)
     rows = {
         "duration": f"{stats['seconds']:g} s at {stats['samplerate']} Hz, channels: {stats['channels']}",
         "peak": f"{level} (gain {stats['gain_db']:+.1f} dB on SI units)",
-        "speed": f"{stats['real_time_factor']:.0f} × real time, {stats['ns_per_sample']:.1f} ns per sample",
+        "speed": f"{stats['real_time_factor']:.0f} × real time, {stats['ns_per_sample']:.1f} ns per sample{cores}",
         "Newton iterations": iterations if newton["solves"] else "none needed",
         "solved": shares or "no contacts",
         "energy error": f"{energy['error_max']:.1e} of the largest energy held,"
@@ -292,6 +298,12 @@ def summarise(stats: dict[str, Any], trace: str | None) -> None:
         rows["FAILED"] = f"{failed} contact solves; at those samples the motion was turned back, and no energy added"
     if trace:
         rows["trace"] = trace
+    if stats["real_time_factor"] < 1.0:
+        big = stats["islands"]["largest"]
+        rows["TOO SLOW"] = (
+            f"for real time: the island of {', '.join(big['bodies'][:4])}{' …' if len(big['bodies']) > 4 else ''} has"
+            f" {big['modes']} modes and {big['contacts']} points of contact"
+        )
     for name, value in rows.items():
         print(f"{name:<18} {value}")
     print(stats["output"])

@@ -104,6 +104,7 @@ def render(
         "real_time_factor": frames / samplerate / elapsed,
         "ns_per_sample": elapsed / frames * 1e9,
         "cores": runner.cores if kept is None else 1,
+        "islands": _islands(layout),
         **statistics(runner),
     }
     return Take(audio, samplerate, stats, _named(kept, layout, samplerate) if kept is not None else None)
@@ -122,6 +123,15 @@ def statistics(runner: Runner) -> dict[str, Any]:
         },
         "activity": {"free": float(np.mean(1 - share)), "contact": float(np.mean(share)), "asleep": 0.0},
     }
+
+
+def _islands(layout: Layout) -> dict[str, Any]:
+    """How many islands there are, and the largest."""
+    modes = np.diff(layout.islands.mode)
+    largest = int(np.argmax(modes * (1 + np.diff(layout.islands.contact))))
+    names = [b.name for b in layout.scene.body if layout.island[layout.number[b.name]] == largest]
+    contacts = int(np.diff(layout.islands.contact)[largest])
+    return {"count": modes.size, "largest": {"bodies": names, "modes": int(modes[largest]), "contacts": contacts}}
 
 
 def newton(model: Model, state: State) -> dict[str, Any]:

@@ -356,7 +356,7 @@ class Pickup(Part):
     """What is heard."""
 
     body: Name = Field(description="the body that is heard")
-    at: Places = Field(default=None, description="where on it")
+    at: Places = Field(default=None, description="where on it; no matter for its force")
     quantity: Literal["displacement", "velocity", "acceleration", "force"] = Field(
         default="velocity", description="what of it is heard, in SI units; force: all contact forces on the body"
     )

@@ -79,11 +79,16 @@ def references(data: dict[str, Any]) -> Faults:
             yield from _place(("body", i, "support", j, "at"), support, body, single=False)
     for i, contact in tables(data, "contact"):
         yield from _contact(("contact", i), contact, bodies)
+    end = data.get("seconds", 2.0)
     for i, event in tables(data, "event"):
+        time = event.get("time")
+        if isinstance(time, int | float) and isinstance(end, int | float) and time >= end:
+            yield fault(("event", i, "time"), time, "after the end", f"before {end:g} s, or more seconds")
         yield from _event(("event", i), event, bodies, contacts)
     for key in ("force", "event", "pickup"):
         for i, table in tables(data, key):
-            if key != "event" or table.get("kind") == "pluck":
+            everywhere = table.get("quantity") == "force" and not given(table, "at")
+            if not everywhere and (key != "event" or table.get("kind") == "pluck"):
                 yield from _place((key, i, "at"), table, bodies.get(str(table.get("body"))), single=True)
 
 

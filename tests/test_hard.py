@@ -378,15 +378,13 @@ def test_a_failed_solve_is_passive_and_counted(path, fault, monkeypatch):
         return fault(build(*arguments))
 
     monkeypatch.setattr(offline, "build", faulty)
-    take = engine.render(engine.load(path), seconds=1.0, trace=True)
+    take = engine.render(engine.load(path), seconds=0.5)
     assert np.isfinite(take.audio).all()
     failed = take.stats["newton"]["unconverged"]
     assert failed == take.stats["newton"]["regimes"]["failed"]
     assert failed > 0
     if fault is not overflow:  # there, the stored energy itself is infinite
-        total = take.trace["total"] - take.trace["supplied"] + take.trace["dissipated"]
-        held = np.max(np.abs(take.trace["kinetic"]) + np.abs(take.trace["potential"]) + take.trace["contact"])
-        assert np.max(np.abs(total - total[0])) <= 1e-12 * held
+        assert take.stats["energy"]["error_max"] <= 1e-12
 
 
 def test_an_iteration_that_never_ends(tmp_path):

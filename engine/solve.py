@@ -244,6 +244,7 @@ def iterate(law, k, s, g, compliance, rate, tolerance, b, eta):
         )
         if done:
             f += step * (df + step * (0.5 * ddf + step * dddf / 6.0))
+            df += step * (ddf + step * 0.5 * dddf)
         b += step
         eta += step
         if done:

@@ -80,7 +80,7 @@ pickup = [
 
 def text_scene(text: str) -> engine.Scene:
     """A scene from TOML, whose inline tables may here go over lines."""
-    joined = re.sub(r",\n +(?=[a-z_]+ =)", ", ", text)
+    joined = re.sub(r",\n +(?=[a-z_0-9]+ =)", ", ", text)
     return engine.Scene.model_validate(tomllib.loads(joined))
 
 

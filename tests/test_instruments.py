@@ -170,7 +170,7 @@ def test_the_bridge_of_the_tanpura_makes_the_jvari():
     assert np.all(np.diff(bare) < 0.0)
     assert min(np.subtract(bridge, bare)) > 4.0
     assert min(np.subtract(bridge[2:], bare[2:])) > 12.0
-    assert centroid(on.between(0.7, 0.85)) > 3 * centroid(off.between(0.7, 0.85))
+    assert centroid(on.between(0.7, 0.85)) > 2 * centroid(off.between(0.7, 0.85))
 
 
 def test_the_pitch_of_the_tanpura():

@@ -14,6 +14,7 @@ from engine.islands import cut_model, cut_state
 from engine.jit import entry, jit
 from engine.model import ACCELERATION, DISPLACEMENT, VELOCITY
 from engine.modes import coast, first_half, hush, lose_all, pay, project, second_half, swing, turn_back
+from engine.rest import fall_asleep, flies, fly, hear, nap, sleep_on
 from engine.solve import FAILED, FREE
 
 ZERO = np.int64(0)
@@ -39,15 +40,15 @@ def settle_up(coupling, state, excess):
 def look_ahead(model, state, frame):
     """Find out whether anything can act on the island in the steps up to the next look.
 
-    If not, they need no test for contact and go through the modes once instead of twice.
+    If not, they need no test for contact and go through the modes once instead of twice; and if
+    nothing vibrates either, the island sleeps.
     """
-    until = (frame // RESYNC + 1) * RESYNC
-    ahead = until - frame
-    if idle(model.force, frame + 1, ahead) and quiet(model.events, state, frame + 1, ahead):
-        span = ahead / model.samplerate
-        swing(model.modes, model.spring, model.gravity, state.q, state.p, span, state.reach)
+    if idle(model.force, frame + 1, RESYNC) and quiet(model.events, state, frame + 1, RESYNC):
+        span = RESYNC / model.samplerate
+        energy = swing(model.modes, model.spring, model.gravity, state.q, state.p, span, state.reach)
         if out_of_reach(model.contact, model.partner, state):
-            state.clear[0] = until + 1
+            state.clear[0] = frame + RESYNC + 1
+            fall_asleep(model.silence, state, frame, RESYNC, energy)
 
 
 @jit
@@ -113,6 +114,18 @@ def look_around(model, state, frame, touching, touched):
 
 
 @jit
+def wake(model, loose, state, frame, slept):
+    """After samples slept through: free masses have flown on; on the grid, look whether anything is due."""
+    last = frame + slept - 1
+    if flies(model, loose, state):
+        fly(model, loose, state, slept)
+        if last % RESYNC == 0:
+            look_around(model, state, last, False, False)
+    elif last % RESYNC == 0:
+        sleep_on(model, state, last + 1, RESYNC)
+
+
+@jit
 def listen(pickups, state, samplerate, out, i):
     """Add what the pickups hear to row i of the output."""
     for n in range(pickups.quantity.shape[0]):
@@ -129,13 +142,18 @@ def listen(pickups, state, samplerate, out, i):
             value = 0.0
             for item in range(pickups.begin[n], pickups.begin[n + 1]):
                 value += pickups.sign[item] * state.contact_force[pickups.contact[item]]
-        out[i, pickups.channel[n]] += pickups.gain[n] * value
+        value *= pickups.gain[n]
+        hear(state, value)
+        out[i, pickups.channel[n]] += value
 
 
 @jit
-def record(trace, i, b0, k0, model, state, frame):
-    """Write row i of the trace for an island whose bodies and contacts begin at columns b0, k0."""
-    if trace is not None:
+def record(trace, begin, count, b0, k0, model, state, frame):
+    """Write `count` rows of the trace from `begin` on for an island whose bodies and contacts begin at
+    columns b0, k0."""
+    if trace is None:
+        return
+    for i in range(begin, begin + count):
         for b in range(model.bodies.first.shape[0]):
             trace.displacement[i, b0 + b] = project(model.bodies, b, state.q)
             trace.velocity[i, b0 + b] = project(model.bodies, b, state.p)
@@ -181,15 +199,24 @@ def block(model, state, part, out, ledger, trace):
             island = cut_model(model, state, n)
             own = cut_state(islands, state, part, n)
             touching = own.touching[0] != 0
-            for i in range(begin, end):
+            i = begin
+            while i < end:
                 frame = start + i
+                slept = nap(own, frame, end - i)
+                if slept > 0:
+                    enter(ledger, i, slept, n == first, island, own)
+                    record(trace, i, slept, islands.body[n], islands.contact[n], island, own, frame)
+                    i += slept
+                    wake(island, island.loose, own, frame, slept)
+                    continue
                 listen(island.pickups, own, model.samplerate, out, i)
-                enter(ledger, i, n == first, island, own)
-                record(trace, i, islands.body[n], islands.contact[n], island, own, frame)
+                enter(ledger, i, 1, n == first, island, own)
+                record(trace, i, 1, islands.body[n], islands.contact[n], island, own, frame)
                 keep_score(island, island.events, own, frame)
                 touched = touching
                 touching, count = step(island, island.contact, island.force, own, frame, ledger)
                 look_around(island, own, frame, touching, touched)
                 note(trace, own, count)
+                i += 1
             own.touching[0] = touching
         state.frame[part] += end - begin

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from engine import coupled, energy, score, solve
+from engine import coupled, energy, rest, score, solve
 from engine.bodies import TooMany, modal, string_stiffness
 from engine.laws import law_of
 from engine.layout import Layout, Point
@@ -23,6 +23,7 @@ from engine.model import (
     Coupling,
     Force,
     Gravity,
+    Loose,
     Loss,
     Model,
     Modes,
@@ -39,6 +40,7 @@ from engine.waveform import table
 QUANTITIES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION, "force": FORCE}
 TOLERANCE = 1e-15  # relative error left in a compression; a looser one saves little (DESIGN sec. 2)
 MOST_CONTACTS = 512  # in an island; its coupled solve takes time of their third power
+SILENCE = -120.0  # dB
 CAP = 6  # rounds of a coupled solve (DESIGN sec. 3)
 HIGHEST = 0.49  # of the sample rate; what vibrates faster would come out at another frequency
 
@@ -59,12 +61,15 @@ class Built(NamedTuple):
     layout: Layout
 
 
-def build(scene: Scene, samplerate: float, scheme: str = "exact", iterations: int = CAP) -> Built:
+def build(
+    scene: Scene, samplerate: float, scheme: str = "exact", iterations: int = CAP, silence: float = SILENCE
+) -> Built:
     """Model, State and Layout of a scene at a sample rate (Hz), with the coefficients of a scheme.
 
     scheme:     "exact" (free vibration at its own frequency and decay) or "fdh" (the paper's)
     iterations: rounds of a coupled contact solve, after which it makes do with forces that are not
                 finished, but create no energy
+    silence:    dB of its peak, below which an island sleeps; -inf: never
     Raises BuildError if a body vibrates too fast for the sample rate.
     """
     if scheme not in TABLES:
@@ -90,6 +95,8 @@ def build(scene: Scene, samplerate: float, scheme: str = "exact", iterations: in
         events=events,
         pickups=_pickups(layout, modes),
         bodies=layout.rows([_watched(layout, b) for b in layout.body], modes),
+        loose=_loose(layout, omega),
+        silence=10 ** (silence / 20),
     )
     return Built(model, _state(layout, model), layout)
 
@@ -151,6 +158,15 @@ def _point(layout: Layout, part: Any) -> Point:
 
 def _one(at: Any, body: Body) -> Any:
     return places(at, body)[0]
+
+
+def _loose(layout: Layout, omega: np.ndarray) -> Loose | None:
+    """Free masses, counted from their island's first mode."""
+    free = np.flatnonzero(omega == 0.0)
+    if free.size == 0:
+        return None
+    begin = np.searchsorted(free, layout.islands.mode)
+    return Loose(free - np.repeat(layout.islands.mode[:-1], np.diff(begin)), begin)
 
 
 def _loss(sigma: np.ndarray, samplerate: float) -> Loss | None:
@@ -312,6 +328,8 @@ def _state(layout: Layout, model: Model) -> State:
         scratch=coupled.room(parts, largest) if model.coupling is not None else None,
         budget=np.zeros(count, np.int64),
         debt=np.zeros(count),
+        rest=np.zeros((count, rest.KEPT)),
+        asleep=np.zeros((count, 2), np.int64),
         heard=np.array(heard),
         account=np.zeros((count, energy.ACCOUNTS)),
         clear=np.zeros(count, np.int64),

@@ -292,7 +292,7 @@ def summarise(stats: dict[str, Any], trace: str | None) -> None:
         f" {energy['dissipated']:.4g} dissipated, {energy['final']:.4g} left",
         "compiled in": ", ".join(stats["effects"]["compiled"]) or "none",
         "left out": ", ".join(stats["effects"]["left_out"]) or "none",
-        "time": f"{activity['free']:.1%} free, {activity['contact']:.1%} in contact",
+        "time": f"{activity['free']:.1%} free, {activity['contact']:.1%} in contact, {activity['asleep']:.1%} asleep",
     }
     if failed := newton["unconverged"]:
         rows["FAILED"] = f"{failed} contact solves; at those samples the motion was turned back, and no energy added"

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from engine.coupled import coupled
+from engine.coupled import LIMIT, coupled
 from engine.jit import jit, outlined
 from engine.laws import gain, potential
 from engine.modes import bound, energy_of_motion, kick, project, project_drift
@@ -17,6 +17,7 @@ from engine.solve import CAPPED, FAILED, FREE, NEWTON, contact_loss, scalar
 
 # as an initial value, a literal 0 would make Numba compile all that it is passed to twice
 ZERO = np.int64(0)
+UNCAPPED = LIMIT + 1
 UNTOUCHED = np.int64(FREE)
 
 BUDGET = 16  # line searches that the capped solves of an island may spend between two refills
@@ -67,7 +68,7 @@ def settle(contact, damping, state, k, eta, b, f, response, miss):
     if damping is not None:
         lost = loss_of_step(contact, damping, k, s, b, eta, response)
     residue = state.residue[k] + (miss - contact.beneath[k] * f)
-    if 2.0 * abs(eta) < b:
+    if abs(eta) < 8.0 * b:
         end = s + (eta + residue)
         residue = (eta + residue) - (end - s)
     else:  # beside a long step to a small compression, what rounding left of the step is no longer small
@@ -118,23 +119,25 @@ def solve_many(contact, partner, damping, coupling, state):
     n = contact.barrier.shape[0]
     for k in range(n):
         vectors[FORCE, k] = state.contact_force[k]
-    count, how, excess = coupled(
-        law,
-        damping,
-        coupling.matrix,
-        n,
-        s,
-        state.free_move,
-        contact.cap,
-        state.budget,
-        contact.tolerance,
-        state.scratch,
-    )
+    count, how, excess, cap = ZERO, CAPPED, np.inf, contact.cap
+    while how == CAPPED and not excess < 0.5 * energy_of_motion(state.p):
+        # a second time, without a cap, if the motion could not pay for the energy created
+        count, how, excess = coupled(
+            law,
+            damping,
+            coupling.matrix,
+            n,
+            s,
+            state.free_move,
+            cap,
+            state.budget,
+            contact.tolerance,
+            state.scratch,
+        )
+        cap = UNCAPPED
     for k in range(n):
         if not math.isfinite(vectors[ETA, k] + vectors[END, k] + vectors[FORCE, k]):
             how = FAILED
-    if how == CAPPED and not excess < 0.5 * energy_of_motion(state.p):
-        how = FAILED  # more than the motion could pay for
     count_solve(state, count, how)
     lost = 0.0
     if how == FAILED:

@@ -46,22 +46,23 @@ def book(account, column, amount):
 
 
 @jit
-def enter(ledger, i, first, model, state):
-    """Write an island's energies into row i of the ledger; all but the first island add."""
+def enter(ledger, i, count, first, model, state):
+    """Write an island's energies into `count` rows of the ledger from i on; all but the first island add."""
     if ledger is not None:
         kinetic, potential = kinetic_and_potential(model.spring, model.gravity, state.q, state.p)
         squeezed = stored(model.contact, state)
         total = kinetic + potential + squeezed
         held = kinetic + abs(potential) + squeezed  # a falling ball holds energy, though its total may be 0
         spent = state.account[0, DISSIPATED] - state.account[0, SUPPLIED]
-        if first:
-            ledger[i, STORED] = total
-            ledger[i, SPENT] = spent
-            ledger[i, HELD] = held
-        else:
-            ledger[i, STORED] += total
-            ledger[i, SPENT] += spent
-            ledger[i, HELD] += held
+        for row in range(i, i + count):
+            if first:
+                ledger[row, STORED] = total
+                ledger[row, SPENT] = spent
+                ledger[row, HELD] = held
+            else:
+                ledger[row, STORED] += total
+                ledger[row, SPENT] += spent
+                ledger[row, HELD] += held
 
 
 @entry

@@ -20,6 +20,7 @@ from engine.model import (
     Force,
     Gravity,
     Islands,
+    Loose,
     Loss,
     Model,
     Modes,
@@ -41,6 +42,7 @@ _CUT: dict[type, Any] = {
     Rows: lambda x, a, b: Rows(x.first[a:b], x.last[a:b], x.at[a:b], x.shape, x.kick, x.drift),
     Modes: lambda x, a, b: Modes(x.kick[a:b], x.drift[a:b]),
     Spring: lambda x, a, b: Spring(x.stiffness[a:b], x.pull[a:b]),
+    Loose: lambda x, a, b: Loose(x.mode[x.begin[a] : x.begin[b]], x.begin[a : b + 1]),
     Loss: lambda x, a, b: Loss(x.keep[a:b], x.lost[a:b]),
     Gravity: lambda x, a, b: Gravity(x.weight[a:b]),
     Force: lambda x, a, b: Force(cut(x.rows, a, b), x.start[a:b], x.begin[a : b + 1], x.table, x.after[a:b]),
@@ -123,6 +125,8 @@ def cut_model(model, state, i):
         cut(model.events, of.event[i], of.event[i + 1]),
         cut(model.pickups, of.pickup[i], of.pickup[i + 1]),
         cut(model.bodies, of.body[i], of.body[i + 1]),
+        cut(model.loose, i, i + 1),
+        model.silence,
     )
 
 
@@ -163,6 +167,8 @@ def cut_state(islands, state, part, i):
         state.clear[i : i + 1],
         state.next_event[i],
         state.event_from[islands.event[i] : islands.event[i + 1]],
+        state.rest[i],
+        state.asleep[i],
         state.touching[i : i + 1],
         state.evaluations[i : i + 1],
         state.iterations[i],

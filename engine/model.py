@@ -47,6 +47,13 @@ class Spring(NamedTuple):
     pull: np.ndarray  # t·ω² [modes], 1/s: momentum per displacement in half a kick
 
 
+class Loose(NamedTuple):
+    """Free masses."""
+
+    mode: np.ndarray  # int: the modes without a restoring force, by island
+    begin: np.ndarray  # int [islands + 1], where those of an island begin
+
+
 class Loss(NamedTuple):
     """Modal loss by half-steps (paper, eq. 36)."""
 
@@ -153,6 +160,8 @@ class Model(NamedTuple):
     events: Events | None
     pickups: Pickups
     bodies: Rows  # where each body is traced
+    loose: Loose | None  # what flies on while the rest sleeps
+    silence: float  # share of its peak below which an island sleeps; engine.rest
 
 
 class Scratch(NamedTuple):
@@ -186,6 +195,8 @@ class State(NamedTuple):
     clear: np.ndarray  # int [islands]: before this frame, nothing can act on the island
     next_event: np.ndarray  # int [islands, 2]: the first event not over yet, and the next to begin
     event_from: np.ndarray  # [events]: what a gliding value was at first
+    rest: np.ndarray  # [islands, 3]: what an island has been like, to tell when it may sleep (engine.rest)
+    asleep: np.ndarray  # int [islands, 2]: the frame before which it sleeps, and samples it has slept
     touching: np.ndarray  # int [islands]: 1 if the last step had a contact in reach
     evaluations: np.ndarray  # int [islands]: of the contact laws, in the last step
     iterations: np.ndarray  # int [islands, evaluations]: histogram of evaluations per Newton solve

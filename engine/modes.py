@@ -253,8 +253,10 @@ def swing(modes, spring, gravity, q, p, span, reach):
     """How far each mode can move in `span` seconds on which nothing else acts, √kg·m, into `reach`.
 
     A mode swings about where its weight holds it, with amplitude A/ω and speed A at most,
-    A² = p² + ω²q²; it loses energy, and gains none. A free mass coasts and falls.
+    A² = p² + ω²q²; it loses energy, and gains none. A free mass coasts and falls. Returns the
+    energy of vibration, Σ ½A², J.
     """
+    energy = 0.0
     for m in range(p.shape[0]):
         speed, fallen, widest = abs(p[m]), 0.0, np.inf
         if spring is not None:
@@ -263,13 +265,16 @@ def swing(modes, spring, gravity, q, p, span, reach):
                 away = q[m]
                 if gravity is not None:
                     away -= gravity.weight[m] / stiffness
-                speed = math.sqrt(p[m] * p[m] + stiffness * away * away)
+                square = p[m] * p[m] + stiffness * away * away
+                energy += 0.5 * square
+                speed = math.sqrt(square)
                 widest = 2.0 * speed / math.sqrt(stiffness)
             elif gravity is not None:
                 fallen = abs(gravity.weight[m]) * span
         elif gravity is not None:
             fallen = abs(gravity.weight[m]) * span
         reach[m] = min((speed + 0.5 * fallen) * span, widest)
+    return energy
 
 
 @summing

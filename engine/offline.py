@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from engine import solve
-from engine.build import CAP, build
+from engine import rest, solve
+from engine.build import CAP, SILENCE, build
 from engine.layout import Layout
 from engine.model import Model, State, Trace
 from engine.parts import SECONDS
@@ -55,6 +55,7 @@ def render(
     trace: bool = False,
     cores: int | None = None,
     iterations: int = CAP,
+    silence: float = SILENCE,
     progress: Callable[[float], None] | None = None,
 ) -> Take:
     """Render a scene.
@@ -64,6 +65,7 @@ def render(
     scheme:     "exact", or "fdh", the paper's own coefficients (engine.modes)
     trace:      keep every sample's displacements, forces and energies
     iterations: rounds of a coupled contact solve at most; then it makes do (engine.build)
+    silence:    dB of its peak, below which an island sleeps until something is due; -inf: never
     cores:      how many may share the work; all of the machine's if None. The samples are the same
     progress:   called now and then with the share rendered, 0 to 1
 
@@ -79,7 +81,7 @@ def render(
         raise ValueError(f"iterations = {iterations} is out of range; at least 2")
     if cores is not None and cores < 1:
         raise ValueError(f"cores = {cores} is out of range; at least 1")
-    model, state, layout = build(scene, samplerate, scheme, iterations)
+    model, state, layout = build(scene, samplerate, scheme, iterations, silence)
     runner = Runner(model, state, cores or os.cpu_count() or 1)
     frames = max(1, round(seconds * samplerate))
     audio = np.zeros((frames, max(p.channel for p in scene.pickup)))
@@ -113,7 +115,8 @@ def render(
 def statistics(runner: Runner) -> dict[str, Any]:
     """Newton iterations, energy, effects and activity of a scene up to now."""
     model, state = runner.model, runner.state
-    share = state.contacts / max(1, int(state.frame[0]))
+    frames = max(1, int(state.frame[0]))
+    contact, asleep = float(np.mean(state.contacts / frames)), float(np.mean(state.asleep[:, rest.SLEPT] / frames))
     return {
         "newton": newton(model, state),
         "energy": runner.energies(),
@@ -121,7 +124,7 @@ def statistics(runner: Runner) -> dict[str, Any]:
             "compiled": [name for name, slot in EFFECTS.items() if getattr(model, slot) is not None],
             "left_out": [name for name, slot in EFFECTS.items() if getattr(model, slot) is None],
         },
-        "activity": {"free": float(np.mean(1 - share)), "contact": float(np.mean(share)), "asleep": 0.0},
+        "activity": {"free": 1 - contact - asleep, "contact": contact, "asleep": asleep},
     }
 
 
@@ -150,7 +153,7 @@ def newton(model: Model, state: State) -> dict[str, Any]:
         "unconverged": int(regimes[solve.FAILED]),
         "histogram": np.trim_zeros(histogram, "b").tolist(),
         "regimes": {
-            "free": int(np.sum(state.frame[0] - state.contacts[with_contacts])),
+            "free": int(np.sum((state.frame[0] - state.contacts - state.asleep[:, rest.SLEPT])[with_contacts])),
             "separation": int(regimes[solve.SEPARATION]),
             "closed_form": int(regimes[solve.CLOSED]),
             "newton": int(regimes[solve.NEWTON]),

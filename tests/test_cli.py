@@ -215,3 +215,11 @@ def test_a_silent_patch_says_so(tmp_path, capsys):
     (tmp_path / "p.toml").write_text('[[body]]\nname = "b"\nkind = "mass"\nmass = 1\n[[pickup]]\nbody = "b"\n')
     assert cli.main([str(tmp_path / "p.toml"), "-o", str(tmp_path / "a.wav"), "--seconds", "0.1"]) == 0
     assert "silent" in capsys.readouterr().out
+
+
+def test_too_slow_for_real_time_names_the_island(tmp_path):
+    patch = ROOT / "patches" / "tanpura.toml"
+    done = run(patch, "--samplerate", "768000", "--seconds", "0.1", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "TOO SLOW" in done.stdout
+    assert "the island of string has 80 modes and 16 points of contact" in done.stdout

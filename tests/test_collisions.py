@@ -351,3 +351,12 @@ def test_a_lossless_tanpura_drifts_nowhere(stiffness):
     take = engine.render(scene, seconds=600_000 / 44_100)
     assert take.stats["newton"]["unconverged"] == 0
     assert take.stats["energy"]["error_max"] <= 1e-11
+
+
+def test_too_many_points_of_contact_are_refused():
+    from engine.build import BuildError
+
+    rail = {"body": "string", "at": [i / 300 for i in range(1, 257)], "barrier": -1e-3, "side": "below"}
+    rails = [rail | {"stiffness": 1e7, "exponent": 1.5, "name": f"rail{i}"} for i in range(3)]
+    with pytest.raises(BuildError, match="768 points of contact join string; at most 512 in an island"):
+        engine.render(build(body=[STRING], contact=rails, pickup=[EAR]))

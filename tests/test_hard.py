@@ -344,15 +344,16 @@ def bands(audio: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("stiffness", [1e10, 1e11, 1e12, 1e13])
 def test_a_bounded_worst_case_sounds_the_same(stiffness):
     """At most four rounds on a bridge of thirty points, α = 1: energy to 1e-11, and third-octave bands within
-    0.5 dB of solves that all converged. The motion is chaotic: the mean over 32 runs, plucked alike to 1e-6."""
+    0.5 dB of solves that all converged. The motion is chaotic, and a band of single runs differs by 2.5 dB: so the
+    mean over 160 runs, plucked alike to 1e-6."""
     base = tanpuras(1, 30, 1.0, 30 * stiffness)
     rng = np.random.default_rng(8)
     means = []
     for iterations in (4, 1000):
         heard, capped = [], 0
-        for _ in range(32):
+        for _ in range(160):
             pluck = base.force[0].model_copy(update={"amplitude": -0.4 * (1 + 1e-6 * rng.normal())})
-            take = engine.render(base.model_copy(update={"force": [pluck]}), seconds=2.0, iterations=iterations)
+            take = engine.render(base.model_copy(update={"force": [pluck]}), seconds=1.5, iterations=iterations)
             assert take.stats["energy"]["error_max"] <= 1e-11
             assert take.stats["newton"]["unconverged"] == 0
             capped += take.stats["newton"]["regimes"]["capped"]

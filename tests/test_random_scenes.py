@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import engine
 from engine import offline
 from engine.build import build
+from engine.rest import UNTIL
 from engine.runner import Runner
 
 RATE = 44_100
@@ -119,11 +120,13 @@ def survives_changes(scene: engine.Scene, changes: list[tuple[float, float, floa
     model, state, _ = build(scene, RATE, "exact")
     for factor, exponent, shift in changes:
         contact = model.contact
-        law = contact.law._replace(
-            unit=contact.law.unit * factor, exponent=np.maximum(1.0, contact.law.exponent * exponent)
-        )
-        model = model._replace(contact=contact._replace(law=law, barrier=contact.barrier - shift))
+        law = contact.law._replace(exponent=np.maximum(1.0, contact.law.exponent * exponent))
+        model = model._replace(contact=contact._replace(law=law))
+        state.unit[:] *= factor
+        state.barrier[:] -= shift
         state.compression[:] += shift
+        state.clear[:] = 0  # what was out of reach may be no more
+        state.asleep[:, UNTIL] = 0
         assert run(model, state, 1000)["error_per_step_max"] <= 1e-11
 
 

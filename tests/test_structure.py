@@ -20,13 +20,27 @@ FLOORS = [
     ["force", "contact"],
     ["energy"],
     ["events"],
+    ["rest"],
     ["block", "score"],
     ["build", "runner"],
     ["offline"],
     ["cli"],
     ["__init__"],
 ]
-KERNELS = ["laws", "solve", "rounds", "coupled", "modes", "islands", "force", "contact", "energy", "events", "block"]
+KERNELS = [
+    "laws",
+    "solve",
+    "rounds",
+    "coupled",
+    "modes",
+    "islands",
+    "force",
+    "contact",
+    "energy",
+    "events",
+    "rest",
+    "block",
+]
 WITHOUT_NUMBA = ["parts", "measured", "references", "scene", "patch", "bodies", "spots", "waveform", "cli", "__init__"]
 
 

@@ -1,0 +1,92 @@
+"""Sleep: an island whose vibration and sound have died is not computed until something is due, or a
+body that still flies comes near another.
+
+It is decided on the scene's own grid of samples, so that blocks of any size give the same. What
+vibrates is left as it is and its pickups are silent, which changes the output by less than
+`Model.silence` of its peak; free masses fly on.
+"""
+
+from engine.energy import DISSIPATED, book
+from engine.events import quiet
+from engine.force import idle
+from engine.jit import jit, outlined
+from engine.modes import close_mode, open_mode
+
+LEVEL, LOUDEST, MOST = 0, 1, 2  # of State.rest: peak output since the last look, ever; largest energy, J
+KEPT = 3
+UNTIL, SLEPT = 0, 1  # of State.asleep
+
+
+@jit
+def hear(state, value):
+    """Keep the peak of what the pickups of an island give."""
+    state.rest[LEVEL] = max(state.rest[LEVEL], abs(value))
+
+
+@jit
+def sleep_on(model, state, frame, ahead):
+    """Stay asleep for so many samples from this frame on, unless something is due in them."""
+    if idle(model.force, frame, ahead) and quiet(model.events, state, frame, ahead):
+        state.asleep[UNTIL] = frame + ahead
+
+
+@jit
+def fall_asleep(silence, state, frame, ahead, energy):
+    """After the step of this frame, with nothing in reach: sleep for so many samples if all has died.
+    `energy` is that of vibration, J."""
+    rest = state.rest
+    rest[MOST] = max(rest[MOST], energy)
+    rest[LOUDEST] = max(rest[LOUDEST], rest[LEVEL])
+    if energy <= silence * silence * rest[MOST] and rest[LEVEL] <= silence * rest[LOUDEST]:
+        state.asleep[UNTIL] = frame + 1 + ahead
+    rest[LEVEL] = 0.0
+
+
+@jit
+def flies(model, loose, state):
+    """Whether a free mass moves, or is about to."""
+    if loose is None:
+        return False
+    for j in range(loose.mode.shape[0]):
+        m = loose.mode[j]
+        if state.p[m] != 0.0:
+            return True
+        if weighs(model.gravity, m):
+            return True
+    return False
+
+
+@jit
+def weighs(gravity, m):
+    """Whether mode m has weight."""
+    if gravity is None:
+        return False
+    return gravity.weight[m] != 0.0
+
+
+@outlined
+def fly(model, loose, state, count):
+    """Let free masses fly on for so many samples."""
+    if loose is not None:
+        for j in range(loose.mode.shape[0]):
+            m = loose.mode[j]
+            lost = 0.0
+            for _ in range(count):
+                half, one = open_mode(
+                    model.modes, model.spring, model.loss, model.gravity, state.carry, m, state.q[m], state.p[m]
+                )
+                state.q[m], state.p[m], two = close_mode(
+                    model.modes, model.spring, model.loss, model.gravity, state.carry, m, state.q[m], half
+                )
+                lost += one + two
+            book(state.account, DISSIPATED, lost)
+
+
+@jit
+def nap(state, frame, room):
+    """How many of the samples that fit the island sleeps through."""
+    count = min(room, state.asleep[UNTIL] - frame)
+    if count <= 0:
+        return 0
+    state.asleep[SLEPT] += count
+    return count

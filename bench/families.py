@@ -4,6 +4,38 @@ from typing import Any
 
 import engine
 
+EFFECTS = ("loss", "gravity", "force", "contact", "contact loss", "events")
+NOTHING = 1e-300  # as a strength: there, and without any effect
+
+
+def with_effects(strength: dict[str, float]) -> engine.Scene:
+    """A string, a hammer that flies at it and a reed, with the named effects at 1, or at another share of
+    their strength."""
+    parts: dict[str, Any] = {
+        "seconds": 100.0,
+        "body": [
+            {"name": "string", "kind": "string", "length": 0.62, "mass": 4e-3, "tension": 670.0, "modes": 12},
+            {"name": "hammer", "kind": "mass", "mass": 3e-3, "displacement": -1e-3, "velocity": 2.0},
+            {"name": "reed", "kind": "oscillator", "mass": 1e-3, "frequency": 90.0, "displacement": 1e-3},
+        ],
+        "pickup": [{"body": "string", "at": 0.4}, {"body": "hammer", "channel": 2}, {"body": "reed", "channel": 3}],
+    }
+    if "loss" in strength:
+        parts["body"][0]["sigma0"] = 5.0 * strength["loss"]
+    if "gravity" in strength:
+        parts["gravity"] = 9.81 * strength["gravity"]
+    if "force" in strength:
+        amplitude = 3.0 * strength["force"]
+        parts["force"] = [{"body": "string", "at": 0.3, "kind": "pluck", "amplitude": amplitude, "duration": 0.004}]
+    if "contact" in strength:
+        felt = {"stiffness": 4e9 * strength["contact"], "exponent": 2.5}
+        felt["loss"] = 0.3 * strength.get("contact loss", 0.0)
+        parts["contact"] = [{"name": "felt", "body": "hammer", "on": "string", "on_at": 0.12} | felt]
+    if "events" in strength:
+        when = 0.02 if strength["events"] == 1.0 else 99.0
+        parts["event"] = [{"kind": "strike", "time": when, "body": "reed", "velocity": 1.0}]
+    return engine.Scene.model_validate(parts)
+
 
 def bank(modes: int) -> engine.Scene:
     """Free modes with loss, of which nothing is heard."""

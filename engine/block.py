@@ -48,7 +48,7 @@ def look_ahead(model, state, frame):
         energy = swing(model.modes, model.spring, model.gravity, state.q, state.p, span, state.reach)
         if out_of_reach(model.contact, model.partner, state):
             state.clear[0] = frame + RESYNC + 1
-            fall_asleep(model.silence, state, frame, RESYNC, energy)
+            fall_asleep(model, state, frame, RESYNC, energy)
 
 
 @jit
@@ -111,6 +111,15 @@ def look_around(model, state, frame, touching, touched):
             look_ahead(model, state, frame)
     if frame % RESYNC == 0:
         refill(model.coupling, state)
+
+
+@jit
+def room_to_sleep(model, state, ledger, trace, room):
+    """How many samples may be slept through at once: one, if the flight of a mass is to be recorded."""
+    if ledger is None:
+        if trace is None:
+            return room
+    return 1 if flies(model, model.loose, state) else room
 
 
 @jit
@@ -202,7 +211,7 @@ def block(model, state, part, out, ledger, trace):
             i = begin
             while i < end:
                 frame = start + i
-                slept = nap(own, frame, end - i)
+                slept = nap(own, frame, room_to_sleep(island, own, ledger, trace, end - i))
                 if slept > 0:
                     enter(ledger, i, slept, n == first, island, own)
                     record(trace, i, slept, islands.body[n], islands.contact[n], island, own, frame)

@@ -166,7 +166,12 @@ def _loose(layout: Layout, omega: np.ndarray) -> Loose | None:
     if free.size == 0:
         return None
     begin = np.searchsorted(free, layout.islands.mode)
-    return Loose(free - np.repeat(layout.islands.mode[:-1], np.diff(begin)), begin)
+    heard = np.zeros(begin.size - 1, np.bool_)
+    for pickup in layout.scene.pickup:
+        number = layout.number[pickup.body]
+        if pickup.quantity != "force" and np.any(layout.modal[number].omega == 0.0):
+            heard[layout.island[number]] = True
+    return Loose(free - np.repeat(layout.islands.mode[:-1], np.diff(begin)), begin, heard)
 
 
 def _loss(sigma: np.ndarray, samplerate: float) -> Loss | None:
@@ -177,9 +182,8 @@ def _loss(sigma: np.ndarray, samplerate: float) -> Loss | None:
 
 
 def _gravity(layout: Layout) -> Gravity | None:
-    if layout.scene.gravity == 0.0:
-        return None
-    return Gravity(-layout.scene.gravity * layout.gather("weight"))
+    weight = -layout.scene.gravity * layout.gather("weight")
+    return Gravity(weight) if weight.any() else None
 
 
 def _base(layout: Layout) -> np.ndarray:
@@ -198,8 +202,7 @@ def _contact(
     if not layout.spot:
         return None, None, None
     chosen = [layout.scene.contact[k] for k, _ in layout.spot]
-    turned = [c.on is None and c.side == "below" for c in chosen]
-    barrier = np.where(turned, -1.0, 1.0) * [spot.offset for _, spot in layout.spot]
+    barrier = np.array([layout.barrier(k, spot) for k, spot in layout.spot])
     rate = np.array([c.loss for c in chosen]) * samplerate
     matrices, beneath = _compliances(layout, modes)
     law = law_of(_base(layout), np.array([c.exponent for c in chosen]))

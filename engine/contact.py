@@ -68,7 +68,7 @@ def settle(contact, damping, state, k, eta, b, f, response, miss):
     if damping is not None:
         lost = loss_of_step(contact, damping, k, s, b, eta, response)
     residue = state.residue[k] + (miss - contact.beneath[k] * f)
-    if abs(eta) < 8.0 * b:
+    if 2.0 * abs(eta) < b:
         end = s + (eta + residue)
         residue = (eta + residue) - (end - s)
     else:  # beside a long step to a small compression, what rounding left of the step is no longer small

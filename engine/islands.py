@@ -42,7 +42,7 @@ _CUT: dict[type, Any] = {
     Rows: lambda x, a, b: Rows(x.first[a:b], x.last[a:b], x.at[a:b], x.shape, x.kick, x.drift),
     Modes: lambda x, a, b: Modes(x.kick[a:b], x.drift[a:b]),
     Spring: lambda x, a, b: Spring(x.stiffness[a:b], x.pull[a:b]),
-    Loose: lambda x, a, b: Loose(x.mode[x.begin[a] : x.begin[b]], x.begin[a : b + 1]),
+    Loose: lambda x, a, b: Loose(x.mode[x.begin[a] : x.begin[b]], x.begin[a : b + 1], x.heard[a:b]),
     Loss: lambda x, a, b: Loss(x.keep[a:b], x.lost[a:b]),
     Gravity: lambda x, a, b: Gravity(x.weight[a:b]),
     Force: lambda x, a, b: Force(cut(x.rows, a, b), x.start[a:b], x.begin[a : b + 1], x.table, x.after[a:b]),

@@ -9,7 +9,7 @@ import numpy as np
 
 from engine.bodies import ModalBody, modal
 from engine.model import Islands, Modes, Rows
-from engine.parts import Change, Contact, Force, PluckAgain
+from engine.parts import Change, Contact, Force, PluckAgain, Strike
 from engine.scene import Scene
 from engine.spots import Spot, spots
 
@@ -29,8 +29,8 @@ class Point(NamedTuple):
 class Layout:
     """The parts of a scene sorted by island.
 
-    Contacts of no stiffness, now or by an event, and forces of no amplitude amount to absence: they
-    join nothing, and are not built.
+    Contacts of no stiffness, now or by an event, or that cannot close, and forces of no amplitude amount
+    to absence: they join nothing, and are not built.
 
     scene:   what to lay out
     highest: Hz; what vibrates faster is not built
@@ -42,12 +42,14 @@ class Layout:
         self.number = {body.name: i for i, body in enumerate(scene.body)}
         stiff = {e.contact for e in scene.event if isinstance(e, Change) and e.stiffness}
         contacts = [k for k, c in enumerate(scene.contact) if c.stiffness > 0.0 or c.name in stiff]
+        self.forces: list[Force | PluckAgain] = [f for f in scene.force if f.amplitude != 0.0]
+        self.forces += [e for e in scene.event if isinstance(e, PluckAgain) and e.amplitude != 0.0]
+        self.island = self._join(contacts)
+        contacts = [k for k in contacts if self._can_close(k, contacts)]
         self.island = self._join(contacts)
         self.body = self._ordered(range(len(scene.body)), [b.name for b in scene.body])
         touching = self._ordered(contacts, [c.body for c in scene.contact])
         self.spot = [(k, spot) for k in touching for spot in self.spots(scene.contact[k])]
-        self.forces: list[Force | PluckAgain] = [f for f in scene.force if f.amplitude != 0.0]
-        self.forces += [e for e in scene.event if isinstance(e, PluckAgain) and e.amplitude != 0.0]
         self.force = self._ordered(range(len(self.forces)), [f.body for f in self.forces])
         self.pickup = self._ordered(range(len(scene.pickup)), [p.body for p in scene.pickup])
 
@@ -78,6 +80,54 @@ class Layout:
                 root[max(a, b)] = min(a, b)
         found = sorted({find(i) for i in range(len(root))})
         return [found.index(find(i)) for i in range(len(root))]
+
+    def _can_close(self, k: int, contacts: Iterable[int]) -> bool:
+        """Whether the energy of its island could ever close contact k.
+
+        A displacement Φq of energy E is at most √(2E·Σ Φ²/ω²), by Cauchy and Schwarz; both schemes
+        keep to that, for they conserve E. What drives an island can close all its contacts.
+        """
+        scene, island = self.scene, self.island[self.number[self.scene.contact[k].body]]
+        inside = [b for b, body in enumerate(scene.body) if self.island[b] == island]
+        names = {scene.body[b].name for b in inside}
+        joined = [j for j in contacts if scene.contact[j].body in names]
+        driven = {f.body for f in self.forces} | {e.body for e in scene.event if isinstance(e, Strike)}
+        changed = {e.contact for e in scene.event if isinstance(e, Change)}
+        weighs = scene.gravity != 0.0 and any(self.modal[b].weight.any() for b in inside)
+        if weighs or driven & names or any(scene.contact[j].name in changed for j in joined):
+            return True
+        energy = sum(float(np.sum(m.p**2 + (m.omega * m.q) ** 2)) / 2 for m in (self.modal[b] for b in inside))
+        energy += sum(self._pressed(j) for j in joined)
+        reach = math.sqrt(2 * energy)
+        for spot in self.spots(scene.contact[k]):
+            soft = math.sqrt(sum(self._compliance(point) for point in self.ends(k, spot))) if energy else 0.0
+            if not reach * soft * (1 + 1e-9) <= self.barrier(k, spot):
+                return True
+        return False
+
+    def barrier(self, k: int, spot: Spot) -> float:
+        """What is subtracted from the projected displacement at a point of contact k, m."""
+        contact = self.scene.contact[k]
+        return -spot.offset if contact.on is None and contact.side == "below" else spot.offset
+
+    def _compliance(self, point: Point) -> float:
+        """Static compliance Σ Φ²/ω² at a point, m/N; infinite for a free mass."""
+        if point.body is None:
+            return 0.0
+        shape, omega = self.shape(point), self.modal[self.number[point.body]].omega
+        moved = shape != 0.0
+        return math.inf if np.any(omega[moved] == 0.0) else float(np.sum((shape[moved] / omega[moved]) ** 2))
+
+    def _pressed(self, k: int) -> float:
+        """Energy that contact k holds at time 0, J."""
+        contact, energy = self.scene.contact[k], 0.0
+        for spot in self.spots(contact):
+            s = -self.barrier(k, spot)
+            for point in self.ends(k, spot):
+                if point.body is not None:
+                    s += float(self.shape(point) @ self.modal[self.number[point.body]].q)
+            energy += spot.stiffness * max(0.0, s) ** (contact.exponent + 1) / (contact.exponent + 1)
+        return energy
 
     def _ordered(self, items: Iterable[int], bodies: Sequence[str]) -> list[int]:
         """Items sorted by the island of the body each belongs to."""

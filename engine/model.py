@@ -52,6 +52,7 @@ class Loose(NamedTuple):
 
     mode: np.ndarray  # int: the modes without a restoring force, by island
     begin: np.ndarray  # int [islands + 1], where those of an island begin
+    heard: np.ndarray  # bool [islands]: does a pickup hear one of them?
 
 
 class Loss(NamedTuple):

@@ -31,13 +31,23 @@ def sleep_on(model, state, frame, ahead):
 
 
 @jit
-def fall_asleep(silence, state, frame, ahead, energy):
+def heard_flying(model, loose, state):
+    """Whether a pickup hears a free mass that moves."""
+    if loose is None:
+        return False
+    return loose.heard[0] and flies(model, loose, state)
+
+
+@jit
+def fall_asleep(model, state, frame, ahead, energy):
     """After the step of this frame, with nothing in reach: sleep for so many samples if all has died.
     `energy` is that of vibration, J."""
+    silence = model.silence
     rest = state.rest
     rest[MOST] = max(rest[MOST], energy)
     rest[LOUDEST] = max(rest[LOUDEST], rest[LEVEL])
-    if energy <= silence * silence * rest[MOST] and rest[LEVEL] <= silence * rest[LOUDEST]:
+    dead = energy <= silence * silence * rest[MOST] and rest[LEVEL] <= silence * rest[LOUDEST]
+    if dead and not heard_flying(model, model.loose, state):
         state.asleep[UNTIL] = frame + 1 + ahead
     rest[LEVEL] = 0.0
 

@@ -60,7 +60,7 @@ def heard(name: str, bridge: bool = True) -> Heard:
     for k, body in enumerate(scene.body):
         place = {"string": {"at": 0.5}, "bar": {"at": 0.5}, "membrane": {"at": [0.5, 0.5]}}.get(body.kind, {})
         told["pickup"].append({"body": body.name, "quantity": "force", "channel": 3 + k} | place)
-    return Heard(scene, engine.render(engine.Scene.model_validate(told)))
+    return Heard(scene, engine.render(engine.Scene.model_validate(told), silence=-np.inf))
 
 
 def partial(x: np.ndarray, near: float) -> tuple[float, float]:

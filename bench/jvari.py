@@ -32,6 +32,6 @@ def run() -> None:
     with figure("jvari", 11.0, 4.2, ncols=2, sharey=True) as panels:
         loudest = max(np.abs(audio).max() for audio in heard.values())
         for axes, (name, audio) in zip(panels, heard.items(), strict=True):
-            axes.specgram(audio / loudest, 2048, RATE, noverlap=1792, vmin=-150, vmax=-50, cmap="magma")
+            axes.specgram(audio / loudest, 2048, RATE, noverlap=1792, vmin=-145, vmax=-40, cmap="magma")
             axes.set(title=f"tanpura string {name}", xlabel="time, s", ylim=(0, 8000))
         panels[0].set_ylabel("frequency, Hz")

@@ -48,7 +48,7 @@ def look_ahead(model, state, frame):
         energy = swing(model.modes, model.spring, model.gravity, state.q, state.p, span, state.reach)
         if out_of_reach(model.contact, model.partner, state):
             state.clear[0] = frame + RESYNC + 1
-            fall_asleep(model, state, frame, RESYNC, energy)
+            fall_asleep(model.silence, model.gravity, model.loose, state, frame, RESYNC, energy)
 
 
 @jit
@@ -114,24 +114,24 @@ def look_around(model, state, frame, touching, touched):
 
 
 @jit
-def room_to_sleep(model, state, ledger, trace, room):
+def room_to_sleep(gravity, loose, state, ledger, trace, room):
     """How many samples may be slept through at once: one, if the flight of a mass is to be recorded."""
     if ledger is None:
         if trace is None:
             return room
-    return 1 if flies(model, model.loose, state) else room
+    return 1 if flies(gravity, loose, state) else room
 
 
 @jit
 def wake(model, loose, state, frame, slept):
     """After samples slept through: free masses have flown on; on the grid, look whether anything is due."""
     last = frame + slept - 1
-    if flies(model, loose, state):
-        fly(model, loose, state, slept)
+    if flies(model.gravity, loose, state):
+        fly(model.modes, model.spring, model.loss, model.gravity, loose, state, slept)
         if last % RESYNC == 0:
             look_around(model, state, last, False, False)
     elif last % RESYNC == 0:
-        sleep_on(model, state, last + 1, RESYNC)
+        sleep_on(model.force, model.events, state, last + 1, RESYNC)
 
 
 @jit
@@ -211,7 +211,7 @@ def block(model, state, part, out, ledger, trace):
             i = begin
             while i < end:
                 frame = start + i
-                slept = nap(own, frame, room_to_sleep(island, own, ledger, trace, end - i))
+                slept = nap(own, frame, room_to_sleep(island.gravity, island.loose, own, ledger, trace, end - i))
                 if slept > 0:
                     enter(ledger, i, slept, n == first, island, own)
                     record(trace, i, slept, islands.body[n], islands.contact[n], island, own, frame)

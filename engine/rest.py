@@ -24,36 +24,35 @@ def hear(state, value):
 
 
 @jit
-def sleep_on(model, state, frame, ahead):
+def sleep_on(force, events, state, frame, ahead):
     """Stay asleep for so many samples from this frame on, unless something is due in them."""
-    if idle(model.force, frame, ahead) and quiet(model.events, state, frame, ahead):
+    if idle(force, frame, ahead) and quiet(events, state, frame, ahead):
         state.asleep[UNTIL] = frame + ahead
 
 
 @jit
-def heard_flying(model, loose, state):
+def heard_flying(gravity, loose, state):
     """Whether a pickup hears a free mass that moves."""
     if loose is None:
         return False
-    return loose.heard[0] and flies(model, loose, state)
+    return loose.heard[0] and flies(gravity, loose, state)
 
 
 @jit
-def fall_asleep(model, state, frame, ahead, energy):
+def fall_asleep(silence, gravity, loose, state, frame, ahead, energy):
     """After the step of this frame, with nothing in reach: sleep for so many samples if all has died.
     `energy` is that of vibration, J."""
-    silence = model.silence
     rest = state.rest
     rest[MOST] = max(rest[MOST], energy)
     rest[LOUDEST] = max(rest[LOUDEST], rest[LEVEL])
     dead = energy <= silence * silence * rest[MOST] and rest[LEVEL] <= silence * rest[LOUDEST]
-    if dead and not heard_flying(model, model.loose, state):
+    if dead and not heard_flying(gravity, loose, state):
         state.asleep[UNTIL] = frame + 1 + ahead
     rest[LEVEL] = 0.0
 
 
 @jit
-def flies(model, loose, state):
+def flies(gravity, loose, state):
     """Whether a free mass moves, or is about to."""
     if loose is None:
         return False
@@ -61,7 +60,7 @@ def flies(model, loose, state):
         m = loose.mode[j]
         if state.p[m] != 0.0:
             return True
-        if weighs(model.gravity, m):
+        if weighs(gravity, m):
             return True
     return False
 
@@ -75,19 +74,15 @@ def weighs(gravity, m):
 
 
 @outlined
-def fly(model, loose, state, count):
+def fly(modes, spring, loss, gravity, loose, state, count):
     """Let free masses fly on for so many samples."""
     if loose is not None:
         for j in range(loose.mode.shape[0]):
             m = loose.mode[j]
             lost = 0.0
             for _ in range(count):
-                half, one = open_mode(
-                    model.modes, model.spring, model.loss, model.gravity, state.carry, m, state.q[m], state.p[m]
-                )
-                state.q[m], state.p[m], two = close_mode(
-                    model.modes, model.spring, model.loss, model.gravity, state.carry, m, state.q[m], half
-                )
+                half, one = open_mode(modes, spring, loss, gravity, state.carry, m, state.q[m], state.p[m])
+                state.q[m], state.p[m], two = close_mode(modes, spring, loss, gravity, state.carry, m, state.q[m], half)
                 lost += one + two
             book(state.account, DISSIPATED, lost)
 

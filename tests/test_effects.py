@@ -17,7 +17,7 @@ from engine.build import build
 
 SUBSETS = [s for n in range(len(EFFECTS) + 1) for s in itertools.combinations(EFFECTS, n)]
 SUBSETS = [s for s in SUBSETS if "contact loss" not in s or "contact" in s]
-FEW = [s for s in SUBSETS if len(s) <= 1 or s == ("contact", "contact loss")]
+FEW = [(), ("loss", "contact")]  # each needs a kernel of its own
 
 
 def absent_is_as_nothing(present: tuple[str, ...]) -> None:

@@ -70,7 +70,9 @@ def pruned() -> None:
             path = f"{where}{os.pathsep}{ROOT}"
             environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder / f"cache_{where.name}"), "PYTHONPATH": path}
             command = [sys.executable, "-m", "bench.stripped", str(where)]
-            runs = [subprocess.run(command, cwd=where, env=environment, capture_output=True, check=True) for _ in "abc"]
+            runs = [
+                subprocess.run(command, cwd=where, env=environment, capture_output=True, check=True) for _ in "abcdef"
+            ]
             first = json.loads(runs[0].stdout)
             found.append((first["instructions"], min(json.loads(run.stdout)["ns"] for run in runs)))
     (ours, fast), (theirs, faster) = found

@@ -14,11 +14,12 @@ from engine.islands import cut_model, cut_state
 from engine.jit import entry, jit
 from engine.model import ACCELERATION, DISPLACEMENT, VELOCITY
 from engine.modes import coast, first_half, hush, lose_all, pay, project, second_half, swing, turn_back
-from engine.rest import fall_asleep, flies, fly, hear, nap, sleep_on
+from engine.rest import UNTIL, fall_asleep, flies, fly, hear, nap, sleep_on
 from engine.solve import FAILED, FREE
 
 ZERO = np.int64(0)
 PIECE = 256  # samples an island runs before the next one does: small enough for the fast cache
+LONG = 16 * 64  # samples an island sleeps at a time if nothing in it moves
 RESYNC = 64  # samples; out of contact, compressions are read anew from the modes this often
 
 
@@ -131,7 +132,9 @@ def wake(model, loose, state, frame, slept):
         if last % RESYNC == 0:
             look_around(model, state, last, False, False)
     elif last % RESYNC == 0:
-        sleep_on(model.force, model.events, state, last + 1, RESYNC)
+        sleep_on(model.force, model.events, state, last + 1, LONG)
+        if state.asleep[UNTIL] <= last + 1:
+            sleep_on(model.force, model.events, state, last + 1, RESYNC)
 
 
 @jit

@@ -13,6 +13,7 @@ from conftest import ROOT
 from scipy.optimize import brentq
 
 import engine
+from bench.jvari import TIMES, WINDOW, high_to_low
 from engine.bodies import modal
 
 RATE = 44_100
@@ -151,20 +152,11 @@ def test_a_harder_strike_is_shorter_and_brighter():
     assert np.all(np.diff(bright) > 3.0)  # dB
 
 
-def high_to_low(x: np.ndarray, pitch: float) -> float:
-    """Energy of partials 15 to 40 over that of 1 to 5, dB."""
-    power = np.abs(np.fft.rfft(x * np.hanning(x.size))) ** 2
-    number = np.fft.rfftfreq(x.size, 1 / RATE) / pitch
-    high, low = (power[(number > a) & (number < b)].sum() for a, b in ((14.5, 40.5), (0.5, 5.5)))
-    return 10 * math.log10(high / low)
-
-
 def test_the_bridge_of_the_tanpura_makes_the_jvari():
     """High partials grow at the cost of the low ones after the pluck is over, and stay for seconds; without the
     bridge they only die away."""
-    pitch, times = 130.81, (0.06, 0.25, 0.45, 0.7, 1.0, 1.5)
     on, off = (heard("tanpura", bridge) for bridge in (True, False))
-    bridge, bare = ([high_to_low(h.between(t, t + 0.15), pitch) for t in times] for h in (on, off))
+    bridge, bare = ([high_to_low(h.between(t, t + WINDOW)) for t in TIMES] for h in (on, off))
     assert max(bridge) > bridge[0] + 5.0
     assert np.argmax(bridge) >= 2
     assert np.all(np.diff(bare) < 0.0)

@@ -125,13 +125,14 @@ def room_to_sleep(gravity, loose, state, ledger, trace, room):
 
 @jit
 def wake(model, loose, state, frame, slept):
-    """After samples slept through: free masses have flown on; on the grid, look whether anything is due."""
+    """After samples slept through: free masses have flown on and may be near; else, once the sleep is over,
+    see whether anything is due."""
     last = frame + slept - 1
     if flies(model.gravity, loose, state):
         fly(model.modes, model.spring, model.loss, model.gravity, loose, state, slept)
         if last % RESYNC == 0:
             look_around(model, state, last, False, False)
-    elif last % RESYNC == 0:
+    elif state.asleep[UNTIL] == last + 1:
         sleep_on(model.force, model.events, state, last + 1, LONG)
         if state.asleep[UNTIL] <= last + 1:
             sleep_on(model.force, model.events, state, last + 1, RESYNC)

@@ -30,6 +30,12 @@ def barrier(**more: Any) -> dict[str, Any]:
     return {"body": "body", "barrier": 0.0, "stiffness": 1e8, "exponent": 2.0} | more
 
 
+def mostly_hard(values: list[Any], *kept: Any) -> list[Any]:
+    """Cases of a test of which all but the kept ones are among the hard: each needs a kernel of its own."""
+    cases = {v: v if isinstance(v, tuple) else (v,) for v in values}
+    return [v if v in kept else pytest.param(*case, marks=pytest.mark.hard) for v, case in cases.items()]
+
+
 def slope(x: list[float], y: list[float]) -> float:
     """Slope of log y against log x."""
     return float(np.polyfit(np.log(x), np.log(np.abs(y)), 1)[0])

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from conftest import PATCHES, ROOT, barrier, mass, oscillator, scene
+from conftest import PATCHES, ROOT, barrier, mass, mostly_hard, oscillator, scene
 from test_solve import EXPONENTS, exact_force, hostile
 
 import engine
@@ -51,12 +51,12 @@ def long(scene: engine.Scene, seconds: float, samplerate: float = RATE) -> tuple
 
 def stats(scene: engine.Scene, error: float = 1e-12, **options) -> dict:
     """Render; every solve converges, all is finite, and the ledger closes."""
-    take = engine.render(scene, trace=True, **options)
+    take = engine.render(scene, **options)
     assert np.isfinite(take.audio).all()
     assert take.stats["newton"]["unconverged"] == 0
     assert take.stats["energy"]["error_max"] <= error
-    assert take.trace["force"].max() > 0.0, "there was no contact"
-    return take.stats | {"trace": take.trace}
+    assert sum(take.stats["newton"]["regimes"].values()) > 0, "there was no contact"
+    return take.stats
 
 
 # --- one solve
@@ -110,7 +110,7 @@ def test_contact_at_a_vibration_node(alpha):
 
 
 @pytest.mark.parametrize("loss", [1e2, 1e4, 1e6, 1e9])
-@pytest.mark.parametrize("alpha", [1.0, 1.5, 2.3, 5.0])
+@pytest.mark.parametrize("alpha", mostly_hard([1.0, 1.5, 2.3, 5.0], 2.3))
 def test_strong_contact_loss(alpha, loss):
     """μ|η|/h ≫ 1: few evaluations, and the ledger closes."""
     ball = mass(displacement=-0.01, velocity=3.0)
@@ -190,7 +190,10 @@ def test_a_million_hostile_states(alpha):
 # --- whole scenes
 
 
-@pytest.mark.parametrize("stiffness, exponent", [(1e13, 1.0), (1e13, 1.5), (1e13, 2.3), (1e3, 5.0), (1e3, 1.0)])
+@pytest.mark.parametrize(
+    "stiffness, exponent",
+    mostly_hard([(1e13, 1.0), (1e13, 1.5), (1e13, 2.3), (1e3, 5.0), (1e3, 1.0)], (1e13, 2.3), (1e3, 5.0)),
+)
 @pytest.mark.parametrize("contacts", [1, 30])
 def test_unknowns_do_not_cancel(stiffness, exponent, contacts):
     """Soft or stiff, one contact or thirty: the energy error of a step is rounding."""
@@ -202,23 +205,26 @@ def test_unknowns_do_not_cancel(stiffness, exponent, contacts):
     assert found["energy"]["error_per_step_max"] <= (1e-14 if contacts == 1 else 2e-14)
 
 
-@pytest.mark.parametrize("alpha", [1, 1.3, 1.5, 2, 3, 5, 8])
+@pytest.mark.parametrize("alpha", mostly_hard([1, 1.3, 1.5, 2, 3, 5, 8], 1.3, 5, 8))
 @pytest.mark.parametrize("beta", [1e-3, 1.0, 1e3, 1e8])
 def test_the_paper_metric(alpha, beta):
     """P of eq. (21) stays below the ceiling of the paper's Fig. 3."""
     assert preservation(alpha, beta) <= 2e-16
 
 
-@pytest.mark.parametrize("alpha", EXPONENTS)
+@pytest.mark.parametrize("alpha", mostly_hard(EXPONENTS, 1.3, 5.0, 8.0, 12.0))
 def test_a_resting_ball_stays(alpha):
     place = (9.81 / 1e9) ** (1 / alpha)
     ball = mass(displacement=place)
-    found = stats(scene([ball], gravity=-9.81, contact=[barrier(stiffness=1e9, exponent=alpha)]), seconds=10)
-    assert np.max(np.abs(found["trace"]["displacement"][:, 0] - place)) <= 1e-15 + 1e-13 * place
-    assert np.max(np.abs(found["trace"]["velocity"])) <= 1e-12
+    floor = barrier(stiffness=1e9, exponent=alpha)
+    heard = [{"body": "body", "quantity": q, "channel": c} for c, q in ((1, "displacement"), (2, "velocity"))]
+    take = engine.render(scene([ball], gravity=-9.81, contact=[floor], pickup=heard), seconds=10)
+    assert take.stats["newton"]["unconverged"] == 0
+    assert np.max(np.abs(take.audio[:, 0] - place)) <= 1e-15 + 1e-13 * place
+    assert np.max(np.abs(take.audio[:, 1])) <= 1e-12
 
 
-@pytest.mark.parametrize("alpha", [1.0, 1.5, 2.3, 5.0])
+@pytest.mark.parametrize("alpha", mostly_hard([1.0, 1.5, 2.3, 5.0], 2.3, 5.0))
 @pytest.mark.parametrize("stiffness, error", [(1e6, 1e-12), (1e9, 1e-12), (1e13, 1e-8)])
 def test_a_squeezed_body(alpha, stiffness, error):
     """A body on a spring between two stops that overlap by 1 mm.
@@ -233,7 +239,7 @@ def test_a_squeezed_body(alpha, stiffness, error):
     stats(scene([body], contact=stops), seconds=1.0, error=error)
 
 
-@pytest.mark.parametrize("alpha", [1.0, 1.5, 3.0])
+@pytest.mark.parametrize("alpha", mostly_hard([1.0, 1.5, 2.3, 3.0], 2.3))
 def test_forty_identical_contacts_on_a_mass(alpha):
     stats(scene([mass(velocity=1.0, displacement=-1e-3)], contact=[barrier(exponent=alpha)] * 40), seconds=0.1)
 
@@ -282,7 +288,7 @@ def test_far_from_the_origin():
     stats(scene([body], contact=[barrier(barrier=1000.0, stiffness=1e9)]), seconds=0.1, error=1e-11)
 
 
-@pytest.mark.parametrize("alpha", EXPONENTS)
+@pytest.mark.parametrize("alpha", mostly_hard(EXPONENTS, 1.3, 5.0, 8.0, 12.0))
 def test_penetration_at_the_start(alpha):
     """1 mm deep at kc = 1e13."""
     stats(scene([mass(displacement=1e-3)], contact=[barrier(stiffness=1e13, exponent=alpha)]), seconds=0.1)
@@ -303,7 +309,7 @@ def test_tiny_and_huge_motion(velocity):
     assert found.audio[-1, 0] == pytest.approx(-velocity, rel=1e-12)
 
 
-@pytest.mark.parametrize("alpha", EXPONENTS)
+@pytest.mark.parametrize("alpha", mostly_hard(EXPONENTS, 1.3, 5.0, 8.0, 12.0))
 def test_decay_into_subnormal_numbers(alpha):
     """Contact at compressions whose force and energy underflow."""
     body = oscillator(frequency=100.0, damping=400.0, displacement=-1e-3)
@@ -319,7 +325,10 @@ def test_decay_into_subnormal_numbers(alpha):
 
 
 @pytest.mark.parametrize(
-    "stiffness, exponent, loss", [(1e10, 1.0, 0.0), (1e12, 1.0, 0.0), (1e9, 1.5, 0.0), (1e9, 1.5, 0.5)]
+    "stiffness, exponent, loss",
+    mostly_hard(
+        [(1e10, 1.0, 0.0), (1e12, 1.0, 0.0), (1e9, 1.5, 0.0), (1e9, 1.5, 0.5)], (1e10, 1.0, 0.0), (1e12, 1.0, 0.0)
+    ),
 )
 def test_unfinished_solves_are_passive(stiffness, exponent, loss):
     """Four rounds are too few for a bridge of thirty points: the ledger closes all the same, and it is counted."""
@@ -396,6 +405,7 @@ def test_a_failed_solve_is_passive_and_counted(path, fault, monkeypatch):
         assert take.stats["energy"]["error_max"] <= 1e-12
 
 
+@pytest.mark.hard
 def test_an_iteration_that_never_ends(tmp_path):
     """A solver made never to end while bodies approach: it is counted as failed, energy stays, the sound goes on."""
     shutil.copytree(ROOT / "engine", tmp_path / "engine", ignore=shutil.ignore_patterns("__pycache__"))

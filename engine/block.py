@@ -14,12 +14,12 @@ from engine.islands import cut_model, cut_state
 from engine.jit import entry, jit
 from engine.model import ACCELERATION, DISPLACEMENT, VELOCITY
 from engine.modes import coast, first_half, hush, lose_all, pay, project, second_half, swing, turn_back
-from engine.rest import UNTIL, fall_asleep, flies, fly, hear, nap, sleep_on
+from engine.rest import UNTIL, fall_asleep, flies, fly, hear, nap, sleep_on, sleeps_through
 from engine.solve import FAILED, FREE
 
 ZERO = np.int64(0)
 PIECE = 256  # samples an island runs before the next one does: small enough for the fast cache
-LONG = 16 * 64  # samples an island sleeps at a time if nothing in it moves
+LONG = 64 * 64  # samples an island sleeps at a time if nothing in it moves
 RESYNC = 64  # samples; out of contact, compressions are read anew from the modes this often
 
 
@@ -209,6 +209,8 @@ def block(model, state, part, out, ledger, trace):
         end = min(begin + PIECE, out.shape[0])
         start = state.frame[part] - begin
         for n in range(first, last):
+            if sleeps_through(state, n, start + begin, end - begin, ledger, trace):
+                continue
             island = cut_model(model, state, n)
             own = cut_state(islands, state, part, n)
             touching = own.touching[0] != 0

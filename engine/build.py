@@ -30,6 +30,7 @@ from engine.model import (
     Pickups,
     Spring,
     State,
+    aligned,
 )
 from engine.modes import TABLES
 from engine.parts import Body, Change, String
@@ -98,7 +99,7 @@ def build(
         loose=_loose(layout, omega),
         silence=10 ** (silence / 20),
     )
-    return Built(model, _state(layout, model), layout)
+    return Built(aligned(model), aligned(_state(layout, model)), layout)
 
 
 def _lay_out(scene: Scene, samplerate: float, scheme: str) -> Layout:
@@ -332,7 +333,7 @@ def _state(layout: Layout, model: Model) -> State:
         budget=np.zeros(count, np.int64),
         debt=np.zeros(count),
         rest=np.zeros((count, rest.KEPT)),
-        asleep=np.zeros((count, 2), np.int64),
+        asleep=np.zeros((count, rest.NAPS), np.int64),
         heard=np.array(heard),
         account=np.zeros((count, energy.ACCOUNTS)),
         clear=np.zeros(count, np.int64),

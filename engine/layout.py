@@ -16,6 +16,7 @@ from engine.spots import Spot, spots
 PARTS = 8  # at most: as many cores can share the work
 WORTH_SHARING = 200.0  # work, about 1 ns a sample each: below, waking a thread costs more than it saves
 ISLAND_WORK = 15.0  # of an island, besides its modes and contacts
+VECTOR = 4  # modes that the processor takes at once
 
 
 class Point(NamedTuple):
@@ -186,25 +187,32 @@ class Layout:
 
     def rows(self, points: Sequence[Point], modes: Modes) -> Rows:
         """Shapes at points."""
-        first, last, shape, kick, drift = [], [], [np.empty(0)], [np.empty(0)], [np.empty(0)]
+        first, last, at, end = [], [], [], 0
+        shape, kick, drift = [np.empty(0)], [np.empty(0)], [np.empty(0)]
         for point in points:
             own = self.shape(point)
             if point.body is None:
                 first.append(0)
                 last.append(0)
+                at.append(end)
                 continue
             number = self.number[point.body]
             begin = self._mode_begins[self._place[number]]
             first.append(self.modes_of(number).start)
             last.append(first[-1] + own.size)
-            shape.append(own)
-            kick.append(own * modes.kick[begin : begin + own.size])
-            drift.append(own * modes.drift[begin : begin + own.size])
-        sizes = np.subtract(last, first)
+            gap = (begin - end) % VECTOR if own.size > 1 else 0
+            at.append(end + gap)
+            end = at[-1] + own.size
+            for rows, row in (
+                (shape, own),
+                (kick, own * modes.kick[begin : begin + own.size]),
+                (drift, own * modes.drift[begin : begin + own.size]),
+            ):
+                rows += [np.zeros(gap), row]
         return Rows(
             first=np.array(first, dtype=np.uint32),
             last=np.array(last, dtype=np.uint32),
-            at=np.array(np.cumsum(sizes) - sizes, dtype=np.uint32),
+            at=np.array(at, dtype=np.uint32),
             shape=np.concatenate(shape),
             kick=np.concatenate(kick),
             drift=np.concatenate(drift),

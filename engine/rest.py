@@ -6,15 +6,19 @@ vibrates is left as it is and its pickups are silent, which changes the output b
 `Model.silence` of its peak; free masses fly on.
 """
 
+import numpy as np
+
 from engine.energy import DISSIPATED, book
 from engine.events import quiet
 from engine.force import idle
 from engine.jit import jit, outlined
 from engine.modes import close_mode, open_mode
 
+ZERO = np.int64(0)
 LEVEL, LOUDEST, MOST = 0, 1, 2  # of State.rest: peak output since the last look, ever; largest energy, J
 KEPT = 3
-UNTIL, SLEPT = 0, 1  # of State.asleep
+UNTIL, STILL, SLEPT = 0, 1, 2  # of State.asleep
+NAPS = 3
 
 
 @jit
@@ -25,9 +29,9 @@ def hear(state, value):
 
 @jit
 def sleep_on(force, events, state, frame, ahead):
-    """Stay asleep for so many samples from this frame on, unless something is due in them."""
+    """Stay asleep for so many samples from this frame on, unless something is due in them. Nothing flies."""
     if idle(force, frame, ahead) and quiet(events, state, frame, ahead):
-        state.asleep[UNTIL] = frame + ahead
+        state.asleep[UNTIL] = state.asleep[STILL] = frame + ahead
 
 
 @jit
@@ -47,7 +51,8 @@ def fall_asleep(silence, gravity, loose, state, frame, ahead, energy):
     rest[LOUDEST] = max(rest[LOUDEST], rest[LEVEL])
     dead = energy <= silence * silence * rest[MOST] and rest[LEVEL] <= silence * rest[LOUDEST]
     if dead and not heard_flying(gravity, loose, state):
-        state.asleep[UNTIL] = frame + 1 + ahead
+        until = frame + 1 + ahead
+        state.asleep[UNTIL], state.asleep[STILL] = until, ZERO if flies(gravity, loose, state) else until
     rest[LEVEL] = 0.0
 
 
@@ -85,6 +90,18 @@ def fly(modes, spring, loss, gravity, loose, state, count):
                 state.q[m], state.p[m], two = close_mode(modes, spring, loss, gravity, state.carry, m, state.q[m], half)
                 lost += one + two
             book(state.account, DISSIPATED, lost)
+
+
+@jit
+def sleeps_through(state, n, frame, count, ledger, trace):
+    """Whether island n of the scene, of which nothing is to be recorded, sleeps for so many samples and nothing
+    in it flies: then it need not even be looked at."""
+    if ledger is None:
+        if trace is None:
+            if state.asleep[n, STILL] >= frame + count:
+                state.asleep[n, SLEPT] += count
+                return True
+    return False
 
 
 @jit

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import engine
 from engine import offline
 from engine.build import build
-from engine.rest import UNTIL
+from engine.rest import STILL, UNTIL
 from engine.runner import Runner
 
 RATE = 44_100
@@ -129,7 +129,7 @@ def survives_changes(scene: engine.Scene, changes: list[tuple[float, float, floa
         state.barrier[:] -= shift
         state.compression[:] += shift
         state.clear[:] = 0  # what was out of reach may be no more
-        state.asleep[:, UNTIL] = 0
+        state.asleep[:, [UNTIL, STILL]] = 0
         assert run(model, state, 1000)["error_per_step_max"] <= 1e-11
 
 

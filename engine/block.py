@@ -11,16 +11,15 @@ from engine.energy import DISSIPATED, SUPPLIED, book, enter, kinetic_and_potenti
 from engine.events import keep_score, quiet
 from engine.force import idle, push, supply
 from engine.islands import cut_model, cut_state
-from engine.jit import entry, jit
+from engine.jit import NO, ONE, ZERO, entry, jit
 from engine.model import ACCELERATION, DISPLACEMENT, VELOCITY
 from engine.modes import coast, first_half, hush, lose_all, pay, project, second_half, swing, turn_back
 from engine.rest import UNTIL, fall_asleep, flies, fly, hear, nap, sleep_on, sleeps_through
 from engine.solve import FAILED, FREE
 
-ZERO = np.int64(0)
 PIECE = 256  # samples an island runs before the next one does: small enough for the fast cache
-LONG = 64 * 64  # samples an island sleeps at a time if nothing in it moves
-RESYNC = 64  # samples; out of contact, compressions are read anew from the modes this often
+LONG = np.int64(64 * 64)  # samples an island sleeps at a time if nothing in it moves
+RESYNC = np.int64(64)  # samples; out of contact, compressions are read anew from the modes this often
 
 
 @jit
@@ -131,7 +130,7 @@ def wake(model, loose, state, frame, slept):
     if flies(model.gravity, loose, state):
         fly(model.modes, model.spring, model.loss, model.gravity, loose, state, slept)
         if last % RESYNC == 0:
-            look_around(model, state, last, False, False)
+            look_around(model, state, last, NO, NO)
     elif state.asleep[UNTIL] == last + 1:
         sleep_on(model.force, model.events, state, last + 1, LONG)
         if state.asleep[UNTIL] <= last + 1:
@@ -164,8 +163,6 @@ def listen(pickups, state, samplerate, out, i):
 def record(trace, begin, count, b0, k0, model, state, frame):
     """Write `count` rows of the trace from `begin` on for an island whose bodies and contacts begin at
     columns b0, k0."""
-    if trace is None:
-        return
     for i in range(begin, begin + count):
         for b in range(model.bodies.first.shape[0]):
             trace.displacement[i, b0 + b] = project(model.bodies, b, state.q)
@@ -181,15 +178,8 @@ def record(trace, begin, count, b0, k0, model, state, frame):
         trace.kinetic[i] += kinetic
         trace.potential[i] += potential
         trace.contact[i] += stored(model.contact, state)
-        trace.dissipated[i] += state.account[0, DISSIPATED]
-        trace.supplied[i] += state.account[0, SUPPLIED]
-
-
-@jit
-def note(trace, state, count):
-    """Keep the evaluations of a step for the row of the sample it ends at."""
-    if trace is not None:
-        state.evaluations[0] = count
+        trace.dissipated[i] += state.account[DISSIPATED]
+        trace.supplied[i] += state.account[SUPPLIED]
 
 
 @entry
@@ -209,7 +199,7 @@ def block(model, state, part, out, ledger, trace):
         end = min(begin + PIECE, out.shape[0])
         start = state.frame[part] - begin
         for n in range(first, last):
-            if sleeps_through(state, n, start + begin, end - begin, ledger, trace):
+            if sleeps_through(state.asleep, n, start + begin, end - begin, ledger, trace):
                 continue
             island = cut_model(model, state, n)
             own = cut_state(islands, state, part, n)
@@ -219,19 +209,24 @@ def block(model, state, part, out, ledger, trace):
                 frame = start + i
                 slept = nap(own, frame, room_to_sleep(island.gravity, island.loose, own, ledger, trace, end - i))
                 if slept > 0:
-                    enter(ledger, i, slept, n == first, island, own)
-                    record(trace, i, slept, islands.body[n], islands.contact[n], island, own, frame)
+                    if ledger is not None:
+                        enter(ledger, i, slept, n == first, island, own)
+                    if trace is not None:
+                        record(trace, i, slept, islands.body[n], islands.contact[n], island, own, frame)
                     i += slept
                     wake(island, island.loose, own, frame, slept)
                     continue
                 listen(island.pickups, own, model.samplerate, out, i)
-                enter(ledger, i, 1, n == first, island, own)
-                record(trace, i, 1, islands.body[n], islands.contact[n], island, own, frame)
+                if ledger is not None:
+                    enter(ledger, i, ONE, n == first, island, own)
+                if trace is not None:
+                    record(trace, i, ONE, islands.body[n], islands.contact[n], island, own, frame)
                 keep_score(island, island.events, own, frame)
                 touched = touching
                 touching, count = step(island, island.contact, island.force, own, frame, ledger)
                 look_around(island, own, frame, touching, touched)
-                note(trace, own, count)
+                if trace is not None:
+                    own.evaluations[0] = count  # kept for the row of the sample that the step ends at
                 i += 1
             own.touching[0] = touching
         state.frame[part] += end - begin

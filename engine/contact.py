@@ -9,14 +9,12 @@ import math
 import numpy as np
 
 from engine.coupled import LIMIT, coupled
-from engine.jit import jit, outlined
+from engine.jit import ZERO, jit, outlined
 from engine.laws import gain, potential
 from engine.modes import bound, energy_of_motion, kick, project, project_drift
 from engine.rounds import END, ETA, FORCE, MISS, respond
 from engine.solve import CAPPED, FAILED, FREE, NEWTON, contact_loss, scalar
 
-# as an initial value, a literal 0 would make Numba compile all that it is passed to twice
-ZERO = np.int64(0)
 UNCAPPED = LIMIT + 1
 UNTOUCHED = np.int64(FREE)
 

@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 
-from engine.jit import outlined
+from engine.jit import ZERO, outlined
 from engine.model import Scratch
 from engine.rounds import (
     AFTER,
@@ -29,7 +29,6 @@ from engine.rounds import (
     ETA,
     FORCE,
     GO,
-    MEMBER,
     MISS,
     MOVE,
     RHO,
@@ -61,17 +60,18 @@ def room(parts: int, largest: int) -> Scratch:
     """Scratch for each part of a scene whose islands have up to so many contacts."""
     return Scratch(
         np.zeros((parts, VECTORS, largest)),
-        np.zeros((parts, 2, largest, largest)),
-        np.zeros((parts, 3, largest), np.int64),
+        np.zeros((parts, largest, largest)),
+        np.zeros((parts, largest, largest)),
+        *np.zeros((3, parts, largest), np.int64),
     )
 
 
 @outlined
 def join(matrix, total, n, k, guess, target, s, g, scratch):
     """Take contact k into the set of n."""
-    vectors, near, contacts = scratch.vectors, scratch.matrix[0], scratch.order[0]
+    vectors, near, contacts = scratch.vectors, scratch.near, scratch.contacts
     contacts[n] = k
-    scratch.order[MEMBER, k] = 1
+    scratch.member[k] = 1
     row = matrix[k * total : (k + 1) * total]
     for j in range(n + 1):
         near[n, j] = near[j, n] = row[contacts[j]]
@@ -82,7 +82,7 @@ def join(matrix, total, n, k, guess, target, s, g, scratch):
 @outlined
 def spread(matrix, total, n, f, s, g, scratch):
     """ETA and END of all contacts where the forces f of the set leave them, FORCE and MISS as without force."""
-    vectors, contacts = scratch.vectors, scratch.order[0]
+    vectors, contacts = scratch.vectors, scratch.contacts
     force, eta, end, miss = vectors[FORCE], vectors[ETA], vectors[END], vectors[MISS]
     for k in range(total):
         eta[k], force[k], miss[k] = g[k], 0.0, 0.0
@@ -101,7 +101,7 @@ def grow(matrix, total, n, f, s, g, scratch):
     """Let those join whom the forces f of the set would close. Returns the size of the set."""
     spread(matrix, total, n, f, s, g, scratch)
     for k in range(total):
-        if scratch.order[MEMBER, k] == 0 and scratch.vectors[END, k] > 0.0:
+        if scratch.member[k] == 0 and scratch.vectors[END, k] > 0.0:
             join(matrix, total, n, k, 0.0, scratch.vectors[ETA, k], s, g, scratch)
             n += 1
     return n
@@ -116,24 +116,24 @@ def gather(law, damping, matrix, total, s, g, tolerance, scratch):
     """
     vectors = scratch.vectors
     eta, end, base = vectors[ETA], vectors[END], vectors[BASE]
-    n = 0
+    n = ZERO
     for k in range(total):
-        scratch.order[MEMBER, k] = 0
+        scratch.member[k] = 0
         if s[k] > 0.0:
             join(matrix, total, n, k, vectors[FORCE, k], 0.0, s, g, scratch)
             n += 1
     spread(matrix, total, n, base, s, g, scratch)
     for i in range(total):
         if i == n:
-            deepest, at = 0.0, 0
+            deepest, at = 0.0, ZERO
             for j in range(total):
-                if scratch.order[MEMBER, j] == 0 and end[j] > deepest:
+                if scratch.member[j] == 0 and end[j] > deepest:
                     at, deepest = j, end[j]
             if not deepest > 0.0:
                 break
             join(matrix, total, n, at, 0.0, 0.0, s, g, scratch)
             n += 1
-        k = scratch.order[0, i]
+        k = scratch.contacts[i]
         row = matrix[k * total : (k + 1) * total]
         _, _, push, _, _, _ = scalar_apart(law, damping, k, s[k], eta[k] + row[k] * base[i], row[k], tolerance)
         more = push - base[i]
@@ -148,7 +148,7 @@ def gather(law, damping, matrix, total, s, g, tolerance, scratch):
 @outlined
 def settle_set(n, scratch):
     """Write the solution of the set beside the moves of all, as `spread` left them."""
-    vectors, contacts = scratch.vectors, scratch.order[0]
+    vectors, contacts = scratch.vectors, scratch.contacts
     for i in range(n):
         k = contacts[i]
         if vectors[F, i] != 0.0 or vectors[START, i] > 0.0 or vectors[END, k] > 0.0:
@@ -175,7 +175,7 @@ def created(law, damping, total, s, g, at, scratch):
 @outlined
 def push_only(law, damping, matrix, total, n, forces, s, g, scratch):
     """Let the forces of the set act where they push. Returns the energy they create."""
-    vectors, contacts = scratch.vectors, scratch.order[0]
+    vectors, contacts = scratch.vectors, scratch.contacts
     for i in range(n):
         forces[i] = max(0.0, forces[i])
     spread(matrix, total, n, forces, s, g, scratch)
@@ -253,7 +253,7 @@ def coupled(law, damping, matrix, total, s, g, cap, budget, tolerance, scratch):
 
     Returns rounds (the first sweep is one), how it ended, and the energy that forces off their curves create, J.
     """
-    vectors, near = scratch.vectors, scratch.matrix[0]
+    vectors, near = scratch.vectors, scratch.near
     base, target, rho, f = vectors[BASE], vectors[TARGET], vectors[RHO], vectors[F]
     move, step, after = vectors[MOVE], vectors[STEP], vectors[AFTER]
     n = gather(law, damping, matrix, total, s, g, tolerance, scratch)

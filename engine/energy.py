@@ -7,14 +7,14 @@ and never changes the scheme.
 import numpy as np
 
 from engine.contact import stored
-from engine.jit import entry, jit, summing
+from engine.jit import jit, summing
 
 # columns of a ledger: [samples, columns], J
 STORED, SPENT, HELD = 0, 1, 2  # SPENT: dissipated less supplied; HELD: all parts without their signs
 COLUMNS = 3
 
 # columns of State.account: [islands, columns], J; each sum is followed by the rounding it carries
-DISSIPATED, SUPPLIED = 0, 2
+DISSIPATED, SUPPLIED = np.int64(0), np.int64(2)
 ACCOUNTS = 4
 
 # a tally: what an audit remembers between blocks
@@ -39,53 +39,47 @@ def kinetic_and_potential(spring, gravity, q, p):
 @jit
 def book(account, column, amount):
     """Add to an island's account. Small amounts on a large sum: rounding is carried (Kahan)."""
-    amount += account[0, column + 1]
-    before = account[0, column]
-    account[0, column] = before + amount
-    account[0, column + 1] = amount - (account[0, column] - before)
+    amount += account[column + 1]
+    before = account[column]
+    account[column] = before + amount
+    account[column + 1] = amount - (account[column] - before)
 
 
 @jit
 def enter(ledger, i, count, first, model, state):
     """Write an island's energies into `count` rows of the ledger from i on; all but the first island add."""
-    if ledger is not None:
-        kinetic, potential = kinetic_and_potential(model.spring, model.gravity, state.q, state.p)
-        squeezed = stored(model.contact, state)
-        total = kinetic + potential + squeezed
-        held = kinetic + abs(potential) + squeezed  # a falling ball holds energy, though its total may be 0
-        spent = state.account[0, DISSIPATED] - state.account[0, SUPPLIED]
-        for row in range(i, i + count):
-            if first:
-                ledger[row, STORED] = total
-                ledger[row, SPENT] = spent
-                ledger[row, HELD] = held
-            else:
-                ledger[row, STORED] += total
-                ledger[row, SPENT] += spent
-                ledger[row, HELD] += held
+    kinetic, potential = kinetic_and_potential(model.spring, model.gravity, state.q, state.p)
+    squeezed = stored(model.contact, state)
+    total = kinetic + potential + squeezed
+    held = kinetic + abs(potential) + squeezed  # a falling ball holds energy, though its total may be 0
+    spent = state.account[DISSIPATED] - state.account[SUPPLIED]
+    for row in range(i, i + count):
+        if first:
+            ledger[row, STORED] = total
+            ledger[row, SPENT] = spent
+            ledger[row, HELD] = held
+        else:
+            ledger[row, STORED] += total
+            ledger[row, SPENT] += spent
+            ledger[row, HELD] += held
 
 
-@entry
-def audit(ledger, tally):
+@np.errstate(all="ignore")  # energies may be infinite
+def audit(ledger: np.ndarray, tally: np.ndarray) -> None:
     """Follow the balance over the rows of a ledger; `tally` keeps what to remember between blocks."""
-    if ledger.shape[0] == 0:
+    if len(ledger) == 0:
         return
     if tally[COUNT] == 0.0:
         tally[FIRST] = ledger[0, STORED]
         tally[FIRST_BALANCE] = tally[LAST_BALANCE] = ledger[0, STORED] + ledger[0, SPENT]
-    first, last = tally[FIRST_BALANCE], tally[LAST_BALANCE]
-    largest, error, step = tally[LARGEST], tally[ERROR], tally[STEP_ERROR]
-    for i in range(ledger.shape[0]):
-        balance = ledger[i, STORED] + ledger[i, SPENT]
-        largest = max(largest, ledger[i, HELD])
-        # written so that NaN is kept, not hidden
-        off, jump = abs(balance - first), abs(balance - last)
-        error = error if off <= error else off
-        step = step if jump <= step else jump
-        last = balance
-    tally[COUNT] += ledger.shape[0]
-    tally[LAST] = ledger[-1, STORED]
-    tally[LAST_BALANCE], tally[LARGEST], tally[ERROR], tally[STEP_ERROR] = last, largest, error, step
+    balance = ledger[:, STORED] + ledger[:, SPENT]
+    jumps = np.diff(balance, prepend=tally[LAST_BALANCE])
+    # NumPy's max keeps a NaN
+    tally[LARGEST] = np.maximum(tally[LARGEST], ledger[:, HELD].max())
+    tally[ERROR] = np.maximum(tally[ERROR], np.abs(balance - tally[FIRST_BALANCE]).max())
+    tally[STEP_ERROR] = np.maximum(tally[STEP_ERROR], np.abs(jumps).max())
+    tally[COUNT] += len(ledger)
+    tally[LAST], tally[LAST_BALANCE] = ledger[-1, STORED], balance[-1]
 
 
 def summary(tally: np.ndarray, account: np.ndarray) -> dict[str, float]:

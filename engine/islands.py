@@ -11,7 +11,6 @@ from numba.core import types
 from numba.extending import overload
 
 from engine.jit import jit
-from engine.laws import Cubic, Felt, Hertz, Linear, Power, Quadratic
 from engine.model import (
     Contact,
     ContactLoss,
@@ -19,7 +18,6 @@ from engine.model import (
     Events,
     Force,
     Gravity,
-    Islands,
     Loose,
     Loss,
     Model,
@@ -30,29 +28,47 @@ from engine.model import (
     Spring,
     State,
 )
+from engine.vector import matrix, view
+
+
+@jit
+def whole(array):
+    """All of an array."""
+    return view(array, 0, array.shape[0])
+
 
 # items a:b of each kind of slot; an array that is shared by all items stays whole
 _CUT: dict[type, Any] = {
-    Linear: lambda x, a, b: Linear(x.unit[a:b], x.exponent[a:b]),
-    Hertz: lambda x, a, b: Hertz(x.unit[a:b], x.exponent[a:b]),
-    Quadratic: lambda x, a, b: Quadratic(x.unit[a:b], x.exponent[a:b]),
-    Felt: lambda x, a, b: Felt(x.unit[a:b], x.exponent[a:b]),
-    Cubic: lambda x, a, b: Cubic(x.unit[a:b], x.exponent[a:b]),
-    Power: lambda x, a, b: Power(x.unit[a:b], x.exponent[a:b]),
-    Rows: lambda x, a, b: Rows(x.first[a:b], x.last[a:b], x.at[a:b], x.shape, x.kick, x.drift),
-    Modes: lambda x, a, b: Modes(x.kick[a:b], x.drift[a:b]),
-    Spring: lambda x, a, b: Spring(x.stiffness[a:b], x.pull[a:b]),
-    Loose: lambda x, a, b: Loose(x.mode[x.begin[a] : x.begin[b]], x.begin[a : b + 1], x.heard[a:b]),
-    Loss: lambda x, a, b: Loss(x.keep[a:b], x.lost[a:b]),
-    Gravity: lambda x, a, b: Gravity(x.weight[a:b]),
-    Force: lambda x, a, b: Force(cut(x.rows, a, b), x.start[a:b], x.begin[a : b + 1], x.table, x.after[a:b]),
-    ContactLoss: lambda x, a, b: ContactLoss(x.rate[a:b]),
-    Coupling: lambda x, a, b: Coupling(x.begin[a : b + 1], x.matrix[x.begin[a] : x.begin[b]]),
+    Rows: lambda x, a, b: Rows(
+        view(x.first, a, b), view(x.last, a, b), view(x.at, a, b), whole(x.shape), whole(x.kick), whole(x.drift)
+    ),
+    Modes: lambda x, a, b: Modes(view(x.kick, a, b), view(x.drift, a, b)),
+    Spring: lambda x, a, b: Spring(view(x.stiffness, a, b), view(x.pull, a, b)),
+    Loose: lambda x, a, b: Loose(view(x.mode, x.begin[a], x.begin[b]), view(x.begin, a, b + 1), view(x.heard, a, b)),
+    Loss: lambda x, a, b: Loss(view(x.keep, a, b), view(x.lost, a, b)),
+    Gravity: lambda x, a, b: Gravity(view(x.weight, a, b)),
+    Force: lambda x, a, b: Force(
+        cut(x.rows, a, b), view(x.start, a, b), view(x.begin, a, b + 1), whole(x.table), view(x.after, a, b)
+    ),
+    ContactLoss: lambda x, a, b: ContactLoss(view(x.rate, a, b)),
+    Coupling: lambda x, a, b: Coupling(view(x.begin, a, b + 1), view(x.matrix, x.begin[a], x.begin[b])),
     Events: lambda x, a, b: Events(
-        x.kind[a:b], x.start[a:b], x.end[a:b], x.first[a:b], x.last[a:b], x.a[a:b], x.b[a:b]
+        view(x.kind, a, b),
+        view(x.start, a, b),
+        view(x.end, a, b),
+        view(x.first, a, b),
+        view(x.last, a, b),
+        view(x.a, a, b),
+        view(x.b, a, b),
     ),
     Pickups: lambda x, a, b: Pickups(
-        cut(x.rows, a, b), x.quantity[a:b], x.channel[a:b], x.gain[a:b], x.begin[a : b + 1], x.contact, x.sign
+        cut(x.rows, a, b),
+        view(x.quantity, a, b),
+        view(x.channel, a, b),
+        view(x.gain, a, b),
+        view(x.begin, a, b + 1),
+        whole(x.contact),
+        whole(x.sign),
     ),
 }
 
@@ -82,13 +98,13 @@ def _cut_contact(contact, state, a, b):
 
     def live(contact, state, a, b):
         return Contact(
-            kind(state.unit[a:b], contact.law.exponent[a:b]),
+            kind(view(state.unit, a, b), view(contact.law.exponent, a, b)),
             cut(contact.rows, a, b),
-            state.barrier[a:b],
-            contact.base[a:b],
-            contact.place[a:b],
-            contact.compliance[a:b],
-            contact.beneath[a:b],
+            view(state.barrier, a, b),
+            view(contact.base, a, b),
+            view(contact.place, a, b),
+            view(contact.compliance, a, b),
+            view(contact.beneath, a, b),
             contact.tolerance,
             contact.cap,
         )
@@ -104,15 +120,7 @@ def cut_model(model, state, i):
     k0, k1 = of.contact[i], of.contact[i + 1]
     return Model(
         model.samplerate,
-        Islands(
-            of.body[i : i + 2],
-            of.mode[i : i + 2],
-            of.contact[i : i + 2],
-            of.force[i : i + 2],
-            of.event[i : i + 2],
-            of.pickup[i : i + 2],
-            of.part,
-        ),
+        None,
         cut(model.modes, m0, m1),
         cut(model.spring, m0, m1),
         cut(model.loss, m0, m1),
@@ -139,7 +147,14 @@ def cut_scratch(scratch: Any, part: int) -> Any:
 def _cut_scratch(scratch, part):
     if isinstance(scratch, types.NoneType):
         return lambda scratch, part: None
-    return lambda scratch, part: Scratch(scratch.vectors[part], scratch.matrix[part], scratch.order[part])
+    return lambda scratch, part: Scratch(
+        matrix(scratch.vectors, part),
+        matrix(scratch.near, part),
+        matrix(scratch.factor, part),
+        whole(scratch.contacts[part]),
+        whole(scratch.hot[part]),
+        whole(scratch.member[part]),
+    )
 
 
 @jit
@@ -148,30 +163,30 @@ def cut_state(islands, state, part, i):
     m0, m1 = islands.mode[i], islands.mode[i + 1]
     k0, k1 = islands.contact[i], islands.contact[i + 1]
     return State(
-        state.frame[part : part + 1],
-        state.q[m0:m1],
-        state.p[m0:m1],
-        state.carry[m0:m1],
-        state.reach[m0:m1],
-        state.unit[k0:k1],
-        state.barrier[k0:k1],
-        state.compression[k0:k1],
-        state.residue[k0:k1],
-        state.free_move[k0:k1],
-        state.contact_force[k0:k1],
+        view(state.frame, part, part + 1),
+        view(state.q, m0, m1),
+        view(state.p, m0, m1),
+        view(state.carry, m0, m1),
+        view(state.reach, m0, m1),
+        view(state.unit, k0, k1),
+        view(state.barrier, k0, k1),
+        view(state.compression, k0, k1),
+        view(state.residue, k0, k1),
+        view(state.free_move, k0, k1),
+        view(state.contact_force, k0, k1),
         cut_scratch(state.scratch, part),
-        state.budget[i : i + 1],
-        state.debt[i : i + 1],
-        state.heard[islands.pickup[i] : islands.pickup[i + 1]],
-        state.account[i : i + 1],
-        state.clear[i : i + 1],
-        state.next_event[i],
-        state.event_from[islands.event[i] : islands.event[i + 1]],
-        state.rest[i],
-        state.asleep[i],
-        state.touching[i : i + 1],
-        state.evaluations[i : i + 1],
-        state.iterations[i],
-        state.regimes[i],
-        state.contacts[i : i + 1],
+        view(state.budget, i, i + 1),
+        view(state.debt, i, i + 1),
+        view(state.heard, islands.pickup[i], islands.pickup[i + 1]),
+        whole(state.account[i]),
+        view(state.clear, i, i + 1),
+        whole(state.next_event[i]),
+        view(state.event_from, islands.event[i], islands.event[i + 1]),
+        whole(state.rest[i]),
+        whole(state.asleep[i]),
+        view(state.touching, i, i + 1),
+        view(state.evaluations, i, i + 1),
+        whole(state.iterations[i]),
+        whole(state.regimes[i]),
+        view(state.contacts, i, i + 1),
     )

@@ -15,10 +15,14 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numba
+import numpy as np
 from numba.core import config as numba_config
 from numba.core.codegen import CPUCodeLibrary, JITCPUCodegen
 
 config: Any = numba_config
+# literals of Python as arguments, or as initial values of what becomes one, would make Numba compile what
+# they are passed to once more
+ZERO, ONE, NO = np.int64(0), np.int64(1), np.bool_(False)
 KEPT_DIGESTS = 4  # caches of older sources beyond this many are deleted
 
 OPTIONS: dict[str, Any] = {
@@ -38,14 +42,15 @@ PART: dict[str, Any] = OPTIONS | {
 SUM: dict[str, Any] = PART | {"fastmath": {"reassoc", "nsz", "contract"}}
 ENTRY: dict[str, Any] = OPTIONS | {
     "cache": True,  # a second start must not compile again
+    "no_cfunc_wrapper": True,  # Python calls it, and nothing else
 }
 
 
 def kernel_sources() -> list[Path]:
-    """The files of this package that hold compiled code: those that import this one."""
+    """The files of this package that hold compiled code, or say how what it is given is laid out."""
     here = Path(__file__).parent
     files = sorted(here.glob("*.py"))
-    return [p for p in files if p.name == "jit.py" or "from engine.jit import" in p.read_text("utf-8")]
+    return [p for p in files if any(mark in p.read_text("utf-8") for mark in ("engine.jit", "numba", "(NamedTuple)"))]
 
 
 def source_digest() -> str:

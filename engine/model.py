@@ -149,7 +149,7 @@ class Model(NamedTuple):
     """Everything that stays."""
 
     samplerate: float
-    islands: Islands
+    islands: Islands  # of the whole scene; the model of one island, in a kernel, has None
     modes: Modes
     spring: Spring | None
     loss: Loss | None
@@ -171,8 +171,11 @@ class Scratch(NamedTuple):
     K is the largest number of contacts in an island."""
 
     vectors: np.ndarray  # [parts, rows, K]
-    matrix: np.ndarray  # [parts, 2, K, K]: B of the set, and what is factorised
-    order: np.ndarray  # int [parts, 3, K]: the contacts of the set, those with a slope, and who is in it
+    near: np.ndarray  # [parts, K, K]: B of the set
+    factor: np.ndarray  # [parts, K, K]: what is factorised
+    contacts: np.ndarray  # int [parts, K]: those of the set
+    hot: np.ndarray  # int [parts, K]: which of the set have a slope
+    member: np.ndarray  # int [parts, K]: whether a contact is in the set
 
 
 class State(NamedTuple):

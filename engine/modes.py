@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from engine.jit import jit, outlined, summing
+from engine.jit import ZERO, jit, outlined, summing
 
 LEAST = 1e-290  # √kg·m, √kg·m/s
 
@@ -117,7 +117,7 @@ def close_mode(modes, spring, loss, gravity, carry, m, q, p):
 def first_half(modes, spring, loss, gravity, carry, q, p):
     """First half of a step of all modes, up to the contact. Returns the energy lost."""
     if p.shape[0] == 1:
-        p[0], lost = open_mode(modes, spring, loss, gravity, carry, 0, q[0], p[0])
+        p[0], lost = open_mode(modes, spring, loss, gravity, carry, ZERO, q[0], p[0])
         return lost
     lost = 0.0
     for m in range(p.shape[0]):
@@ -130,7 +130,7 @@ def first_half(modes, spring, loss, gravity, carry, q, p):
 def second_half(modes, spring, loss, gravity, carry, q, p):
     """Second half of a step of all modes, after the contact. Returns the energy lost."""
     if p.shape[0] == 1:
-        q[0], p[0], lost = close_mode(modes, spring, loss, gravity, carry, 0, q[0], p[0])
+        q[0], p[0], lost = close_mode(modes, spring, loss, gravity, carry, ZERO, q[0], p[0])
         return lost
     lost = 0.0
     for m in range(p.shape[0]):
@@ -143,8 +143,8 @@ def second_half(modes, spring, loss, gravity, carry, q, p):
 def coast(modes, spring, loss, gravity, carry, q, p):
     """A step of all modes on which nothing acts: both halves in one pass. Returns the energy lost."""
     if p.shape[0] == 1:
-        half, lost = open_mode(modes, spring, loss, gravity, carry, 0, q[0], p[0])
-        q[0], p[0], more = close_mode(modes, spring, loss, gravity, carry, 0, q[0], half)
+        half, lost = open_mode(modes, spring, loss, gravity, carry, ZERO, q[0], p[0])
+        q[0], p[0], more = close_mode(modes, spring, loss, gravity, carry, ZERO, q[0], half)
         return lost + more
     lost = 0.0
     for m in range(p.shape[0]):

@@ -6,15 +6,12 @@ vibrates is left as it is and its pickups are silent, which changes the output b
 `Model.silence` of its peak; free masses fly on.
 """
 
-import numpy as np
-
 from engine.energy import DISSIPATED, book
 from engine.events import quiet
 from engine.force import idle
-from engine.jit import jit, outlined
+from engine.jit import ZERO, jit, outlined
 from engine.modes import close_mode, open_mode
 
-ZERO = np.int64(0)
 LEVEL, LOUDEST, MOST = 0, 1, 2  # of State.rest: peak output since the last look, ever; largest energy, J
 KEPT = 3
 UNTIL, STILL, SLEPT = 0, 1, 2  # of State.asleep
@@ -93,13 +90,13 @@ def fly(modes, spring, loss, gravity, loose, state, count):
 
 
 @jit
-def sleeps_through(state, n, frame, count, ledger, trace):
+def sleeps_through(asleep, n, frame, count, ledger, trace):
     """Whether island n of the scene, of which nothing is to be recorded, sleeps for so many samples and nothing
     in it flies: then it need not even be looked at."""
     if ledger is None:
         if trace is None:
-            if state.asleep[n, STILL] >= frame + count:
-                state.asleep[n, SLEPT] += count
+            if asleep[n, STILL] >= frame + count:
+                asleep[n, SLEPT] += count
                 return True
     return False
 

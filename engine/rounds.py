@@ -19,7 +19,6 @@ FORCE, ETA, END, MISS = range(4)
 # and of those in the set
 START, GO, BASE, TARGET, RHO, F, MOVE, CLOSE, SLOPE, LEFT, STEP, AFTER, ROOT, Y = range(4, 18)
 VECTORS = 18
-MEMBER = 2  # row of Scratch.order: is this contact in the set?
 
 
 @summing
@@ -60,7 +59,7 @@ def respond(law, damping, k, s, eta):
 @outlined
 def substitute(n, left, out, scratch):
     """out = √J y with (I + √J B √J) y = √J·left, by the factor at hand."""
-    a, hot = scratch.matrix[1], scratch.order[1]
+    a, hot = scratch.factor, scratch.hot
     slope, root, y = scratch.vectors[SLOPE], scratch.vectors[ROOT], scratch.vectors[Y]
     count = 0
     for i in range(n):
@@ -88,7 +87,7 @@ def newton_step(n, scratch):
     The symmetric form of the Newton step: to first order, adding STEP to the forces on the
     curve removes LEFT. The factor (Cholesky, its diagonal inverted) stays in the scratch.
     """
-    near, a, hot = scratch.matrix[0], scratch.matrix[1], scratch.order[1]
+    near, a, hot = scratch.near, scratch.factor, scratch.hot
     slope, root = scratch.vectors[SLOPE], scratch.vectors[ROOT]
     count = 0
     for i in range(n):
@@ -113,7 +112,7 @@ def give(n, scratch):
 
     With A = I + √J B √J it is (1/(A⁻¹)_kk - 1)/J_k, or without a slope B_kk - (B √J A⁻¹ √J B)_kk.
     """
-    near, a, hot = scratch.matrix[0], scratch.matrix[1], scratch.order[1]
+    near, a, hot = scratch.near, scratch.factor, scratch.hot
     slope, root, rho, y = scratch.vectors[SLOPE], scratch.vectors[ROOT], scratch.vectors[RHO], scratch.vectors[Y]
     count = 0
     for i in range(n):
@@ -147,7 +146,7 @@ def to_curves(law, damping, n, tolerance, scratch):
     Returns the largest residual in units of what rounding allows (converged: ≤ 1); and for a
     set of one, which this solves, the evaluations of its law and how it ended.
     """
-    vectors, near, contacts = scratch.vectors, scratch.matrix[0], scratch.order[0]
+    vectors, near, contacts = scratch.vectors, scratch.near, scratch.contacts
     s, g, target, rho = vectors[START], vectors[GO], vectors[TARGET], vectors[RHO]
     f, move, close, slope, left = vectors[F], vectors[MOVE], vectors[CLOSE], vectors[SLOPE], vectors[LEFT]
     count, how = 0, FREE
@@ -174,7 +173,7 @@ def to_curves(law, damping, n, tolerance, scratch):
 def line_search(law, damping, n, scratch):
     """Move the forces BASE by one Newton step on the convex potential ½ fᵀBf + Σ ∫φ_k dη, η = g - B f,
     as far as it falls."""
-    vectors, near, contacts = scratch.vectors, scratch.matrix[0], scratch.order[0]
+    vectors, near, contacts = scratch.vectors, scratch.near, scratch.contacts
     s, g, f, off, slope = vectors[START], vectors[GO], vectors[BASE], vectors[F], vectors[SLOPE]
     left, step, after, eta = vectors[LEFT], vectors[STEP], vectors[AFTER], vectors[MOVE]
     for i in range(n):
@@ -237,7 +236,7 @@ def finish(law, damping, n, tolerance, scratch):
     Moves F, MOVE and CLOSE if every force stays within the tolerance of its curve. AFTER is how
     much further each contact moves with the Newton step.
     """
-    vectors, near, contacts = scratch.vectors, scratch.matrix[0], scratch.order[0]
+    vectors, near, contacts = scratch.vectors, scratch.near, scratch.contacts
     s, f, eta, end = vectors[START], vectors[F], vectors[MOVE], vectors[CLOSE]
     slope, left, step, after = vectors[SLOPE], vectors[LEFT], vectors[STEP], vectors[AFTER]
     for i in range(n):

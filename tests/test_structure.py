@@ -12,7 +12,7 @@ from conftest import ROOT
 
 # from the ground up: a file imports only from floors below its own, or from its own
 FLOORS = [
-    ["jit", "parts", "measured"],
+    ["jit", "vector", "parts", "measured"],
     ["references", "spots", "waveform"],
     ["laws", "scene", "bodies"],
     ["model", "solve", "patch"],

@@ -1,4 +1,5 @@
-"""How long a user waits: for --help, for a rendered second with a warm cache, and the first time ever."""
+"""How long a user waits: for --help, for the first sound of each patch, and when it is compiled already; and how
+many kernels the patches need."""
 
 import os
 import subprocess
@@ -6,7 +7,10 @@ import sys
 import tempfile
 import time
 
+import engine
 from bench.report import ROOT, publish
+from engine.build import build
+from engine.explain import kernel
 
 PATCH = str(ROOT / "patches" / "repelled_oscillator.toml")
 
@@ -27,6 +31,12 @@ def seconds(words: list[str], cache: str) -> float:
 
 def run() -> None:
     """Measure and publish."""
+    commands()
+    kernels()
+
+
+def commands() -> None:
+    """Whole commands, from a cold cache and a warm one."""
     rows = []
     render = [PATCH, "--seconds", "1"]
     with tempfile.TemporaryDirectory() as cache:
@@ -34,3 +44,20 @@ def run() -> None:
         rows.append(["render 1 s, the very first time (compiles)", f"{seconds(render, cache):.2f}"])
         rows.append(["render 1 s, compiled before", f"{min(seconds(render, cache) for _ in range(5)):.2f}"])
     publish("start", ["from command to finished file", "s"], rows)
+
+
+def kernels() -> None:
+    """Every shipped patch in turn, from an empty cache: where the kernel is there already, nothing is compiled."""
+    rows, seen = [], set()
+    with tempfile.TemporaryDirectory() as cache:
+        for path in sorted((ROOT / "patches").glob("*.toml")):
+            model, state, _ = build(engine.load(path), 44_100)
+            name = kernel(model, state)
+            words = [str(path), "--seconds", "0.01"]
+            first = seconds(words, cache)
+            again = min(seconds(words, cache) for _ in range(3))
+            rows.append([path.stem, name, "new" if name not in seen else "there", f"{first:.1f}", f"{again:.1f}"])
+            seen.add(name)
+    slowest = [max(float(row[column]) for row in rows) for column in (3, 4)]
+    rows.append([f"{len(rows)} patches", f"{len(seen)} kernels", "slowest", *(f"{s:.1f}" for s in slowest)])
+    publish("kernels", ["patch", "kernel", "", "first start, s", "again, s"], rows, "start")

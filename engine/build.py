@@ -63,7 +63,12 @@ class Built(NamedTuple):
 
 
 def build(
-    scene: Scene, samplerate: float, scheme: str = "exact", iterations: int = CAP, silence: float = SILENCE
+    scene: Scene,
+    samplerate: float,
+    scheme: str = "exact",
+    iterations: int = CAP,
+    silence: float = SILENCE,
+    apart: bool = False,
 ) -> Built:
     """Model, State and Layout of a scene at a sample rate (Hz), with the coefficients of a scheme.
 
@@ -71,6 +76,7 @@ def build(
     iterations: rounds of a coupled contact solve, after which it makes do with forces that are not
                 finished, but create no energy
     silence:    dB of its peak, below which an island sleeps; -inf: never
+    apart:      make each island a part of its own, however small (engine.explain measures them)
     Raises BuildError if a body vibrates too fast for the sample rate.
     """
     if scheme not in TABLES:
@@ -81,9 +87,12 @@ def build(
     contact, contact_loss, coupling = _contact(layout, modes, samplerate, iterations)
     partners = [layout.ends(k, spot)[1] for k, spot in layout.spot]
     events, begins = score.events(layout, _base(layout), samplerate)
+    islands = layout.islands._replace(event=begins)
+    if apart:
+        islands = islands._replace(part=np.arange(begins.size))
     model = Model(
         samplerate=float(samplerate),
-        islands=layout.islands._replace(event=begins),
+        islands=islands,
         modes=modes,
         spring=Spring(omega**2, modes.kick * omega**2) if omega.any() else None,
         loss=_loss(sigma, samplerate),
@@ -300,7 +309,7 @@ def _pickups(layout: Layout, modes: Modes) -> Pickups:
 
 def _state(layout: Layout, model: Model) -> State:
     """The state at time 0."""
-    scene, islands = layout.scene, layout.islands
+    scene, islands = layout.scene, model.islands
     q, p = layout.gather("q"), layout.gather("p")
     count = islands.mode.size - 1
     contacts = len(layout.spot)

@@ -25,6 +25,8 @@ SILENCE = 1e-30  # a smaller peak is not worth normalising
 SUBTYPES = ("FLOAT", "PCM_24", "PCM_16", "DOUBLE")
 PATIENCE = 1.5  # s, after which the user is told what takes so long
 
+MOST_ISLANDS = 32  # listed by --explain
+
 EXAMPLE = "patches/repelled_oscillator.toml"
 
 
@@ -50,6 +52,9 @@ def parser() -> argparse.ArgumentParser:
     )
     parse.add_argument(
         "--cores", metavar="N", help="how many may share the work (default: all; the samples are the same)"
+    )
+    parse.add_argument(
+        "--explain", action="store_true", help="what is built and left out, and what each island costs; writes no file"
     )
     parse.add_argument("--trace", metavar="OUT.npz", help="also write every sample's displacements, forces, energies")
     parse.add_argument("--json", action="store_true", help="print the statistics as one JSON object")
@@ -117,6 +122,8 @@ def render(args: argparse.Namespace) -> int:
     from engine.offline import render as run
 
     try:
+        if args.explain:
+            return explain(scene, numbers, args)
         with feedback(args.json) as progress:
             take = run(
                 scene,
@@ -142,6 +149,37 @@ def render(args: argparse.Namespace) -> int:
     peak = float(abs(audio).max())
     stats = take.stats | {"patch": args.patch, "output": str(output), "peak": peak, "gain_db": gain}
     print(json.dumps(stats)) if args.json else summarise(stats, args.trace)
+    return 0
+
+
+def explain(scene: "Scene", numbers: dict[str, float | None], args: argparse.Namespace) -> int:
+    """Print what a scene is made of, and what it costs."""
+    from engine.explain import explain as examine
+
+    with feedback(args.json):
+        seconds = numbers["seconds"] or scene.seconds
+        found = examine(scene, seconds, int(numbers["samplerate"] or 44_100), args.scheme)
+    if args.json:
+        print(json.dumps({"patch": args.patch, "seconds": seconds, "explain": found}))
+        return 0
+    print(f"kernel {found['kernel']}; costs in ns per sample on one core, energies measured, over {seconds:g} s")
+    head = ("island", "modes", "dropped", "contacts", "solver", "expected", "mean", "busiest", "free/contact/asleep")
+    rows = [head]
+    for island in found["islands"][:MOST_ISLANDS]:
+        names = ", ".join(island["bodies"][:3]) + (" …" if len(island["bodies"]) > 3 else "")
+        shares = "/".join(f"{island['activity'][s]:.0%}" for s in ("free", "contact", "asleep"))
+        costs = tuple(f"{island[f'ns_{c}']:.0f}" for c in ("expected", "mean", "busiest"))
+        counts = (str(island["modes"]), str(island["modes_dropped"]), str(island["contacts"]))
+        rows.append((names, *counts, island["solver"], *costs, shares))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+    if len(found["islands"]) > MOST_ISLANDS:
+        print(f"… {len(found['islands'])} islands in all; --json lists every one")
+    for name, what in found["effects"].items():
+        print(f"{name:<24} {what}")
+    for what in found["contacts_left_out"]:
+        print(f"{'contact left out':<24} {what}")
     return 0
 
 

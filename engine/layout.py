@@ -155,11 +155,15 @@ class Layout:
             part=self._parts(),
         )
 
-    def _parts(self) -> np.ndarray:
-        """Where to cut the islands into parts of about equal work: one part if there is little of it."""
+    def work(self) -> np.ndarray:
+        """About what each island costs in contact, ns a sample."""
         modes = np.diff(self._mode_begins[self._slices(b.name for b in self.scene.body)])
         contacts = np.diff(self._slices(self.scene.contact[k].body for k, _ in self.spot))
-        work = np.cumsum(ISLAND_WORK + modes * (1 + contacts / 4) + contacts**2)
+        return np.asarray(ISLAND_WORK + modes * (1 + contacts / 4) + contacts**2)
+
+    def _parts(self) -> np.ndarray:
+        """Where to cut the islands into parts of about equal work: one part if there is little of it."""
+        work = np.cumsum(self.work())
         if work.size < 2 or work[-1] < WORTH_SHARING:
             return np.array([0, work.size])
         parts = min(PARTS, work.size)

@@ -226,3 +226,50 @@ def test_too_slow_for_real_time_names_the_island(capsys):
     assert "TOO SLOW           for real time: the island of string has 80 modes and 16 points of contact" in says
     cli.summarise(take.stats | told | {"real_time_factor": 7.0}, None)
     assert "TOO SLOW" not in capsys.readouterr().out
+
+
+def test_explain_tells_what_is_built_and_what_is_not(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    path = str(ROOT / "patches" / "felt_arpeggio.toml")
+    assert cli.main([path, "--explain", "--seconds", "0.5", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["explain"]
+    assert len(found["islands"]) == 6
+    for island in found["islands"]:
+        assert (island["modes"], island["contacts"], island["solver"]) == (2, 1, "scalar")
+        assert sum(island["activity"].values()) == pytest.approx(1.0)
+        assert 0 < island["ns_mean"] <= island["ns_busiest"]
+    assert found["effects"]["loss"] == "compiled in"
+    assert found["effects"]["gravity"].startswith("left out: ")
+    assert cli.main([path, "--explain", "--seconds", "0.5"]) == 0
+    told = capsys.readouterr().out
+    assert found["kernel"] in told and "bar_c, hammer_c" in told
+    assert not list(tmp_path.iterdir())
+
+
+def test_explain_names_what_cannot_close_and_what_is_too_high(tmp_path, capsys):
+    patch = tmp_path / "quiet.toml"
+    patch.write_text(
+        """
+        [[body]]
+        name = "a"
+        kind = "modes"
+        frequency = [100.0, 30000.0]
+        sigma = [1.0, 1.0]
+        points = { top = [1.0, 1.0] }
+        [[contact]]
+        name = "stop"
+        body = "a"
+        at = "top"
+        barrier = 1.0
+        stiffness = 1e6
+        exponent = 1.5
+        [[pickup]]
+        body = "a"
+        at = "top"
+        """,
+        "utf-8",
+    )
+    assert cli.main([str(patch), "--explain", "--seconds", "0.1", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["explain"]
+    assert found["contacts_left_out"] == ["stop: too little energy to close it"]
+    assert found["islands"][0]["modes_dropped"] == 1

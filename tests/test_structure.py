@@ -24,6 +24,7 @@ FLOORS = [
     ["block", "score"],
     ["build", "runner"],
     ["offline"],
+    ["explain"],
     ["cli"],
     ["__init__"],
 ]

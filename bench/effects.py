@@ -14,6 +14,7 @@ import engine
 from bench.families import EFFECTS, NOTHING, with_effects
 from bench.report import ROOT, figure, pin, publish
 from bench.stripped import strip
+from engine.accuracy import Accuracy
 from engine.build import build
 from engine.runner import Runner
 
@@ -24,7 +25,7 @@ REPEATS = 40
 
 def cost(scene: engine.Scene, silence: float = -np.inf, frames: int = FRAMES, warm: int = 0) -> float:
     """ns per sample from time 0 on, or after `warm` samples; minimum of the repeats."""
-    model, state, _ = build(scene, RATE, silence=silence)
+    model, state, _ = build(scene, RATE, Accuracy(silence=silence))
     runner = Runner(model, state, metered=False)
     out = np.zeros((frames, max(p.channel for p in scene.pickup)))
     for _ in range(warm // frames):

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import engine
+from engine.accuracy import Accuracy
 
 # the names by which kernels know an effect that the base scene has not
 ABSENT = {
@@ -74,7 +75,7 @@ def measure(scene: engine.Scene) -> dict[str, float]:
     from engine.block import block
     from engine.build import build
 
-    model, state, _ = build(scene, 44_100, silence=-np.inf)
+    model, state, _ = build(scene, 44_100, Accuracy(silence=-np.inf))
     state.p[:] = 1.0
     out = np.zeros((FRAMES, 1))
     block(model, state, 0, out, None, None)

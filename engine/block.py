@@ -6,34 +6,21 @@ begins. Sample i is what the scene is like before step i; sample 0 is the initia
 
 import numpy as np
 
-from engine.contact import let_go, out_of_reach, refill, resync, separated, spring_back, stored, touch
+from engine.contact import forget, out_of_reach, refill, resync, separated, stored
 from engine.energy import DISSIPATED, SUPPLIED, book, enter, kinetic_and_potential
 from engine.events import keep_score, quiet
-from engine.force import idle, push, supply
+from engine.force import idle
 from engine.islands import cut_model, cut_state
 from engine.jit import NO, ONE, ZERO, entry, jit
 from engine.model import ACCELERATION, DISPLACEMENT, VELOCITY
-from engine.modes import coast, first_half, hush, lose_all, pay, project, second_half, swing, turn_back
+from engine.modes import coast, hush, project, swing
+from engine.refine import refined
 from engine.rest import UNTIL, fall_asleep, flies, fly, hear, nap, sleep_on, sleeps_through
-from engine.solve import FAILED, FREE
+from engine.step import advance
 
 PIECE = 256  # samples an island runs before the next one does: small enough for the fast cache
 LONG = np.int64(64 * 64)  # samples an island sleeps at a time if nothing in it moves
 RESYNC = np.int64(64)  # samples; out of contact, compressions are read anew from the modes this often
-
-
-@jit
-def settle_up(coupling, state, excess):
-    """At the end of a step, the motion pays for the energy that an unfinished contact solve created,
-    or is given what it took; what cannot be paid at once is owed. Returns the energy lost, J."""
-    if coupling is None:
-        return 0.0
-    owed = state.debt[0] + excess
-    if owed == 0.0:
-        return 0.0
-    paid = pay(owed, state.p)
-    state.debt[0] = max(0.0, owed - paid)
-    return paid - excess
 
 
 @jit
@@ -45,6 +32,7 @@ def look_ahead(model, state, frame):
     """
     if idle(model.force, frame + 1, RESYNC) and quiet(model.events, state, frame + 1, RESYNC):
         span = RESYNC / model.samplerate
+        forget(state.refined)  # falling masses are faster by now
         energy = swing(model.modes, model.spring, model.gravity, state.q, state.p, span, state.reach)
         if out_of_reach(model.contact, model.partner, state):
             state.clear[0] = frame + RESYNC + 1
@@ -52,47 +40,31 @@ def look_ahead(model, state, frame):
 
 
 @jit
-def step(model, contact, force, state, frame, ledger):
+def step(model, contact, force, refinement, state, frame, touching, ledger):
     """One step of one island, the short way where nothing can act on it.
 
+    touching: whether the step before had a contact in reach
     Returns whether a contact was in reach, and the evaluations of the contact laws.
     """
-    modes, spring, loss, gravity = model.modes, model.spring, model.loss, model.gravity
     if contact is None:
         if force is None:
-            return coasting_step(modes, spring, loss, gravity, state, ledger)
+            return coasting_step(model, state, ledger)
     if frame < state.clear[0]:
-        return coasting_step(modes, spring, loss, gravity, state, ledger)
-    partner = model.partner
-    lost = first_half(modes, spring, loss, gravity, state.carry, state.q, state.p)
-    push(force, frame, state.p)
-    lost_in_contact, count, how, excess = touch(contact, partner, model.contact_loss, model.coupling, state)
-    touching = how != FREE
-    if how == FAILED:
-        turn_back(modes, state.q, state.p)
-        let_go(contact, state)
-        work = 0.0
+        return coasting_step(model, state, ledger)
+    if refinement is None:
+        touching, count, lost, work = advance(model, contact, force, state, frame)
     else:
-        work = supply(force, frame, state.p)
-    if touching or force is not None:  # their second half-kick comes before the loss
-        second_half(modes, spring, None, gravity, state.carry, state.q, state.p)
-        push(force, frame, state.p)
-        if touching:
-            spring_back(contact, partner, state)
-            lost_in_contact += settle_up(model.coupling, state, excess)
-        lost += lose_all(loss, state.p)
-    else:
-        lost += second_half(modes, spring, loss, gravity, state.carry, state.q, state.p)
+        touching, count, lost, work = refined(model, contact, force, refinement, state, frame, touching)
     if ledger is not None:
-        book(state.account, DISSIPATED, lost + lost_in_contact)
+        book(state.account, DISSIPATED, lost)
         book(state.account, SUPPLIED, work)
     return touching, count
 
 
 @jit
-def coasting_step(modes, spring, loss, gravity, state, ledger):
+def coasting_step(model, state, ledger):
     """One step in which no force can act. Returns as `step`."""
-    lost = coast(modes, spring, loss, gravity, state.carry, state.q, state.p)
+    lost = coast(model.modes, model.spring, model.loss, model.gravity, state.carry, state.q, state.p)
     if ledger is not None:
         book(state.account, DISSIPATED, lost)
     return False, ZERO
@@ -223,7 +195,9 @@ def block(model, state, part, out, ledger, trace):
                     record(trace, i, ONE, islands.body[n], islands.contact[n], island, own, frame)
                 keep_score(island, island.events, own, frame)
                 touched = touching
-                touching, count = step(island, island.contact, island.force, own, frame, ledger)
+                touching, count = step(
+                    island, island.contact, island.force, island.refinement, own, frame, touched, ledger
+                )
                 look_around(island, own, frame, touching, touched)
                 if trace is not None:
                     own.evaluations[0] = count  # kept for the row of the sample that the step ends at

@@ -10,7 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from engine import coupled, energy, rest, score, solve
+from engine.accuracy import Accuracy
 from engine.bodies import TooMany, modal, string_stiffness
+from engine.compliance import compliances
 from engine.laws import law_of
 from engine.layout import Layout, Point
 from engine.model import (
@@ -28,6 +30,7 @@ from engine.model import (
     Model,
     Modes,
     Pickups,
+    Refined,
     Spring,
     State,
     aligned,
@@ -36,13 +39,11 @@ from engine.modes import TABLES
 from engine.parts import Body, Change, String
 from engine.scene import Scene
 from engine.spots import places
+from engine.stages import refinement
 from engine.waveform import table
 
 QUANTITIES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION, "force": FORCE}
-TOLERANCE = 1e-15  # relative error left in a compression; a looser one saves little (DESIGN sec. 2)
 MOST_CONTACTS = 512  # in an island; its coupled solve takes time of their third power
-SILENCE = -120.0  # dB
-CAP = 6  # rounds of a coupled solve (DESIGN sec. 3)
 HIGHEST = 0.49  # of the sample rate; what vibrates faster would come out at another frequency
 
 
@@ -62,34 +63,29 @@ class Built(NamedTuple):
     layout: Layout
 
 
-def build(
-    scene: Scene,
-    samplerate: float,
-    scheme: str = "exact",
-    iterations: int = CAP,
-    silence: float = SILENCE,
-    apart: bool = False,
-) -> Built:
-    """Model, State and Layout of a scene at a sample rate (Hz), with the coefficients of a scheme.
+def build(scene: Scene, samplerate: float, accuracy: Accuracy | None = None, apart: bool = False) -> Built:
+    """Model, State and Layout of a scene at a sample rate (Hz).
 
-    scheme:     "exact" (free vibration at its own frequency and decay) or "fdh" (the paper's)
-    iterations: rounds of a coupled contact solve, after which it makes do with forces that are not
-                finished, but create no energy
-    silence:    dB of its peak, below which an island sleeps; -inf: never
-    apart:      make each island a part of its own, however small (engine.explain measures them)
-    Raises BuildError if a body vibrates too fast for the sample rate.
+    accuracy: the scene's own if None
+    apart:    make each island a part of its own, however small (engine.explain measures them)
+    Raises BuildError if a body vibrates too fast for the sample rate, or if the accuracy asked for has
+    steps back in time and a contact has loss.
     """
-    if scheme not in TABLES:
-        raise ValueError(f'unknown scheme "{scheme}"; one of {", ".join(TABLES)}')
-    layout = _lay_out(scene, samplerate, scheme)
+    accuracy = accuracy or scene.accuracy
+    layout = _lay_out(scene, samplerate, accuracy.scheme)
     omega, sigma = layout.gather("omega"), layout.gather("sigma")
-    modes = Modes(*TABLES[scheme](omega, sigma, 1.0 / samplerate))
-    contact, contact_loss, coupling = _contact(layout, modes, samplerate, iterations)
+    modes = Modes(*TABLES[accuracy.scheme](omega, sigma, 1.0 / samplerate))
+    contact, contact_loss, coupling = _contact(layout, modes, samplerate, accuracy)
+    if contact_loss is not None and accuracy.order > 2:
+        what = f"order {accuracy.order} has steps back in time, in which contact loss would create energy"
+        raise BuildError([("accuracy.order", f"{what}; order = 2, and substeps instead")])
     partners = [layout.ends(k, spot)[1] for k, spot in layout.spot]
     events, begins = score.events(layout, _base(layout), samplerate)
     islands = layout.islands._replace(event=begins)
     if apart:
         islands = islands._replace(part=np.arange(begins.size))
+    force = _force(layout, modes, samplerate)
+    partner = layout.rows(partners, modes) if any(p.body is not None for p in partners) else None
     model = Model(
         samplerate=float(samplerate),
         islands=islands,
@@ -97,16 +93,17 @@ def build(
         spring=Spring(omega**2, modes.kick * omega**2) if omega.any() else None,
         loss=_loss(sigma, samplerate),
         gravity=_gravity(layout),
-        force=_force(layout, modes, samplerate),
+        force=force,
         contact=contact,
-        partner=layout.rows(partners, modes) if any(p.body is not None for p in partners) else None,
+        partner=partner,
         contact_loss=contact_loss,
         coupling=coupling,
+        refinement=refinement(layout, modes, accuracy, samplerate),
         events=events,
         pickups=_pickups(layout, modes),
         bodies=layout.rows([_watched(layout, b) for b in layout.body], modes),
         loose=_loose(layout, omega),
-        silence=10 ** (silence / 20),
+        silence=10 ** (accuracy.silence / 20),
     )
     return Built(aligned(model), aligned(_state(layout, model)), layout)
 
@@ -207,14 +204,14 @@ def _base(layout: Layout) -> np.ndarray:
 
 
 def _contact(
-    layout: Layout, modes: Modes, samplerate: float, iterations: int
+    layout: Layout, modes: Modes, samplerate: float, accuracy: Accuracy
 ) -> tuple[Contact | None, ContactLoss | None, Coupling | None]:
     if not layout.spot:
         return None, None, None
     chosen = [layout.scene.contact[k] for k, _ in layout.spot]
     barrier = np.array([layout.barrier(k, spot) for k, spot in layout.spot])
     rate = np.array([c.loss for c in chosen]) * samplerate
-    matrices, beneath = _compliances(layout, modes)
+    matrices, beneath = compliances(layout, modes)
     law = law_of(_base(layout), np.array([c.exponent for c in chosen]))
     contact = Contact(
         law=law,
@@ -224,8 +221,8 @@ def _contact(
         place=barrier,
         compliance=np.concatenate([np.diag(m) for m in matrices]),
         beneath=beneath,
-        tolerance=TOLERANCE,
-        cap=iterations,
+        tolerance=accuracy.tolerance,
+        cap=accuracy.iterations,
     )
     begin = np.cumsum([0] + [m.size for m in matrices]).astype(np.int64)
     several = any(m.size > 1 for m in matrices)
@@ -234,40 +231,6 @@ def _contact(
         ContactLoss(rate) if rate.any() else None,
         Coupling(begin, np.concatenate([m.ravel() for m in matrices])) if several else None,
     )
-
-
-def _compliances(layout: Layout, modes: Modes) -> tuple[list[np.ndarray], np.ndarray]:
-    """B = Φ diag(e) Φᵀ of each island, with e = v·t (DESIGN sec. 1), m/N; and what rounding cut
-    from its diagonal, which is the sum of the products of kick and drift that the kernel uses."""
-    islands = layout.islands
-    matrices, beneath = [], []
-    for n in range(islands.mode.size - 1):
-        part = slice(islands.mode[n], islands.mode[n + 1])
-        ends = [layout.ends(k, spot) for k, spot in layout.spot[islands.contact[n] : islands.contact[n + 1]]]
-        shapes = np.array([layout.spread(a, n) + layout.spread(b, n) for a, b in ends]).reshape(
-            -1, part.stop - part.start
-        )
-        kick, drift = shapes * modes.kick[part], shapes * modes.drift[part]
-        matrix = kick @ drift.T
-        for k in range(len(ends)):
-            product, cut = exact_product(kick[k], drift[k])
-            matrix[k, k] = math.fsum([*product, *cut])
-            beneath.append(math.fsum([*product, *cut, -matrix[k, k]]))
-        matrices.append(matrix)
-    return matrices, np.array(beneath)
-
-
-def exact_product(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Products and their rounding errors (Dekker): a·b = product + error exactly."""
-
-    def halves(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        big = 134217729.0 * x
-        high = big - (big - x)
-        return high, x - high
-
-    (ah, al), (bh, bl) = halves(a), halves(b)
-    product = a * b
-    return product, ((ah * bh - product) + ah * bl + al * bh) + al * bl
 
 
 def _force(layout: Layout, modes: Modes, samplerate: float) -> Force | None:
@@ -339,6 +302,7 @@ def _state(layout: Layout, model: Model) -> State:
         free_move=np.zeros(contacts),
         contact_force=np.zeros(contacts),
         scratch=coupled.room(parts, largest) if model.coupling is not None else None,
+        refined=_refined(q.size, contacts, count) if model.refinement is not None else None,
         budget=np.zeros(count, np.int64),
         debt=np.zeros(count),
         rest=np.zeros((count, rest.KEPT)),
@@ -353,4 +317,14 @@ def _state(layout: Layout, model: Model) -> State:
         iterations=np.zeros((count, max(solve.LIMIT, coupled.LIMIT) + 1), np.int64),
         regimes=np.zeros((count, 6), np.int64),
         contacts=np.zeros(count, np.int64),
+    )
+
+
+def _refined(modes: int, contacts: int, islands: int) -> Refined:
+    return Refined(
+        before=np.zeros(modes),
+        carried=np.zeros(modes),
+        margin=np.zeros(contacts),
+        known=np.zeros(islands, np.int64),
+        impulse=np.zeros(contacts),
     )

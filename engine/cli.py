@@ -44,12 +44,13 @@ def parser() -> argparse.ArgumentParser:
     parse.add_argument("--samplerate", metavar="HZ", default="44100", help="sample rate, Hz (default: %(default)s)")
     parse.add_argument("--subtype", metavar="TYPE", help=f"sample format: {', '.join(SUBTYPES)} (default: FLOAT)")
     parse.add_argument("--gain", metavar="DB", help=f"fixed gain, dB, on SI units (default: peak at {LOUDNESS:g} dBFS)")
-    parse.add_argument(
-        "--scheme",
-        metavar="NAME",
-        default="exact",
-        help="exact: free vibration in tune; fdh: the paper's (default: exact)",
-    )
+    dial = parse.add_argument_group("accuracy (default: what the patch says under [accuracy])")
+    dial.add_argument("--scheme", metavar="NAME", help="exact: free vibration in tune; fdh: the paper's")
+    dial.add_argument("--order", metavar="N", help="of a step: 2, 4 or 6")
+    dial.add_argument("--substeps", metavar="N", help="steps per sample where contact is possible")
+    dial.add_argument("--tolerance", metavar="T", help="relative error left in a compression")
+    dial.add_argument("--oversample", metavar="N", help="compute all at a multiple of the sample rate")
+    dial.add_argument("--precision", metavar="TYPE", help="of the modes: float64 or float32")
     parse.add_argument(
         "--cores", metavar="N", help="how many may share the work (default: all; the samples are the same)"
     )
@@ -129,10 +130,10 @@ def render(args: argparse.Namespace) -> int:
                 scene,
                 seconds=numbers["seconds"],
                 samplerate=int(numbers["samplerate"] or 44_100),
-                scheme=args.scheme,
                 trace=args.trace is not None,
                 cores=None if numbers["cores"] is None else int(numbers["cores"]),
                 progress=progress,
+                **dial_of(args),
             )
     except BuildError as error:
         report([Fault(args.patch, None, path, what) for path, what in error.faults])
@@ -158,7 +159,7 @@ def explain(scene: "Scene", numbers: dict[str, float | None], args: argparse.Nam
 
     with feedback(args.json):
         seconds = numbers["seconds"] or scene.seconds
-        found = examine(scene, seconds, int(numbers["samplerate"] or 44_100), args.scheme)
+        found = examine(scene, seconds, int(numbers["samplerate"] or 44_100), **dial_of(args))
     if args.json:
         print(json.dumps({"patch": args.patch, "seconds": seconds, "explain": found}))
         return 0
@@ -205,9 +206,30 @@ def settings(args: argparse.Namespace) -> tuple[dict[str, float | None], list[tu
         elif name in ("samplerate", "cores") and number is not None and number != int(number):
             wrong.append((f"--{name}", f"{text} is not a whole number; {right}"))
         numbers[name] = number
-    if args.scheme not in ("exact", "fdh"):
-        wrong.append(("--scheme", f'unknown scheme "{args.scheme}"; exact or fdh'))
-    return numbers, wrong
+    return numbers, wrong + undialled(args)
+
+
+def dial_of(args: argparse.Namespace) -> dict[str, Any]:
+    """The accuracy asked for, as numbers where it can be."""
+    kinds = {"scheme": str, "order": int, "substeps": int, "tolerance": float, "oversample": int, "precision": str}
+    asked: dict[str, Any] = {}
+    for name, kind in kinds.items():
+        text = getattr(args, name)
+        try:
+            asked[name] = None if text is None else kind(text)
+        except ValueError:
+            asked[name] = text
+    return asked
+
+
+def undialled(args: argparse.Namespace) -> list[tuple[str, str]]:
+    """What is wrong with the accuracy asked for."""
+    from engine.accuracy import Accuracy
+    from engine.patch import wrong_value
+
+    asked = {name: value for name, value in dial_of(args).items() if value is not None}
+    found = ((name, wrong_value(Accuracy, name, value)) for name, value in asked.items())
+    return [(f"--{name}", what) for name, what in found if what]
 
 
 def unwritable(output: Path, args: argparse.Namespace) -> list[tuple[str, str]]:

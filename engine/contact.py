@@ -167,13 +167,10 @@ def touch(contact, partner, damping, coupling, state):
     if contact is None:
         return 0.0, 0, FREE, 0.0
     touching, only = ZERO, ZERO
+    free_moves(contact, partner, state)
     for k in range(contact.barrier.shape[0]):
-        g = project_drift(contact.rows, k, state.p)
-        if partner is not None:
-            g += project_drift(partner, k, state.p)
-        state.free_move[k] = g
         s = state.compression[k]
-        if s > 0.0 or s + g > 0.0:
+        if s > 0.0 or s + state.free_move[k] > 0.0:
             touching += 1
             only = k
     if touching == 0:
@@ -184,6 +181,23 @@ def touch(contact, partner, damping, coupling, state):
         if contact.barrier.shape[0] > 1:
             return solve_many(contact, partner, damping, coupling, state)
     return solve_one(contact, partner, damping, state, only)
+
+
+@jit
+def free_moves(contact, partner, state):
+    """How the coming drift changes each compression."""
+    for k in range(contact.barrier.shape[0]):
+        g = project_drift(contact.rows, k, state.p)
+        if partner is not None:
+            g += project_drift(partner, k, state.p)
+        state.free_move[k] = g
+
+
+@jit
+def forget(moving):
+    """The margins of a refined sample (engine.refine) hold no longer."""
+    if moving is not None:
+        moving.known[0] = 0
 
 
 @jit

@@ -6,7 +6,7 @@ the ledger stays closed: turning a knob cannot blow up the sound.
 
 import math
 
-from engine.contact import stored
+from engine.contact import forget, stored
 from engine.energy import DISSIPATED, SUPPLIED, book, kinetic_and_potential
 from engine.jit import jit, outlined
 
@@ -130,6 +130,7 @@ def run_events(model, state, frame):
             happen(model, state, j, frame)
             book(state.account, SUPPLIED, held(model, state) - before)
             state.clear[0] = 0
+            forget(state.refined)
     while following[0] < following[1] and events.end[following[0]] <= frame + 1:
         following[0] += 1
 

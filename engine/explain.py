@@ -27,17 +27,18 @@ WHY = {
     "contact between bodies": "no two bodies can touch",
     "contact loss": "no contact loses energy",
     "coupled contacts": "no island has several points of contact",
+    "refinement": "a sample is one step",
     "events": "the score is empty",
 }
 
 
-def explain(scene: Scene, seconds: float, samplerate: int = 44_100, scheme: str = "exact") -> dict[str, Any]:
+def explain(scene: Scene, seconds: float, samplerate: int = 44_100, **accuracy: Any) -> dict[str, Any]:
     """Islands, effects and costs of a scene, measured over its first `seconds`.
 
     Raises BuildError as `engine.build.build` does. Times are in ns per sample, on one core, with the
-    energies measured, as in a render.
+    energies measured, as in a render; accuracy as there.
     """
-    model, state, layout = build(scene, samplerate, scheme, apart=True)
+    model, state, layout = build(scene, samplerate, scene.accuracy.but(**accuracy), apart=True)
     mean, busiest = _costs(model, state, round(seconds * samplerate), max(p.channel for p in scene.pickup))
     return {
         "kernel": kernel(model, state),

@@ -23,12 +23,14 @@ from engine.model import (
     Model,
     Modes,
     Pickups,
+    Refined,
+    Refinement,
     Rows,
     Scratch,
     Spring,
     State,
 )
-from engine.vector import matrix, view
+from engine.vector import columns, matrix, view
 
 
 @jit
@@ -113,6 +115,48 @@ def _cut_contact(contact, state, a, b):
 
 
 @jit
+def cut_refinement(x, i, m0, m1, k0):
+    """The refinement of island i, whose modes and contacts begin at m0 and k0."""
+    if x is None:
+        return None
+    return Refinement(
+        whole(x.sequence),
+        whole(x.length),
+        x.always,
+        columns(x.kick, m0),
+        columns(x.drift, m0),
+        columns(x.pull, m0),
+        columns(x.touch_kick, 0),
+        columns(x.touch_drift, 0),
+        columns(x.partner_kick, 0),
+        columns(x.partner_drift, 0),
+        columns(x.force_kick, 0),
+        columns(x.force_drift, 0),
+        columns(x.compliance, k0),
+        columns(x.beneath, k0),
+        columns(x.rate, k0),
+        columns(x.matrix, x.begin[i]),
+        view(x.begin, i, i + 1),
+        view(x.curve, m0, m1),
+        view(x.sag, m0, m1),
+    )
+
+
+@jit
+def cut_refined(x, i, m0, m1, k0, k1):
+    """What moves with the refinement of island i."""
+    if x is None:
+        return None
+    return Refined(
+        view(x.before, m0, m1),
+        view(x.carried, m0, m1),
+        view(x.margin, k0, k1),
+        view(x.known, i, i + 1),
+        view(x.impulse, k0, k1),
+    )
+
+
+@jit
 def cut_model(model, state, i):
     """Island i of a model, in which events may have changed the contacts."""
     of = model.islands
@@ -130,6 +174,7 @@ def cut_model(model, state, i):
         cut(model.partner, k0, k1),
         cut(model.contact_loss, k0, k1),
         cut(model.coupling, i, i + 1),
+        cut_refinement(model.refinement, i, m0, m1, k0),
         cut(model.events, of.event[i], of.event[i + 1]),
         cut(model.pickups, of.pickup[i], of.pickup[i + 1]),
         cut(model.bodies, of.body[i], of.body[i + 1]),
@@ -175,6 +220,7 @@ def cut_state(islands, state, part, i):
         view(state.free_move, k0, k1),
         view(state.contact_force, k0, k1),
         cut_scratch(state.scratch, part),
+        cut_refined(state.refined, i, m0, m1, k0, k1),
         view(state.budget, i, i + 1),
         view(state.debt, i, i + 1),
         view(state.heard, islands.pickup[i], islands.pickup[i + 1]),

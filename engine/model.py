@@ -106,6 +106,31 @@ class Coupling(NamedTuple):
     matrix: np.ndarray  # all matrices flat, m/N
 
 
+class Refinement(NamedTuple):
+    """A sample in stages (engine.refine). Stages of one length are of one kind, and each kind has tables of its
+    own, as the slots of those names have for a whole step."""
+
+    sequence: np.ndarray  # int [stages], the kind of each
+    length: np.ndarray  # [kinds], share of a sample
+    always: bool  # also out of contact
+    kick: np.ndarray  # [kinds, modes]
+    drift: np.ndarray
+    pull: np.ndarray
+    touch_kick: np.ndarray  # [kinds, shapes of Contact.rows]
+    touch_drift: np.ndarray
+    partner_kick: np.ndarray
+    partner_drift: np.ndarray
+    force_kick: np.ndarray
+    force_drift: np.ndarray
+    compliance: np.ndarray  # [kinds, contacts]
+    beneath: np.ndarray
+    rate: np.ndarray
+    matrix: np.ndarray  # [kinds, all matrices flat]
+    begin: np.ndarray  # int [islands], where the island's matrix begins
+    curve: np.ndarray  # [modes]: how far a mode strays from its chord within a sample, per amplitude
+    sag: np.ndarray  # [modes], √kg·m: and how far by its weight
+
+
 class Events(NamedTuple):
     """The score, sorted by island and start (engine.events)."""
 
@@ -159,6 +184,7 @@ class Model(NamedTuple):
     partner: Rows | None  # of the body that contact k touches, empty for a barrier; None without any
     contact_loss: ContactLoss | None
     coupling: Coupling | None
+    refinement: Refinement | None
     events: Events | None
     pickups: Pickups
     bodies: Rows  # where each body is traced
@@ -178,6 +204,16 @@ class Scratch(NamedTuple):
     member: np.ndarray  # int [parts, K]: whether a contact is in the set
 
 
+class Refined(NamedTuple):
+    """What moves with refinement."""
+
+    before: np.ndarray  # [modes]: momenta before a first half-step that may be taken back
+    carried: np.ndarray  # [modes]: and what was carried
+    margin: np.ndarray  # [contacts], m: how far a compression may stray within a sample
+    known: np.ndarray  # int [islands]: whether the margin still holds
+    impulse: np.ndarray  # [contacts], N: mean force over the stages so far
+
+
 class State(NamedTuple):
     """Everything that moves. A field is None where no effect needs it."""
 
@@ -193,6 +229,7 @@ class State(NamedTuple):
     free_move: np.ndarray  # [contacts], m: g, the change of compression without contact force
     contact_force: np.ndarray  # [contacts], N, mean over the last step
     scratch: Scratch | None  # for coupled contacts
+    refined: Refined | None
     budget: np.ndarray  # int [islands]: line searches left to capped solves
     debt: np.ndarray  # [islands], J: what capped solves created and the motion could not pay for yet
     heard: np.ndarray  # [pickups], velocity one sample ago

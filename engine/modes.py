@@ -58,6 +58,18 @@ def _exact(w: float, s: float, h: float) -> tuple[float, float]:
     return kick, 2 * kick / (1 + (w * kick) ** 2)
 
 
+def stage_table(kick: np.ndarray, omega: np.ndarray, scheme: str, length: float) -> tuple[np.ndarray, np.ndarray]:
+    """Kick and drift (s) of a stage, whose length is a share of the step with the kicks given, and may be negative.
+
+    A step of the exact table turns a mode by θ = 2·atan(ω·kick), a stage by that share of θ. A stage of the
+    paper's scheme is a step of its own of that length.
+    """
+    angle = np.arctan(omega * kick)
+    exact = np.where(omega > 0.0, np.tan(length * angle) / np.where(omega > 0.0, omega, 1.0), length * kick)
+    own = length * kick if scheme == "fdh" else exact
+    return own, 2 * own / (1 + (omega * own) ** 2)
+
+
 TABLES = {"exact": exact_table, "fdh": fdh_table}
 
 

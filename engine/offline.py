@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from engine import rest, solve
-from engine.build import CAP, SILENCE, build
+from engine.build import build
 from engine.layout import Layout
 from engine.model import Model, State, Trace
 from engine.parts import SECONDS
@@ -28,6 +28,7 @@ EFFECTS = {
     "contact between bodies": "partner",
     "contact loss": "contact_loss",
     "coupled contacts": "coupling",
+    "refinement": "refinement",
     "events": "events",
 }
 
@@ -51,23 +52,20 @@ def render(
     scene: Scene,
     seconds: float | None = None,
     samplerate: int = 44_100,
-    scheme: str = "exact",
     trace: bool = False,
     cores: int | None = None,
-    iterations: int = CAP,
-    silence: float = SILENCE,
     progress: Callable[[float], None] | None = None,
+    **accuracy: Any,
 ) -> Take:
     """Render a scene.
 
     seconds:    length; the scene's own if None
     samplerate: Hz
-    scheme:     "exact", or "fdh", the paper's own coefficients (engine.modes)
     trace:      keep every sample's displacements, forces and energies
-    iterations: rounds of a coupled contact solve at most; then it makes do (engine.build)
-    silence:    dB of its peak, below which an island sleeps until something is due; -inf: never
     cores:      how many may share the work; all of the machine's if None. The samples are the same
     progress:   called now and then with the share rendered, 0 to 1
+    accuracy:   scheme, order, substeps, tolerance, oversample, precision, iterations, silence: of each, what
+                the scene says if absent or None (engine.accuracy)
 
     Raises ValueError if an argument is out of range, BuildError (a ValueError) if the scene
     cannot be built at this sample rate.
@@ -77,13 +75,12 @@ def render(
         raise ValueError(f"seconds = {seconds:g} is out of range; more than 0, at most {SECONDS:g}")
     if not SAMPLERATES[0] <= samplerate <= SAMPLERATES[1]:
         raise ValueError(f"samplerate = {samplerate} is out of range; {SAMPLERATES[0]} to {SAMPLERATES[1]} Hz")
-    if iterations < 2:
-        raise ValueError(f"iterations = {iterations} is out of range; at least 2")
     if cores is not None and cores < 1:
         raise ValueError(f"cores = {cores} is out of range; at least 1")
-    model, state, layout = build(scene, samplerate, scheme, iterations, silence)
+    asked = scene.accuracy.but(**accuracy)
+    model, state, layout = build(scene, samplerate * asked.oversample, asked)
     runner = Runner(model, state, cores or os.cpu_count() or 1)
-    frames = max(1, round(seconds * samplerate))
+    frames = max(1, round(seconds * samplerate)) * asked.oversample
     audio = np.zeros((frames, max(p.channel for p in scene.pickup)))
     kept = _room(model, frames) if trace else None
     runner.block(audio[:0], _part(kept, 0, 0))  # compile before the clock starts
@@ -96,20 +93,34 @@ def render(
         elapsed += time.perf_counter() - start
         if progress is not None:
             progress(end / frames)
+    fine = samplerate * asked.oversample
+    if asked.oversample > 1:
+        audio = _down(audio, fine, samplerate, frames // asked.oversample)
     stats = {
         "patch": None,
         "output": None,
-        "seconds": frames / samplerate,
+        "seconds": frames / fine,
         "samplerate": samplerate,
         "channels": audio.shape[1],
         "peak": float(np.max(np.abs(audio))),
-        "real_time_factor": frames / samplerate / elapsed,
-        "ns_per_sample": elapsed / frames * 1e9,
+        "real_time_factor": frames / fine / elapsed,
+        "ns_per_sample": elapsed / len(audio) * 1e9,
         "cores": runner.cores if kept is None else 1,
         "islands": _islands(layout),
+        "accuracy": asked.model_dump(),
         **statistics(runner),
     }
-    return Take(audio, samplerate, stats, _named(kept, layout, samplerate) if kept is not None else None)
+    return Take(audio, samplerate, stats, _named(kept, layout, fine) if kept is not None else None)
+
+
+def _down(audio: np.ndarray, fine: int, samplerate: int, frames: int) -> np.ndarray:
+    """Filtered down to the sample rate asked for."""
+    import soxr
+
+    coarse = np.zeros((frames, audio.shape[1]))
+    found = soxr.resample(audio, fine, samplerate, quality="VHQ")[:frames]
+    coarse[: len(found)] = found
+    return coarse
 
 
 def statistics(runner: Runner) -> dict[str, Any]:

@@ -137,6 +137,15 @@ def _fault(file: str, lines: dict[Where, int], error: Any) -> Fault:
     return Fault(file, lines[at], text, what)
 
 
+def wrong_value(model: type[BaseModel], key: str, value: Any) -> str:
+    """What is wrong with one value of a part whose other keys are optional; nothing if it is right."""
+    try:
+        model.model_validate({key: value})
+    except ValidationError as error:
+        return _describe(error.errors()[0], (key,), {"": model}, model.model_fields[key])
+    return ""
+
+
 def _models(annotation: Any) -> dict[str, type[BaseModel]]:
     """The models an annotation admits, by their `kind`."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
@@ -221,7 +230,9 @@ def _describe(error: Any, where: Where, models: dict[str, type[BaseModel]], fiel
     if kind == "string_pattern_mismatch":
         return f"{shown} is not a name; a letter, then letters, digits, _ or -"
     if kind in ("model_type", "model_attributes_type", "list_type", "dict_type") and len(where) < 3:
-        return f"{shown} is not a table; write [[{where[0]}]]" if where else "not a table of keys"
+        listed = field is None or typing.get_origin(field.annotation) is list
+        header = f"[[{where[0]}]]" if listed and where else f"[{key}]"
+        return f"{shown} is not a table; write {header}" if where else "not a table of keys"
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         inner = _models(field.annotation).values() if field else ()
         needed = [k for m in inner for k, f in m.model_fields.items() if f.is_required()] or ["name"]

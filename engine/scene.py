@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import Field, ModelWrapValidatorHandler, ValidationError, ValidationInfo, model_validator
 from pydantic_core import InitErrorDetails
 
+from engine.accuracy import Accuracy
 from engine.measured import read
 from engine.parts import SECONDS, Body, Contact, Event, Force, Part, Pickup, Samples
 from engine.references import fault, references, tables
@@ -23,6 +24,7 @@ class Scene(Part):
     title: str = Field(default="", description="what it is")
     seconds: float = Field(default=2.0, gt=0.0, le=SECONDS, description="how long it sounds, s")
     gravity: float = Field(default=0.0, ge=-1e6, le=1e6, description="gravity on masses and oscillators, m/s²")
+    accuracy: Accuracy = Field(default=Accuracy(), description="how exactly it is computed")
     body: list[Body] = Field(min_length=1, description="the bodies")
     contact: list[Contact] = Field(default=[], description="where bodies collide")
     force: list[Force] = Field(default=[], description="external forces")

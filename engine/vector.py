@@ -56,7 +56,13 @@ def matrix(array: Any, n: int) -> Any:
     raise TypeError("matrix is for compiled code")
 
 
-# An @intrinsic would do for these two, but makes Numba look through all its registries at every use: 1 s.
+def columns(array: Any, begin: int) -> Any:
+    """The columns of a contiguous array of two dimensions from `begin` on, as a Matrix whose rows run over their
+    end; in compiled code only."""
+    raise TypeError("columns is for compiled code")
+
+
+# An @intrinsic would do for these, but makes Numba look through all its registries at every use: 1 s.
 
 
 @type_callable(view)
@@ -91,6 +97,25 @@ def _matrix(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     made = cgutils.create_struct_proxy(sig.return_type)(context, builder)
     made.data = builder.gep(array.data, [builder.mul(n, builder.mul(rows, columns))], inbounds=True)
     made.columns = columns
+    return made._getvalue()
+
+
+@type_callable(columns)
+def _type_columns(context: Any) -> Any:
+    def kind(array: Any, begin: Any) -> Matrix | None:
+        wide = isinstance(array, types.Array) and array.ndim == 2 and array.layout == "C"
+        return Matrix(array.dtype) if wide else None
+
+    return kind
+
+
+@lower_builtin(columns, types.Array, types.Integer)
+def _columns(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    array = _unpacked(context, builder, sig, args)
+    begin = context.cast(builder, args[1], sig.args[1], INDEX)
+    made = cgutils.create_struct_proxy(sig.return_type)(context, builder)
+    made.data = builder.gep(array.data, [begin], inbounds=True)
+    made.columns = cgutils.unpack_tuple(builder, array.shape)[1]
     return made._getvalue()
 
 

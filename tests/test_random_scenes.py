@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 import engine
 from engine import offline
+from engine.accuracy import Accuracy
 from engine.build import build
 from engine.rest import STILL, UNTIL
 from engine.runner import Runner
@@ -104,14 +105,14 @@ def run(model, state, frames: int) -> dict:
 
 
 def ledger_closes(scene: engine.Scene, scheme: str) -> None:
-    model, state, _ = build(scene, RATE, scheme)
+    model, state, _ = build(scene, RATE, Accuracy(scheme=scheme))
     books = run(model, state, 4410)
     assert books["error_max"] <= 1e-9
     assert books["error_per_step_max"] <= 1e-11
 
 
 def drift_is_rounding(scene: engine.Scene, scheme: str, frames: int, error: float) -> None:
-    model, state, _ = build(scene, RATE, scheme)
+    model, state, _ = build(scene, RATE, Accuracy(scheme=scheme))
     assert run(model, state, frames)["error_max"] <= error
 
 
@@ -120,7 +121,7 @@ STIFFEST = 1e12  # beyond, two forces that all but cancel leave more than roundi
 
 def survives_changes(scene: engine.Scene, changes: list[tuple[float, float, float]]) -> None:
     """Stiffness, exponent and place of all contacts jump; between jumps the ledger closes."""
-    model, state, _ = build(scene, RATE, "exact")
+    model, state, _ = build(scene, RATE)
     for factor, exponent, shift in changes:
         contact = model.contact
         law = contact.law._replace(exponent=np.maximum(1.0, contact.law.exponent * exponent))

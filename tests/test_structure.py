@@ -14,13 +14,14 @@ from conftest import ROOT
 FLOORS = [
     ["jit", "vector", "parts", "measured"],
     ["references", "spots", "waveform"],
-    ["laws", "scene", "bodies"],
+    ["accuracy", "laws", "scene", "bodies"],
     ["model", "solve", "patch"],
     ["modes", "rounds", "coupled", "islands", "layout"],
-    ["force", "contact"],
+    ["force", "contact", "compliance"],
     ["energy"],
     ["events"],
-    ["rest"],
+    ["rest", "step"],
+    ["refine", "stages"],
     ["block", "score"],
     ["build", "runner"],
     ["offline"],
@@ -40,9 +41,12 @@ KERNELS = [
     "energy",
     "events",
     "rest",
+    "step",
+    "refine",
     "block",
 ]
-WITHOUT_NUMBA = ["parts", "measured", "references", "scene", "patch", "bodies", "spots", "waveform", "cli", "__init__"]
+WITHOUT_NUMBA = ["accuracy", "parts", "measured", "references", "scene", "patch"]
+WITHOUT_NUMBA += ["bodies", "spots", "waveform", "cli", "__init__"]
 
 
 def imports(name: str) -> set[str]:

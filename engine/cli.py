@@ -25,8 +25,6 @@ SILENCE = 1e-30  # a smaller peak is not worth normalising
 SUBTYPES = ("FLOAT", "PCM_24", "PCM_16", "DOUBLE")
 PATIENCE = 1.5  # s, after which the user is told what takes so long
 
-MOST_ISLANDS = 32  # listed by --explain
-
 EXAMPLE = "patches/repelled_oscillator.toml"
 
 
@@ -56,6 +54,11 @@ def parser() -> argparse.ArgumentParser:
     )
     parse.add_argument(
         "--explain", action="store_true", help="what is built and left out, and what each island costs; writes no file"
+    )
+    parse.add_argument("--price", action="store_true", help="errors and costs at a ladder of settings; writes no sound")
+    parse.add_argument("--plot", metavar="OUT.png", help="with --price: draw error against time")
+    parse.add_argument(
+        "--error", metavar="E", help="render at the cheapest setting that errs less: 1e-4, or 0.1dB of a band"
     )
     parse.add_argument("--trace", metavar="OUT.npz", help="also write every sample's displacements, forces, energies")
     parse.add_argument("--json", action="store_true", help="print the statistics as one JSON object")
@@ -119,12 +122,18 @@ def render(args: argparse.Namespace) -> int:
         report(faults)
         return 2
 
+    from engine import tell
     from engine.build import BuildError
     from engine.offline import render as run
 
     try:
         if args.explain:
             return explain(scene, numbers, args)
+        if args.price:
+            return priced(scene, numbers, args)
+        dial, chosen = dial_of(args), None
+        if args.error is not None:
+            dial, chosen = affordable(scene, numbers, args, dial)
         with feedback(args.json) as progress:
             take = run(
                 scene,
@@ -133,7 +142,7 @@ def render(args: argparse.Namespace) -> int:
                 trace=args.trace is not None,
                 cores=None if numbers["cores"] is None else int(numbers["cores"]),
                 progress=progress,
-                **dial_of(args),
+                **dial,
             )
     except BuildError as error:
         report([Fault(args.patch, None, path, what) for path, what in error.faults])
@@ -148,13 +157,18 @@ def render(args: argparse.Namespace) -> int:
         print(f"render.py: cannot write {output} ({error})", file=sys.stderr)
         return 1
     peak = float(abs(audio).max())
-    stats = take.stats | {"patch": args.patch, "output": str(output), "peak": peak, "gain_db": gain}
-    print(json.dumps(stats)) if args.json else summarise(stats, args.trace)
+    stats = (
+        take.stats
+        | ({"chosen": chosen} if chosen else {})
+        | {"patch": args.patch, "output": str(output), "peak": peak, "gain_db": gain}
+    )
+    print(json.dumps(stats)) if args.json else tell.summary(stats, args.trace)
     return 0
 
 
 def explain(scene: "Scene", numbers: dict[str, float | None], args: argparse.Namespace) -> int:
     """Print what a scene is made of, and what it costs."""
+    from engine import tell
     from engine.explain import explain as examine
 
     with feedback(args.json):
@@ -162,26 +176,51 @@ def explain(scene: "Scene", numbers: dict[str, float | None], args: argparse.Nam
         found = examine(scene, seconds, int(numbers["samplerate"] or 44_100), **dial_of(args))
     if args.json:
         print(json.dumps({"patch": args.patch, "seconds": seconds, "explain": found}))
-        return 0
-    print(f"kernel {found['kernel']}; costs in ns per sample on one core, energies measured, over {seconds:g} s")
-    head = ("island", "modes", "dropped", "contacts", "solver", "expected", "mean", "busiest", "free/contact/asleep")
-    rows = [head]
-    for island in found["islands"][:MOST_ISLANDS]:
-        names = ", ".join(island["bodies"][:3]) + (" …" if len(island["bodies"]) > 3 else "")
-        shares = "/".join(f"{island['activity'][s]:.0%}" for s in ("free", "contact", "asleep"))
-        costs = tuple(f"{island[f'ns_{c}']:.0f}" for c in ("expected", "mean", "busiest"))
-        counts = (str(island["modes"]), str(island["modes_dropped"]), str(island["contacts"]))
-        rows.append((names, *counts, island["solver"], *costs, shares))
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
-    if len(found["islands"]) > MOST_ISLANDS:
-        print(f"… {len(found['islands'])} islands in all; --json lists every one")
-    for name, what in found["effects"].items():
-        print(f"{name:<24} {what}")
-    for what in found["contacts_left_out"]:
-        print(f"{'contact left out':<24} {what}")
+    else:
+        tell.explained(found, seconds)
     return 0
+
+
+def priced(scene: "Scene", numbers: dict[str, float | None], args: argparse.Namespace) -> int:
+    """Print what accuracy costs, and draw it if asked."""
+    from engine import tell
+    from engine.price import price
+
+    with feedback(args.json) as progress:
+        found = price(scene, numbers["seconds"], int(numbers["samplerate"] or 44_100), progress)
+    if args.plot:
+        with replaced(Path(args.plot)) as path:
+            tell.draw_price(found, args.patch, path)
+    if args.json:
+        print(json.dumps({"patch": args.patch, "price": found}))
+    else:
+        tell.priced(found)
+        if args.plot:
+            print(args.plot)
+    return 0
+
+
+def affordable(
+    scene: "Scene", numbers: dict[str, float | None], args: argparse.Namespace, dial: dict[str, Any]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The cheapest setting that meets the error asked for, from a short pilot; and what is to be said of it."""
+    from engine.price import choose, price
+
+    amount, decibels = error_of(args.error)
+    with feedback(args.json) as progress:
+        found = price(scene, None, int(numbers["samplerate"] or 44_100), progress)
+    row, met = choose(found, amount, decibels)
+    measured = {key: row[key] for key in ("setting", "error", "bands_db", "ns_per_sample")}
+    return dial | row["changes"], measured | {"asked": args.error, "met": met, "horizon": found["horizon"]}
+
+
+def error_of(text: str) -> tuple[float, bool]:
+    """An error asked for: 1e-4, or 0.1dB. Raises ValueError."""
+    decibels = text.lower().endswith("db")
+    amount = float(text[:-2] if decibels else text)
+    if not 0.0 < amount < 100.0:
+        raise ValueError(text)
+    return amount, decibels
 
 
 def settings(args: argparse.Namespace) -> tuple[dict[str, float | None], list[tuple[str, str]]]:
@@ -206,6 +245,13 @@ def settings(args: argparse.Namespace) -> tuple[dict[str, float | None], list[tu
         elif name in ("samplerate", "cores") and number is not None and number != int(number):
             wrong.append((f"--{name}", f"{text} is not a whole number; {right}"))
         numbers[name] = number
+    if args.error is not None:
+        try:
+            error_of(args.error)
+        except ValueError:
+            wrong.append(("--error", f'"{args.error}" is no error; a share as 1e-4, or decibels as 0.1dB'))
+    if args.plot and not args.price:
+        wrong.append(("--plot", "draws what --price measures; give --price too"))
     return numbers, wrong + undialled(args)
 
 
@@ -237,9 +283,8 @@ def unwritable(output: Path, args: argparse.Namespace) -> list[tuple[str, str]]:
     import soundfile
 
     wrong = []
-    for option, path in (("--output", output), ("--trace", Path(args.trace) if args.trace else None)):
-        if path is None:
-            continue
+    others = [("--trace", args.trace), ("--plot", args.plot)]
+    for option, path in [("--output", output), *((name, Path(text)) for name, text in others if text)]:
         if not path.parent.is_dir():
             wrong.append((option, f"no such folder: {path.parent}; make it, or write elsewhere"))
         elif not os.access(path.parent, os.W_OK):
@@ -326,44 +371,3 @@ def replaced(target: Path) -> Iterator[Path]:
         os.replace(path, target)
     finally:
         path.unlink(missing_ok=True)
-
-
-def summarise(stats: dict[str, Any], trace: str | None) -> None:
-    """The summary a person reads."""
-    newton, energy, activity = stats["newton"], stats["energy"], stats["activity"]
-    peak, regimes = stats["peak"], newton["regimes"]
-    level = f"{20 * math.log10(peak):.1f} dBFS" if peak > SILENCE else "silent: no pickup moves"
-    if peak > 1.0:
-        level += " (above full scale: integer formats clip; lower --gain)"
-    iterations = f"mean {newton['mean']:.2f}, p99 {newton['p99']}, max {newton['max']}; "
-    iterations += ", ".join(f"{n}: {count}" for n, count in enumerate(newton["histogram"]) if count)
-    samples = max(1, sum(regimes.values()))
-    cores = f" on {stats['cores']} cores" if stats["cores"] > 1 else ""
-    shares = ", ".join(f"{name.replace('_', ' ')} {n / samples:.2%}" for name, n in regimes.items() if n)
-    rows = {
-        "duration": f"{stats['seconds']:g} s at {stats['samplerate']} Hz, channels: {stats['channels']}",
-        "peak": f"{level} (gain {stats['gain_db']:+.1f} dB on SI units)",
-        "speed": f"{stats['real_time_factor']:.0f} × real time, {stats['ns_per_sample']:.1f} ns per sample{cores}",
-        "Newton iterations": iterations if newton["solves"] else "none needed",
-        "solved": shares or "no contacts",
-        "energy error": f"{energy['error_max']:.1e} of the largest energy held,"
-        f" {energy['error_per_step_max']:.1e} per step",
-        "energy": f"{energy['initial']:.4g} J at first, {energy['supplied']:.4g} supplied,"
-        f" {energy['dissipated']:.4g} dissipated, {energy['final']:.4g} left",
-        "compiled in": ", ".join(stats["effects"]["compiled"]) or "none",
-        "left out": ", ".join(stats["effects"]["left_out"]) or "none",
-        "time": f"{activity['free']:.1%} free, {activity['contact']:.1%} in contact, {activity['asleep']:.1%} asleep",
-    }
-    if failed := newton["unconverged"]:
-        rows["FAILED"] = f"{failed} contact solves; at those samples the motion was turned back, and no energy added"
-    if trace:
-        rows["trace"] = trace
-    if stats["real_time_factor"] < 1.0:
-        big = stats["islands"]["largest"]
-        rows["TOO SLOW"] = (
-            f"for real time: the island of {', '.join(big['bodies'][:4])}{' …' if len(big['bodies']) > 4 else ''} has"
-            f" {big['modes']} modes and {big['contacts']} points of contact"
-        )
-    for name, value in rows.items():
-        print(f"{name:<18} {value}")
-    print(stats["output"])

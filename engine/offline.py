@@ -95,7 +95,7 @@ def render(
             progress(end / frames)
     fine = samplerate * asked.oversample
     if asked.oversample > 1:
-        audio = _down(audio, fine, samplerate, frames // asked.oversample)
+        audio = filtered_down(audio, fine, samplerate, frames // asked.oversample)
     stats = {
         "patch": None,
         "output": None,
@@ -113,7 +113,7 @@ def render(
     return Take(audio, samplerate, stats, _named(kept, layout, fine) if kept is not None else None)
 
 
-def _down(audio: np.ndarray, fine: int, samplerate: int, frames: int) -> np.ndarray:
+def filtered_down(audio: np.ndarray, fine: int, samplerate: int, frames: int) -> np.ndarray:
     """Filtered down to the sample rate asked for."""
     import soxr
 

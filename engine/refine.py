@@ -194,7 +194,7 @@ def refined(model, contact, force, tables, state, frame, touching):
     return in_stages(model, contact, force, tables, state, frame)
 
 
-@outlined
+@jit
 def in_stages(model, contact, force, tables, state, frame):
     """A sample in stages. Returns as `engine.step.advance`."""
     modes, contacts = state.p.shape[0], contact.barrier.shape[0]

@@ -118,7 +118,7 @@ def test_all_that_is_wrong_is_said_and_nothing_is_written(tmp_path):
         "render.py --seconds: -3 is out of range; more than 0",
         "render.py --samplerate: 12 is out of range",
         'render.py --gain: "loud" is not a number',
-        'render.py --scheme: unknown scheme "euler"; exact or fdh',
+        'render.py --scheme: "euler" is not known; expected',
         "render.py --output: no such folder: no",
         'render.py --subtype: unknown sample format "PCM_8"',
     ):

@@ -14,7 +14,7 @@ from conftest import ROOT
 FLOORS = [
     ["jit", "vector", "parts", "measured"],
     ["references", "spots", "waveform"],
-    ["accuracy", "laws", "scene", "bodies"],
+    ["accuracy", "measures", "laws", "scene", "bodies"],
     ["model", "solve", "patch"],
     ["modes", "rounds", "coupled", "islands", "layout"],
     ["force", "contact", "compliance"],
@@ -25,7 +25,7 @@ FLOORS = [
     ["block", "score"],
     ["build", "runner"],
     ["offline"],
-    ["explain"],
+    ["explain", "price", "tell"],
     ["cli"],
     ["__init__"],
 ]
@@ -46,7 +46,7 @@ KERNELS = [
     "block",
 ]
 WITHOUT_NUMBA = ["accuracy", "parts", "measured", "references", "scene", "patch"]
-WITHOUT_NUMBA += ["bodies", "spots", "waveform", "cli", "__init__"]
+WITHOUT_NUMBA += ["bodies", "spots", "waveform", "tell", "cli", "__init__"]
 
 
 def imports(name: str) -> set[str]:

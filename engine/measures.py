@@ -1,0 +1,56 @@
+"""How far one rendering is from another (ORACLES 10): sample by sample as long as the motion can be
+predicted, and by what the ear and the books keep after that."""
+
+import itertools
+
+import numpy as np
+
+WINDOW = 0.005  # s, over which a horizon is looked for
+LOST = 1e-3  # of the loudest: beyond, two runs that began alike are no longer alike
+QUIET = 40.0  # dB below the loudest band, under which bands are not compared
+
+
+def trajectory(audio: np.ndarray, reference: np.ndarray, frames: int) -> float:
+    """Root mean square of the difference over the first frames, relative to that of the reference."""
+    if frames == 0:
+        return 0.0
+    size = float(np.sqrt(np.mean(reference[:frames] ** 2)))
+    return float(np.sqrt(np.mean((audio[:frames] - reference[:frames]) ** 2))) / size if size > 0.0 else 0.0
+
+
+def horizon(reference: np.ndarray, perturbed: np.ndarray, samplerate: float) -> int:
+    """How many samples two runs stay alike that began alike to 1e-9."""
+    size = max(1, round(WINDOW * samplerate))
+    loudest = np.abs(reference).max(initial=0.0)
+    for begin in range(0, len(reference), size):
+        part = slice(begin, begin + size)
+        if np.abs(reference[part] - perturbed[part]).max(initial=0.0) > LOST * loudest:
+            return begin
+    return len(reference)
+
+
+def bands(audio: np.ndarray, samplerate: float) -> np.ndarray:
+    """Power in third-octave bands from 25 Hz to 20 kHz, over all channels; only those below Nyquist."""
+    centres = 1000.0 * 2.0 ** (np.arange(-16, 14) / 3)
+    centres = centres[centres * 2 ** (1 / 6) < samplerate / 2]
+    window = np.hanning(len(audio) + 2)[1:-1, None]
+    power = np.sum(np.abs(np.fft.rfft(audio * window, axis=0)) ** 2, axis=1)
+    frequency = np.fft.rfftfreq(len(audio), 1 / samplerate)
+    edges = np.searchsorted(frequency, np.concatenate([centres * 2 ** (-1 / 6), centres[-1:] * 2 ** (1 / 6)]))
+    return np.array([power[a:b].sum() for a, b in itertools.pairwise(edges)])
+
+
+def band_error(audio: np.ndarray, reference: np.ndarray, samplerate: float) -> float:
+    """Largest difference of a third-octave band, dB, among those within 40 dB of the loudest."""
+    ours, theirs = bands(audio, samplerate), bands(reference, samplerate)
+    loud = theirs > theirs.max(initial=0.0) * 10 ** (-QUIET / 10)
+    if not loud.any():
+        return 0.0
+    with np.errstate(divide="ignore"):
+        return float(np.max(np.abs(10 * np.log10(ours[loud] / theirs[loud]))))
+
+
+def impulse(forces: np.ndarray, reference: np.ndarray) -> float:
+    """Relative error of the impulse of all contacts."""
+    size = float(np.abs(reference).sum())
+    return abs(float(np.abs(forces).sum()) - size) / size if size > 0.0 else 0.0

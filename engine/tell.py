@@ -1,0 +1,132 @@
+"""What a person reads of a render, of what was built, and of what accuracy costs."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+SILENCE = 1e-30  # a smaller peak is none
+MOST_ISLANDS = 32  # listed
+
+
+def summary(stats: dict[str, Any], trace: str | None) -> None:
+    """The summary a person reads."""
+    newton, energy, activity = stats["newton"], stats["energy"], stats["activity"]
+    peak, regimes = stats["peak"], newton["regimes"]
+    level = f"{20 * math.log10(peak):.1f} dBFS" if peak > SILENCE else "silent: no pickup moves"
+    if peak > 1.0:
+        level += " (above full scale: integer formats clip; lower --gain)"
+    iterations = f"mean {newton['mean']:.2f}, p99 {newton['p99']}, max {newton['max']}; "
+    iterations += ", ".join(f"{n}: {count}" for n, count in enumerate(newton["histogram"]) if count)
+    samples = max(1, sum(regimes.values()))
+    cores = f" on {stats['cores']} cores" if stats["cores"] > 1 else ""
+    shares = ", ".join(f"{name.replace('_', ' ')} {n / samples:.2%}" for name, n in regimes.items() if n)
+    rows = {
+        "duration": f"{stats['seconds']:g} s at {stats['samplerate']} Hz, channels: {stats['channels']}",
+        "peak": f"{level} (gain {stats['gain_db']:+.1f} dB on SI units)",
+        "speed": f"{stats['real_time_factor']:.0f} × real time, {stats['ns_per_sample']:.1f} ns per sample{cores}",
+        "Newton iterations": iterations if newton["solves"] else "none needed",
+        "solved": shares or "no contacts",
+        "energy error": f"{energy['error_max']:.1e} of the largest energy held,"
+        f" {energy['error_per_step_max']:.1e} per step",
+        "energy": f"{energy['initial']:.4g} J at first, {energy['supplied']:.4g} supplied,"
+        f" {energy['dissipated']:.4g} dissipated, {energy['final']:.4g} left",
+        "compiled in": ", ".join(stats["effects"]["compiled"]) or "none",
+        "left out": ", ".join(stats["effects"]["left_out"]) or "none",
+        "time": f"{activity['free']:.1%} free, {activity['contact']:.1%} in contact, {activity['asleep']:.1%} asleep",
+    }
+    if chosen := stats.get("chosen"):
+        how = "the cheapest that does" if chosen["met"] else "NO SETTING DOES; this errs least"
+        rows["error asked for"] = f"{chosen['asked']}: {chosen['setting']}, {how}"
+        rows["error measured"] = (
+            f"{chosen['error']:.1e} over the first {chosen['horizon'] * 1e3:.0f} ms, {chosen['bands_db']:.2f} dB of the"
+            f" worst band, {chosen['ns_per_sample']:.0f} ns per sample"
+        )
+    if failed := newton["unconverged"]:
+        rows["FAILED"] = f"{failed} contact solves; at those samples the motion was turned back, and no energy added"
+    if trace:
+        rows["trace"] = trace
+    if stats["real_time_factor"] < 1.0:
+        big = stats["islands"]["largest"]
+        rows["TOO SLOW"] = (
+            f"for real time: the island of {', '.join(big['bodies'][:4])}{' …' if len(big['bodies']) > 4 else ''} has"
+            f" {big['modes']} modes and {big['contacts']} points of contact"
+        )
+    for name, value in rows.items():
+        print(f"{name:<18} {value}")
+    print(stats["output"])
+
+
+def explained(found: dict[str, Any], seconds: float) -> None:
+    """Islands, effects and costs (engine.explain)."""
+    print(f"kernel {found['kernel']}; costs in ns per sample on one core, energies measured, over {seconds:g} s")
+    head = ("island", "modes", "dropped", "contacts", "solver", "expected", "mean", "busiest", "free/contact/asleep")
+    rows = [head]
+    for island in found["islands"][:MOST_ISLANDS]:
+        names = ", ".join(island["bodies"][:3]) + (" …" if len(island["bodies"]) > 3 else "")
+        shares = "/".join(f"{island['activity'][s]:.0%}" for s in ("free", "contact", "asleep"))
+        costs = tuple(f"{island[f'ns_{c}']:.0f}" for c in ("expected", "mean", "busiest"))
+        counts = (str(island["modes"]), str(island["modes_dropped"]), str(island["contacts"]))
+        rows.append((names, *counts, island["solver"], *costs, shares))
+    columns(rows)
+    if len(found["islands"]) > MOST_ISLANDS:
+        print(f"… {len(found['islands'])} islands in all; --json lists every one")
+    for name, what in found["effects"].items():
+        print(f"{name:<24} {what}")
+    for what in found["contacts_left_out"]:
+        print(f"{'contact left out':<24} {what}")
+
+
+def columns(rows: list[tuple[str, ...]]) -> None:
+    """Rows of cells, as wide as they need."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+
+
+def priced(found: dict[str, Any]) -> None:
+    """Error against time, setting by setting (engine.price). A star marks what nothing else beats in both."""
+    horizon = f"error over the first {found['horizon'] * 1e3:.0f} ms"
+    print(
+        f"{horizon} against {found['reference']}, which is sure to {found['disagreement']:.0e};"
+        f" bands within {found['spread_db']:.2g} dB are chance"
+    )
+    rows = [
+        ("", "setting", "error", "bands", "impulse", "ns/sample", "real time", "Newton mean/p99/max", "energy error")
+    ]
+    for row in found["rows"]:
+        newton = row["newton"]
+        rows.append(
+            (
+                "*" if row["front"] else "",
+                row["setting"],
+                f"{row['error']:.1e}",
+                f"{row['bands_db']:.2f} dB",
+                f"{row['impulse']:.1e}",
+                f"{row['ns_per_sample']:.0f}",
+                f"{row['real_time_factor']:.0f} ×",
+                f"{newton['mean']:.2f}/{newton['p99']}/{newton['max']}",
+                f"{row['energy_error']:.0e}",
+            )
+        )
+    columns(rows)
+    print(found["verdict"])
+
+
+def draw_price(found: dict[str, Any], title: str, path: Path) -> None:
+    """Error against time, as a PNG."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    drawn, axes = pyplot.subplots(figsize=(7.0, 5.0), layout="constrained")
+    for row in found["rows"]:
+        colour = "C0" if row["front"] else "0.6"
+        axes.plot(row["ns_per_sample"], row["error"], "o", color=colour)
+        axes.annotate(row["setting"], (row["ns_per_sample"], row["error"]), xytext=(5, 4), textcoords="offset points")
+    front = sorted((r["ns_per_sample"], r["error"]) for r in found["rows"] if r["front"])
+    axes.plot(*zip(*front, strict=True), color="C0", lw=1)
+    axes.set(xscale="log", yscale="log", xlabel="ns per sample", ylabel="relative error", title=title)
+    axes.grid(True, which="both", alpha=0.2)
+    drawn.savefig(path, dpi=120, format="png", metadata={"Software": None})
+    pyplot.close(drawn)

@@ -157,11 +157,8 @@ def render(args: argparse.Namespace) -> int:
         print(f"render.py: cannot write {output} ({error})", file=sys.stderr)
         return 1
     peak = float(abs(audio).max())
-    stats = (
-        take.stats
-        | ({"chosen": chosen} if chosen else {})
-        | {"patch": args.patch, "output": str(output), "peak": peak, "gain_db": gain}
-    )
+    told = {"chosen": chosen} if chosen else {}
+    stats = take.stats | told | {"patch": args.patch, "output": str(output), "peak": peak, "gain_db": gain}
     print(json.dumps(stats)) if args.json else tell.summary(stats, args.trace)
     return 0
 
@@ -190,7 +187,7 @@ def priced(scene: "Scene", numbers: dict[str, float | None], args: argparse.Name
         found = price(scene, numbers["seconds"], int(numbers["samplerate"] or 44_100), progress)
     if args.plot:
         with replaced(Path(args.plot)) as path:
-            tell.draw_price(found, args.patch, path)
+            tell.draw_price(found, Path(args.patch).stem, path)
     if args.json:
         print(json.dumps({"patch": args.patch, "price": found}))
     else:

@@ -90,9 +90,8 @@ def priced(found: dict[str, Any]) -> None:
         f"{horizon} against {found['reference']}, which is sure to {found['disagreement']:.0e};"
         f" bands within {found['spread_db']:.2g} dB are chance"
     )
-    rows = [
-        ("", "setting", "error", "bands", "impulse", "ns/sample", "real time", "Newton mean/p99/max", "energy error")
-    ]
+    head = "setting", "error", "bands", "impulse", "ns/sample", "real time", "Newton mean/p99/max", "energy error"
+    rows: list[tuple[str, ...]] = [("", *head)]
     for row in found["rows"]:
         newton = row["newton"]
         rows.append(

@@ -13,7 +13,7 @@ import soundfile
 from conftest import PATCHES, ROOT
 
 import engine
-from engine import cli
+from engine import cli, tell
 
 BALL = str(ROOT / "patches" / "bouncing_ball.toml")
 KEYS = {
@@ -221,10 +221,10 @@ def test_too_slow_for_real_time_names_the_island(capsys):
     """As big as this one, an island would not run in real time on a slow machine: the summary says which, how big."""
     take = engine.render(engine.load(ROOT / "patches" / "tanpura.toml"), seconds=0.1)
     told = {"patch": "tanpura.toml", "output": "tanpura.wav", "gain_db": 0.0, "real_time_factor": 0.7}
-    cli.summarise(take.stats | told, None)
+    tell.summary(take.stats | told, None)
     says = capsys.readouterr().out
     assert "TOO SLOW           for real time: the island of string has 80 modes and 16 points of contact" in says
-    cli.summarise(take.stats | told | {"real_time_factor": 7.0}, None)
+    tell.summary(take.stats | told | {"real_time_factor": 7.0}, None)
     assert "TOO SLOW" not in capsys.readouterr().out
 
 

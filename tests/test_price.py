@@ -1,0 +1,108 @@
+"""What accuracy costs: the table, the choice, and the measures behind them."""
+
+import json
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import engine
+from engine import cli, measures
+from engine.price import choose, price
+
+PATCH = ROOT / "patches" / "repelled_oscillator.toml"
+
+
+@pytest.fixture(scope="module")
+def found():
+    return price(engine.load(PATCH), seconds=0.05)
+
+
+def test_finer_settings_err_less_and_cost_more(found):
+    rows = {row["setting"]: row for row in found["rows"]}
+    names = [
+        "order 2, 1 ×",
+        "order 2, 2 ×",
+        "order 2, 4 ×",
+        "order 2, 16 ×",
+        "order 4, 1 ×",
+        "order 4, 2 ×",
+        "order 4, 4 ×",
+    ]
+    errors = [rows[name]["error"] for name in names]
+    assert errors == sorted(errors, reverse=True)
+    assert errors[0] > 1e-2 and errors[-1] < 1e-6
+    assert rows["order 2, 16 ×"]["ns_per_sample"] > 1.5 * rows["order 2, 1 ×"]["ns_per_sample"]
+    assert all(row["energy_error"] <= 1e-12 and row["newton"]["unconverged"] == 0 for row in rows.values())
+    assert rows["order 4, 4 ×"]["front"]
+
+
+def test_the_reference_agrees_with_itself(found):
+    assert found["horizon"] == pytest.approx(0.05)  # one oscillator, one barrier: nothing chaotic
+    assert found["disagreement"] <= 0.1 * min(row["error"] for row in found["rows"])
+
+
+def test_an_error_of_the_table_is_that_of_a_render(found):
+    told = engine.load(PATCH)
+    row = next(row for row in found["rows"] if row["setting"] == "order 4, 1 ×")
+    fine = engine.render(told, seconds=0.05, order=6, substeps=12).audio
+    error = measures.trajectory(engine.render(told, seconds=0.05, **row["changes"]).audio, fine, len(fine))
+    assert error == pytest.approx(row["error"], rel=0.01)
+
+
+def test_the_cheapest_that_meets_the_error_is_chosen(found):
+    row, met = choose(found, 1e-3, decibels=False)
+    assert met and row["error"] <= 1e-3
+    assert all(other["error"] > 1e-3 for other in found["rows"] if other["ns_per_sample"] < row["ns_per_sample"])
+    row, met = choose(found, 1e-30, decibels=False)
+    assert not met and row["setting"] == "order 4, 4 ×"
+    row, met = choose(found, 0.5, decibels=True)
+    assert met and row["bands_db"] <= 0.5
+
+
+def test_measures():
+    rng = np.random.default_rng(1)
+    sound = rng.normal(size=(22_050, 2))
+    assert measures.trajectory(1.01 * sound, sound, 22_050) == pytest.approx(0.01)
+    assert measures.band_error(10 ** (1 / 20) * sound, sound, 44_100) == pytest.approx(1.0, abs=1e-9)
+    assert measures.impulse(1.1 * np.abs(sound), np.abs(sound)) == pytest.approx(0.1)
+    away = sound.copy()
+    away[10_000:] += 0.1
+    assert 10_000 - 221 <= measures.horizon(sound, away, 44_100) <= 10_000
+    assert measures.horizon(sound, sound, 44_100) == 22_050
+
+
+def test_chaos_ends_the_horizon():
+    """A ball in a box of unequal, moving walls forgets how it began; what is said of its error ends there."""
+    bodies = [
+        {"name": "ball", "kind": "mass", "mass": 0.001, "velocity": 3.0},
+        {"name": "left", "kind": "oscillator", "mass": 0.003, "frequency": 333.0, "displacement": -1e-3},
+        {"name": "right", "kind": "oscillator", "mass": 0.002, "frequency": 217.0, "displacement": 1e-3},
+    ]
+    law = {"stiffness": 1e8, "exponent": 1.5}
+    contacts = [
+        {"body": "ball", "on": "left", "side": "below", "gap": 1e-3} | law,
+        {"body": "ball", "on": "right", "gap": 1e-3} | law,
+    ]
+    told = engine.Scene.model_validate({"body": bodies, "contact": contacts, "pickup": [{"body": "ball"}]})
+    found = price(told, seconds=0.5)
+    assert 0.0 < found["horizon"] < 0.5
+    assert "chaotic" in found["verdict"]
+
+
+def test_price_and_error_on_the_command_line(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    words = [str(PATCH), "--price", "--seconds", "0.02", "--plot", "price.png"]
+    assert cli.main(words) == 0
+    told = capsys.readouterr().out
+    assert "order 4, 4 ×" in told and "times less than one plain step" in told
+    assert (tmp_path / "price.png").read_bytes().startswith(b"\x89PNG")
+    assert [p.name for p in tmp_path.iterdir()] == ["price.png"]
+    assert cli.main([str(PATCH), "--error", "1e-3", "--seconds", "0.1", "-o", "out.wav", "--json"]) == 0
+    stats = json.loads(capsys.readouterr().out)
+    assert stats["chosen"]["met"] and stats["chosen"]["error"] <= 1e-3
+    assert stats["accuracy"]["order"] == 4
+    assert cli.main([str(PATCH), "--error", "1e-40", "--seconds", "0.1", "-o", "out.wav"]) == 0
+    assert "NO SETTING DOES" in capsys.readouterr().out
+    assert cli.main([str(PATCH), "--error", "loud", "-o", "out.wav"]) == 2
+    assert '"loud" is no error; a share as 1e-4, or decibels as 0.1dB' in capsys.readouterr().err

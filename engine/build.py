@@ -34,6 +34,7 @@ from engine.model import (
     Spring,
     State,
     aligned,
+    single,
 )
 from engine.modes import TABLES
 from engine.parts import Body, Change, String
@@ -105,7 +106,10 @@ def build(scene: Scene, samplerate: float, accuracy: Accuracy | None = None, apa
         loose=_loose(layout, omega),
         silence=10 ** (accuracy.silence / 20),
     )
-    return Built(aligned(model), aligned(_state(layout, model)), layout)
+    state = _state(layout, model)
+    if accuracy.precision == "float32":
+        model, state = single(model), single(state)
+    return Built(aligned(model), aligned(state), layout)
 
 
 def _lay_out(scene: Scene, samplerate: float, scheme: str) -> Layout:

@@ -260,6 +260,25 @@ def aligned(slots: Any) -> Any:
     return moved
 
 
+# what of a Model and State is counted per mode, and may be of single precision
+PER_MODE = (Modes, Spring, Loss, Gravity, Rows, Refinement)
+PER_CONTACT = ("length", "compliance", "beneath", "rate", "matrix")  # of a Refinement
+MODAL_STATE = ("q", "p", "carry", "reach", "before", "carried")
+
+
+def single(slots: Any, inside: bool = False) -> Any:
+    """The same Model or State with modes of single precision; contacts and energies stay double."""
+    if isinstance(slots, tuple) and hasattr(slots, "_fields"):
+        inside = inside or isinstance(slots, PER_MODE)
+        items = zip(slots._fields, slots, strict=True)
+        return type(slots)(
+            *(single(x, (inside and name not in PER_CONTACT) or name in MODAL_STATE) for name, x in items)
+        )
+    if inside and isinstance(slots, np.ndarray) and slots.dtype == np.float64:
+        return slots.astype(np.float32)
+    return slots
+
+
 class Trace(NamedTuple):
     """What every sample was like; arrays of [frames, …] that a block fills.
 

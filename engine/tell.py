@@ -60,7 +60,7 @@ def explained(found: dict[str, Any], seconds: float) -> None:
     """Islands, effects and costs (engine.explain)."""
     print(f"kernel {found['kernel']}; costs in ns per sample on one core, energies measured, over {seconds:g} s")
     head = ("island", "modes", "dropped", "contacts", "solver", "expected", "mean", "busiest", "free/contact/asleep")
-    rows = [head]
+    rows: list[tuple[str, ...]] = [head]
     for island in found["islands"][:MOST_ISLANDS]:
         names = ", ".join(island["bodies"][:3]) + (" …" if len(island["bodies"]) > 3 else "")
         shares = "/".join(f"{island['activity'][s]:.0%}" for s in ("free", "contact", "asleep"))

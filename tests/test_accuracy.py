@@ -156,6 +156,16 @@ def test_oversampling_is_closer_too():
     assert fine < plain / 5
 
 
+def test_single_precision_is_nearly_the_same_and_drifts():
+    """Half the memory, and an energy that is only nearly kept: never the default."""
+    told = hammer()
+    double, single = (engine.render(told, seconds=0.1, order=4, precision=p) for p in ("float64", "float32"))
+    assert double.stats["energy"]["error_max"] <= 1e-13
+    assert 1e-9 < single.stats["energy"]["error_max"] < 1e-3
+    assert np.abs(single.audio - double.audio).max() < 1e-3 * np.abs(double.audio).max()
+    assert Accuracy().precision == "float64"
+
+
 def test_the_patch_says_how_exactly_and_an_argument_outweighs_it():
     told = hammer(accuracy={"order": 4, "substeps": 2})
     said = engine.render(told, seconds=0.02)

@@ -3,7 +3,7 @@
 import importlib
 import sys
 
-NAMES = ["realtime", "instruments", "effects", "jvari", "metric", "hard", "start"]
+NAMES = ["realtime", "instruments", "effects", "price", "jvari", "metric", "hard", "start"]
 
 
 def main() -> int:

@@ -29,11 +29,11 @@ CASES = {
 }
 
 
-def ours(body: Body, y: float, v: float, steps: int) -> np.ndarray:
-    """The same case by this engine."""
+def scene_of(body: Body, y: float, v: float) -> engine.Scene:
+    """A case as a scene, of which the displacement is heard."""
     walls = {"above": body.above, "below": body.below}
     kind = {"kind": "oscillator", "stiffness": body.stiffness} if body.stiffness else {"kind": "mass"}
-    scene = engine.Scene.model_validate(
+    return engine.Scene.model_validate(
         {
             "gravity": body.gravity,
             "body": [{"name": "b", "mass": 1.0, "displacement": y, "velocity": v} | kind],
@@ -42,10 +42,14 @@ def ours(body: Body, y: float, v: float, steps: int) -> np.ndarray:
                 for side, at in walls.items()
                 if abs(at) < FAR
             ],
-            "pickup": [{"body": "b"}],
+            "pickup": [{"body": "b", "quantity": "displacement"}],
         }
     )
-    trace = engine.render(scene, seconds=steps / RATE, scheme="fdh", trace=True).trace
+
+
+def ours(body: Body, y: float, v: float, steps: int) -> np.ndarray:
+    """The same case by this engine."""
+    trace = engine.render(scene_of(body, y, v), seconds=steps / RATE, scheme="fdh", trace=True).trace
     return np.column_stack([trace["displacement"][:, 0], trace["total"]])
 
 

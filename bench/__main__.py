@@ -3,7 +3,7 @@
 import importlib
 import sys
 
-NAMES = ["realtime", "instruments", "effects", "price", "jvari", "metric", "hard", "start"]
+NAMES = ["realtime", "instruments", "effects", "price", "jvari", "metric", "hard", "figures", "start"]
 
 
 def main() -> int:

@@ -5,6 +5,7 @@ import argparse
 import json
 import math
 import os
+import signal
 import sys
 import threading
 import time
@@ -314,9 +315,20 @@ def feedback(quiet: bool) -> Iterator[Callable[[float], None]]:
     compiling.daemon = True
     compiling.start()
     shown: list[Any] = []
+    interrupted: list[int] = []
+
+    def interrupt(number: int, frame: Any) -> None:
+        interrupted.append(number)
+        raise KeyboardInterrupt
+
+    before = None
+    if threading.current_thread() is threading.main_thread():
+        before = signal.signal(signal.SIGINT, interrupt)
 
     def progress(share: float) -> None:
         compiling.cancel()
+        if interrupted:  # while compiling, and lost in a callback of the compiler's
+            raise KeyboardInterrupt
         late = time.perf_counter() - begin > PATIENCE and share < 0.9
         if not shown and late and sys.stderr.isatty() and not quiet:
             from rich.console import Console
@@ -332,6 +344,8 @@ def feedback(quiet: bool) -> Iterator[Callable[[float], None]]:
         yield progress
     finally:
         compiling.cancel()
+        if before is not None:
+            signal.signal(signal.SIGINT, before)
         if shown:
             shown[0].stop()
 

@@ -160,7 +160,7 @@ def render(args: argparse.Namespace) -> int:
     peak = float(abs(audio).max())
     told = {"chosen": chosen} if chosen else {}
     stats = take.stats | told | {"patch": args.patch, "output": str(output), "peak": peak, "gain_db": gain}
-    print(json.dumps(stats)) if args.json else tell.summary(stats, args.trace)
+    print(json.dumps(finite(stats))) if args.json else tell.summary(stats, args.trace)
     return 0
 
 
@@ -173,7 +173,7 @@ def explain(scene: "Scene", numbers: dict[str, float | None], args: argparse.Nam
         seconds = numbers["seconds"] or scene.seconds
         found = examine(scene, seconds, int(numbers["samplerate"] or 44_100), **dial_of(args))
     if args.json:
-        print(json.dumps({"patch": args.patch, "seconds": seconds, "explain": found}))
+        print(json.dumps({"patch": args.patch, "seconds": seconds, "explain": finite(found)}))
     else:
         tell.explained(found, seconds)
     return 0
@@ -190,7 +190,7 @@ def priced(scene: "Scene", numbers: dict[str, float | None], args: argparse.Name
         with replaced(Path(args.plot)) as path:
             tell.draw_price(found, Path(args.patch).stem, path)
     if args.json:
-        print(json.dumps({"patch": args.patch, "price": found}))
+        print(json.dumps({"patch": args.patch, "price": finite(found)}))
     else:
         tell.priced(found)
         if args.plot:
@@ -219,6 +219,15 @@ def error_of(text: str) -> tuple[float, bool]:
     if not 0.0 < amount < 100.0:
         raise ValueError(text)
     return amount, decibels
+
+
+def finite(value: Any) -> Any:
+    """The same with null for numbers that JSON has not."""
+    if isinstance(value, dict):
+        return {key: finite(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [finite(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def settings(args: argparse.Namespace) -> tuple[dict[str, float | None], list[tuple[str, str]]]:

@@ -2,6 +2,7 @@
 predicted, and by what the ear and the books keep after that."""
 
 import itertools
+import math
 
 import numpy as np
 
@@ -11,9 +12,10 @@ QUIET = 40.0  # dB below the loudest band, under which bands are not compared
 
 
 def trajectory(audio: np.ndarray, reference: np.ndarray, frames: int) -> float:
-    """Root mean square of the difference over the first frames, relative to that of the reference."""
+    """Root mean square of the difference over the first frames, relative to that of the reference; without any
+    frame, infinite."""
     if frames == 0:
-        return 0.0
+        return math.inf
     size = float(np.sqrt(np.mean(reference[:frames] ** 2)))
     return float(np.sqrt(np.mean((audio[:frames] - reference[:frames]) ** 2))) / size if size > 0.0 else 0.0
 

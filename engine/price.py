@@ -66,8 +66,9 @@ def price(
     """Errors and costs of a scene at every setting of its ladder.
 
     seconds: how much of the scene; half a second, or all of a shorter one, if None
-    Returns {"seconds", "horizon" (s), "reference", "disagreement", "spread_db", "rows": [...], "verdict"}; a row has
-    "setting", "changes", "error" (relative, before the horizon), "bands_db", "impulse", "ns_per_sample",
+    Returns {"seconds", "horizon" (s), "predictable" (s, by the perturbation alone), "reference", "disagreement",
+    "spread_db", "rows": [...], "verdict"}; a row has "setting", "changes", "error" (relative, before the horizon;
+    infinite if that is 0), "bands_db", "impulse", "ns_per_sample",
     "real_time_factor", "newton", "energy_error", "front". Raises BuildError as `engine.build.build`.
     """
     seconds = min(scene.seconds, SECONDS) if seconds is None else seconds
@@ -112,6 +113,7 @@ def price(
     found = {
         "seconds": seconds,
         "horizon": frames / samplerate,
+        "predictable": horizon(reference.audio, perturbed.audio, samplerate) / samplerate,
         "reference": name,
         "disagreement": disagreement,
         "spread_db": spread,
@@ -125,14 +127,17 @@ def verdict(found: dict[str, Any]) -> str:
     rows = [row for row in found["rows"] if row["changes"].get("scheme") != "fdh"]
     plain = rows[0]
     best = min(rows, key=lambda row: row["error"])
-    if found["horizon"] == 0.0:
+    if found["predictable"] == 0.0:
         return "nothing pays: the motion is chaotic from the start, and all settings are equally right"
+    if found["horizon"] == 0.0:
+        return "cannot be told: contact is so stiff that the finest references disagree from the start"
     if best["error"] * PAYS > plain["error"]:
         return "nothing pays: every setting errs about as much (stiff contact, or none)"
     dear = best["ns_per_sample"] / plain["ns_per_sample"]
     gain = plain["error"] / best["error"]
     if found["horizon"] < found["seconds"]:
-        chaos = f" up to {found['horizon'] * 1e3:.0f} ms; beyond, the motion is chaotic and nothing pays"
+        why = "the motion is chaotic" if found["predictable"] < found["seconds"] else "the references disagree"
+        chaos = f" up to {found['horizon'] * 1e3:.0f} ms; beyond, {why} and nothing can be told"
     else:
         chaos = ""
     return f"{best['setting']} errs {gain:.3g} times less than one plain step, for {dear:.2g} times its time{chaos}"
@@ -171,7 +176,7 @@ def _reference(
         frames = min(horizon(finest.audio, other.audio, samplerate) for other in (perturbed, before))
         disagreement = trajectory(before.audio, finest.audio, frames)
         least = min(trajectory(run.audio, finest.audio, frames) for run in runs)
-        if disagreement <= AGREES * least:
+        if frames > 0 and disagreement <= AGREES * least:
             break
         before = finest
     return finest, f"order {order}, {substeps} ×", frames, disagreement, perturbed

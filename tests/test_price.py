@@ -71,6 +71,7 @@ def test_measures():
     away[10_000:] += 0.1
     assert 10_000 - 221 <= measures.horizon(sound, away, 44_100) <= 10_000
     assert measures.horizon(sound, sound, 44_100) == 22_050
+    assert measures.trajectory(sound, sound, 0) == np.inf
 
 
 def test_chaos_ends_the_horizon():

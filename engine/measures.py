@@ -8,6 +8,7 @@ import numpy as np
 
 WINDOW = 0.005  # s, over which a horizon is looked for
 LOST = 1e-3  # of the loudest: beyond, two runs that began alike are no longer alike
+ENVELOPE = 0.01  # s
 QUIET = 40.0  # dB below the loudest band, under which bands are not compared
 
 
@@ -56,3 +57,42 @@ def impulse(forces: np.ndarray, reference: np.ndarray) -> float:
     """Relative error of the impulse of all contacts."""
     size = float(np.abs(reference).sum())
     return abs(float(np.abs(forces).sum()) - size) / size if size > 0.0 else 0.0
+
+
+def first_contact(forces: np.ndarray, samplerate: float) -> float:
+    """Duration of the first contact, ms; 0 if there is none."""
+    touching = np.any(forces != 0.0, axis=1)
+    if not touching.any():
+        return 0.0
+    begin = int(np.argmax(touching))
+    off = ~touching[begin:]
+    return (int(np.argmax(off)) if off.any() else len(off)) / samplerate * 1e3
+
+
+def decay_error(audio: np.ndarray, reference: np.ndarray, samplerate: float) -> float:
+    """Mean difference of the levels in windows of 10 ms, dB, where the reference is within 40 dB of its loudest."""
+    size = max(1, round(ENVELOPE * samplerate))
+    frames = len(reference) // size * size
+    if frames == 0:
+        return 0.0
+    ours, theirs = (np.sum(x[:frames].reshape(-1, size, x.shape[1]) ** 2, axis=(1, 2)) for x in (audio, reference))
+    loud = theirs > theirs.max() * 10 ** (-QUIET / 10)
+    with np.errstate(divide="ignore"):
+        return float(np.mean(np.abs(10 * np.log10(ours[loud] / theirs[loud])))) if loud.any() else 0.0
+
+
+def detuning(audio: np.ndarray, reference: np.ndarray) -> float:
+    """How far the strongest partial is off, cents."""
+    ours, theirs = strongest(audio), strongest(reference)
+    return 1200.0 * math.log2(ours / theirs) if ours > 0.0 and theirs > 0.0 else 0.0
+
+
+def strongest(audio: np.ndarray) -> float:
+    """Place of the strongest partial, in bins of the spectrum: a parabola through the logarithm of its peak."""
+    power = np.sum(np.abs(np.fft.rfft(audio * np.hanning(len(audio) + 2)[1:-1, None], axis=0)) ** 2, axis=1)
+    if len(power) < 5 or not power[2:-1].any():
+        return 0.0
+    n = 2 + int(np.argmax(power[2:-1]))
+    a, b, c = np.log(power[n - 1 : n + 2] + 1e-300)
+    curve = a - 2 * b + c
+    return n + (0.5 * (a - c) / curve if curve < 0.0 else 0.0)

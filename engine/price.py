@@ -15,7 +15,7 @@ from engine import offline
 from engine.accuracy import Accuracy
 from engine.build import build
 from engine.events import STRIKE
-from engine.measures import band_error, horizon, impulse, trajectory
+from engine.measures import band_error, decay_error, detuning, first_contact, horizon, impulse, trajectory
 from engine.model import Model, State
 from engine.runner import Runner
 from engine.scene import Scene
@@ -68,7 +68,7 @@ def price(
     seconds: how much of the scene; half a second, or all of a shorter one, if None
     Returns {"seconds", "horizon" (s), "predictable" (s, by the perturbation alone), "reference", "disagreement",
     "spread_db", "rows": [...], "verdict"}; a row has "setting", "changes", "error" (relative, before the horizon;
-    infinite if that is 0), "bands_db", "impulse", "ns_per_sample",
+    infinite if that is 0), "bands_db", "decay_db", "cents", "first_contact_ms", "impulse", "ns_per_sample",
     "real_time_factor", "newton", "energy_error", "front". Raises BuildError as `engine.build.build`.
     """
     seconds = min(scene.seconds, SECONDS) if seconds is None else seconds
@@ -100,6 +100,9 @@ def price(
                 "error": trajectory(run.audio, reference.audio, frames),
                 "bands_db": band_error(run.audio, reference.audio, samplerate),
                 "impulse": impulse(run.forces, reference.forces),
+                "first_contact_ms": first_contact(run.forces, samplerate),
+                "decay_db": decay_error(run.audio, reference.audio, samplerate),
+                "cents": detuning(run.audio, reference.audio),
                 **_cost(scene, seconds, samplerate, base.but(**rung.changes, silence=scene.accuracy.silence)),
                 "newton": {k: run.stats["newton"][k] for k in ("mean", "p99", "max", "unconverged")},
                 "energy_error": run.stats["energy"]["error_max"],
@@ -117,6 +120,7 @@ def price(
         "reference": name,
         "disagreement": disagreement,
         "spread_db": spread,
+        "first_contact_ms": first_contact(reference.forces, samplerate),
         "rows": rows,
     }
     return found | {"verdict": verdict(found)}

@@ -90,8 +90,8 @@ def priced(found: dict[str, Any]) -> None:
         f"{horizon} against {found['reference']}, which is sure to {found['disagreement']:.0e};"
         f" bands within {found['spread_db']:.2g} dB are chance"
     )
-    head = "setting", "error", "bands", "impulse", "ns/sample", "real time", "Newton mean/p99/max", "energy error"
-    rows: list[tuple[str, ...]] = [("", *head)]
+    head = "setting", "error", "bands", "decay", "pitch", "1st contact", "impulse", "ns/sample", "real time"
+    rows: list[tuple[str, ...]] = [("", *head, "Newton mean/p99/max", "energy error")]
     for row in found["rows"]:
         newton = row["newton"]
         rows.append(
@@ -100,6 +100,9 @@ def priced(found: dict[str, Any]) -> None:
                 row["setting"],
                 f"{row['error']:.1e}",
                 f"{row['bands_db']:.2f} dB",
+                f"{row['decay_db']:.2f} dB",
+                f"{row['cents']:+.2f} c",
+                f"{row['first_contact_ms']:.2f} ms",
                 f"{row['impulse']:.1e}",
                 f"{row['ns_per_sample']:.0f}",
                 f"{row['real_time_factor']:.0f} ×",

@@ -67,6 +67,13 @@ def test_measures():
     assert measures.trajectory(1.01 * sound, sound, 22_050) == pytest.approx(0.01)
     assert measures.band_error(10 ** (1 / 20) * sound, sound, 44_100) == pytest.approx(1.0, abs=1e-9)
     assert measures.impulse(1.1 * np.abs(sound), np.abs(sound)) == pytest.approx(0.1)
+    assert measures.decay_error(10 ** (1 / 20) * sound, sound, 44_100) == pytest.approx(1.0, abs=1e-9)
+    time = np.arange(44_100)[:, None] / 44_100
+    tones = [np.sin(2 * np.pi * f * time) for f in (440.0, 440.0 * 2 ** (3 / 1200))]
+    assert measures.detuning(tones[1], tones[0]) == pytest.approx(3.0, abs=0.1)
+    pushes = np.zeros((1000, 2))
+    pushes[100:144, 1] = pushes[300:900, 0] = 1.0
+    assert measures.first_contact(pushes, 44_100) == pytest.approx(44 / 44.1)
     away = sound.copy()
     away[10_000:] += 0.1
     assert 10_000 - 221 <= measures.horizon(sound, away, 44_100) <= 10_000

@@ -27,7 +27,9 @@ class Accuracy(Part):
     precision: Literal["float64", "float32"] = Field(
         default="float64", description="of the modes; float32 drifts in energy"
     )
-    iterations: int = Field(default=6, ge=2, le=200, description="rounds of a coupled solve at most; then it makes do")
+    iterations: int = Field(
+        default=6, ge=2, le=10_000, description="rounds of a coupled solve at most; then it makes do"
+    )
     silence: float = Field(
         default=-120.0,
         le=0.0,

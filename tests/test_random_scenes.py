@@ -116,7 +116,8 @@ def drift_is_rounding(scene: engine.Scene, scheme: str, frames: int, error: floa
     assert run(model, state, frames)["error_max"] <= error
 
 
-STIFFEST = 1e12  # beyond, two forces that all but cancel leave more than rounding of the energy (README)
+# B·kc/(α + 1); beyond, two forces that all but cancel leave more than rounding of the energy (README). 1e12 for 1 kg
+STIFFEST = 250.0
 
 
 def survives_changes(scene: engine.Scene, changes: list[tuple[float, float, float]]) -> None:
@@ -126,7 +127,8 @@ def survives_changes(scene: engine.Scene, changes: list[tuple[float, float, floa
         contact = model.contact
         law = contact.law._replace(exponent=np.maximum(1.0, contact.law.exponent * exponent))
         model = model._replace(contact=contact._replace(law=law))
-        state.unit[:] = np.minimum(state.unit * factor, np.maximum(state.unit, STIFFEST))
+        stiffest = STIFFEST / np.maximum(contact.compliance, 1e-300)
+        state.unit[:] = np.minimum(state.unit * factor, np.maximum(state.unit, stiffest))
         state.barrier[:] -= shift
         state.compression[:] += shift
         state.clear[:] = 0  # what was out of reach may be no more

@@ -122,13 +122,16 @@ def draw_price(found: dict[str, Any], title: str, path: Path) -> None:
     from matplotlib import pyplot
 
     drawn, axes = pyplot.subplots(figsize=(7.0, 5.0), layout="constrained")
+    known = all(math.isfinite(row["error"]) for row in found["rows"])
+    key, scale, what = ("error", "log", "relative error") if known else ("bands_db", "linear", "third-octave bands, dB")
     for row in found["rows"]:
         colour = "C0" if row["front"] else "0.6"
-        axes.plot(row["ns_per_sample"], row["error"], "o", color=colour)
-        axes.annotate(row["setting"], (row["ns_per_sample"], row["error"]), xytext=(5, 4), textcoords="offset points")
-    front = sorted((r["ns_per_sample"], r["error"]) for r in found["rows"] if r["front"])
-    axes.plot(*zip(*front, strict=True), color="C0", lw=1)
-    axes.set(xscale="log", yscale="log", xlabel="ns per sample", ylabel="relative error", title=title)
+        axes.plot(row["ns_per_sample"], row[key], "o", color=colour)
+        axes.annotate(row["setting"], (row["ns_per_sample"], row[key]), xytext=(5, 4), textcoords="offset points")
+    if known:
+        front = sorted((r["ns_per_sample"], r["error"]) for r in found["rows"] if r["front"])
+        axes.plot(*zip(*front, strict=True), color="C0", lw=1)
+    axes.set(xscale="log", yscale=scale, xlabel="ns per sample", ylabel=what, title=title)
     axes.grid(True, which="both", alpha=0.2)
     drawn.savefig(path, dpi=120, format="png", metadata={"Software": None})
     pyplot.close(drawn)

@@ -22,7 +22,6 @@ def traced(name: str, seconds: float | None = None, **more: object) -> dict[str,
     """A shipped patch in the paper's scheme, sample by sample."""
     settings = {"scheme": "fdh"} | more
     take = engine.render(engine.load(ROOT / "patches" / f"{name}.toml"), seconds=seconds, trace=True, **settings)
-    assert take.trace is not None
     return take.trace
 
 
@@ -56,7 +55,6 @@ def second(rows: Rows) -> None:
     mass = {"name": "m", "kind": "mass", "mass": 1.0, "displacement": y, "velocity": v}
     scene = engine.Scene.model_validate({"body": [mass], "contact": [part], "pickup": [{"body": "m"}]})
     trace = engine.render(scene, seconds=seconds, scheme="fdh", trace=True).trace
-    assert trace is not None
     other = simulate("FDN (eq. 4)", body, y, v, 1 / RATE, len(trace["time"]))
     with figure("paper_2", 6, 6, nrows=2, sharex=True) as (top, bottom):
         for label, place, error in (
@@ -91,7 +89,6 @@ def fourth(rows: Rows) -> None:
                 mass = {"name": "m", "kind": "mass", "mass": 1.0, "displacement": -0.03 - shift, "velocity": speed}
                 scene = engine.Scene.model_validate({"body": [mass], "contact": [part], "pickup": [{"body": "m"}]})
                 trace = engine.render(scene, seconds=40 / RATE, scheme="fdh", trace=True).trace
-                assert trace is not None
                 place, force = trace["displacement"][:, 0], trace["force"][1:, 0]
                 axes.plot(1e3 * (place[1:] + place[:-1]) / 2, force / 1e6, "k.", ms=3)
             at = np.linspace(-0.01, 0.02, 300)

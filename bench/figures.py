@@ -6,12 +6,12 @@ import time
 import numpy as np
 
 import engine
-from bench.baselines import simulate
 from bench.hard import CASES, RATE
 from bench.hard import error as relative
 from bench.metric import ALPHAS, DECADES, preservation
 from bench.report import ROOT, figure, pin, publish
 from engine.accuracy import Accuracy
+from engine.baselines import simulate
 from engine.build import build
 from engine.runner import Runner
 
@@ -125,6 +125,23 @@ def energies(name: str, number: int, title: str, seconds: float | None = None) -
     return trace
 
 
+def fifth(rows: Rows) -> None:
+    """The bouncing ball."""
+    ball = energies("bouncing_ball", 5, "Fig. 5: lossless bouncing ball")
+    tops = ball["displacement"][round(0.3 * RATE) : round(0.55 * RATE), 0].max()
+    rows.append(["5", "height of return, m", "0.2", f"{tops:.6f}"])
+    rows.append(["5", "largest energy error", "about 1e-15", f"{off(ball).max():.0e}"])
+
+
+def sixth(rows: Rows) -> None:
+    """The repelled oscillator."""
+    oscillator = energies("repelled_oscillator", 6, "Fig. 6: oscillator and barrier", 0.02)
+    rows.append(
+        ["6", "energy, ½k·y0², J", f"{0.5 * (2 * np.pi * 440) ** 2 * 4e-6:.3f}", f"{oscillator['total'][-1]:.3f}"]
+    )
+    rows.append(["6", "largest energy error", "about 1e-15", f"{off(oscillator).max():.0e}"])
+
+
 def driven(rows: Rows) -> None:
     """Displacement, force and energies of the driven ball, and its rest after 20 s."""
     trace = traced("driven_ball", 20.0)
@@ -226,15 +243,8 @@ def run() -> None:
     second(rows)
     third(rows)
     fourth(rows)
-    ball = energies("bouncing_ball", 5, "Fig. 5: lossless bouncing ball")
-    tops = ball["displacement"][round(0.3 * RATE) : round(0.55 * RATE), 0].max()
-    rows.append(["5", "height of return, m", "0.2", f"{tops:.6f}"])
-    rows.append(["5", "largest energy error", "about 1e-15", f"{off(ball).max():.0e}"])
-    oscillator = energies("repelled_oscillator", 6, "Fig. 6: oscillator and barrier", 0.02)
-    rows.append(
-        ["6", "energy, ½k·y0², J", f"{0.5 * (2 * np.pi * 440) ** 2 * 4e-6:.3f}", f"{oscillator['total'][-1]:.3f}"]
-    )
-    rows.append(["6", "largest energy error", "about 1e-15", f"{off(oscillator).max():.0e}"])
+    fifth(rows)
+    sixth(rows)
     driven(rows)
     sequel(rows)
     publish("figures", ["figure", "quantity", "paper", "ours"], rows)

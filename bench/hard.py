@@ -5,8 +5,8 @@ import time
 import numpy as np
 
 import engine
-from bench.baselines import SCHEMES, Body, simulate
 from bench.report import figure, pin, publish
+from engine.baselines import SCHEMES, Body, simulate
 from engine.build import build
 from engine.runner import Runner
 
@@ -50,12 +50,12 @@ def scene_of(body: Body, y: float, v: float) -> engine.Scene:
 def ours(body: Body, y: float, v: float, steps: int) -> np.ndarray:
     """The same case by this engine."""
     trace = engine.render(scene_of(body, y, v), seconds=steps / RATE, scheme="fdh", trace=True).trace
-    return np.column_stack([trace["displacement"][:, 0], trace["total"]])
+    return np.column_stack([trace[name].reshape(steps, -1)[:, 0] for name in ("displacement", "velocity", "total")])
 
 
 def error(run: np.ndarray) -> np.ndarray:
     """Energy error over time, relative to the energy at the start."""
-    return np.abs(run[:, 1] - run[0, 1]) / run[0, 1]
+    return np.abs(run[:, -1] - run[0, -1]) / run[0, -1]
 
 
 def verdict(run: np.ndarray, body: Body) -> str:
@@ -67,7 +67,7 @@ def verdict(run: np.ndarray, body: Body) -> str:
     walled = body.above > body.below
     if walled and (place.min() > body.above or place.max() < body.below):
         return "**sticks**"
-    if walled and off[-1] > 0.5 and run[-1, 1] < run[0, 1]:
+    if walled and off[-1] > 0.5 and run[-1, -1] < run[0, -1]:
         return f"**dies** {off.max():.0e}"
     return f"**drifts** {off.max():.0e}" if off.max() > 1e-3 else f"{off.max():.0e}"
 

@@ -10,6 +10,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from engine import draw
+
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "bench" / "results"
 FIGURES = ROOT / "bench" / "figures"
@@ -67,13 +69,6 @@ def pin() -> None:
 @contextmanager
 def figure(name: str, width: float, height: float, **panels: Any) -> Iterator[Any]:
     """Axes to draw on; then bench/figures/<name>.png. Sizes in inches; panels as of plt.subplots."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    drawn, axes = pyplot.subplots(figsize=(width, height), layout="constrained", **panels)
-    yield axes
     FIGURES.mkdir(exist_ok=True)
-    drawn.savefig(FIGURES / f"{name}.png", dpi=120, metadata={"Software": None})
-    pyplot.close(drawn)
+    with draw.figure(FIGURES / f"{name}.png", width, height, **panels) as axes:
+        yield axes

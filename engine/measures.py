@@ -59,14 +59,38 @@ def impulse(forces: np.ndarray, reference: np.ndarray) -> float:
     return abs(float(np.abs(forces).sum()) - size) / size if size > 0.0 else 0.0
 
 
+def contacts(forces: np.ndarray, samplerate: float, apart: float = 0.0) -> list[tuple[float, float]]:
+    """When anything touches, s: beginnings and ends; pauses up to `apart` (s) are passed over.
+
+    forces: [frames, any number]
+    """
+    touching = np.concatenate([[False], np.any(forces != 0.0, axis=1), [False]])
+    edges = np.flatnonzero(np.diff(touching)).reshape(-1, 2) / samplerate
+    found: list[tuple[float, float]] = []
+    for begin, end in edges.tolist():
+        if found and begin - found[-1][1] <= apart:
+            begin = found.pop()[0]
+        found.append((begin, end))
+    return found
+
+
 def first_contact(forces: np.ndarray, samplerate: float) -> float:
     """Duration of the first contact, ms; 0 if there is none."""
-    touching = np.any(forces != 0.0, axis=1)
-    if not touching.any():
-        return 0.0
-    begin = int(np.argmax(touching))
-    off = ~touching[begin:]
-    return (int(np.argmax(off)) if off.any() else len(off)) / samplerate * 1e3
+    found = contacts(forces, samplerate)
+    return (found[0][1] - found[0][0]) * 1e3 if found else 0.0
+
+
+def rebound(forces: np.ndarray, velocities: np.ndarray) -> float:
+    """Velocity of the body that touches first, when it first lets go; NaN if none does.
+
+    forces, velocities: [frames, bodies]
+    """
+    ends = [contacts(force[:, None], 1.0)[:1] for force in forces.T]
+    leaving = [(begin, end, body) for body, found in enumerate(ends) for begin, end in found if end < len(forces)]
+    if not leaving:
+        return math.nan
+    _, end, body = min(leaving)
+    return float(velocities[int(end), body])
 
 
 def decay_error(audio: np.ndarray, reference: np.ndarray, samplerate: float) -> float:

@@ -15,8 +15,10 @@ from engine import offline
 from engine.accuracy import Accuracy
 from engine.build import build
 from engine.events import STRIKE
-from engine.measures import band_error, decay_error, detuning, first_contact, horizon, impulse, trajectory
+from engine.measures import band_error, decay_error, detuning, first_contact, horizon, impulse, rebound, trajectory
 from engine.model import Model, State
+from engine.others import others
+from engine.parts import CHANNELS, Mass, Oscillator
 from engine.runner import Runner
 from engine.scene import Scene
 
@@ -39,6 +41,7 @@ class Run(NamedTuple):
 
     audio: np.ndarray  # [frames, channels]
     forces: np.ndarray  # [frames, bodies that touch]
+    velocities: np.ndarray  # [frames, the first of these, which are masses or oscillators]
     stats: dict[str, Any]
 
 
@@ -67,13 +70,14 @@ def price(
 
     seconds: how much of the scene; half a second, or all of a shorter one, if None
     Returns {"seconds", "horizon" (s), "predictable" (s, by the perturbation alone), "reference", "disagreement",
-    "spread_db", "rows": [...], "verdict"}; a row has "setting", "changes", "error" (relative, before the horizon;
-    infinite if that is 0), "bands_db", "decay_db", "cents", "first_contact_ms", "impulse", "ns_per_sample",
-    "real_time_factor", "newton", "energy_error", "front". Raises BuildError as `engine.build.build`.
+    "spread_db", "first_contact_ms", "rebound" (m/s), "rows": [...], "others": [...] (engine.others), "verdict"}; a row
+    has "setting", "changes", "error" (relative, before the horizon; infinite if that is 0), "bands_db", "decay_db",
+    "cents", "first_contact_ms", "rebound", "impulse", "ns_per_sample", "real_time_factor", "newton", "energy_error",
+    "front". Raises BuildError as `engine.build.build`.
     """
     seconds = min(scene.seconds, SECONDS) if seconds is None else seconds
     base = scene.accuracy.but(scheme="exact", oversample=1, precision="float64", silence=-np.inf, iterations=200)
-    told, heard = _with_forces(scene)
+    told, columns = _with_contacts(scene)
     rungs = ladder(scene)
     steps = len(rungs) + 4
     done = 0
@@ -85,7 +89,7 @@ def price(
             progress(min(1.0, done / steps))
 
     def at(changes: dict[str, Any], perturbed: float = 0.0) -> Run:
-        found = _run(told, seconds, samplerate, base.but(**changes), heard, perturbed)
+        found = _run(told, seconds, samplerate, base.but(**changes), columns, perturbed)
         tick()
         return found
 
@@ -101,6 +105,7 @@ def price(
                 "bands_db": band_error(run.audio, reference.audio, samplerate),
                 "impulse": impulse(run.forces, reference.forces),
                 "first_contact_ms": first_contact(run.forces, samplerate),
+                "rebound": _rebound(run),
                 "decay_db": decay_error(run.audio, reference.audio, samplerate),
                 "cents": detuning(run.audio, reference.audio),
                 **_cost(scene, seconds, samplerate, base.but(**rung.changes, silence=scene.accuracy.silence)),
@@ -115,13 +120,16 @@ def price(
     spread = band_error(perturbed.audio, reference.audio, samplerate)
     found = {
         "seconds": seconds,
+        "samplerate": samplerate,
         "horizon": frames / samplerate,
         "predictable": horizon(reference.audio, perturbed.audio, samplerate) / samplerate,
         "reference": name,
         "disagreement": disagreement,
         "spread_db": spread,
         "first_contact_ms": first_contact(reference.forces, samplerate),
+        "rebound": _rebound(reference),
         "rows": rows,
+        "others": others(scene, reference.audio[:, 0], samplerate, frames),
     }
     return found | {"verdict": verdict(found)}
 
@@ -156,13 +164,25 @@ def choose(found: dict[str, Any], error: float, decibels: bool) -> tuple[dict[st
     return min(found["rows"], key=lambda row: row[key]), False
 
 
-def _with_forces(scene: Scene) -> tuple[Scene, int]:
-    """The scene with the contact forces of every body on channels of their own, after those that are heard."""
+def _with_contacts(scene: Scene) -> tuple[Scene, tuple[int, int]]:
+    """The scene with channels, after those that are heard, of the contact forces on the bodies that touch (masses
+    first), then of the velocities of masses, as many as there are channels for; and where the two begin."""
     heard = max(p.channel for p in scene.pickup)
-    touching = list(dict.fromkeys(contact.body for contact in scene.contact))
-    more = [{"body": name, "quantity": "force", "channel": heard + 1 + i} for i, name in enumerate(touching)]
+    lumped = [b.name for b in scene.body if isinstance(b, Mass | Oscillator)]
+    touching = list(dict.fromkeys(name for c in scene.contact for name in (c.body, c.on) if name))
+    touching.sort(key=lambda name: name not in lumped)
+    speeds = [name for name in touching if name in lumped][: (CHANNELS - heard) // 2]
+    touching = touching[: CHANNELS - heard - len(speeds)]
+    told = [(name, "force") for name in touching] + [(name, "velocity") for name in speeds]
+    more = [{"body": name, "quantity": what, "channel": heard + 1 + i} for i, (name, what) in enumerate(told)]
     pickups = [p.model_dump(exclude_none=True) for p in scene.pickup] + more
-    return Scene.model_validate(scene.model_dump(exclude_none=True) | {"pickup": pickups}), heard
+    found = Scene.model_validate(scene.model_dump(exclude_none=True) | {"pickup": pickups})
+    return found, (heard, heard + len(touching))
+
+
+def _rebound(run: Run) -> float:
+    """Velocity of the mass that touches first, when it lets go, m/s."""
+    return rebound(run.forces[:, : run.velocities.shape[1]], run.velocities)
 
 
 def _reference(
@@ -186,7 +206,9 @@ def _reference(
     return finest, f"order {order}, {substeps} ×", frames, disagreement, perturbed
 
 
-def _run(scene: Scene, seconds: float, samplerate: int, accuracy: Accuracy, heard: int, perturbed: float) -> Run:
+def _run(
+    scene: Scene, seconds: float, samplerate: int, accuracy: Accuracy, columns: tuple[int, int], perturbed: float
+) -> Run:
     """A run, begun a little off."""
     model, state, _ = build(scene, samplerate * accuracy.oversample, accuracy)
     if perturbed:
@@ -198,7 +220,8 @@ def _run(scene: Scene, seconds: float, samplerate: int, accuracy: Accuracy, hear
     stats = offline.statistics(runner)
     if accuracy.oversample > 1:
         out = offline.filtered_down(out, samplerate * accuracy.oversample, samplerate, frames)
-    return Run(out[:, :heard], out[:, heard:], stats)
+    forces, velocities = columns
+    return Run(out[:, :forces], out[:, forces:velocities], out[:, velocities:], stats)
 
 
 def _perturb(model: Model, state: State, by: float) -> None:

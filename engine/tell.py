@@ -1,15 +1,14 @@
 """What a person reads of a render, of what was built, and of what accuracy costs."""
 
 import math
-from pathlib import Path
 from typing import Any
 
 SILENCE = 1e-30  # a smaller peak is none
 MOST_ISLANDS = 32  # listed
 
 
-def summary(stats: dict[str, Any], trace: str | None) -> None:
-    """The summary a person reads."""
+def summary(stats: dict[str, Any], beside: list[str]) -> None:
+    """The summary a person reads, and the files written beside the sound."""
     newton, energy, activity = stats["newton"], stats["energy"], stats["activity"]
     peak, regimes = stats["peak"], newton["regimes"]
     level = f"{20 * math.log10(peak):.1f} dBFS" if peak > SILENCE else "silent: no pickup moves"
@@ -43,8 +42,8 @@ def summary(stats: dict[str, Any], trace: str | None) -> None:
         )
     if failed := newton["unconverged"]:
         rows["FAILED"] = f"{failed} contact solves; at those samples the motion was turned back, and no energy added"
-    if trace:
-        rows["trace"] = trace
+    if beside:
+        rows["beside it"] = ", ".join(beside)
     if stats["real_time_factor"] < 1.0:
         big = stats["islands"]["largest"]
         rows["TOO SLOW"] = (
@@ -90,7 +89,7 @@ def priced(found: dict[str, Any]) -> None:
         f"{horizon} against {found['reference']}, which is sure to {found['disagreement']:.0e};"
         f" bands within {found['spread_db']:.2g} dB are chance"
     )
-    head = "setting", "error", "bands", "decay", "pitch", "1st contact", "impulse", "ns/sample", "real time"
+    head = "setting", "error", "bands", "decay", "pitch", "1st contact", "rebound", "impulse", "ns/sample", "real time"
     rows: list[tuple[str, ...]] = [("", *head, "Newton mean/p99/max", "energy error")]
     for row in found["rows"]:
         newton = row["newton"]
@@ -103,6 +102,7 @@ def priced(found: dict[str, Any]) -> None:
                 f"{row['decay_db']:.2f} dB",
                 f"{row['cents']:+.2f} c",
                 f"{row['first_contact_ms']:.2f} ms",
+                "" if math.isnan(row["rebound"]) else f"{row['rebound']:+.4f} m/s",
                 f"{row['impulse']:.1e}",
                 f"{row['ns_per_sample']:.0f}",
                 f"{row['real_time_factor']:.0f} ×",
@@ -110,28 +110,10 @@ def priced(found: dict[str, Any]) -> None:
                 f"{row['energy_error']:.0e}",
             )
         )
+    for row in found["others"]:
+        error = row["failed"] or f"{row['error']:.1e}"
+        speed = f"{1e9 / row['ns_per_sample'] / found['samplerate']:.0f} ×"
+        measured = (f"{row['ns_per_sample']:.0f}", speed, "", f"{row['energy_error']:.0e}")
+        rows.append(("", row["setting"], error, *[""] * 6, *measured))
     columns(rows)
     print(found["verdict"])
-
-
-def draw_price(found: dict[str, Any], title: str, path: Path) -> None:
-    """Error against time, as a PNG."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    drawn, axes = pyplot.subplots(figsize=(7.0, 5.0), layout="constrained")
-    known = all(math.isfinite(row["error"]) for row in found["rows"])
-    key, scale, what = ("error", "log", "relative error") if known else ("bands_db", "linear", "third-octave bands, dB")
-    for row in found["rows"]:
-        colour = "C0" if row["front"] else "0.6"
-        axes.plot(row["ns_per_sample"], row[key], "o", color=colour)
-        axes.annotate(row["setting"], (row["ns_per_sample"], row[key]), xytext=(5, 4), textcoords="offset points")
-    if known:
-        front = sorted((r["ns_per_sample"], r["error"]) for r in found["rows"] if r["front"])
-        axes.plot(*zip(*front, strict=True), color="C0", lw=1)
-    axes.set(xscale="log", yscale=scale, xlabel="ns per sample", ylabel=what, title=title)
-    axes.grid(True, which="both", alpha=0.2)
-    drawn.savefig(path, dpi=120, format="png", metadata={"Software": None})
-    pyplot.close(drawn)

@@ -13,7 +13,7 @@ import soundfile
 from conftest import PATCHES, ROOT
 
 import engine
-from engine import cli, tell
+from engine import cli, save, tell
 
 BALL = str(ROOT / "patches" / "bouncing_ball.toml")
 KEYS = {
@@ -51,7 +51,23 @@ def test_the_file_holds_the_take(tmp_path, capsys):
     assert "gain +0.0 dB" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("subtype", cli.SUBTYPES)
+def test_a_plot_lies_beside_the_sound(tmp_path, capsys):
+    from matplotlib.image import imread
+
+    assert cli.main([BALL, "-o", str(tmp_path / "ball.wav"), "--seconds", "0.5", "--plot"]) == 0
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["ball.png", "ball.wav"]
+    assert "ball.png" in capsys.readouterr().out
+    image = imread(tmp_path / "ball.png")[:, :, :3]
+    assert image.shape[0] > 800 and image.shape[1] > 800
+    panels = [part for part in np.array_split(image, 4) if np.unique(part.reshape(-1, 3), axis=0).shape[0] > 20]
+    assert len(panels) == 4  # something is drawn in each
+    shade = np.array([255, 223, 194]) / 255  # contact, on white
+    assert (np.abs(image - shade).max(axis=2) < 0.02).sum() > 50
+    assert cli.main([BALL, "-o", str(tmp_path / "a.wav"), "--explain", "--plot"]) == 2
+    assert "--explain renders nothing" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("subtype", save.SUBTYPES)
 def test_sample_formats_and_rates(tmp_path, subtype):
     out = tmp_path / "a.wav"
     assert cli.main([BALL, "-o", str(out), "--subtype", subtype, "--samplerate", "96000", "--seconds", "0.1"]) == 0

@@ -8,6 +8,7 @@ from conftest import ROOT
 
 import engine
 from engine import cli, measures
+from engine.others import others
 from engine.price import choose, price
 
 PATCH = ROOT / "patches" / "repelled_oscillator.toml"
@@ -74,11 +75,47 @@ def test_measures():
     pushes = np.zeros((1000, 2))
     pushes[100:144, 1] = pushes[300:900, 0] = 1.0
     assert measures.first_contact(pushes, 44_100) == pytest.approx(44 / 44.1)
+    assert measures.contacts(pushes, 1000.0) == [(0.1, 0.144), (0.3, 0.9)]
+    assert measures.contacts(pushes, 1000.0, 0.2) == [(0.1, 0.9)]
+    speeds = np.arange(1000.0)[:, None] * [1.0, 10.0]
+    assert measures.rebound(pushes, speeds) == 1440.0
+    assert np.isnan(measures.rebound(np.ones((10, 1)), np.ones((10, 1))))
     away = sound.copy()
     away[10_000:] += 0.1
     assert 10_000 - 221 <= measures.horizon(sound, away, 44_100) <= 10_000
     assert measures.horizon(sound, sound, 44_100) == 22_050
     assert measures.trajectory(sound, sound, 0) == np.inf
+
+
+def test_other_methods_stand_beside_ours(found):
+    """The error of each falls with the step; the stiff case blows up where it must, and stays in the list."""
+    rows = {row["setting"]: row for row in found["others"]}
+    for name, falls in (("Störmer-Verlet", 14), ("implicit midpoint", 14), ("SAV", 2)):
+        coarse, fine = (rows[f"{name}, {n} ×"]["error"] for n in (16, 64))
+        assert coarse / fine > falls
+    assert rows["RK4, 64 ×"]["error"] < 1e-6 and rows["DOP853, 1e-10"]["error"] < 1e-7
+    assert not any(name.startswith("FDN") for name in rows)  # it has no α = 2
+    assert all(row["failed"] == "" and row["ns_per_sample"] > 0.0 for row in rows.values())
+    walls = {"stiffness": 1e13, "exponent": 1.0}
+    told = {
+        "body": [{"name": "b", "kind": "mass", "mass": 1.0, "velocity": 2.0}],
+        "contact": [
+            {"body": "b", "side": side, "barrier": at} | walls for side, at in (("above", 1e-3), ("below", -1e-3))
+        ],
+        "pickup": [{"body": "b", "quantity": "displacement"}],
+    }
+    fine = engine.render(engine.Scene.model_validate(told), seconds=0.02, order=6, substeps=16).audio[:, 0]
+    failed = {row["setting"]: row["failed"] for row in others(engine.Scene.model_validate(told), fine, 44_100, 882)}
+    assert failed["RK4, 1 ×"] == failed["Störmer-Verlet, 1 ×"] == "blows up"
+
+
+def test_the_first_rebound_is_told(found):
+    """Fig. 6's oscillator leaves the barrier as fast as it came: ½v² = ½ω²(y0² - y1²)."""
+    speed = 2 * np.pi * 440 * np.sqrt(2e-3**2 - 0.93e-3**2)
+    late = (2 * np.pi * 440) ** 2 * 0.93e-3 / 44_100  # what the spring takes of it within a sample
+    assert -speed <= found["rebound"] <= -speed + late
+    best = min(found["rows"], key=lambda row: row["error"])
+    assert best["rebound"] == pytest.approx(found["rebound"], rel=1e-6)
 
 
 def test_chaos_ends_the_horizon():

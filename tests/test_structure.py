@@ -14,8 +14,8 @@ from conftest import ROOT
 FLOORS = [
     ["jit", "vector", "parts", "measured"],
     ["references", "spots", "waveform"],
-    ["accuracy", "measures", "laws", "scene", "bodies"],
-    ["model", "solve", "patch"],
+    ["accuracy", "measures", "laws", "scene", "bodies", "baselines", "save"],
+    ["model", "others", "draw", "solve", "patch"],
     ["modes", "rounds", "coupled", "islands", "layout"],
     ["force", "contact", "compliance"],
     ["energy"],
@@ -25,7 +25,7 @@ FLOORS = [
     ["block", "score"],
     ["build", "runner"],
     ["offline"],
-    ["explain", "price", "tell"],
+    ["explain", "price", "tell", "arguments"],
     ["cli"],
     ["__init__"],
 ]
@@ -46,7 +46,7 @@ KERNELS = [
     "block",
 ]
 WITHOUT_NUMBA = ["accuracy", "parts", "measured", "references", "scene", "patch"]
-WITHOUT_NUMBA += ["bodies", "spots", "waveform", "tell", "cli", "__init__"]
+WITHOUT_NUMBA += ["bodies", "spots", "waveform", "draw", "save", "arguments", "tell", "cli", "__init__"]
 
 
 def imports(name: str) -> set[str]:

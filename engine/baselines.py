@@ -7,8 +7,9 @@ has a spring and two walls: a(y) = -ω²y - k·[y - above]₊^α + k·[below - y
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
+
+from engine.jit import entry
 
 
 class Body(NamedTuple):
@@ -20,39 +21,45 @@ class Body(NamedTuple):
     gravity: float  # m/s²
 
 
-@numba.njit
+@entry
 def compression(b, y):
     """Into the wall above (positive), or into the one below (negative)."""
     return max(0.0, y - b.above) - max(0.0, b.below - y)
 
 
-@numba.njit
+@entry
 def pull(b, y):
     s = compression(b, y)
     return -b.stiffness * y - b.gravity - math.copysign(b.wall * abs(s) ** b.alpha, s)
 
 
-@numba.njit
+@entry
 def wall_energy(b, y):
     return b.wall / (b.alpha + 1.0) * abs(compression(b, y)) ** (b.alpha + 1.0)
 
 
-@numba.njit
+@entry
 def hamiltonian(b, y, v):
     return 0.5 * v * v + 0.5 * b.stiffness * y * y + b.gravity * y + wall_energy(b, y)
 
 
-@numba.njit
+@entry
+def keep(row, y, v, energy):
+    """A row of what is kept of a step."""
+    row[0], row[1], row[2] = y, v, energy
+
+
+@entry
 def verlet(b, y, v, h, n, out):
     """Störmer-Verlet, in its velocity form."""
     for i in range(n):
-        out[i] = y, hamiltonian(b, y, v)
+        keep(out[i], y, v, hamiltonian(b, y, v))
         v += 0.5 * h * pull(b, y)
         y += h * v
         v += 0.5 * h * pull(b, y)
 
 
-@numba.njit
+@entry
 def fdn(b, y, v, h, n, out):
     """The paper's FDN (eq. 4; α = 1 and 3 only): the force is averaged over its neighbours."""
     before = y - h * v + 0.5 * h * h * pull(b, y)
@@ -62,36 +69,38 @@ def fdn(b, y, v, h, n, out):
         k = b.wall * (abs(s) ** (b.alpha - 1.0) if s != 0.0 else 0.0)
         free = 2.0 * y - before - h * h * (b.stiffness * y + b.gravity)
         after = place + ((free - place) - 0.5 * h * h * k * (before - place)) / (1.0 + 0.5 * h * h * k)
-        out[i] = y, hamiltonian(b, y, (after - before) / (2.0 * h))
+        speed = (after - before) / (2.0 * h)
+        keep(out[i], y, speed, hamiltonian(b, y, speed))
         before, y = y, after
 
 
-@numba.njit
+@entry
 def midpoint(b, y, v, h, n, out):
-    """Implicit midpoint, with the force at the middle place."""
+    """Implicit midpoint, with the force at the middle place, found by Newton's method between bounds."""
     for i in range(n):
-        out[i] = y, hamiltonian(b, y, v)
-        low, high = y + 0.5 * h * v, y + 0.5 * h * v
-        reach = 1e-12 + abs(0.5 * h * v)
-        while low - 0.25 * h * h * pull(b, low) - (y + 0.5 * h * v) > 0.0:
-            low, reach = low - reach, 2.0 * reach
-        while high - 0.25 * h * h * pull(b, high) - (y + 0.5 * h * v) < 0.0:
-            high, reach = high + reach, 2.0 * reach
+        keep(out[i], y, v, hamiltonian(b, y, v))
+        goal, middle = y + 0.5 * h * v, y + 0.5 * h * v
+        low, high = -math.inf, math.inf
         for _ in range(200):
-            middle = 0.5 * (low + high)
-            if middle - 0.25 * h * h * pull(b, middle) > y + 0.5 * h * v:
-                high = middle
-            else:
-                low = middle
-        force = pull(b, 0.5 * (low + high))
+            off = middle - 0.25 * h * h * pull(b, middle) - goal
+            low, high = (low, middle) if off > 0.0 else (middle, high)
+            s = abs(compression(b, middle))
+            slope = b.stiffness + (b.wall * b.alpha * s ** (b.alpha - 1.0) if s > 0.0 else 0.0)
+            after = middle - off / (1.0 + 0.25 * h * h * slope)
+            if not low <= after <= high:
+                after = 0.5 * (low + high)
+            if abs(after - middle) <= 1e-16 * (1.0 + abs(middle)):
+                break
+            middle = after
+        force = pull(b, middle)
         y, v = y + h * v + 0.5 * h * h * force, v + h * force
 
 
-@numba.njit
+@entry
 def rk4(b, y, v, h, n, out):
     """The classical Runge-Kutta method."""
     for i in range(n):
-        out[i] = y, hamiltonian(b, y, v)
+        keep(out[i], y, v, hamiltonian(b, y, v))
         y1, v1 = v, pull(b, y)
         y2, v2 = v + 0.5 * h * v1, pull(b, y + 0.5 * h * y1)
         y3, v3 = v + 0.5 * h * v2, pull(b, y + 0.5 * h * y2)
@@ -100,12 +109,12 @@ def rk4(b, y, v, h, n, out):
         v += h / 6.0 * (v1 + 2.0 * v2 + 2.0 * v3 + v4)
 
 
-@numba.njit
+@entry
 def sav(b, y, v, h, n, out):
     """Energy quadratised: ψ = √(2V) is a state of its own, and each step is explicit."""
     psi = math.sqrt(2.0 * wall_energy(b, y))
     for i in range(n):
-        out[i] = y, hamiltonian(b, y, v)
+        keep(out[i], y, v, hamiltonian(b, y, v))
         ahead = y + 0.5 * h * v
         root = math.sqrt(2.0 * wall_energy(b, ahead) + 1e-30)
         slope = -(pull(b, ahead) + b.stiffness * ahead + b.gravity) / root
@@ -127,7 +136,7 @@ SCHEMES = {
 
 
 def simulate(scheme: str, body: Body, y: float, v: float, h: float, steps: int) -> np.ndarray:
-    """Places (m) and energies (J): [steps, 2]."""
-    out = np.full((steps, 2), np.nan)
+    """Places (m), velocities (m/s) and energies (J): [steps, 3]."""
+    out = np.full((steps, 3), np.nan)
     SCHEMES[scheme](body, y, v, h, steps, out)
     return out

@@ -1,0 +1,157 @@
+"""Arguments of the command line, and all that is wrong with them, said at once."""
+
+import argparse
+import os
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from engine.save import LOUDNESS, SUBTYPES, subtype_of
+
+EXAMPLE = "patches/repelled_oscillator.toml"
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of a render. Numbers come as text, so that all that is wrong is said at once."""
+    parse = argparse.ArgumentParser(
+        prog="render.py",
+        description="Render a patch to a WAV file. Energy-exact collisions; see README.md.",
+        epilog=f"render.py check PATCH…   only validates patches.   Example: render.py {EXAMPLE} -o out.wav",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parse.add_argument("patch", metavar="PATCH", help="a TOML file, such as those in patches/")
+    parse.add_argument("-o", "--output", metavar="OUT.wav", help="the file to write (default: the patch's name, here)")
+    parse.add_argument("--seconds", metavar="S", help="length, s (default: what the patch says)")
+    parse.add_argument("--samplerate", metavar="HZ", default="44100", help="sample rate, Hz (default: %(default)s)")
+    parse.add_argument("--subtype", metavar="TYPE", help=f"sample format: {', '.join(SUBTYPES)} (default: FLOAT)")
+    parse.add_argument("--gain", metavar="DB", help=f"fixed gain, dB, on SI units (default: peak at {LOUDNESS:g} dBFS)")
+    dial = parse.add_argument_group("accuracy (default: what the patch says under [accuracy])")
+    dial.add_argument("--scheme", metavar="NAME", help="exact: free vibration in tune; fdh: the paper's")
+    dial.add_argument("--order", metavar="N", help="of a step: 2, 4 or 6")
+    dial.add_argument("--substeps", metavar="N", help="steps per sample where contact is possible")
+    dial.add_argument("--tolerance", metavar="T", help="relative error left in a compression")
+    dial.add_argument("--oversample", metavar="N", help="compute all at a multiple of the sample rate")
+    dial.add_argument("--precision", metavar="TYPE", help="of the modes: float64 or float32")
+    parse.add_argument(
+        "--cores", metavar="N", help="how many may share the work (default: all; the samples are the same)"
+    )
+    parse.add_argument(
+        "--explain", action="store_true", help="what is built and left out, and what each island costs; writes no file"
+    )
+    parse.add_argument("--price", action="store_true", help="errors and costs at a ladder of settings; writes no sound")
+    parse.add_argument(
+        "--plot",
+        metavar="OUT.png",
+        nargs="?",
+        const="",
+        help="draw waveform, spectrogram, energies and contacts (default: beside the sound); with --price, error"
+        " against time",
+    )
+    parse.add_argument(
+        "--error", metavar="E", help="render at the cheapest setting that errs less: 1e-4, or 0.1dB of a band"
+    )
+    parse.add_argument("--trace", metavar="OUT.npz", help="also write every sample's displacements, forces, energies")
+    parse.add_argument("--json", action="store_true", help="print the statistics as one JSON object")
+    return parse
+
+
+def settings(args: argparse.Namespace) -> tuple[dict[str, float | None], list[tuple[str, str]]]:
+    """The numbers among the arguments, and what is wrong with the arguments."""
+    from engine.parts import SECONDS
+    from engine.scene import SAMPLERATES
+
+    ranges = {"seconds": (0.0, SECONDS, "s"), "samplerate": (*SAMPLERATES, "Hz"), "gain": (-400.0, 400.0, "dB")}
+    ranges["cores"] = (1, 1024, "cores")
+    numbers: dict[str, float | None] = {}
+    wrong: list[tuple[str, str]] = []
+    for name, (low, high, unit) in ranges.items():
+        text = getattr(args, name)
+        right = f"{'more than 0' if name == 'seconds' else f'{low:g}'} to {high:g} {unit}"
+        try:
+            number = None if text is None else float(text)
+        except ValueError:
+            wrong.append((f"--{name}", f'"{text}" is not a number; {right}'))
+            continue
+        if number is not None and (not low <= number <= high or (name == "seconds" and number == 0)):
+            wrong.append((f"--{name}", f"{text} is out of range; {right}"))
+        elif name in ("samplerate", "cores") and number is not None and number != int(number):
+            wrong.append((f"--{name}", f"{text} is not a whole number; {right}"))
+        numbers[name] = number
+    if args.error is not None:
+        try:
+            error_of(args.error)
+        except ValueError:
+            wrong.append(("--error", f'"{args.error}" is no error; a share as 1e-4, or decibels as 0.1dB'))
+    if args.plot is not None and find_spec("matplotlib") is None:
+        wrong.append(("--plot", "needs matplotlib; uv sync --extra plot, or pip install matplotlib"))
+    if args.plot is not None and args.explain:
+        wrong.append(("--plot", "draws a render, or with --price what accuracy costs; --explain renders nothing"))
+    return numbers, wrong + undialled(args)
+
+
+def dial_of(args: argparse.Namespace) -> dict[str, Any]:
+    """The accuracy asked for, as numbers where it can be."""
+    kinds = {"scheme": str, "order": int, "substeps": int, "tolerance": float, "oversample": int, "precision": str}
+    asked: dict[str, Any] = {}
+    for name, kind in kinds.items():
+        text = getattr(args, name)
+        try:
+            asked[name] = None if text is None else kind(text)
+        except ValueError:
+            asked[name] = text
+    return asked
+
+
+def undialled(args: argparse.Namespace) -> list[tuple[str, str]]:
+    """What is wrong with the accuracy asked for."""
+    from engine.accuracy import Accuracy
+    from engine.patch import wrong_value
+
+    asked = {name: value for name, value in dial_of(args).items() if value is not None}
+    found = ((name, wrong_value(Accuracy, name, value)) for name, value in asked.items())
+    return [(f"--{name}", what) for name, what in found if what]
+
+
+def output_of(args: argparse.Namespace) -> Path:
+    """The file to write."""
+    return Path(args.output) if args.output else Path(Path(args.patch).stem + ".wav")
+
+
+def plot_of(args: argparse.Namespace) -> Path | None:
+    """The picture to write, if one is asked for."""
+    return None if args.plot is None else Path(args.plot) if args.plot else output_of(args).with_suffix(".png")
+
+
+def unwritable(args: argparse.Namespace) -> list[tuple[str, str]]:
+    """What is wrong with the files to be written."""
+    import soundfile
+
+    wrong = []
+    output, plot = output_of(args), plot_of(args)
+    trace = Path(args.trace) if args.trace else None
+    for option, path in (("--output", output), ("--trace", trace), ("--plot", plot)):
+        if path is None:
+            continue
+        if not path.parent.is_dir():
+            wrong.append((option, f"no such folder: {path.parent}; make it, or write elsewhere"))
+        elif not os.access(path.parent, os.W_OK):
+            wrong.append((option, f"{path.parent} cannot be written to; write elsewhere"))
+        elif path.is_dir():
+            wrong.append((option, f"{path} is a folder; give the name of a file"))
+    kind = output.suffix.lstrip(".").upper()
+    if kind not in soundfile.available_formats():
+        wrong.append(("--output", f'"{output.name}" names no audio format; end it in .wav'))
+    elif args.subtype is not None and args.subtype not in SUBTYPES:
+        wrong.append(("--subtype", f'unknown sample format "{args.subtype}"; {", ".join(SUBTYPES)}'))
+    elif not soundfile.check_format(kind, subtype_of(output, args.subtype)):
+        wrong.append(("--subtype", f"{kind} files cannot hold {args.subtype}; write a .wav"))
+    return wrong
+
+
+def error_of(text: str) -> tuple[float, bool]:
+    """An error asked for: 1e-4, or 0.1dB. Raises ValueError."""
+    decibels = text.lower().endswith("db")
+    amount = float(text[:-2] if decibels else text)
+    if not 0.0 < amount < 100.0:
+        raise ValueError(text)
+    return amount, decibels

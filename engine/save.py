@@ -1,0 +1,60 @@
+"""Files of a render: each is written beside its target, then renamed, so that none is ever half-written."""
+
+import math
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from engine.offline import Take
+
+LOUDNESS = -1.0  # dBFS, peak of a normalised file
+SILENCE = 1e-30  # a smaller peak is not worth normalising
+SUBTYPES = ("FLOAT", "PCM_24", "PCM_16", "DOUBLE")
+
+
+def amplify(take: "Take", gain: float | None) -> "tuple[np.ndarray, float]":
+    """The audio at the level of the file, and its gain in dB."""
+    import numpy as np
+
+    peak = float(take.stats["peak"])
+    if gain is None:
+        gain = LOUDNESS - 20 * math.log10(peak) if peak > SILENCE else 0.0
+    return np.asarray(take.audio * 10 ** (gain / 20)), gain
+
+
+def save_audio(output: Path, audio: "np.ndarray", samplerate: int, subtype: str | None) -> None:
+    """Write samples [frames, channels]; the format is that of the file's name."""
+    import soundfile
+
+    kind = output.suffix.lstrip(".").upper()
+    with replaced(output) as path:
+        soundfile.write(path, audio, samplerate, format=kind, subtype=subtype_of(output, subtype))
+
+
+def save_trace(output: Path, trace: "dict[str, np.ndarray]") -> None:
+    """Write the arrays of a trace."""
+    import numpy as np
+
+    with replaced(output) as path, open(path, "wb") as file:
+        np.savez(file, **trace)  # type: ignore[arg-type]
+
+
+@contextmanager
+def replaced(target: Path) -> Iterator[Path]:
+    """A temporary file beside the target, which takes its place when all is written."""
+    path = target.with_name(f".{target.name}.{os.getpid()}.part")
+    try:
+        yield path
+        os.replace(path, target)
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def subtype_of(output: Path, asked: str | None) -> str | None:
+    """The sample format asked for; else FLOAT where a WAV is written, and the format's own elsewhere."""
+    return asked or ("FLOAT" if output.suffix.lower() == ".wav" else None)

@@ -5,13 +5,12 @@ from typing import Any
 import numpy as np
 
 import engine
-from bench.figures import timed
 from bench.report import ROOT, publish
 from engine.accuracy import Accuracy
 from engine.build import build
 from engine.measures import trajectory
 from engine.others import TOLERANCES, adaptive, one_body
-from engine.runner import Runner
+from engine.runner import Runner, timed
 
 RATE = 44_100
 RUNS = 7

@@ -1,19 +1,18 @@
 """The paper's Figures 1 to 7 from our runs, in its scheme (`fdh`) at 44.1 kHz, and what may be read off them; then our
 own sequel: order 4, detuning, and what refinement costs in and out of contact."""
 
-import time
-
 import numpy as np
 
 import engine
 from bench.hard import CASES, RATE
 from bench.hard import error as relative
 from bench.metric import ALPHAS, DECADES, preservation
-from bench.report import ROOT, figure, pin, publish
+from bench.report import FIGURES, ROOT, figure, pin, publish
+from engine import draw
 from engine.accuracy import Accuracy
 from engine.baselines import simulate
 from engine.build import build
-from engine.runner import Runner
+from engine.runner import Runner, timed
 
 Rows = list[list[str]]
 
@@ -222,13 +221,6 @@ def refinement() -> tuple[list[str], dict[str, list[float]]]:
     return list(settings), costs
 
 
-def timed(runner: Runner, out: np.ndarray) -> float:
-    """Seconds for a block."""
-    begin = time.perf_counter()
-    runner.block(out)
-    return time.perf_counter() - begin
-
-
 def labelled(top: object, bottom: object) -> None:
     top.set(ylabel="displacement, m")  # type: ignore[attr-defined]
     bottom.set(ylabel="energy error", xlabel="time, s")  # type: ignore[attr-defined]
@@ -247,4 +239,6 @@ def run() -> None:
     sixth(rows)
     driven(rows)
     sequel(rows)
+    shipped = engine.load(ROOT / "patches" / "tanpura.toml")
+    draw.take(engine.render(shipped, trace=True), shipped.title, FIGURES / "take_tanpura.png")
     publish("figures", ["figure", "quantity", "paper", "ours"], rows)

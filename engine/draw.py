@@ -101,10 +101,10 @@ def price(found: dict[str, Any], title: str, path: Path) -> None:
             label = f"{method}: {', '.join(how)}"
             if failed:
                 axes.plot(failed, height, "X", color=colour, label=label, transform=axes.get_xaxis_transform())
-        for row in found["rows"]:
-            colour = "C0" if row["front"] else "0.6"
+        for n, row in enumerate(found["rows"]):
+            colour, beside = "C0" if row["front"] else "0.6", (5, 4) if n % 2 else (5, -10)
             axes.plot(row["ns_per_sample"], row[key], "o", color=colour, zorder=3)
-            axes.annotate(row["setting"], (row["ns_per_sample"], row[key]), (5, 4), textcoords="offset points", size=8)
+            axes.annotate(row["setting"], (row["ns_per_sample"], row[key]), beside, textcoords="offset points", size=8)
         if known:
             front = sorted((r["ns_per_sample"], r["error"]) for r in found["rows"] if r["front"])
             axes.plot(*zip(*front, strict=True), color="C0", lw=1.5, label="this engine, where nothing of it is better")

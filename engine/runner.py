@@ -1,5 +1,6 @@
 """Runs a Model: its parts one after another or on several cores, with the same samples bit for bit."""
 
+import time
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -53,3 +54,10 @@ class Runner:
     def energies(self) -> dict[str, Any]:
         """Energies up to now (engine.energy)."""
         return energy.summary(self.tally, self.state.account)
+
+
+def timed(runner: Runner, out: np.ndarray) -> float:
+    """Seconds that a block takes."""
+    begin = time.perf_counter()
+    runner.block(out)
+    return time.perf_counter() - begin

@@ -74,15 +74,17 @@ def measure(scene: engine.Scene) -> dict[str, float]:
     """Instructions of the sample loop, freshly compiled, and ns per sample (minimum of many short runs)."""
     from engine.block import block
     from engine.build import build
+    from engine.held import Held
+    from engine.model import Room
 
     model, state, _ = build(scene, 44_100, Accuracy(silence=-np.inf))
     state.p[:] = 1.0
-    out = np.zeros((FRAMES, 1))
-    block(model, state, 0, out, None, None)
+    held = Held(model), Held(state), Held(Room(np.zeros((FRAMES, 1)), None, None))
+    block(*held, 0, FRAMES)
     best = np.inf
     for _ in range(60):
         begin = time.perf_counter()
-        block(model, state, 0, out, None, None)
+        block(*held, 0, FRAMES)
         best = min(best, time.perf_counter() - begin)
     assembly = "".join(block.inspect_asm(s) for s in block.signatures)
     return {"instructions": instructions(assembly), "ns": best / FRAMES * 1e9}

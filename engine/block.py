@@ -10,6 +10,7 @@ from engine.contact import forget, out_of_reach, refill, resync, separated, stor
 from engine.energy import DISSIPATED, SUPPLIED, book, enter, kinetic_and_potential
 from engine.events import keep_score, quiet
 from engine.force import idle
+from engine.held import let
 from engine.islands import cut_model, cut_state
 from engine.jit import NO, ONE, ZERO, entry, jit
 from engine.model import ACCELERATION, DISPLACEMENT, VELOCITY
@@ -155,20 +156,25 @@ def record(trace, begin, count, b0, k0, model, state, frame):
 
 
 @entry
-def block(model, state, part, out, ledger, trace):
-    """Render len(out) samples of one part of the scene; engine.runner adds the parts.
+def block(model, state, room, part, frames):
+    """Render the next samples of one part of the scene into its room; engine.runner adds the parts.
 
+    model, state, room: Held
     part:   its number; parts have nothing in common, and may run at the same time
-    out:    [frames, channels], overwritten
-    ledger: [frames, engine.energy.COLUMNS], overwritten with the part's energies; or None, and
-            energy is not measured
-    trace:  a Trace of [frames, …], zeroed, to be added to; or None
+    frames: how many samples; they fill the first rows of the room
     """
-    out[:] = 0.0
+    place = let(room)
+    sound(let(model), let(state), part, frames, place.out, place.ledger, place.trace)
+
+
+@jit
+def sound(model, state, part, frames, out, ledger, trace):
+    """As `block`, of what is held; ledger and trace may be None."""
+    out[:frames] = 0.0
     islands = model.islands
     first, last = islands.part[part], islands.part[part + 1]
-    for begin in range(0, out.shape[0], PIECE):
-        end = min(begin + PIECE, out.shape[0])
+    for begin in range(0, frames, PIECE):
+        end = min(begin + PIECE, frames)
         start = state.frame[part] - begin
         for n in range(first, last):
             if sleeps_through(state.asleep, n, start + begin, end - begin, ledger, trace):

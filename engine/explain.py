@@ -9,8 +9,9 @@ import numpy as np
 from engine import energy, rest
 from engine.block import block
 from engine.build import build
+from engine.held import Held
 from engine.layout import Layout
-from engine.model import Model, State
+from engine.model import Model, Room, State
 from engine.offline import EFFECTS
 from engine.parts import Modes
 from engine.scene import Scene
@@ -62,14 +63,14 @@ def kernel(model: Model, state: State) -> str:
 def _costs(model: Model, state: State, frames: int, channels: int) -> tuple[np.ndarray, np.ndarray]:
     """Mean of each island over all pieces, and its busiest piece, ns per sample."""
     count = model.islands.part.size - 1
-    out, ledger = np.zeros((PIECE, channels)), np.zeros((PIECE, energy.COLUMNS))
-    block(model, state, 0, out[:0], ledger[:0], None)  # compile before the clock starts
+    held = Held(model), Held(state), Held(Room(np.zeros((PIECE, channels)), np.zeros((PIECE, energy.COLUMNS)), None))
+    block(*held, 0, 0)  # compile before the clock starts
     total, busiest = np.zeros(count), np.zeros(count)
     for begin in range(0, frames, PIECE):
         length = min(PIECE, frames - begin)
         for n in range(count):
             start = time.perf_counter()
-            block(model, state, n, out[:length], ledger[:length], None)
+            block(*held, n, length)
             elapsed = (time.perf_counter() - start) * 1e9
             total[n] += elapsed
             busiest[n] = max(busiest[n], elapsed / length)

@@ -296,3 +296,11 @@ class Trace(NamedTuple):
     contact: np.ndarray
     dissipated: np.ndarray
     supplied: np.ndarray
+
+
+class Room(NamedTuple):
+    """Where a block of one part goes; each of [frames, …]."""
+
+    out: np.ndarray  # [frames, channels], overwritten
+    ledger: np.ndarray | None  # [frames, engine.energy.COLUMNS], overwritten; or None: energy is not measured
+    trace: Trace | None  # zeroed, to be added to; or None

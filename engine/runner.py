@@ -8,7 +8,10 @@ import numpy as np
 
 from engine import energy
 from engine.block import block
-from engine.model import Model, State, Trace
+from engine.held import Held
+from engine.model import Model, Room, State, Trace
+
+LEAST = 1024  # samples there is room for at first
 
 
 class Runner:
@@ -23,33 +26,42 @@ class Runner:
         self.parts = model.islands.part.size - 1
         self.cores = min(cores, self.parts)
         self.tally = np.zeros(energy.TALLY)
-        self._room: list[tuple[np.ndarray, np.ndarray | None]] = []
+        self._held = Held(model), Held(state)
+        self._rooms: list[Held] = []
         self._pool = ThreadPoolExecutor(self.cores) if self.cores > 1 else None
 
     def block(self, out: np.ndarray, trace: Trace | None = None) -> None:
         """Render len(out) samples into out [frames, channels]; a trace is filled by one core."""
-        frames = len(out)
-        if not self._room or len(self._room[0][0]) < frames or self._room[0][0].shape[1:] != out.shape[1:]:
-            ledgers = [np.empty((frames, energy.COLUMNS)) if self.metered else None for _ in range(self.parts)]
-            self._room = [(np.empty_like(out), ledger) for ledger in ledgers]
-        room = [(own[:frames], None if ledger is None else ledger[:frames]) for own, ledger in self._room]
-        room[0] = (out, room[0][1])
+        frames, rooms = len(out), self.rooms(*out.shape)
+        if trace is not None:
+            rooms = [Held(room.value._replace(trace=trace)) for room in rooms]
 
         def run(part: int) -> None:
-            block(self.model, self.state, part, room[part][0], room[part][1], trace)
+            block(*self._held, rooms[part], part, frames)
 
         if self._pool is None or trace is not None:
             for part in range(self.parts):
                 run(part)
         else:
             list(self._pool.map(run, range(self.parts)))
-        total = room[0][1]
-        for own, ledger in room[1:]:  # in the same order however they ran
-            out += own
-            if total is not None and ledger is not None:
-                total += ledger
-        if total is not None:
-            energy.audit(total, self.tally)
+        own, ledger, _ = rooms[0].value
+        out[:] = own[:frames]
+        for room in rooms[1:]:  # in the same order however they ran
+            out += room.value.out[:frames]
+            if ledger is not None:
+                ledger[:frames] += room.value.ledger[:frames]
+        if ledger is not None:
+            energy.audit(ledger[:frames], self.tally)
+
+    def rooms(self, frames: int, channels: int) -> list[Held]:
+        """A place for the block of each part."""
+        if not self._rooms or len(self._rooms[0].value.out) < frames or self._rooms[0].value.out.shape[1] != channels:
+            size = max(frames, LEAST)
+            self._rooms = []
+            for _ in range(self.parts):
+                ledger = np.empty((size, energy.COLUMNS)) if self.metered else None
+                self._rooms.append(Held(Room(np.empty((size, channels)), ledger, None)))
+        return self._rooms
 
     def energies(self) -> dict[str, Any]:
         """Energies up to now (engine.energy)."""

@@ -12,7 +12,7 @@ from conftest import ROOT
 
 # from the ground up: a file imports only from floors below its own, or from its own
 FLOORS = [
-    ["jit", "vector", "parts", "measured"],
+    ["jit", "vector", "held", "parts", "measured"],
     ["references", "spots", "waveform"],
     ["accuracy", "measures", "laws", "scene", "bodies", "baselines", "save"],
     ["model", "others", "draw", "solve", "patch"],

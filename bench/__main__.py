@@ -1,21 +1,29 @@
-"""`uv run python -m bench [NAME …]`: run some measurements, or all."""
+"""`uv run python -m bench [NAME …]`: run some measurements, or all; `… bench compare OLD NEW`: what has moved."""
 
 import importlib
 import os
 import sys
+import time
 
-NAMES = ["realtime", "instruments", "effects", "price", "jvari", "metric", "hard", "figures", "start"]
+from bench import compare
+
+NAMES = ["realtime", "newton", "instruments", "scaling", "effects", "peers", "price", "jvari", "metric", "hard"]
+NAMES += ["figures", "start"]
 
 
 def main() -> int:
     """Run the named measurements; each module has a `run()` that prints and writes its results."""
+    if sys.argv[1:2] == ["compare"]:
+        return compare.main(sys.argv[2:])
     names = sys.argv[1:] or NAMES
     if unknown := [name for name in names if name not in NAMES]:
-        print(f"bench: unknown {', '.join(unknown)}; one of {', '.join(NAMES)}", file=sys.stderr)
+        print(f"bench: unknown {', '.join(unknown)}; compare, or some of {', '.join(NAMES)}", file=sys.stderr)
         return 2
     everywhere = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
     for name in names:
+        begin = time.perf_counter()
         importlib.import_module(f"bench.{name}").run()
+        print(f"{name}: {time.perf_counter() - begin:.0f} s", file=sys.stderr)
         if everywhere is not None:  # a measurement may have pinned itself to one core
             os.sched_setaffinity(0, everywhere)
     return 0

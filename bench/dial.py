@@ -13,7 +13,7 @@ from engine.others import TOLERANCES, adaptive, one_body
 from engine.runner import Runner, timed
 
 RATE = 44_100
-RUNS = 7
+RUNS = 5
 
 
 def settled(scene: engine.Scene, seconds: float, finer: int = 1, always: bool = False, **accuracy: Any) -> tuple:

@@ -45,12 +45,14 @@ def bank(modes: int) -> engine.Scene:
     return engine.Scene.model_validate({"body": [body | {"name": "bank"}, silent], "pickup": [{"body": "silent"}]})
 
 
-def hammered(strings: int, modes: int) -> engine.Scene:
-    """Piano strings (C4 of Chaigne & Askenfelt), each struck by a felt hammer of its own at once."""
+def hammered(strings: int, modes: int, tension: float = 670.0) -> engine.Scene:
+    """Piano strings (C4 of Chaigne & Askenfelt), each struck by a felt hammer of its own at once; a slacker one, in N,
+    has more modes below Nyquist, and is then without stiffness."""
     parts: dict[str, list[Any]] = {"body": [], "contact": [], "pickup": []}
     for i in range(strings):
         string, hammer = f"string{i}", f"hammer{i}"
-        material = {"length": 0.62, "mass": 3.93e-3, "tension": 670.0, "inharmonicity": 3.77e-4}
+        material = {"length": 0.62, "mass": 3.93e-3, "tension": tension}
+        material["inharmonicity"] = 3.77e-4 if tension == 670.0 else 0.0
         loss = {"sigma0": 0.5, "b3": 6.25e-9}
         parts["body"] += [
             {"name": string, "kind": "string", "modes": modes} | material | loss,
@@ -75,4 +77,19 @@ def tanpuras(strings: int, points: int, exponent: float = 1.0, stiffness: float 
         parts["contact"].append({"body": string, "bridge": bridge, "side": "below"} | law)
         parts["force"].append({"body": string, "at": 0.37, "kind": "pluck", "amplitude": -0.4, "duration": 0.05})
         parts["pickup"].append({"body": string, "at": 0.05})
+    return engine.Scene.model_validate(parts)
+
+
+def colliding(masses: int) -> engine.Scene:
+    """Oscillators in pairs, each of which rattles against the other."""
+    parts: dict[str, list[Any]] = {"body": [], "contact": [], "pickup": []}
+    for i in range(0, masses, 2):
+        a, b = f"m{i}", f"m{i + 1}"
+        kind = {"kind": "oscillator", "mass": 1e-3}
+        parts["body"] += [
+            {"name": a, "frequency": 200.0 + i % 300, "displacement": -1e-3} | kind,
+            {"name": b, "frequency": 310.0 + i % 300, "displacement": 1e-3} | kind,
+        ]
+        parts["contact"].append({"body": a, "on": b, "gap": 1e-4, "stiffness": 1e7, "exponent": 1.5})
+    parts["pickup"].append({"body": "m0"})
     return engine.Scene.model_validate(parts)

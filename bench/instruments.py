@@ -7,7 +7,6 @@ import numpy as np
 import engine
 from bench.families import bank, hammered, tanpuras
 from bench.report import pin, publish
-from engine.accuracy import Accuracy
 from engine.build import build
 from engine.offline import newton
 from engine.runner import Runner
@@ -27,7 +26,7 @@ def measure(
 ) -> tuple[float, Runner, np.ndarray]:
     """Seconds per sample, minimum of the repeats from the state after `warm` seconds; the runner, and
     what was heard last."""
-    model, state, _ = build(scene, RATE, Accuracy(silence=-np.inf))
+    model, state, _ = build(scene, RATE, scene.accuracy.but(silence=-np.inf))
     if not state.p.any() and model.force is None:
         state.p[:] = 1.0  # or it would sleep
     runner = Runner(model, state, cores, metered)

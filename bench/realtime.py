@@ -1,4 +1,5 @@
-"""How fast each shipped patch runs on one core, once compiled, with its energy error beside it."""
+"""How fast each shipped patch runs, once compiled: on one core and on two, in blocks of several sizes, with its energy
+error beside it; and how near its worst block comes to a deadline."""
 
 import time
 
@@ -11,44 +12,77 @@ from engine.offline import newton
 from engine.runner import Runner
 
 RATE = 44_100
-REPEATS = 3
-LONGEST = 4.0  # s of each patch
-FRAMES = 16_384
+BLOCKS = (64, 256, 1024)
+RUNS = 7
+WARM = 0.05  # s, after which a state is saved
+SECONDS = 1.0  # from there
 
 
-def measure(scene: engine.Scene, metered: bool) -> tuple[float, dict, dict]:
-    """Seconds per sample (minimum of the repeats) over the patch's length, from 1 to 4 s; its energies and
-    its Newton iterations."""
-    best = np.inf
-    out = np.zeros((FRAMES, max(p.channel for p in scene.pickup)))
-    blocks = max(1, round(min(LONGEST, max(1.0, scene.seconds)) * RATE / FRAMES))
-    for _ in range(REPEATS + 1):  # the first run compiles, and is not better than the best
-        model, state, _ = build(scene, RATE)
-        runner = Runner(model, state, metered=metered)
-        begin = time.perf_counter()
-        for _ in range(blocks):
+def measure(scene: engine.Scene, size: int, cores: int = 1) -> tuple[np.ndarray, Runner]:
+    """Seconds of each block [runs, blocks], every run from the same warm state, energies measured."""
+    model, state, _ = build(scene, RATE)
+    runner = Runner(model, state, cores)
+    out = np.zeros((size, max(p.channel for p in scene.pickup)))
+    for _ in range(max(1, round(WARM * RATE / size))):
+        runner.block(out)
+    saved = [(array, array.copy()) for array in state if isinstance(array, np.ndarray)]
+    times = np.zeros((RUNS, round(SECONDS * RATE / size)))
+    for run in times:
+        for array, copy in saved:
+            array[...] = copy
+        for n in range(run.size):
+            begin = time.perf_counter()
             runner.block(out)
-        best = min(best, (time.perf_counter() - begin) / (blocks * FRAMES))
-    return best, runner.energies(), newton(model, state)
+            run[n] = time.perf_counter() - begin
+    return times, runner
+
+
+def factor(times: np.ndarray, size: int) -> float:
+    """Times real time, of the fastest run."""
+    return float(size * times.shape[1] / RATE / times.sum(axis=1).min())
+
+
+def worst(times: np.ndarray, size: int) -> str:
+    """The dearest block as a share of its deadline: its fastest run, which is its own cost, and the slowest, with
+    what else the machine did."""
+    return f"{times.min(axis=0).max() * RATE / size:.1%} / {times.max() * RATE / size:.0%}"
+
+
+def memory(runner: Runner) -> float:
+    """What model and state hold, kB."""
+
+    def size(part: object) -> int:
+        if isinstance(part, np.ndarray):
+            return part.nbytes
+        return sum(map(size, part)) if isinstance(part, tuple) else 0
+
+    return (size(runner.model) + size(runner.state)) / 1e3
 
 
 def run() -> None:
     """Measure and publish."""
+    scenes = {path.stem: engine.load(path) for path in sorted((ROOT / "patches").glob("*.toml"))}
+    two = {name: measure(scene, BLOCKS[-1], 2) for name, scene in scenes.items()}
     pin()
-    rows = []
-    for path in sorted((ROOT / "patches").glob("*.toml")):
-        scene = engine.load(path)
-        seconds, energies, iterations = measure(scene, True)
-        bare, _, _ = measure(scene, False)
-        rows.append(
+    speeds, deadlines = [], []
+    for name, scene in scenes.items():
+        found = {size: measure(scene, size) for size in BLOCKS}
+        times, runner = found[BLOCKS[-1]]
+        runs = np.sort(times.sum(axis=1)) / times.shape[1] / BLOCKS[-1] * 1e9
+        solved = newton(runner.model, runner.state)
+        speeds.append(
             [
-                path.stem,
-                f"{1 / seconds / RATE:.0f}",
-                f"{seconds * 1e9:.1f}",
-                f"{bare * 1e9:.1f}",
-                f"{energies['error_max']:.0e}",
-                f"{iterations['mean']:.2f} / {iterations['max']}" if iterations["solves"] else "closed form",
+                name,
+                f"{runs[0]:.1f}",
+                f"{np.median(runs):.1f}",
+                *(f"{factor(t, size):.0f}" for size, (t, _) in found.items()),
+                f"{factor(two[name][0], BLOCKS[-1]):.0f}" if runner.parts > 1 else "one island",
+                f"{runner.energies()['error_max']:.0e}",
+                f"{solved['mean']:.2f} / {solved['max']}" if solved["solves"] else "closed form",
             ]
         )
-    header = ["patch", "× real time", "ns per sample", "without energy metering", "energy error", "Newton mean / max"]
-    publish("realtime", header, rows)
+        deadlines.append([name, *(worst(t, size) for size, (t, _) in found.items()), f"{memory(runner):.0f}"])
+    header = ["patch", "ns per sample, least", "median", *(f"× real time, blocks of {size}" for size in BLOCKS)]
+    publish("realtime", [*header, f"two cores, {BLOCKS[-1]}", "energy error", "Newton mean / max"], speeds)
+    header = ["worst block over its deadline, quiet / noisy", *(f"{size} frames" for size in BLOCKS), "memory, kB"]
+    publish("deadlines", header, deadlines, "realtime")

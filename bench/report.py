@@ -1,4 +1,4 @@
-"""Where measurements go: a CSV in bench/results, and a table in README.md."""
+"""Where measurements go: a CSV in bench/results, and a table in README.md or docs."""
 
 import csv
 import datetime
@@ -38,7 +38,7 @@ def stamp(name: str) -> str:
 
 
 def publish(name: str, header: list[str], rows: list[list[str]], command: str = "") -> None:
-    """Print a table, write it as CSV, and put it between its markers in README.md.
+    """Print a table, write it as CSV, and put it between its markers in README.md or a page of docs.
 
     command: the measurement that makes it, if that has another name.
     """
@@ -52,12 +52,12 @@ def publish(name: str, header: list[str], rows: list[list[str]], command: str = 
     lines = ["| " + " | ".join(row) + " |" for row in [header, ["---"] * len(header), *rows]]
     table = "\n".join([*lines, "", made])
     print(table, end="\n\n")
-    readme = ROOT / "README.md"
-    text = readme.read_text("utf-8")
     begin, end = f"<!-- bench:{name} -->", f"<!-- /bench:{name} -->"
-    if begin in text and end in text:
-        before, after = text.partition(begin)[0], text.partition(end)[2]
-        readme.write_text(f"{before}{begin}\n{table}\n{end}{after}", "utf-8")
+    for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
+        text = page.read_text("utf-8")
+        if begin in text and end in text:
+            before, after = text.partition(begin)[0], text.partition(end)[2]
+            page.write_text(f"{before}{begin}\n{table}\n{end}{after}", "utf-8")
 
 
 def pin() -> None:

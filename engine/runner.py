@@ -12,6 +12,7 @@ from engine.held import Held
 from engine.model import Model, Room, State, Trace
 
 LEAST = 1024  # samples there is room for at first
+AUDITED = 4096  # samples whose energies are looked at together: to do so costs 30 µs
 
 
 class Runner:
@@ -25,7 +26,8 @@ class Runner:
         self.model, self.state, self.metered = model, state, metered
         self.parts = model.islands.part.size - 1
         self.cores = min(cores, self.parts)
-        self.tally = np.zeros(energy.TALLY)
+        self._tally = np.zeros(energy.TALLY)
+        self._books, self._entries = np.empty((AUDITED if metered else 0, energy.COLUMNS)), 0
         self._held = Held(model), Held(state)
         self._rooms: list[Held] = []
         self._pool = ThreadPoolExecutor(self.cores) if self.cores > 1 else None
@@ -51,7 +53,7 @@ class Runner:
             if ledger is not None:
                 ledger[:frames] += room.value.ledger[:frames]
         if ledger is not None:
-            energy.audit(ledger[:frames], self.tally)
+            self._enter(ledger[:frames])
 
     def rooms(self, frames: int, channels: int) -> list[Held]:
         """A place for the block of each part."""
@@ -66,6 +68,23 @@ class Runner:
     def energies(self) -> dict[str, Any]:
         """Energies up to now (engine.energy)."""
         return energy.summary(self.tally, self.state.account)
+
+    @property
+    def tally(self) -> np.ndarray:
+        """What energy.audit has found up to now."""
+        energy.audit(self._books[: self._entries], self._tally)
+        self._entries = 0
+        return self._tally
+
+    def _enter(self, ledger: np.ndarray) -> None:
+        """Keep the energies of a block until there are enough to be looked at."""
+        for begin in range(0, len(ledger), AUDITED):
+            part = ledger[begin : begin + AUDITED]
+            if self._entries + len(part) > AUDITED:
+                energy.audit(self._books[: self._entries], self._tally)
+                self._entries = 0
+            self._books[self._entries : self._entries + len(part)] = part
+            self._entries += len(part)
 
 
 def timed(runner: Runner, out: np.ndarray) -> float:

@@ -19,10 +19,10 @@ def parser() -> argparse.ArgumentParser:
         epilog=f"render.py check PATCH…   only validates patches.   Example: render.py {EXAMPLE} -o out.wav",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parse.add_argument("patch", metavar="PATCH", help="a TOML file, such as those in patches/")
+    parse.add_argument("patch", metavar="PATCH", nargs="?", help="a TOML file, such as those in patches/")
     parse.add_argument("-o", "--output", metavar="OUT.wav", help="the file to write (default: the patch's name, here)")
     parse.add_argument("--seconds", metavar="S", help="length, s (default: what the patch says)")
-    parse.add_argument("--samplerate", metavar="HZ", default="44100", help="sample rate, Hz (default: %(default)s)")
+    parse.add_argument("--samplerate", metavar="HZ", help="sample rate, Hz (default: 44100; live, the device's own)")
     parse.add_argument("--subtype", metavar="TYPE", help=f"sample format: {', '.join(SUBTYPES)} (default: FLOAT)")
     parse.add_argument("--gain", metavar="DB", help=f"fixed gain, dB, on SI units (default: peak at {LOUDNESS:g} dBFS)")
     dial = parse.add_argument_group("accuracy (default: what the patch says under [accuracy])")
@@ -51,6 +51,17 @@ def parser() -> argparse.ArgumentParser:
         "--error", metavar="E", help="render at the cheapest setting that errs less: 1e-4, or 0.1dB of a band"
     )
     parse.add_argument("--trace", metavar="OUT.npz", help="also write every sample's displacements, forces, energies")
+    live = parse.add_argument_group("live sound")
+    live.add_argument("--live", action="store_true", help="play instead; Ctrl-C or q ends it")
+    live.add_argument("--list-devices", action="store_true", help="what can be played on")
+    live.add_argument("--device", metavar="NAME", help="a device's number, or part of its name (default: the system's)")
+    live.add_argument("--block", metavar="N", default="256", help="frames of a block (default: %(default)s)")
+    live.add_argument("--latency", metavar="L", help="low, high, or seconds (default: the device's)")
+    live.add_argument("--record", metavar="OUT.wav", help="also write what is played")
+    live.add_argument("--log", metavar="LOG.json", help="also write what was done")
+    live.add_argument("--replay", metavar="LOG.json", help="render what was played, bit for bit, to -o OUT.wav")
+    live.add_argument("--force", action="store_true", help="play even what is too heavy for real time")
+    live.add_argument("--callback", metavar="KIND", default="compiled", help="compiled (default), or python to compare")
     parse.add_argument("--json", action="store_true", help="print the statistics as one JSON object")
     return parse
 
@@ -114,7 +125,7 @@ def undialled(args: argparse.Namespace) -> list[tuple[str, str]]:
 
 def output_of(args: argparse.Namespace) -> Path:
     """The file to write."""
-    return Path(args.output) if args.output else Path(Path(args.patch).stem + ".wav")
+    return Path(args.output) if args.output else Path(Path(args.patch or args.replay or "out").stem + ".wav")
 
 
 def plot_of(args: argparse.Namespace) -> Path | None:
@@ -129,7 +140,9 @@ def unwritable(args: argparse.Namespace) -> list[tuple[str, str]]:
     wrong = []
     output, plot = output_of(args), plot_of(args)
     trace = Path(args.trace) if args.trace else None
-    for option, path in (("--output", output), ("--trace", trace), ("--plot", plot)):
+    named = {"--record": args.record, "--log": args.log}
+    more = [(option, Path(text)) for option, text in named.items() if text]
+    for option, path in (("--output", output), ("--trace", trace), ("--plot", plot), *more):
         if path is None:
             continue
         if not path.parent.is_dir():

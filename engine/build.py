@@ -64,16 +64,19 @@ class Built(NamedTuple):
     layout: Layout
 
 
-def build(scene: Scene, samplerate: float, accuracy: Accuracy | None = None, apart: bool = False) -> Built:
+def build(
+    scene: Scene, samplerate: float, accuracy: Accuracy | None = None, apart: bool = False, room: int = 0
+) -> Built:
     """Model, State and Layout of a scene at a sample rate (Hz).
 
     accuracy: the scene's own if None
     apart:    make each island a part of its own, however small (engine.explain measures them)
+    room:     for how many events that the scene does not name to leave room (engine.player)
     Raises BuildError if a body vibrates too fast for the sample rate, or if the accuracy asked for has
     steps back in time and a contact has loss.
     """
     accuracy = accuracy or scene.accuracy
-    layout = _lay_out(scene, samplerate, accuracy.scheme)
+    layout = _lay_out(scene, samplerate, accuracy.scheme, room > 0)
     omega, sigma = layout.gather("omega"), layout.gather("sigma")
     modes = Modes(*TABLES[accuracy.scheme](omega, sigma, 1.0 / samplerate))
     contact, contact_loss, coupling = _contact(layout, modes, samplerate, accuracy)
@@ -81,7 +84,7 @@ def build(scene: Scene, samplerate: float, accuracy: Accuracy | None = None, apa
         what = f"order {accuracy.order} has steps back in time, in which contact loss would create energy"
         raise BuildError([("accuracy.order", f"{what}; order = 2, and substeps instead")])
     partners = [layout.ends(k, spot)[1] for k, spot in layout.spot]
-    events, begins = score.events(layout, _base(layout), samplerate)
+    events, begins = score.events(layout, base(layout), samplerate, room)
     islands = layout.islands._replace(event=begins)
     if apart:
         islands = islands._replace(part=np.arange(begins.size))
@@ -112,7 +115,7 @@ def build(scene: Scene, samplerate: float, accuracy: Accuracy | None = None, apa
     return Built(aligned(model), aligned(state), layout)
 
 
-def _lay_out(scene: Scene, samplerate: float, scheme: str) -> Layout:
+def _lay_out(scene: Scene, samplerate: float, scheme: str, live: bool) -> Layout:
     """The scene's layout, or what stands against building it at this sample rate."""
     faults = []
     highest = HIGHEST * samplerate
@@ -134,7 +137,7 @@ def _lay_out(scene: Scene, samplerate: float, scheme: str) -> Layout:
             faults.append((f"body[{i}].frequency", f"{what}; a higher frequency, or less bending"))
     if faults:
         raise BuildError(faults)
-    layout = Layout(scene, highest)
+    layout = Layout(scene, highest, live)
     contacts = np.diff(layout.islands.contact)
     if contacts.max() > MOST_CONTACTS:
         n = int(np.argmax(contacts))
@@ -197,14 +200,14 @@ def _gravity(layout: Layout) -> Gravity | None:
     return Gravity(weight) if weight.any() else None
 
 
-def _base(layout: Layout) -> np.ndarray:
+def base(layout: Layout) -> np.ndarray:
     """Stiffness of each point of contact, N/m^α; where it is 0 at first, what an event first makes it."""
-    base = []
+    found = []
     for k, spot in layout.spot:
         name = layout.scene.contact[k].name
         later = (e.stiffness for e in layout.scene.event if isinstance(e, Change) and e.contact == name)
-        base.append(spot.stiffness or next(s for s in later if s))
-    return np.array(base)
+        found.append(spot.stiffness or next(s for s in later if s))
+    return np.array(found)
 
 
 def _contact(
@@ -216,7 +219,7 @@ def _contact(
     barrier = np.array([layout.barrier(k, spot) for k, spot in layout.spot])
     rate = np.array([c.loss for c in chosen]) * samplerate
     matrices, beneath = compliances(layout, modes)
-    law = law_of(_base(layout), np.array([c.exponent for c in chosen]))
+    law = law_of(base(layout), np.array([c.exponent for c in chosen]))
     contact = Contact(
         law=law,
         rows=layout.rows([layout.ends(k, spot)[0] for k, spot in layout.spot], modes),

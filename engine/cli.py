@@ -27,13 +27,69 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0, 1 (failed), 2 (bad input), 130 (Ctrl-C)."""
     words = sys.argv[1:] if arguments is None else arguments
     try:
-        return check(words[1:]) if words[:1] == ["check"] else render(parser().parse_args(words))
+        return check(words[1:]) if words[:1] == ["check"] else run(parser(), words)
     except KeyboardInterrupt:
         print("interrupted; nothing was written", file=sys.stderr)
         return 130
     except BrokenPipeError:
         sys.stderr.close()
         return 1
+
+
+def run(parse: argparse.ArgumentParser, words: list[str]) -> int:
+    """Do what the arguments say."""
+    args = parse.parse_args(words)
+    if args.list_devices:
+        return devices()
+    if args.replay:
+        return replay(args)
+    if args.patch is None:
+        parse.error("give a PATCH, such as those in patches/")
+    return render(args)
+
+
+def devices() -> int:
+    """List what can be played on."""
+    from engine.sound import SoundError, outputs
+
+    try:
+        found = outputs()
+    except SoundError as error:
+        print(f"render.py: {error}", file=sys.stderr)
+        return 1
+    for number, name, channels, rate in found:
+        print(f"{number:>3}  {name}: {channels} channels, {rate} Hz")
+    if not found:
+        print("no output device; rendering to a file needs none", file=sys.stderr)
+    return 0 if found else 1
+
+
+def replay(args: argparse.Namespace) -> int:
+    """Render what was played live."""
+    from engine.patch import Fault
+    from engine.player import replay as again
+
+    faults = [Fault("render.py", None, option, what) for option, what in unwritable(args)]
+    try:
+        log = json.loads(Path(args.replay).read_text("utf-8"))
+        missing = {"scene", "samplerate", "gain", "end", "frames", "events"} - set(log)
+        if missing:
+            raise ValueError(f"it has no {', '.join(sorted(missing))}")
+    except (OSError, ValueError, TypeError) as error:
+        faults.append(Fault(args.replay, None, "", f"cannot be read as a log ({error}); one that --log wrote"))
+    if faults:
+        report(faults)
+        return 2
+    with feedback(args.json):
+        audio = again(log)
+    output = output_of(args)
+    try:
+        save_audio(output, audio, log["samplerate"], args.subtype)
+    except (OSError, RuntimeError) as error:
+        print(f"render.py: cannot write {output} ({error})", file=sys.stderr)
+        return 1
+    print(output)
+    return 0
 
 
 def check(words: list[str]) -> int:
@@ -76,9 +132,15 @@ def render(args: argparse.Namespace) -> int:
     output, plot = output_of(args), plot_of(args)
     wrong += unwritable(args)
     faults += [Fault("render.py", None, option, what) for option, what in wrong]
+    if args.live:
+        from engine import live
+
+        faults += live.wrong(args)
     if scene is None or faults:
         report(faults)
         return 2
+    if args.live:
+        return played(scene, args, numbers["gain"])
 
     from engine import draw, tell
     from engine.build import BuildError
@@ -126,6 +188,19 @@ def render(args: argparse.Namespace) -> int:
         stats, [str(path) for path in (args.trace, plot) if path]
     )
     return 0
+
+
+def played(scene: "Scene", args: argparse.Namespace, gain: float | None) -> int:
+    """Play a patch."""
+    from engine import live
+    from engine.build import BuildError
+
+    accuracy = scene.accuracy.but(**dial_of(args))
+    try:
+        return live.play(args, scene.model_copy(update={"accuracy": accuracy}), gain)
+    except BuildError as error:
+        report([Fault(args.patch, None, path, what) for path, what in error.faults])
+        return 2
 
 
 def explain(scene: "Scene", numbers: dict[str, float | None], args: argparse.Namespace) -> int:

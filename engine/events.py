@@ -15,6 +15,7 @@ STRIKE = 0  # mode `first` gets q = a, p = b
 DAMP = 1  # modes first:last lose the share 1 - a² of their kinetic energy at each step
 STIFFEN = 2  # the stiffness of contacts first:last glides to a times what the model says
 MOVE = 3  # the barriers of contacts first:last glide to a beyond where the model has them
+NEVER = 1 << 61  # when an event begins that has not come yet: room for those of a player
 
 
 @jit

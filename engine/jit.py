@@ -40,10 +40,7 @@ PART: dict[str, Any] = OPTIONS | {
 # sums of many products: the order of addition is the compiler's, so that it can be vector code; no
 # flag here lets it assume that NaN does not occur
 SUM: dict[str, Any] = PART | {"fastmath": {"reassoc", "nsz", "contract"}}
-ENTRY: dict[str, Any] = OPTIONS | {
-    "cache": True,  # a second start must not compile again
-    "no_cfunc_wrapper": True,  # Python calls it, and nothing else
-}
+ENTRY: dict[str, Any] = OPTIONS | {"cache": True}  # a second start must not compile again
 
 
 def kernel_sources() -> list[Path]:
@@ -169,9 +166,28 @@ def summing(function: Callable[..., Any]) -> Any:
 
 def entry(function: Callable[..., Any]) -> Any:
     """Compile a kernel that Python calls, into the cache of these sources."""
+    return _Part.mark(_cached(lambda: numba.njit(**ENTRY)(function)), part=False)
+
+
+def callback(kind: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Compile a function of the given signature that others than Python call, into the cache of these sources."""
+    options = {name: value for name, value in OPTIONS.items() if name not in ("nogil",)}
+    return lambda function: _cached(lambda: numba.cfunc(kind, cache=True, **options)(function))
+
+
+def pointer(dispatcher: Any, *arguments: Any) -> int:
+    """Address by which C calls a kernel of `entry` with such arguments; it is compiled if need be."""
+    kinds = tuple(numba.typeof(argument) for argument in arguments)  # type: ignore[no-untyped-call]
+    dispatcher.compile(kinds)
+    found = dispatcher.overloads[kinds]
+    return int(found.library.get_pointer_to_function(found.fndesc.llvm_cfunc_wrapper_name))
+
+
+def _cached(declare: Callable[[], Any]) -> Any:
+    """Declare a function whose compiled code is kept among that of these sources."""
     other = config.CACHE_DIR
     config.CACHE_DIR = str(CACHE)  # read when the function is declared; other packages keep theirs
     try:
-        return _Part.mark(numba.njit(**ENTRY)(function), part=False)
+        return declare()
     finally:
         config.CACHE_DIR = other

@@ -35,9 +35,10 @@ class Layout:
 
     scene:   what to lay out
     highest: Hz; what vibrates faster is not built
+    live:    events may come that the scene does not name, so that every contact could close
     """
 
-    def __init__(self, scene: Scene, highest: float = math.inf) -> None:
+    def __init__(self, scene: Scene, highest: float = math.inf, live: bool = False) -> None:
         self.scene = scene
         self.modal: list[ModalBody] = [modal(b, highest) for b in scene.body]
         self.number = {body.name: i for i, body in enumerate(scene.body)}
@@ -46,7 +47,7 @@ class Layout:
         self.forces: list[Force | PluckAgain] = [f for f in scene.force if f.amplitude != 0.0]
         self.forces += [e for e in scene.event if isinstance(e, PluckAgain) and e.amplitude != 0.0]
         self.island = self._join(contacts)
-        contacts = [k for k in contacts if self._can_close(k, contacts)]
+        contacts = [k for k in contacts if live or self._can_close(k, contacts)]
         self.island = self._join(contacts)
         self.body = self._ordered(range(len(scene.body)), [b.name for b in scene.body])
         touching = self._ordered(contacts, [c.body for c in scene.contact])

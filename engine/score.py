@@ -5,28 +5,23 @@ from typing import Any
 
 import numpy as np
 
-from engine.events import DAMP, MOVE, STIFFEN, STRIKE
+from engine.events import DAMP, MOVE, NEVER, STIFFEN, STRIKE
 from engine.layout import Layout
 from engine.model import Events
-from engine.parts import Change, Damp, Strike
+from engine.parts import Change, Damp, Event, Strike
 
 FOREVER = 1 << 60
 Row = tuple[int, int, int, int, int, int, float, float]  # island, start, end, kind, first, last, a, b
 
 
-def events(layout: Layout, base: np.ndarray, samplerate: float) -> tuple[Events | None, np.ndarray]:
+def events(layout: Layout, base: np.ndarray, samplerate: float, room: int = 0) -> tuple[Events | None, np.ndarray]:
     """Events of a layout, None without any; and where those of each island begin.
 
     base: stiffness of each point of contact, N/m^α, of which events give multiples
+    room: for how many more events to leave room on each island
     """
-    rows: list[Row] = []
-    for event in layout.scene.event:
-        if isinstance(event, Strike):
-            rows.append(_strike(layout, event, samplerate))
-        elif isinstance(event, Damp):
-            rows.append(_damp(layout, event, samplerate))
-        elif isinstance(event, Change):
-            rows += _change(layout, event, base, samplerate)
+    rows = [row for event in layout.scene.event for row in rows_of(layout, event, base, samplerate)]
+    rows += [(n, NEVER, NEVER, DAMP, 0, 0, 1.0, 0.0) for n in range(max(layout.island) + 1) for _ in range(room)]
     rows.sort(key=lambda row: row[:2])
     begin = np.searchsorted([row[0] for row in rows], np.arange(max(layout.island) + 2))
     if not rows:
@@ -34,6 +29,17 @@ def events(layout: Layout, base: np.ndarray, samplerate: float) -> tuple[Events 
     columns: list[Any] = list(zip(*rows, strict=True))
     start, end, kind, first, last = (np.array(c, dtype=np.int64) for c in columns[1:6])
     return Events(kind, start, end, first, last, np.array(columns[6]), np.array(columns[7])), begin
+
+
+def rows_of(layout: Layout, event: Event, base: np.ndarray, samplerate: float) -> list[Row]:
+    """An event as rows of the score; none for a pluck, which is an external force."""
+    if isinstance(event, Strike):
+        return [_strike(layout, event, samplerate)]
+    if isinstance(event, Damp):
+        return [_damp(layout, event, samplerate)]
+    if isinstance(event, Change):
+        return _change(layout, event, base, samplerate)
+    return []
 
 
 def _strike(layout: Layout, event: Strike, samplerate: float) -> Row:

@@ -1,0 +1,164 @@
+"""Plays a scene block by block as an audio driver asks for it, without the interpreter.
+
+Everything is found by addresses on a desk of whole numbers that Python and the audio thread share: the kernel of the
+scene, its Model, State and rooms, a ring of events, a ring of what was played. The same function plays for the
+driver, for tests and for a replay.
+"""
+
+import math
+
+from numba import types
+
+from engine.energy import COLUMNS, HELD, SPENT, STORED
+from engine.jit import callback, entry, jit
+from engine.native import clock, floats, ints, invoke, publish, singles, watch
+
+# the desk: whole numbers and addresses, set once …
+BLOCK, POST, MODEL, STATE, PARTS, CHANNELS, SIZE, ROOMS, OUTS, LEDGERS, MIX = range(11)
+EVENTS, VALUES, SLOTS, RECORD, KEPT, GAUGE, FADE, RATE = range(11, 19)
+# … what Python changes: events put in so far, a wish to stop
+PUT, STOP = range(19, 21)
+# … and what the audio thread does
+END, TAKEN, FRAME, DONE, LIMITED, GAPS, CALLS = range(21, 28)
+DESK = 28
+# gauges: numbers
+GAIN, ENVELOPE, PEAK, WORST, BUSY, FIRST_BALANCE, ENERGY, ERROR = range(8)
+GAUGES = 8
+# an event, whole numbers: what, island, first, last, when at the earliest, how long; and the frame it was taken
+KIND, ISLAND, FIRST, LAST_OF, START, LENGTH, TOOK = range(7)
+EVENT = 7
+VALUE = 2  # numbers of an event
+
+UNDERFLOW = 4  # flag of PortAudio: the driver ran dry before this block
+CONTINUE, COMPLETE = 0, 1
+RECOVERY = 0.1  # s, in which the limiter lets go
+
+
+@jit
+def take_events(desk):
+    """Hand the events that have been put in to the scene, and note when."""
+    until = watch(desk, PUT)
+    while desk[TAKEN] < until:
+        slot = desk[TAKEN] % desk[SLOTS]
+        place, value = desk[EVENTS] + 8 * EVENT * slot, desk[VALUES] + 8 * VALUE * slot
+        ints(place, EVENT)[TOOK] = desk[FRAME]
+        invoke(desk[POST], (desk[MODEL], desk[STATE], place, value, desk[FRAME]))
+        publish(desk, TAKEN, desk[TAKEN] + 1)
+
+
+@jit
+def mix(desk, gauge, frames):
+    """Compute the next frames of all parts, add them, and follow their energies."""
+    parts = desk[PARTS]
+    rooms, outs, ledgers = ints(desk[ROOMS], parts), ints(desk[OUTS], parts), ints(desk[LEDGERS], parts)
+    for part in range(parts):
+        invoke(desk[BLOCK], (desk[MODEL], desk[STATE], rooms[part], part, frames))
+    count = frames * desk[CHANNELS]
+    total = floats(desk[MIX], count)
+    for part in range(parts):
+        out = floats(outs[part], count)
+        for i in range(count):
+            total[i] = out[i] if part == 0 else total[i] + out[i]
+    for i in range(frames):
+        stored, spent, held = 0.0, 0.0, 0.0
+        for part in range(parts):
+            row = floats(ledgers[part] + 8 * COLUMNS * i, COLUMNS)
+            stored, spent, held = stored + row[STORED], spent + row[SPENT], held + row[HELD]
+        if desk[FRAME] == 0 and i == 0:
+            gauge[FIRST_BALANCE] = stored + spent
+        gauge[ENERGY] = max(gauge[ENERGY], held)
+        gauge[ERROR] = max(gauge[ERROR], abs(stored + spent - gauge[FIRST_BALANCE]))
+
+
+@jit
+def put_out(desk, gauge, out, begin, frames):
+    """Bring the mix to the output: gain, fades at start and stop, and a limiter of last resort."""
+    channels = desk[CHANNELS]
+    total = floats(desk[MIX], frames * channels)
+    release = math.exp(-1.0 / (RECOVERY * desk[RATE]))
+    record = singles(desk[RECORD], desk[KEPT] * channels)
+    for i in range(frames):
+        frame = desk[FRAME] + i
+        risen, left = (frame + 0.5) / desk[FADE], (desk[END] - frame - 0.5) / desk[FADE]
+        level = gauge[GAIN] * max(0.0, min(1.0, risen, left))
+        loudest = 0.0
+        for c in range(channels):
+            value = total[i * channels + c]
+            if not math.isfinite(value):
+                value = 0.0
+                total[i * channels + c] = 0.0
+            loudest = max(loudest, abs(value) * abs(level))
+        gauge[PEAK] = max(gauge[PEAK], loudest)
+        gauge[ENVELOPE] = max(loudest, gauge[ENVELOPE] * release)
+        if gauge[ENVELOPE] > 1.0:
+            level /= gauge[ENVELOPE]
+            desk[LIMITED] += 1
+        place = frame % desk[KEPT] * channels
+        for c in range(channels):
+            value = min(1.0, max(-1.0, total[i * channels + c] * level))
+            out[(begin + i) * channels + c] = value
+            record[place + c] = value
+
+
+@jit
+def run(desk, gauge, out, frames):
+    """Play some frames into `out`, single precision, channels interleaved."""
+    if watch(desk, STOP) != 0:
+        desk[END] = min(desk[END], desk[FRAME] + desk[FADE])
+    done = 0
+    while done < frames:
+        count = min(frames - done, desk[SIZE])
+        take_events(desk)
+        mix(desk, gauge, count)
+        put_out(desk, gauge, out, done, count)
+        publish(desk, FRAME, desk[FRAME] + count)
+        done += count
+
+
+@entry
+def put_in(address, kind, island, first, last, start, length, a, b):
+    """Put an event into the ring, from Python: 1 if there was room. `start`: frame it begins at, at the earliest;
+    `length`: in frames."""
+    desk = ints(address, DESK)
+    if desk[PUT] - watch(desk, TAKEN) >= desk[SLOTS]:
+        return 0
+    slot = desk[PUT] % desk[SLOTS]
+    event, value = ints(desk[EVENTS] + 8 * EVENT * slot, EVENT), floats(desk[VALUES] + 8 * VALUE * slot, VALUE)
+    event[KIND], event[ISLAND], event[FIRST], event[LAST_OF] = kind, island, first, last
+    event[START], event[LENGTH] = start, length
+    value[0], value[1] = a, b
+    publish(desk, PUT, desk[PUT] + 1)
+    return 1
+
+
+@entry
+def play(address, output, frames):
+    """Play some frames, from Python.
+
+    address: of the desk; output: address of single-precision room for them, channels interleaved
+    """
+    desk = ints(address, DESK)
+    run(desk, floats(desk[GAUGE], GAUGES), singles(output, frames * desk[CHANNELS]), frames)
+
+
+@callback(types.int32(types.voidptr, types.voidptr, types.ulong, types.voidptr, types.ulong, types.voidptr))
+def answer(source, output, frames, time, flags, address):
+    """What PortAudio calls. Nothing here can raise, wait, or ask for memory."""
+    begin = clock()
+    desk = ints(address, DESK)
+    gauge = floats(desk[GAUGE], GAUGES)
+    count = types.int64(frames)
+    if flags & UNDERFLOW:
+        desk[GAPS] += 1
+    out = singles(output, count * desk[CHANNELS])
+    if desk[FRAME] >= desk[END]:
+        for i in range(count * desk[CHANNELS]):
+            out[i] = 0.0
+        publish(desk, DONE, 1)
+        return COMPLETE
+    run(desk, gauge, out, count)
+    desk[CALLS] += 1
+    spent = clock() - begin
+    gauge[BUSY] += spent
+    gauge[WORST] = max(gauge[WORST], spent * desk[RATE] / max(1, count))
+    return CONTINUE

@@ -1,0 +1,269 @@
+"""A scene that is played while events come: strikes, plucks, dampers, knobs.
+
+    with Player(engine.load("patches/piano_c4.toml")) as player:
+        player.start()
+        player.strike("hammer", velocity=3.0)
+        player.set("contact.felt.stiffness", 1e9)
+
+Events go through a ring to the audio thread, which never waits for Python, and are kept in a log; a replay of the log
+gives the same samples, bit for bit.
+"""
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+
+from engine import deck, energy, post, score
+from engine.block import block
+from engine.build import BuildError, base, build
+from engine.held import Held
+from engine.jit import pointer
+from engine.model import Room
+from engine.offline import newton
+from engine.parts import Change, Damp, Mass, Oscillator, PluckAgain, Strike
+from engine.rest import UNTIL
+from engine.scene import Scene
+
+FADE = 0.005  # s
+SIZE = 1024  # frames computed at once
+ROOM = 64  # events at a time on each island
+SLOTS = 1024  # of the ring
+KEPT = 4.0  # s of what was played, until it is fetched
+GLIDE = 0.02  # s, of a knob
+MUTE = 40.0, 0.4  # decay rate, 1/s, and how long, s
+FOREVER = 1 << 60
+LARGEST = 1 << 40  # frames that are played if a scene goes on and on
+
+
+class Player:
+    """A scene, ready to be played.
+
+    seconds: until it fades out; the scene's own if None; `math.inf`: until it is stopped
+    gain:    factor on SI units
+    Raises BuildError as `engine.build.build`.
+    """
+
+    def __init__(self, scene: Scene, samplerate: int = 44_100, seconds: float | None = None, gain: float = 1.0) -> None:
+        if scene.accuracy.oversample > 1:
+            raise BuildError([("accuracy.oversample", "live sound is not oversampled; order, substeps, or render it")])
+        self.scene, self.samplerate, self.gain = scene, samplerate, gain
+        self.channels = max(p.channel for p in scene.pickup)
+        self.model, self.state, self.layout = build(scene, samplerate, room=ROOM)
+        parts = self.model.islands.part.size - 1
+        rooms = [Room(np.zeros((SIZE, self.channels)), np.zeros((SIZE, energy.COLUMNS)), None) for _ in range(parts)]
+        held = Held(self.model), Held(self.state)
+        places = [Held(room) for room in rooms]
+        self._events = np.zeros((SLOTS, deck.EVENT), np.int64)
+        self._values = np.zeros((SLOTS, deck.VALUE))
+        self._mix = np.zeros((SIZE, self.channels))
+        self._record = np.zeros((round(KEPT * samplerate), self.channels), np.float32)
+        self._fetched = 0
+        tables = [[p.address for p in places], [r.out.ctypes.data for r in rooms]]
+        tables.append([r.ledger.ctypes.data for r in rooms if r.ledger is not None])
+        self._tables = [np.array(table, np.int64) for table in tables]
+        self.gauge = np.zeros(deck.GAUGES)
+        self.gauge[deck.GAIN] = gain
+        seconds = scene.seconds if seconds is None else seconds
+        self.desk = np.zeros(deck.DESK, np.int64)
+        deck.put_in(self.desk.ctypes.data, 0, 0, 0, 0, 0, 0, 0.0, 0.0)  # compiles; there is no room yet
+        self._set_out(
+            BLOCK=pointer(block, *held, places[0], 0, 0),
+            POST=pointer(post.post, *held, 0, 0, 0),
+            MODEL=held[0].address,
+            STATE=held[1].address,
+            PARTS=parts,
+            CHANNELS=self.channels,
+            SIZE=SIZE,
+            ROOMS=self._tables[0].ctypes.data,
+            OUTS=self._tables[1].ctypes.data,
+            LEDGERS=self._tables[2].ctypes.data,
+            MIX=self._mix.ctypes.data,
+            EVENTS=self._events.ctypes.data,
+            VALUES=self._values.ctypes.data,
+            SLOTS=SLOTS,
+            RECORD=self._record.ctypes.data,
+            KEPT=len(self._record),
+            GAUGE=self.gauge.ctypes.data,
+            FADE=max(1, round(FADE * samplerate)),
+            RATE=samplerate,
+            END=LARGEST if math.isinf(seconds) else max(1, round(seconds * samplerate)),
+        )
+        self._kept_alive = held, places, rooms
+        self.play(np.zeros((0, self.channels), np.float32))  # compiles
+        self._log: list[dict[str, Any]] = []  # events as they were put in, then with the frame they were taken at
+        self._waiting: list[tuple[int, dict[str, Any]]] = []
+
+    def _set_out(self, **numbers: int) -> None:
+        for name, number in numbers.items():
+            self.desk[getattr(deck, name)] = number
+
+    # --- playing
+
+    def play(self, out: np.ndarray) -> None:
+        """Play the next len(out) frames into out, single precision [frames, channels]."""
+        if out.dtype != np.float32 or not out.flags.c_contiguous or out.shape[1:] != (self.channels,):
+            raise ValueError(f"out must be float32 [frames, {self.channels}], contiguous")
+        deck.play(self.desk.ctypes.data, out.ctypes.data, len(out))
+
+    @property
+    def frame(self) -> int:
+        """Frames played so far."""
+        return int(self.desk[deck.FRAME])
+
+    @property
+    def over(self) -> bool:
+        """Whether all has been played."""
+        return bool(self.desk[deck.FRAME] >= self.desk[deck.END])
+
+    def stop(self) -> None:
+        """Fade out, and end."""
+        self.desk[deck.STOP] = 1
+
+    def fetch(self) -> np.ndarray:
+        """What was played since the last call, single precision [frames, channels]; at most the last KEPT seconds."""
+        until = min(self.frame, int(self.desk[deck.END]))
+        begin = max(self._fetched, until - len(self._record))
+        at = np.arange(begin, until) % len(self._record)
+        self._fetched = until
+        return self._record[at]
+
+    # --- events
+
+    def strike(
+        self, body: str | None = None, velocity: float | None = None, displacement: float | None = None, frame: int = 0
+    ) -> None:
+        """Throw a hammer, again; every hammer and pluck of the scene if none is named.
+
+        velocity, displacement: m/s and m; as at time 0 if None
+        frame: when, at the earliest
+        Raises KeyError if there is no such mass or oscillator.
+        """
+        if body is None:
+            for name in self.hammers:
+                self.strike(name, velocity, displacement, frame)
+            for j, number in enumerate(self.layout.force):
+                if getattr(self.layout.forces[number], "kind", None) == "pluck":
+                    island = self.layout.island[self.layout.number[self.layout.forces[number].body]]
+                    self._put(("pluck", j), (post.PLUCK, island, j, j + 1, frame, 1, 1.0, 0.0))
+            return
+        hammer = self._body(body)
+        if not isinstance(hammer, Mass | Oscillator):
+            raise KeyError(f"{body} is no hammer; a mass or an oscillator is: {', '.join(self.hammers) or 'none here'}")
+        speed = self.speed(body) if velocity is None else velocity
+        told = Strike(kind="strike", time=0.0, body=body, velocity=speed, displacement=displacement)
+        self._tell(("strike", body), told, frame)
+
+    def damp(self, body: str | None = None, sigma: float = MUTE[0], seconds: float = MUTE[1], frame: int = 0) -> None:
+        """Damp a body for a while, or all that vibrate. sigma: extra decay rate, 1/s."""
+        names = [body] if body is not None else [b.name for b in self.scene.body if not isinstance(b, Mass)]
+        for name in names:
+            self._body(name)
+            self._tell(("damp", name), Damp(kind="damp", time=0.0, body=name, sigma=sigma, duration=seconds), frame)
+
+    def set(self, what: str, value: float, seconds: float = GLIDE, frame: int = 0) -> None:
+        """Turn a knob: `contact.NAME.stiffness`, `.barrier` or `.gap`. The value glides, and what that does to the
+        energy is booked, so that it cannot blow up the sound. Raises KeyError if there is no such knob."""
+        if what not in self.knobs:
+            raise KeyError(f"no knob {what}; there are {', '.join(self.knobs) or 'none: give a contact a name'}")
+        _, name, key = what.split(".")
+        told = Change.model_validate({"kind": "change", "time": 0.0, "contact": name, "duration": seconds, key: value})
+        self._tell((what, value), told, frame)
+
+    @property
+    def hammers(self) -> list[str]:
+        """Masses and oscillators that are thrown, at first or by an event."""
+        thrown = {e.body for e in self.scene.event if isinstance(e, Strike)}
+        lumped = [b for b in self.scene.body if isinstance(b, Mass | Oscillator)]
+        return [b.name for b in lumped if b.velocity != 0.0 or b.name in thrown]
+
+    @property
+    def knobs(self) -> list[str]:
+        """What `set` can turn."""
+        found = []
+        for contact in self.scene.contact:
+            if contact.name is not None and contact.stiffness > 0.0:
+                found.append(f"contact.{contact.name}.stiffness")
+                found.append(f"contact.{contact.name}.{'gap' if contact.on else 'barrier'}")
+        return found
+
+    def speed(self, hammer: str) -> float:
+        """Velocity at which a hammer is thrown at time 0, or else first, m/s."""
+        thrown = [e.velocity for e in self.scene.event if isinstance(e, Strike) and e.body == hammer]
+        return float(self._body(hammer).velocity or (thrown[0] if thrown else 0.0))
+
+    def _body(self, name: str) -> Any:
+        if name not in self.layout.number:
+            raise KeyError(f"no body {name}; there are {', '.join(self.layout.number)}")
+        return self.scene.body[self.layout.number[name]]
+
+    def _tell(self, why: tuple[Any, ...], event: Strike | Damp | Change | PluckAgain, frame: int) -> None:
+        for island, start, end, kind, first, last, a, b in score.rows_of(
+            self.layout, event, base(self.layout), self.samplerate
+        ):
+            self._put(why, (kind, island, first, last, frame, min(end, FOREVER) - start, a, b))
+
+    def _put(self, why: tuple[Any, ...], row: tuple[int, int, int, int, int, int, float, float]) -> None:
+        """Put an event into the ring; while that is full, wait would be all one could do: drop it, and say so."""
+        number = int(self.desk[deck.PUT])
+        if deck.put_in(self.desk.ctypes.data, *row):
+            self._waiting.append((number, {"why": list(why), "row": list(row)}))
+        else:
+            self._log.append({"frame": None, "why": [*why, "dropped: too many at once"], "row": list(row)})
+        self._settle()
+
+    def _settle(self) -> None:
+        """Note the frame of events that have been taken."""
+        taken = int(self.desk[deck.TAKEN])
+        while self._waiting and self._waiting[0][0] < taken:
+            number, event = self._waiting.pop(0)
+            self._log.append({"frame": int(self._events[number % SLOTS, deck.TOOK])} | event)
+
+    # --- what can be told
+
+    def log(self) -> dict[str, Any]:
+        """All that was done, as JSON can hold it; `replay` makes the same sound of it."""
+        self._settle()
+        end = int(self.desk[deck.END])
+        scene = json.loads(self.scene.model_dump_json(exclude_none=True))
+        told = {"scene": scene, "samplerate": self.samplerate, "gain": self.gain, "end": end, "frames": self.frame}
+        return told | {"events": self._log}
+
+    def meter(self) -> dict[str, Any]:
+        """What a meter shows; peaks are since the last call."""
+        self._settle()
+        gauge, desk = self.gauge, self.desk
+        spent, peak = float(gauge[deck.BUSY]), float(gauge[deck.PEAK])
+        gauge[deck.PEAK] = 0.0
+        seconds = self.frame / self.samplerate
+        return {
+            "seconds": seconds,
+            "peak": peak,
+            "real_time_factor": seconds / spent if spent > 0.0 else math.inf,
+            "worst_block": float(gauge[deck.WORST]),
+            "dropouts": int(desk[deck.GAPS]),
+            "limited": int(desk[deck.LIMITED]),
+            "newton": newton(self.model, self.state),
+            "energy_error": float(gauge[deck.ERROR] / gauge[deck.ENERGY]) if gauge[deck.ENERGY] > 0.0 else 0.0,
+            "awake": int(np.sum(self.state.asleep[:, UNTIL] <= self.frame)),
+            "islands": len(self.state.asleep),
+        }
+
+
+def replay(log: dict[str, Any]) -> np.ndarray:
+    """What was played, from its log: single precision [frames, channels], the same bit for bit."""
+    scene = Scene.model_validate(log["scene"])
+    player = Player(scene, log["samplerate"], math.inf, log["gain"])
+    player.desk[deck.END] = log["end"]
+    frames = min(log["frames"], log["end"])
+    out = np.zeros((frames, player.channels), np.float32)
+    at = 0
+    for event in log["events"]:
+        if event["frame"] is None or event["frame"] >= frames:
+            continue
+        player.play(out[at : event["frame"]])
+        at = event["frame"]
+        deck.put_in(player.desk.ctypes.data, *event["row"])
+    player.play(out[at:])
+    return out

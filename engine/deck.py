@@ -15,12 +15,12 @@ from engine.native import clock, floats, ints, invoke, publish, singles, watch
 
 # the desk: whole numbers and addresses, set once …
 BLOCK, POST, MODEL, STATE, PARTS, CHANNELS, SIZE, ROOMS, OUTS, LEDGERS, MIX = range(11)
-EVENTS, VALUES, SLOTS, RECORD, KEPT, GAUGE, FADE, RATE = range(11, 19)
+EVENTS, VALUES, SLOTS, RECORD, KEPT, GAUGE, FADE, RATE, TIMES, TIMED = range(11, 21)
 # … what Python changes: events put in so far, a wish to stop
-PUT, STOP = range(19, 21)
+PUT, STOP = range(21, 23)
 # … and what the audio thread does
-END, TAKEN, FRAME, DONE, LIMITED, GAPS, CALLS = range(21, 28)
-DESK = 28
+END, TAKEN, FRAME, DONE, LIMITED, GAPS, CALLS = range(23, 30)
+DESK = 30
 # gauges: numbers
 GAIN, ENVELOPE, PEAK, WORST, BUSY, FIRST_BALANCE, ENERGY, ERROR = range(8)
 GAUGES = 8
@@ -115,6 +115,23 @@ def run(desk, gauge, out, frames):
         done += count
 
 
+@jit
+def took(desk, gauge, frames, seconds):
+    """Note how long a block took, as a share of its deadline."""
+    share = seconds * desk[RATE] / max(1, frames)
+    floats(desk[TIMES], desk[TIMED])[desk[CALLS] % desk[TIMED]] = share
+    desk[CALLS] += 1
+    gauge[BUSY] += seconds
+    gauge[WORST] = max(gauge[WORST], share)
+
+
+@entry
+def note(address, frames, seconds):
+    """The same, from a callback in Python."""
+    desk = ints(address, DESK)
+    took(desk, floats(desk[GAUGE], GAUGES), frames, seconds)
+
+
 @entry
 def put_in(address, kind, island, first, last, start, length, a, b):
     """Put an event into the ring, from Python: 1 if there was room. `start`: frame it begins at, at the earliest;
@@ -157,8 +174,5 @@ def answer(source, output, frames, time, flags, address):
         publish(desk, DONE, 1)
         return COMPLETE
     run(desk, gauge, out, count)
-    desk[CALLS] += 1
-    spent = clock() - begin
-    gauge[BUSY] += spent
-    gauge[WORST] = max(gauge[WORST], spent * desk[RATE] / max(1, count))
+    took(desk, gauge, count, clock() - begin)
     return CONTINUE

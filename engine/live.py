@@ -72,7 +72,7 @@ def play(args: argparse.Namespace, scene: Scene, gain: float | None) -> int:
         except (sound.SoundError, TooHeavy) as error:
             print(f"render.py: {error}", file=sys.stderr)
             return 1
-        print(f"{scene.title or path.stem}, on {name} at {samplerate} Hz, blocks of {args.block}")
+        print(f"{scene.title or path.stem}, on {name} at {samplerate} Hz, blocks of {args.block}", flush=True)
         wish = "vanished"
         with recording(args.record, player) as write, keyboard() as keys, meter() as show:
             stream.start()

@@ -30,6 +30,7 @@ FADE = 0.005  # s
 SIZE = 1024  # frames computed at once
 ROOM = 64  # events at a time on each island
 SLOTS = 1024  # of the ring
+TIMED = 8192  # blocks whose times are kept
 KEPT = 4.0  # s of what was played, until it is fetched
 GLIDE = 0.02  # s, of a knob
 MUTE = 40.0, 0.4  # decay rate, 1/s, and how long, s
@@ -59,6 +60,7 @@ class Player:
         self._values = np.zeros((SLOTS, deck.VALUE))
         self._mix = np.zeros((SIZE, self.channels))
         self._record = np.zeros((round(KEPT * samplerate), self.channels), np.float32)
+        self.times = np.zeros(TIMED)  # of the last blocks, as shares of their deadlines
         self._fetched = 0
         tables = [[p.address for p in places], [r.out.ctypes.data for r in rooms]]
         tables.append([r.ledger.ctypes.data for r in rooms if r.ledger is not None])
@@ -85,6 +87,8 @@ class Player:
             SLOTS=SLOTS,
             RECORD=self._record.ctypes.data,
             KEPT=len(self._record),
+            TIMES=self.times.ctypes.data,
+            TIMED=TIMED,
             GAUGE=self.gauge.ctypes.data,
             FADE=max(1, round(FADE * samplerate)),
             RATE=samplerate,
@@ -92,6 +96,8 @@ class Player:
         )
         self._kept_alive = held, places, rooms
         self.play(np.zeros((0, self.channels), np.float32))  # compiles
+        deck.note(self.desk.ctypes.data, 1, 0.0)
+        self.desk[deck.CALLS] = 0
         self._log: list[dict[str, Any]] = []  # events as they were put in, then with the frame they were taken at
         self._waiting: list[tuple[int, dict[str, Any]]] = []
 

@@ -112,10 +112,7 @@ def _answer(player: "Player", sounddevice: Any) -> Any:
             raise sounddevice.CallbackStop
         begin = time_now()
         player.play(out)
-        spent = time_now() - begin
-        player.desk[deck.CALLS] += 1
-        player.gauge[deck.BUSY] += spent
-        player.gauge[deck.WORST] = max(player.gauge[deck.WORST], spent * player.samplerate / max(1, frames))
+        deck.note(player.desk.ctypes.data, frames, time_now() - begin)
 
     return answer
 

@@ -1,0 +1,161 @@
+"""Live sound: how long callbacks take against their deadline, idle and while Python works, the compiled one and one in
+Python; and the largest scenes that can be played.
+
+Callbacks are called by JACK's dummy server, in real time, if there is one; each measurement is a process of its own.
+`python -m bench.live COMPILED FRAMES LOAD SECONDS` is such a process.
+"""
+
+import ctypes
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+import engine
+from bench.families import bank, hammered, tanpuras
+from bench.report import ROOT, publish
+
+SECONDS = 5.0
+SIZES = (64, 128, 256, 512)
+BLOCK = 256
+SHARE = 0.7  # of a deadline, that the worst block may take
+RUNS = 3
+PATCH = ROOT / "patches" / "tanpura_drone.toml"
+LOADS = ("idle", "a Python loop")
+
+
+def serve(frames: int) -> tuple[subprocess.Popen[bytes], dict[str, str]]:
+    """A JACK server without a sound card, and the environment of its clients."""
+    name = f"fdh-bench{os.getpid()}"
+    told = {"JACK_DEFAULT_SERVER": name, "JACK_NO_START_SERVER": "1", "JACK_NO_AUDIO_RESERVATION": "1"}
+    environment = {k: v for k, v in os.environ.items() if k != "DISPLAY"} | told
+    words = ["jackd", "-r", "-p", "128", "-n", name, "-d", "dummy", "-r", "44100", "-p", str(frames)]
+    server = subprocess.Popen(words, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    time.sleep(1.5)
+    return server, environment
+
+
+def played(compiled: bool, frames: int, load: str, seconds: float, environment: dict[str, str]) -> dict[str, float]:
+    """What a process tells that plays for a while."""
+    words = [sys.executable, "-m", "bench.live", str(int(compiled)), str(frames), load, str(seconds)]
+    done = subprocess.run(words, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=120, check=True)
+    return dict(json.loads(done.stdout.splitlines()[-1]))
+
+
+def play(compiled: bool, frames: int, load: str, seconds: float) -> None:
+    """Play, and print what the callbacks took."""
+    from engine import deck, sound
+    from engine.player import Player
+
+    player = Player(engine.load(PATCH), gain=0.01, seconds=np.inf)
+    stream = sound.stream(player, "JACK Audio", frames, None, compiled)
+    stream.start()
+    time.sleep(0.3)
+    player.desk[deck.GAPS] = player.desk[deck.CALLS] = 0
+    begin = time.monotonic()
+    while time.monotonic() - begin < seconds:
+        if load == "idle":
+            time.sleep(0.05)
+        else:
+            sum(i * i for i in range(2000))
+    calls, gaps = int(player.desk[deck.CALLS]), int(player.desk[deck.GAPS])
+    elapsed = time.monotonic() - begin
+    times = player.times[: min(calls, len(player.times))]
+    told = {"calls": calls / (elapsed * 44_100 / frames), "gaps": gaps, "mean": float(times.mean())}
+    print(json.dumps(told | {"p99": float(np.quantile(times, 0.99)), "max": float(times.max())}), flush=True)
+    stream.stop()
+    stream.close()
+
+
+def callbacks() -> None:
+    """Both callbacks, at all sizes."""
+    header = [
+        "callback",
+        "Python is",
+        "frames",
+        "mean",
+        "p99",
+        "max of the deadline",
+        "dropouts",
+        "called as often as due",
+    ]
+    if shutil.which("jackd") is None:
+        publish("callbacks", header, [["skipped: needs jackd", *[""] * 7]], "live")
+        return
+    rows = []
+    for frames in SIZES:
+        server, environment = serve(frames)
+        try:
+            for compiled in (True, False):
+                for load in LOADS:
+                    found = played(compiled, frames, load, SECONDS, environment)
+                    shares = [f"{found[key]:.1%}" for key in ("mean", "p99", "max")]
+                    name = "compiled" if compiled else "in Python"
+                    rows.append([name, load, str(frames), *shares, f"{found['gaps']:.0f}", f"{found['calls']:.0%}"])
+        finally:
+            server.terminate()
+            server.wait(10)
+    publish("callbacks", header, rows, "live")
+
+
+def worst(scene: engine.Scene) -> float:
+    """The dearest block of the first half second over its deadline; of each block the fastest of some runs."""
+    from engine import deck
+    from engine.player import Player
+
+    kind = ctypes.CFUNCTYPE(
+        ctypes.c_int, *[ctypes.c_void_p] * 2, ctypes.c_ulong, ctypes.c_void_p, ctypes.c_ulong, ctypes.c_void_p
+    )
+    answer = kind(deck.answer.address)
+    found = []
+    for _ in range(RUNS):
+        player = Player(scene, gain=1e-3)
+        out = np.zeros((BLOCK, player.channels), np.float32)
+        for _ in range(22_050 // BLOCK):
+            answer(None, out.ctypes.data, BLOCK, None, 0, player.desk.ctypes.data)
+        found.append(player.times[: int(player.desk[deck.CALLS])].copy())
+    return float(np.min(found, axis=0)[1:].max())
+
+
+def largest(scene_of: Callable[[int], engine.Scene], size: int) -> tuple[int, float]:
+    """The largest scene whose worst block takes no more than its share, and that share, to 10 %."""
+    least, share = 0, 0.0
+    most = None
+    while most is None or most > 1.1 * least + 1:
+        now = worst(scene_of(size))
+        if now <= SHARE:
+            least, share = size, now
+        else:
+            most = size
+        size = 2 * size if most is None else (least + most) // 2
+        if size == least:
+            break
+    return least, share
+
+
+def scenes() -> None:
+    """The largest of each family."""
+    rows = []
+    for name, scene_of, size in (
+        ("free modes", bank, 8000),
+        ("hammered strings of 61 modes, all at once", lambda n: hammered(n, 61), 64),
+        ("tanpura strings, 16-point bridges", lambda n: tanpuras(n, 16), 8),
+    ):
+        most, share = largest(scene_of, size)
+        rows.append([name, str(most), f"{share:.0%}"])
+    publish("playable", [f"one core, blocks of {BLOCK}", "most", "worst block over its deadline"], rows, "live")
+
+
+def run() -> None:
+    """Measure and publish."""
+    callbacks()
+    scenes()
+
+
+if __name__ == "__main__":
+    play(sys.argv[1] == "1", int(sys.argv[2]), sys.argv[3], float(sys.argv[4]))

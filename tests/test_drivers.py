@@ -1,0 +1,242 @@
+"""Live sound through real drivers without a sound card: an ALSA device that is a file, and JACK's dummy server,
+captured by a second process. Each is skipped, with its reason, where its library is missing."""
+
+import contextlib
+import ctypes.util
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+from conftest import ROOT
+
+from bench.live import played
+
+PIANO = str(ROOT / "patches" / "piano_c4.toml")
+WHOLE = Path("/usr/share/alsa/alsa.conf")
+needs_portaudio = pytest.mark.skipif(not ctypes.util.find_library("portaudio"), reason="no PortAudio library")
+needs_alsa = pytest.mark.skipif(not WHOLE.exists(), reason="no ALSA")
+needs_jack = pytest.mark.skipif(shutil.which("jackd") is None, reason="no jackd")
+
+
+def run(*words: str, timeout: float = 120.0, environment: dict[str, str] | None = None) -> subprocess.CompletedProcess:
+    """render.py as a program of its own."""
+    command = [sys.executable, str(ROOT / "render.py"), *words]
+    told = {"capture_output": True, "text": True, "timeout": timeout, "stdin": subprocess.DEVNULL}
+    return subprocess.run(command, env={**os.environ, **(environment or {})}, **told)
+
+
+@pytest.fixture
+def file_device(tmp_path):
+    """An environment whose default device writes what it is given, and the file."""
+    raw = tmp_path / "out.raw"
+    device = f'pcm.!default {{ type file slave.pcm "null" file "{raw}" format "raw" }}'
+    (tmp_path / "asound.conf").write_text(f"<{WHOLE}>\n{device}\n")
+    return {"ALSA_CONFIG_PATH": str(tmp_path / "asound.conf"), "JACK_NO_START_SERVER": "1"}, raw
+
+
+def after_silence(raw: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """What a driver was given, from where the sound begins; it is preceded by blocks of zeros."""
+    begin = int(np.argmax(raw.any(axis=1))) - int(np.argmax(wanted.any(axis=1)))
+    assert begin >= 0
+    return raw[begin : begin + len(wanted)]
+
+
+@needs_portaudio
+@needs_alsa
+@pytest.mark.parametrize("callback", ["compiled", "python"])
+def test_the_driver_is_given_what_the_log_says(tmp_path, file_device, callback):
+    """Through PortAudio to an ALSA device that is a file, bit for bit."""
+    environment, raw = file_device
+    log, record, again = (str(tmp_path / name) for name in ("log.json", "record.wav", "again.wav"))
+    words = ["--live", "--seconds", "0.7", "--callback", callback, "--log", log, "--record", record]
+    done = run(PIANO, *words, environment=environment)
+    assert done.returncode == 0, done.stderr
+    assert "on default" in done.stdout and "worst block" in done.stdout
+    assert run("--replay", log, "-o", again).returncode == 0
+    wanted = soundfile.read(again, dtype="float32")[0]
+    assert len(wanted) == round(0.7 * 44_100) and wanted.any()
+    given = np.fromfile(raw, np.float32).reshape(-1, wanted.shape[1])
+    np.testing.assert_array_equal(after_silence(given, wanted), wanted)
+    np.testing.assert_array_equal(soundfile.read(record, dtype="float32")[0], wanted)
+
+
+@needs_portaudio
+@needs_alsa
+def test_devices_are_listed_and_chosen_by_name(file_device):
+    environment, _ = file_device
+    listed = run("--list-devices", environment=environment)
+    assert listed.returncode == 0 and "default, ALSA" in listed.stdout
+    wrong = run(PIANO, "--live", "--device", "theremin", environment=environment)
+    assert wrong.returncode == 1
+    assert 'no device is called "theremin"; there are' in wrong.stderr and "default" in wrong.stderr
+
+
+def test_no_device(tmp_path):
+    (tmp_path / "sounddevice.py").write_text("def query_devices(): return []\n")
+    done = run(PIANO, "--live", environment={"PYTHONPATH": str(tmp_path)})
+    assert done.returncode == 1 and "no output device; rendering to a file needs none" in done.stderr
+
+
+def test_no_portaudio(tmp_path):
+    """The message says how to install it; rendering still works."""
+    (tmp_path / "sounddevice.py").write_text("raise OSError('PortAudio library not found')\n")
+    environment = {"PYTHONPATH": str(tmp_path)}
+    done = run(PIANO, "--live", environment=environment)
+    assert done.returncode == 1 and "apt install libportaudio2" in done.stderr and "brew install" in done.stderr
+    out = str(tmp_path / "a.wav")
+    assert run(PIANO, "-o", out, "--seconds", "0.1", environment=environment).returncode == 0
+    assert soundfile.info(out).frames == 4410
+
+
+@needs_portaudio
+@needs_alsa
+def test_ctrl_c_fades_out_and_keeps_the_recording(tmp_path, file_device):
+    environment, _ = file_device
+    record = tmp_path / "r.wav"
+    words = [sys.executable, str(ROOT / "render.py"), PIANO, "--live", "--seconds", "3000", "--record", str(record)]
+    program = subprocess.Popen(
+        words, env={**os.environ, **environment}, stdout=subprocess.PIPE, text=True, stdin=subprocess.DEVNULL
+    )
+    assert "on default" in program.stdout.readline()
+    time.sleep(0.3)
+    program.send_signal(signal.SIGINT)
+    assert program.wait(10.0) == 130
+    assert soundfile.info(record).frames > 1000
+    assert np.abs(soundfile.read(record)[0][-1]).max() < 1e-3
+
+
+def test_what_is_too_heavy_is_refused(tmp_path):
+    """With how fast it runs; unless forced."""
+    (tmp_path / "sounddevice.py").write_text(
+        "class default: device = (0, 0)\n"
+        "def query_devices(): return [dict(name='it', hostapi=0, max_output_channels=2, default_samplerate=44100.0)]\n"
+        "def query_hostapis(n): return dict(name='none')\n"
+    )
+    heavy = tmp_path / "heavy.toml"
+    heavy.write_text(
+        '[[body]]\nname = "s"\nkind = "string"\nlength = 1.0\ndensity = 4.83e-4\ntension = 33.1\nmodes = 80\n'
+        '[[contact]]\nbody = "s"\nside = "below"\nstiffness = 4e8\nexponent = 1.5\n'
+        "bridge = { at = 0.01, width = 2e-3, points = 200, depth = 1e-5 }\n"
+        '[[force]]\nbody = "s"\nkind = "constant"\namplitude = -0.4\nat = 0.02\n'
+        '[[pickup]]\nbody = "s"\nat = 0.4\n'
+    )
+    done = run(str(heavy), "--live", environment={"PYTHONPATH": str(tmp_path)}, timeout=240.0)
+    assert done.returncode == 1
+    assert "too heavy for real time: 0." in done.stderr and "--force" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (["--block", "many"], '"many" is no size of a block; 1 to 65536 frames'),
+        (["--latency", "soon"], '"soon" is no latency; low, high, or seconds'),
+        (["--callback", "rust"], 'unknown callback "rust"; compiled, python'),
+        (["--record", "no/such/r.wav"], "no such folder"),
+    ],
+)
+def test_wrong_arguments_are_said(words, what):
+    done = run(PIANO, "--live", *words)
+    assert done.returncode == 2 and what in done.stderr
+
+
+# --- JACK: paced in real time
+
+# plugs itself into what another program plays
+CAPTURE = """
+import sys, time, numpy as np, sounddevice as sd
+found = [i for i, d in enumerate(sd.query_devices()) if "JACK" in sd.query_hostapis(d["hostapi"])["name"]
+         and d["max_input_channels"] > 0 and "system" not in d["name"]]
+parts = []
+def take(data, frames, when, status): parts.append(data.copy())
+with sd.InputStream(device=found[0], channels=2, samplerate=44100, dtype="float32", callback=take):
+    time.sleep(1.5)
+np.save(sys.argv[1], np.concatenate(parts))
+"""
+LIVE = ("--live", "--device", "JACK Audio")
+
+
+@pytest.fixture
+def jack(tmp_path):
+    """A dummy server of its own, and the environment of its clients."""
+    name = f"fdh{os.getpid()}"
+    environment = {"JACK_DEFAULT_SERVER": name, "JACK_NO_START_SERVER": "1", "JACK_NO_AUDIO_RESERVATION": "1"}
+    command = ["jackd", "-r", "-p", "128", "-n", name, "-d", "dummy", "-r", "44100", "-p", "256"]
+    clean = {k: v for k, v in os.environ.items() if k != "DISPLAY"}
+    server = subprocess.Popen(command, env=clean | environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    time.sleep(1.5)
+    if server.poll() is not None:
+        pytest.skip("jackd does not start here")
+    yield environment, server
+    with contextlib.suppress(ProcessLookupError):
+        server.terminate()
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        server.wait(5.0)
+    server.kill()
+
+
+def start(environment: dict[str, str], *words: str) -> subprocess.Popen:
+    """render.py at work: it has said on what it plays."""
+    command = [sys.executable, str(ROOT / "render.py"), *words]
+    told = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "stdin": subprocess.DEVNULL}
+    program = subprocess.Popen(command, env={**os.environ, **environment}, **told)
+    assert "blocks of" in program.stdout.readline()
+    return program
+
+
+@needs_portaudio
+@needs_jack
+def test_another_program_hears_what_the_log_says(tmp_path, jack):
+    """Played in real time to JACK and captured there by a second process, bit for bit."""
+    environment, _ = jack
+    log, again, captured = tmp_path / "log.json", tmp_path / "again.wav", tmp_path / "captured.npy"
+    program = start(environment, PIANO, *LIVE, "--seconds", "4", "--log", str(log))
+    time.sleep(0.3)
+    capture = [sys.executable, "-c", CAPTURE, str(captured)]
+    subprocess.run(capture, env={**os.environ, **environment}, timeout=60.0, check=True, stdin=subprocess.DEVNULL)
+    assert program.wait(60.0) == 0
+    assert run("--replay", str(log), "-o", str(again)).returncode == 0
+    wanted, heard = soundfile.read(again, dtype="float32")[0], np.load(captured)
+    assert json.loads(log.read_text())["samplerate"] == 44_100
+    best = 0
+    for begin in range(1000, len(heard) - 4096, 4096):  # a gap of the server's spoils one stretch, not all
+        at = np.flatnonzero((wanted == heard[begin]).all(axis=1))
+        best += any(np.array_equal(wanted[n : n + 4096], heard[begin : begin + 4096]) for n in at)
+    assert best >= 3
+
+
+@needs_portaudio
+@needs_jack
+def test_a_device_that_vanishes(tmp_path, jack):
+    """The program leaves within a few seconds, says so, and keeps what was recorded."""
+    environment, server = jack
+    record = tmp_path / "r.wav"
+    program = start(environment, PIANO, *LIVE, "--seconds", "3000", "--record", str(record))
+    time.sleep(1.0)
+    server.kill()
+    begin = time.monotonic()
+    _, told = program.communicate(timeout=20.0)
+    assert time.monotonic() - begin < 4.0
+    assert program.returncode == 1 and "is gone; what was recorded is kept" in told
+    assert soundfile.info(record).frames > 10_000
+
+
+@needs_portaudio
+@needs_jack
+def test_the_compiled_callback_does_not_wait_for_python(jack):
+    """While Python is in a loop, the callback in Python comes late; the compiled one does not. As a ratio: a machine
+    without real-time rights may lose a block of either."""
+    environment, _ = jack
+    late = {}
+    for compiled in (True, False):
+        found = played(compiled, 256, "a Python loop", 3.0, os.environ | environment)
+        late[compiled] = found["gaps"] + max(0.0, 1.0 - found["calls"]) * 3.0 * 44_100 / 256
+    assert late[False] > 20
+    assert late[True] < late[False] / 4

@@ -1,0 +1,176 @@
+"""Live sound: the compiled callback gives the offline samples at any block size; what was played can be replayed."""
+
+import ctypes
+import json
+import math
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import engine
+from engine import deck
+from engine.player import Player, replay
+
+PIANO, TANPURA, RATTLE = (ROOT / "patches" / f"{name}.toml" for name in ("piano_c4", "tanpura", "rattle"))
+ANSWER = ctypes.CFUNCTYPE(
+    ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_ulong, ctypes.c_void_p, ctypes.c_ulong, ctypes.c_void_p
+)
+
+
+def called(player: Player, frames: int, sizes: np.ndarray, flags: int = 0) -> np.ndarray:
+    """What the callback gives a driver that asks for blocks of these sizes, over and over."""
+    answer = ANSWER(deck.answer.address)
+    out, at, n = np.full((frames, player.channels), np.nan, np.float32), 0, 0
+    while at < frames:
+        size = min(int(sizes[n % len(sizes)]), frames - at)
+        answer(None, out[at:].ctypes.data, size, None, flags, player.desk.ctypes.data)
+        at, n = at + size, n + 1
+    return out
+
+
+@pytest.mark.parametrize("path", [PIANO, TANPURA], ids=lambda p: p.stem)
+def test_the_callback_gives_the_offline_samples(path):
+    """Bit for bit, in random blocks of 1 to 1023 frames; but for the fades."""
+    scene, gain = engine.load(path), 1 / 64
+    frames = 30_000
+    player = Player(scene, gain=gain)
+    heard = called(player, frames, np.random.default_rng(1).integers(1, 1024, 200))
+    wanted = (engine.render(scene, seconds=frames / 44_100).audio * gain).astype(np.float32)
+    fade = int(player.desk[deck.FADE])
+    np.testing.assert_array_equal(heard[fade:], wanted[fade:])
+    assert np.abs(heard[:fade]).max() <= np.abs(wanted[:fade]).max()
+    assert player.desk[deck.CALLS] > 50 and player.meter()["limited"] == 0
+
+
+def disturbed(player: Player, frames: int, seed: int) -> np.ndarray:
+    """Play with strikes, dampers and knobs at random moments."""
+    rng = np.random.default_rng(seed)
+    out, at = np.zeros((frames, player.channels), np.float32), 0
+    while at < frames:
+        size = int(rng.integers(1, 800))
+        if rng.random() < 0.15:
+            player.strike(velocity=float(rng.uniform(0.5, 6.0)) if rng.random() < 0.5 else None, frame=at + 100)
+        if rng.random() < 0.05:
+            player.damp(sigma=float(10 ** rng.uniform(0, 3)), seconds=0.1)
+        if rng.random() < 0.3:
+            name = player.knobs[int(rng.integers(len(player.knobs)))]
+            place = float(rng.uniform(-1e-4, 1e-4))
+            player.set(name, float(10 ** rng.uniform(6, 11)) if name.endswith("stiffness") else place, 0.01)
+        player.play(out[at : at + size])
+        at += size
+    return out
+
+
+def named(path) -> engine.Scene:
+    """A patch whose contacts all have names."""
+    scene = engine.load(path)
+    contacts = [c.model_copy(update={"name": c.name or f"contact{n}"}) for n, c in enumerate(scene.contact)]
+    return scene.model_copy(update={"contact": contacts})
+
+
+@pytest.mark.parametrize("path", [PIANO, TANPURA, RATTLE], ids=lambda p: p.stem)
+def test_a_replay_of_the_log_is_what_was_played(path):
+    """Bit for bit; the log goes through JSON. And nothing that was done could blow up the sound."""
+    player = Player(named(path), gain=0.01, seconds=math.inf)
+    played = disturbed(player, 60_000, seed=3)
+    player.stop()
+    end = np.zeros((1000, player.channels), np.float32)
+    player.play(end)
+    assert player.over
+    log = json.loads(json.dumps(player.log()))
+    assert len(log["events"]) > 20 and all(e["frame"] is not None for e in log["events"])
+    again = replay(log)
+    np.testing.assert_array_equal(again, np.concatenate([played, end])[: len(again)])
+    now = player.meter()
+    assert np.isfinite(played).all() and played.any()
+    assert now["newton"]["unconverged"] == 0
+    assert now["energy_error"] <= 1e-10
+
+
+def test_an_event_comes_at_its_frame():
+    scene = engine.load(PIANO).model_copy(update={"event": []})
+    player, plain = Player(scene, gain=0.1), Player(scene, gain=0.1)
+    with_strike, without = (np.zeros((12_000, player.channels), np.float32) for _ in range(2))
+    player.strike(velocity=5.0, displacement=-1e-3, frame=10_000)
+    player.play(with_strike)
+    plain.play(without)
+    np.testing.assert_array_equal(with_strike[:10_000], without[:10_000])
+    assert not np.array_equal(with_strike[10_000:], without[10_000:])
+
+
+def test_a_pluck_comes_again():
+    player = Player(engine.load(TANPURA), gain=0.01, seconds=math.inf)
+    first, later = np.zeros((44_100, player.channels), np.float32), np.zeros((4 * 44_100, player.channels), np.float32)
+    player.play(first)
+    player.play(later)
+    player.strike()
+    again = np.zeros_like(first)
+    player.play(again)
+    assert np.abs(again).max() > 5 * np.abs(later[-4410:]).max()
+    assert player.meter()["energy_error"] <= 1e-12
+
+
+def test_fades_and_the_end():
+    """5 ms in and out, without a step; then silence, and the driver is told."""
+    bodies = [{"name": "b", "kind": "oscillator", "mass": 1.0, "frequency": 1.0, "displacement": 1.0}]
+    told = {"body": bodies, "pickup": [{"body": "b", "quantity": "displacement"}]}
+    player = Player(engine.Scene.model_validate(told), seconds=0.1, gain=0.5)
+    heard = called(player, 6000, np.array([256]))[:, 0]
+    assert heard[0] < 0.01 and 0.45 < heard[441] < 0.51
+    assert np.abs(np.diff(heard)).max() < 0.01
+    assert not heard[4410:].any() and heard[4408] != 0.0
+    assert player.desk[deck.DONE] == 1
+    stopped = Player(engine.Scene.model_validate(told), seconds=math.inf, gain=0.5)
+    stopped.play(np.zeros((1000, 1), np.float32))
+    stopped.stop()
+    out = np.zeros((1000, 1), np.float32)
+    stopped.play(out)
+    assert out[0] > 0.4 and not out[221:].any() and stopped.over
+
+
+def test_the_limiter_keeps_within_full_scale_and_counts():
+    player = Player(engine.load(PIANO), gain=30.0)
+    heard = called(player, 20_000, np.array([256]))
+    assert np.abs(heard).max() <= 1.0
+    assert player.meter()["limited"] > 100
+
+
+def test_the_driver_running_dry_is_counted():
+    player = Player(engine.load(PIANO))
+    called(player, 1024, np.array([256]), flags=deck.UNDERFLOW)
+    assert player.meter()["dropouts"] == 4
+
+
+def test_too_many_events_are_dropped_and_said():
+    player = Player(engine.load(PIANO))
+    for _ in range(1100):
+        player.strike("hammer")
+    player.play(np.zeros((256, player.channels), np.float32))
+    dropped = [e for e in player.log()["events"] if e["frame"] is None]
+    assert len(dropped) == 1100 - 1024
+    assert player.meter()["energy_error"] <= 1e-12
+
+
+def test_what_cannot_be_done_is_said():
+    player = Player(engine.load(PIANO))
+    with pytest.raises(KeyError, match=r"no knob contact\.velvet\.stiffness; there are contact\.felt\.stiffness"):
+        player.set("contact.velvet.stiffness", 1.0)
+    with pytest.raises(KeyError, match="no body anvil; there are string, hammer"):
+        player.strike("anvil")
+    with pytest.raises(KeyError, match="string is no hammer"):
+        player.strike("string")
+    with pytest.raises(ValueError, match=r"less than or equal to 1e\+60"):
+        player.set("contact.felt.stiffness", 1e99)
+    with pytest.raises(ValueError, match="float32"):
+        player.play(np.zeros((10, 2)))
+
+
+def test_what_was_played_can_be_fetched():
+    player = Player(engine.load(PIANO), gain=0.1)
+    out = np.zeros((9000, player.channels), np.float32)
+    fetched = []
+    for begin in range(0, 9000, 900):
+        player.play(out[begin : begin + 900])
+        fetched.append(player.fetch())
+    np.testing.assert_array_equal(np.concatenate(fetched), out)

@@ -46,6 +46,14 @@ class Accuracy(Part):
             first = error.errors()[0]
             raise ValueError(f"{first['loc'][0]} = {first['input']} is out of range; {first['msg']}") from None
 
+    def coarser(self) -> list["Accuracy"]:
+        """This setting, and coarser ones down to one plain step."""
+        found = [self]
+        while found[-1].refined:
+            last = found[-1]
+            found.append(last.but(order=2) if last.order > 2 else last.but(substeps=last.substeps // 2))
+        return found
+
     @property
     def refined(self) -> bool:
         """Whether a sample is more than one step."""

@@ -102,7 +102,7 @@ def build(
         partner=partner,
         contact_loss=contact_loss,
         coupling=coupling,
-        refinement=refinement(layout, modes, accuracy, samplerate),
+        refinement=refinement(layout, modes, accuracy, samplerate) if accuracy.refined else None,
         events=events,
         pickups=_pickups(layout, modes),
         bodies=layout.rows([_watched(layout, b) for b in layout.body], modes),

@@ -16,22 +16,55 @@ from engine.native import clock, floats, ints, invoke, publish, singles, watch
 # the desk: whole numbers and addresses, set once …
 BLOCK, POST, MODEL, STATE, PARTS, CHANNELS, SIZE, ROOMS, OUTS, LEDGERS, MIX = range(11)
 EVENTS, VALUES, SLOTS, RECORD, KEPT, GAUGE, FADE, RATE, TIMES, TIMED = range(11, 21)
+MODELS, LEVELS, LOWEST, ORDER, CHANGES, CHANGED = range(21, 27)
 # … what Python changes: events put in so far, a wish to stop
-PUT, STOP = range(21, 23)
+PUT, STOP = range(27, 29)
 # … and what the audio thread does
-END, TAKEN, FRAME, DONE, LIMITED, GAPS, CALLS = range(23, 30)
-DESK = 30
+END, TAKEN, FRAME, DONE, LIMITED, GAPS, CALLS, LEVEL, STEPS, CALM = range(29, 39)
+DESK = 39
 # gauges: numbers
-GAIN, ENVELOPE, PEAK, WORST, BUSY, FIRST_BALANCE, ENERGY, ERROR = range(8)
-GAUGES = 8
+GAIN, ENVELOPE, PEAK, WORST, BUSY, FIRST_BALANCE, ENERGY, ERROR, NEAR, FAR = range(10)
+GAUGES = 10
 # an event, whole numbers: what, island, first, last, when at the earliest, how long; and the frame it was taken
 KIND, ISLAND, FIRST, LAST_OF, START, LENGTH, TOOK = range(7)
 EVENT = 7
 VALUE = 2  # numbers of an event
 
+QUALITY = 10  # a kind of event: play at level `first`
 UNDERFLOW = 4  # flag of PortAudio: the driver ran dry before this block
 CONTINUE, COMPLETE = 0, 1
 RECOVERY = 0.1  # s, in which the limiter lets go
+EASE = 1.0  # s, after which quality steps up again
+HUSH = 9  # a kind of event (engine.post): the quietest `first` islands sleep
+
+
+@jit
+def play_at(desk, level):
+    """Play at a level of quality: 0 as asked; then coarser models; then with ever more of the quietest asleep."""
+    last = desk[LEVELS] - 1
+    desk[MODEL] = ints(desk[MODELS], desk[LEVELS])[min(level, last)]
+    order = ints(desk[ORDER], EVENT)
+    order[KIND], order[FIRST] = HUSH, max(0, level - last)
+    if level > last or desk[LEVEL] > last:
+        invoke(desk[POST], (desk[MODEL], desk[STATE], desk[ORDER], desk[ORDER], desk[FRAME]))
+    desk[LEVEL] = level
+
+
+@jit
+def steer(desk, gauge, frames, share):
+    """After a block: one level down if it came near its deadline; up again after a second of ease."""
+    level = desk[LEVEL]
+    desk[CALM] = desk[CALM] + frames if share < gauge[FAR] else 0
+    if share > gauge[NEAR] and level < desk[LOWEST]:
+        level += 1
+    elif desk[CALM] > desk[RATE] * EASE and level > 0:
+        level -= 1
+    if level != desk[LEVEL]:
+        change = ints(desk[CHANGES] + 16 * (desk[STEPS] % desk[CHANGED]), 2)
+        change[0], change[1] = desk[FRAME], level
+        play_at(desk, level)
+        desk[CALM] = 0
+        publish(desk, STEPS, desk[STEPS] + 1)
 
 
 @jit
@@ -41,8 +74,12 @@ def take_events(desk):
     while desk[TAKEN] < until:
         slot = desk[TAKEN] % desk[SLOTS]
         place, value = desk[EVENTS] + 8 * EVENT * slot, desk[VALUES] + 8 * VALUE * slot
-        ints(place, EVENT)[TOOK] = desk[FRAME]
-        invoke(desk[POST], (desk[MODEL], desk[STATE], place, value, desk[FRAME]))
+        event = ints(place, EVENT)
+        event[TOOK] = desk[FRAME]
+        if event[KIND] == QUALITY:
+            play_at(desk, event[FIRST])
+        else:
+            invoke(desk[POST], (desk[MODEL], desk[STATE], place, value, desk[FRAME]))
         publish(desk, TAKEN, desk[TAKEN] + 1)
 
 
@@ -174,5 +211,7 @@ def answer(source, output, frames, time, flags, address):
         publish(desk, DONE, 1)
         return COMPLETE
     run(desk, gauge, out, count)
-    took(desk, gauge, count, clock() - begin)
+    spent = clock() - begin
+    took(desk, gauge, count, spent)
+    steer(desk, gauge, count, spent * desk[RATE] / max(1, count))
     return CONTINUE

@@ -23,7 +23,6 @@ TICK = 0.1  # s, between two looks at keys and meter
 PILOT = 1.0  # s of a patch that are measured before it is played
 HEADROOM = 0.5  # peak of the pilot in the output: what is struck later may be louder
 PATIENCE = 2.0  # s, for the driver to end
-NEAR = 0.7  # of a deadline: what the worst block may take
 KEYS = "keys: space strike, 1 to 9 softer to harder, m mute, n next patch, q quit"
 
 
@@ -195,6 +194,8 @@ def line_of(now: dict[str, Any]) -> str:
         f"energy {now['energy_error']:.0e}",
         f"awake {now['awake']}/{now['islands']}",
     ]
+    if now["quality_steps"]:
+        parts.append(f"quality {now['quality']}, {now['quality_steps']} steps")
     return "  ".join(parts) + (f"  limited {now['limited']}" if now["limited"] else "")
 
 

@@ -14,17 +14,19 @@ import math
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from engine import deck, energy, post, score
 from engine.block import block
 from engine.build import BuildError, base, build
 from engine.held import Held
 from engine.jit import pointer
-from engine.model import Room
+from engine.model import Model, Room, aligned
 from engine.offline import newton
 from engine.parts import Change, Damp, Mass, Oscillator, PluckAgain, Strike
 from engine.rest import UNTIL
 from engine.scene import Scene
+from engine.stages import refinement
 
 FADE = 0.005  # s
 SIZE = 1024  # frames computed at once
@@ -33,6 +35,7 @@ SLOTS = 1024  # of the ring
 TIMED = 8192  # blocks whose times are kept
 KEPT = 4.0  # s of what was played, until it is fetched
 GLIDE = 0.02  # s, of a knob
+NEAR, FAR = 0.8, 0.4  # of its deadline: a block that takes more lowers the quality, one that takes less is at ease
 MUTE = 40.0, 0.4  # decay rate, 1/s, and how long, s
 FOREVER = 1 << 60
 LARGEST = 1 << 40  # frames that are played if a scene goes on and on
@@ -54,7 +57,12 @@ class Player:
         self.model, self.state, self.layout = build(scene, samplerate, room=ROOM)
         parts = self.model.islands.part.size - 1
         rooms = [Room(np.zeros((SIZE, self.channels)), np.zeros((SIZE, energy.COLUMNS)), None) for _ in range(parts)]
+        levels = self._levels()
         held = Held(self.model), Held(self.state)
+        models = [held[0], *map(Held, levels)]
+        self._models = np.array([m.address for m in models], np.int64)
+        self._order = np.zeros(deck.EVENT, np.int64)
+        self._changes = np.zeros((SLOTS, 2), np.int64)
         places = [Held(room) for room in rooms]
         self._events = np.zeros((SLOTS, deck.EVENT), np.int64)
         self._values = np.zeros((SLOTS, deck.VALUE))
@@ -66,7 +74,7 @@ class Player:
         tables.append([r.ledger.ctypes.data for r in rooms if r.ledger is not None])
         self._tables = [np.array(table, np.int64) for table in tables]
         self.gauge = np.zeros(deck.GAUGES)
-        self.gauge[deck.GAIN] = gain
+        self.gauge[deck.GAIN], self.gauge[deck.NEAR], self.gauge[deck.FAR] = gain, NEAR, FAR
         seconds = scene.seconds if seconds is None else seconds
         self.desk = np.zeros(deck.DESK, np.int64)
         deck.put_in(self.desk.ctypes.data, 0, 0, 0, 0, 0, 0, 0.0, 0.0)  # compiles; there is no room yet
@@ -87,6 +95,12 @@ class Player:
             SLOTS=SLOTS,
             RECORD=self._record.ctypes.data,
             KEPT=len(self._record),
+            MODELS=self._models.ctypes.data,
+            LEVELS=len(models),
+            LOWEST=len(models) - 1 + self.model.islands.mode.size - 2,
+            ORDER=self._order.ctypes.data,
+            CHANGES=self._changes.ctypes.data,
+            CHANGED=SLOTS,
             TIMES=self.times.ctypes.data,
             TIMED=TIMED,
             GAUGE=self.gauge.ctypes.data,
@@ -94,12 +108,22 @@ class Player:
             RATE=samplerate,
             END=LARGEST if math.isinf(seconds) else max(1, round(seconds * samplerate)),
         )
-        self._kept_alive = held, places, rooms
+        self._kept_alive = models, held, places, rooms
         self.play(np.zeros((0, self.channels), np.float32))  # compiles
         deck.note(self.desk.ctypes.data, 1, 0.0)
         self.desk[deck.CALLS] = 0
         self._log: list[dict[str, Any]] = []  # events as they were put in, then with the frame they were taken at
         self._waiting: list[tuple[int, dict[str, Any]]] = []
+
+    def _levels(self) -> list[Model]:
+        """Coarser models of the same kind, to step down to where blocks come near their deadline."""
+        accuracy = self.scene.accuracy
+        if self.model.refinement is None or accuracy.precision == "float32":
+            return []
+        tables = (
+            refinement(self.layout, self.model.modes, coarse, self.samplerate) for coarse in accuracy.coarser()[1:]
+        )
+        return [self.model._replace(refinement=aligned(table)) for table in tables]
 
     def _set_out(self, **numbers: int) -> None:
         for name, number in numbers.items():
@@ -174,7 +198,11 @@ class Player:
         if what not in self.knobs:
             raise KeyError(f"no knob {what}; there are {', '.join(self.knobs) or 'none: give a contact a name'}")
         _, name, key = what.split(".")
-        told = Change.model_validate({"kind": "change", "time": 0.0, "contact": name, "duration": seconds, key: value})
+        asked = {"kind": "change", "time": 0.0, "contact": name, "duration": seconds, key: value}
+        try:
+            told = Change.model_validate(asked)
+        except ValidationError as error:
+            raise ValueError(f"{what} = {value:g} is out of range; {error.errors()[0]['msg']}") from None
         self._tell((what, value), told, frame)
 
     @property
@@ -234,7 +262,17 @@ class Player:
         end = int(self.desk[deck.END])
         scene = json.loads(self.scene.model_dump_json(exclude_none=True))
         told = {"scene": scene, "samplerate": self.samplerate, "gain": self.gain, "end": end, "frames": self.frame}
-        return told | {"events": self._log}
+        steps = min(int(self.desk[deck.STEPS]), SLOTS)
+        levels = [
+            {
+                "frame": int(frame),
+                "why": ["quality", int(level)],
+                "row": [deck.QUALITY, 0, int(level), 0, 0, 0, 0.0, 0.0],
+            }
+            for frame, level in self._changes[:steps]
+        ]  # a change is made at the end of a block, an event taken at the beginning of one
+        events = sorted(levels + self._log, key=lambda e: -1 if e["frame"] is None else e["frame"])
+        return told | {"events": events}
 
     def meter(self) -> dict[str, Any]:
         """What a meter shows; peaks are since the last call."""
@@ -252,6 +290,8 @@ class Player:
             "limited": int(desk[deck.LIMITED]),
             "newton": newton(self.model, self.state),
             "energy_error": float(gauge[deck.ERROR] / gauge[deck.ENERGY]) if gauge[deck.ENERGY] > 0.0 else 0.0,
+            "quality_steps": int(desk[deck.STEPS]),
+            "quality": -int(desk[deck.LEVEL]),
             "awake": int(np.sum(self.state.asleep[:, UNTIL] <= self.frame)),
             "islands": len(self.state.asleep),
         }

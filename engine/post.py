@@ -1,12 +1,13 @@
 """Events that come while a scene is played: they join the score, as if it had always said so."""
 
-from engine.deck import EVENT, FIRST, ISLAND, KIND, LAST_OF, LENGTH, START, VALUE
+from engine.deck import EVENT, FIRST, HUSH, ISLAND, KIND, LAST_OF, LENGTH, START, VALUE
 from engine.events import NEVER
 from engine.held import let
 from engine.jit import entry, jit
 from engine.native import floats, ints
+from engine.rest import LEVEL, STILL, UNTIL
 
-PLUCK = 8  # an event's kind beside those of the score: external force `first` begins anew, a times as strong
+PLUCK = 8  # a kind of event beside those of the score: external force `first` begins anew
 
 
 @entry
@@ -19,6 +20,9 @@ def post(model, state, event, value, frame):
 def add(model, state, event, value, frame):
     """As `post`, of what is held. A full score drops the event."""
     n, start = event[ISLAND], max(event[START], frame)
+    if event[KIND] == HUSH:
+        hush(state, event[FIRST], frame)
+        return
     if event[KIND] == PLUCK:
         again(model.force, event[FIRST], start)
     elif model.events is not None:
@@ -27,8 +31,29 @@ def add(model, state, event, value, frame):
         tidy(model.events, state.event_from, following, begin, end, frame)
         insert(model.events, following, begin, end, event, value, start)
     state.clear[n] = min(state.clear[n], start)
-    for k in range(2):  # engine.rest: UNTIL and STILL
-        state.asleep[n, k] = min(state.asleep[n, k], start)
+    state.asleep[n, UNTIL], state.asleep[n, STILL] = (
+        min(state.asleep[n, UNTIL], start),
+        min(state.asleep[n, STILL], start),
+    )
+
+
+@jit
+def hush(state, count, frame):
+    """Put the quietest islands to sleep until they are told otherwise, and wake those that were told before. What
+    they hold they keep: to sleep takes and gives no energy."""
+    islands = state.asleep.shape[0]
+    for n in range(islands):
+        if state.asleep[n, UNTIL] == NEVER:
+            state.asleep[n, UNTIL] = state.asleep[n, STILL] = frame
+            state.clear[n] = min(state.clear[n], frame)
+    for _ in range(min(count, islands - 1)):
+        quietest = -1
+        for n in range(islands):
+            awake = state.asleep[n, UNTIL] <= frame
+            if awake and (quietest < 0 or state.rest[n, LEVEL] < state.rest[quietest, LEVEL]):
+                quietest = n
+        if quietest >= 0:
+            state.asleep[quietest, UNTIL] = state.asleep[quietest, STILL] = NEVER
 
 
 @jit

@@ -11,8 +11,8 @@ from engine.spots import places
 
 
 def refinement(layout: Layout, modes: Modes, accuracy: Accuracy, samplerate: float) -> Refinement | None:
-    """Tables of all stages; None without contacts, or if a sample is one step."""
-    if not layout.spot or not accuracy.refined:
+    """Tables of all stages, be it one; None without contacts."""
+    if not layout.spot:
         return None
     lengths = stages(accuracy)
     kinds = sorted(set(lengths))

@@ -60,6 +60,7 @@ def parser() -> argparse.ArgumentParser:
     live.add_argument("--record", metavar="OUT.wav", help="also write what is played")
     live.add_argument("--log", metavar="LOG.json", help="also write what was done")
     live.add_argument("--replay", metavar="LOG.json", help="render what was played, bit for bit, to -o OUT.wav")
+    live.add_argument("--watch", action="store_true", help="take over what is saved to the patch while it plays")
     live.add_argument("--force", action="store_true", help="play even what is too heavy for real time")
     live.add_argument("--callback", metavar="KIND", default="compiled", help="compiled (default), or python to compare")
     parse.add_argument("--json", action="store_true", help="print the statistics as one JSON object")

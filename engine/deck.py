@@ -16,12 +16,12 @@ from engine.native import clock, floats, ints, invoke, publish, singles, watch
 # the desk: whole numbers and addresses, set once …
 BLOCK, POST, MODEL, STATE, PARTS, CHANNELS, SIZE, ROOMS, OUTS, LEDGERS, MIX = range(11)
 EVENTS, VALUES, SLOTS, RECORD, KEPT, GAUGE, FADE, RATE, TIMES, TIMED = range(11, 21)
-MODELS, LEVELS, LOWEST, ORDER, CHANGES, CHANGED = range(21, 27)
-# … what Python changes: events put in so far, a wish to stop
-PUT, STOP = range(27, 29)
+MODELS, LEVELS, LOWEST, ORDER, CHANGES, CHANGED, SPARE = range(21, 28)
+# … what Python changes: events put in so far, a wish to stop, the desk that takes over
+PUT, STOP, NEXT = range(28, 31)
 # … and what the audio thread does
-END, TAKEN, FRAME, DONE, LIMITED, GAPS, CALLS, LEVEL, STEPS, CALM = range(29, 39)
-DESK = 39
+END, TAKEN, FRAME, DONE, LIMITED, GAPS, CALLS, LEVEL, STEPS, CALM, RECORDED = range(31, 42)
+DESK = 42
 # gauges: numbers
 GAIN, ENVELOPE, PEAK, WORST, BUSY, FIRST_BALANCE, ENERGY, ERROR, NEAR, FAR = range(10)
 GAUGES = 10
@@ -108,12 +108,11 @@ def mix(desk, gauge, frames):
 
 
 @jit
-def put_out(desk, gauge, out, begin, frames):
+def put_out(desk, gauge, out, frames):
     """Bring the mix to the output: gain, fades at start and stop, and a limiter of last resort."""
     channels = desk[CHANNELS]
     total = floats(desk[MIX], frames * channels)
     release = math.exp(-1.0 / (RECOVERY * desk[RATE]))
-    record = singles(desk[RECORD], desk[KEPT] * channels)
     for i in range(frames):
         frame = desk[FRAME] + i
         risen, left = (frame + 0.5) / desk[FADE], (desk[END] - frame - 0.5) / desk[FADE]
@@ -130,25 +129,58 @@ def put_out(desk, gauge, out, begin, frames):
         if gauge[ENVELOPE] > 1.0:
             level /= gauge[ENVELOPE]
             desk[LIMITED] += 1
-        place = frame % desk[KEPT] * channels
         for c in range(channels):
-            value = min(1.0, max(-1.0, total[i * channels + c] * level))
-            out[(begin + i) * channels + c] = value
-            record[place + c] = value
+            out[i * channels + c] = min(1.0, max(-1.0, total[i * channels + c] * level))
 
 
 @jit
-def run(desk, gauge, out, frames):
-    """Play some frames into `out`, single precision, channels interleaved."""
-    if watch(desk, STOP) != 0:
+def run(desk, out, frames):
+    """Play so many frames, no more than are computed at once, into `out`: single precision, channels interleaved."""
+    gauge = floats(desk[GAUGE], GAUGES)
+    take_events(desk)
+    mix(desk, gauge, frames)
+    put_out(desk, gauge, out, frames)
+    publish(desk, FRAME, desk[FRAME] + frames)
+
+
+@jit
+def taken_over(desk):
+    """The desk that is played now: the first, or of those that took over the first that has not ended."""
+    while desk[DONE] != 0 and watch(desk, NEXT) != 0:
+        desk = ints(desk[NEXT], DESK)
+    return desk
+
+
+@jit
+def perform(top, out, frames):
+    """Play so many frames of what is on, and of what takes over from it while the one fades into the other."""
+    desk, count = taken_over(top), frames * top[CHANNELS]
+    following = watch(desk, NEXT)
+    if watch(desk, STOP) != 0 or following != 0:
         desk[END] = min(desk[END], desk[FRAME] + desk[FADE])
+    sounding = frames if following != 0 else max(0, min(frames, desk[END] - desk[FRAME]))
+    run(desk, out, frames)
+    if following != 0:
+        later = singles(desk[SPARE], count)
+        run(ints(following, DESK), later, frames)
+        for i in range(count):
+            out[i] = min(1.0, max(-1.0, out[i] + later[i]))
+    if desk[FRAME] >= desk[END]:
+        publish(desk, DONE, 1)
+    record, room = singles(top[RECORD], top[KEPT] * top[CHANNELS]), top[KEPT] * top[CHANNELS]
+    begin = top[RECORDED] * top[CHANNELS]
+    for i in range(sounding * top[CHANNELS]):
+        record[(begin + i) % room] = out[i]
+    publish(top, RECORDED, top[RECORDED] + sounding)
+
+
+@jit
+def perform_all(top, output, frames):
+    """As `perform`, any number of frames, to an address."""
     done = 0
     while done < frames:
-        count = min(frames - done, desk[SIZE])
-        take_events(desk)
-        mix(desk, gauge, count)
-        put_out(desk, gauge, out, done, count)
-        publish(desk, FRAME, desk[FRAME] + count)
+        count = min(frames - done, top[SIZE])
+        perform(top, singles(output + 4 * done * top[CHANNELS], count * top[CHANNELS]), count)
         done += count
 
 
@@ -191,27 +223,24 @@ def play(address, output, frames):
 
     address: of the desk; output: address of single-precision room for them, channels interleaved
     """
-    desk = ints(address, DESK)
-    run(desk, floats(desk[GAUGE], GAUGES), singles(output, frames * desk[CHANNELS]), frames)
+    perform_all(ints(address, DESK), output, frames)
 
 
-@callback(types.int32(types.voidptr, types.voidptr, types.ulong, types.voidptr, types.ulong, types.voidptr))
+@callback(types.int32(types.voidptr, types.intp, types.ulong, types.voidptr, types.ulong, types.intp))
 def answer(source, output, frames, time, flags, address):
     """What PortAudio calls. Nothing here can raise, wait, or ask for memory."""
     begin = clock()
-    desk = ints(address, DESK)
-    gauge = floats(desk[GAUGE], GAUGES)
-    count = types.int64(frames)
+    top = ints(address, DESK)
+    desk, count = taken_over(top), types.int64(frames)
     if flags & UNDERFLOW:
         desk[GAPS] += 1
-    out = singles(output, count * desk[CHANNELS])
-    if desk[FRAME] >= desk[END]:
-        for i in range(count * desk[CHANNELS]):
+    if desk[DONE] != 0:
+        out = singles(output, count * top[CHANNELS])
+        for i in range(count * top[CHANNELS]):
             out[i] = 0.0
-        publish(desk, DONE, 1)
         return COMPLETE
-    run(desk, gauge, out, count)
-    spent = clock() - begin
+    perform_all(top, output, count)
+    spent, gauge = clock() - begin, floats(desk[GAUGE], GAUGES)
     took(desk, gauge, count, spent)
     steer(desk, gauge, count, spent * desk[RATE] / max(1, count))
     return CONTINUE

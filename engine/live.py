@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 from engine import deck, sound
 from engine.patch import Fault
 from engine.player import Player
+from engine.reload import Watch
 from engine.save import replaced
 from engine.scene import Scene
 
@@ -74,15 +76,17 @@ def play(args: argparse.Namespace, scene: Scene, gain: float | None) -> int:
         print(f"{scene.title or path.stem}, on {name} at {samplerate} Hz, blocks of {args.block}", flush=True)
         wish = "vanished"
         with recording(args.record, player) as write, keyboard() as keys, meter() as show:
+            make = partial(ready, samplerate=samplerate, args=args, gain=gain)
+            watch = Watch(path, scene, player, make) if args.watch else None
             stream.start()
-            wish = attend(player, stream, write, keys, show)
+            wish = attend(player, stream, write, keys, show, watch)
         if wish == "vanished":
             print(f"render.py: {name} is gone; what was recorded is kept", file=sys.stderr)
             sound.forget()
             sys.stderr.flush()
             os._exit(1)  # PortAudio would wait for a device that does not answer
         stream.close()
-        tell(player, args)
+        tell(watch.player if watch is not None else player, args)
         if wish != "next":
             return 130 if wish == "interrupted" else 0
         path, scene = following(path)
@@ -93,13 +97,17 @@ def latency(text: str | None) -> str | float | None:
     return text if text in (None, "low", "high") else float(text)
 
 
-def attend(player: Player, stream: Any, write: Any, keys: Any, show: Any) -> str:
+def attend(first: Player, stream: Any, write: Any, keys: Any, show: Any, watch: Watch | None) -> str:
     """Keys, meter and recording while the driver plays; returns how it ended."""
-    wish, deadline = "over", math.inf
+    wish, deadline, player = "over", math.inf, first
     while True:
         try:
             key = keys(TICK)
-            write(player.fetch())
+            write(first.fetch())
+            if watch is not None:
+                for line in watch.look():
+                    print(line, file=sys.stderr)
+                player = watch.player
             show(player)
             if key in ("q", "n", "\x03"):
                 raise KeyboardInterrupt
@@ -116,8 +124,8 @@ def attend(player: Player, stream: Any, write: Any, keys: Any, show: Any) -> str
                 player.stop()
                 deadline = time.monotonic() + PATIENCE
         if not stream.active:
-            write(player.fetch())
-            return wish if player.over else "vanished"
+            write(first.fetch())
+            return wish if first.over else "vanished"
         if time.monotonic() > deadline:
             return "vanished"
 

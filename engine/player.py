@@ -29,6 +29,7 @@ from engine.scene import Scene
 from engine.stages import refinement
 
 FADE = 0.005  # s
+CROSSFADE = 0.02  # s
 SIZE = 1024  # frames computed at once
 ROOM = 64  # events at a time on each island
 SLOTS = 1024  # of the ring
@@ -69,6 +70,7 @@ class Player:
         self._mix = np.zeros((SIZE, self.channels))
         self._record = np.zeros((round(KEPT * samplerate), self.channels), np.float32)
         self.times = np.zeros(TIMED)  # of the last blocks, as shares of their deadlines
+        self._spare = np.zeros((SIZE, self.channels), np.float32)
         self._fetched = 0
         tables = [[p.address for p in places], [r.out.ctypes.data for r in rooms]]
         tables.append([r.ledger.ctypes.data for r in rooms if r.ledger is not None])
@@ -95,6 +97,7 @@ class Player:
             SLOTS=SLOTS,
             RECORD=self._record.ctypes.data,
             KEPT=len(self._record),
+            SPARE=self._spare.ctypes.data,
             MODELS=self._models.ctypes.data,
             LEVELS=len(models),
             LOWEST=len(models) - 1 + self.model.islands.mode.size - 2,
@@ -112,6 +115,7 @@ class Player:
         self.play(np.zeros((0, self.channels), np.float32))  # compiles
         deck.note(self.desk.ctypes.data, 1, 0.0)
         self.desk[deck.CALLS] = 0
+        self._next: Player | None = None  # who took over
         self._log: list[dict[str, Any]] = []  # events as they were put in, then with the frame they were taken at
         self._waiting: list[tuple[int, dict[str, Any]]] = []
 
@@ -144,16 +148,26 @@ class Player:
 
     @property
     def over(self) -> bool:
-        """Whether all has been played."""
-        return bool(self.desk[deck.FRAME] >= self.desk[deck.END])
+        """Whether all has been played, by this player and by those that took over."""
+        return bool(self.desk[deck.DONE]) and (self._next is None or self._next.over)
 
     def stop(self) -> None:
         """Fade out, and end."""
         self.desk[deck.STOP] = 1
 
+    def hand_over(self, following: "Player") -> None:
+        """Let another player take over: one sound fades into the other. Raises ValueError if it has other channels."""
+        if (following.channels, following.samplerate) != (self.channels, self.samplerate):
+            raise ValueError(f"it has {following.channels} channels instead of {self.channels}; start anew")
+        for player in (self, following):
+            player.desk[deck.FADE] = round(CROSSFADE * self.samplerate)
+        self._next = following
+        self.desk[deck.NEXT] = following.desk.ctypes.data
+
     def fetch(self) -> np.ndarray:
-        """What was played since the last call, single precision [frames, channels]; at most the last KEPT seconds."""
-        until = min(self.frame, int(self.desk[deck.END]))
+        """What was played since the last call, by this player and by those that took over, single precision
+        [frames, channels]; at most the last KEPT seconds."""
+        until = int(self.desk[deck.RECORDED])
         begin = max(self._fetched, until - len(self._record))
         at = np.arange(begin, until) % len(self._record)
         self._fetched = until

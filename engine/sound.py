@@ -108,7 +108,6 @@ def _answer(player: "Player", sounddevice: Any) -> Any:
             player.desk[deck.GAPS] += 1
         if player.over:
             out[:] = 0.0
-            player.desk[deck.DONE] = 1
             raise sounddevice.CallbackStop
         begin = time_now()
         player.play(out)

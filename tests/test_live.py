@@ -3,6 +3,7 @@
 import ctypes
 import json
 import math
+import time
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from conftest import ROOT
 import engine
 from engine import deck
 from engine.player import Player, replay
+from engine.reload import Watch
 
 PIANO, TANPURA, RATTLE = (ROOT / "patches" / f"{name}.toml" for name in ("piano_c4", "tanpura", "rattle"))
 ANSWER = ctypes.CFUNCTYPE(
@@ -210,3 +212,53 @@ def test_quality_steps_down_before_the_sound_breaks_and_up_again(voices):
     assert now["quality_steps"] == 10 and now["energy_error"] <= 1e-12
     again = replay(json.loads(json.dumps(player.log())))
     np.testing.assert_array_equal(again, np.concatenate([calm, rough, better]))
+
+
+def waited(watch: Watch, frames: int = 0) -> list[str]:
+    """What a watch says, once it has something to say."""
+    begin = time.monotonic()
+    while time.monotonic() - begin < 60.0:
+        if said := watch.look():
+            return said
+        time.sleep(0.02)
+    raise AssertionError("nothing was said")
+
+
+def test_what_is_saved_is_heard(tmp_path):
+    """A value glides; a changed structure takes over within 20 ms, without a step; faults leave the old sound."""
+    path = tmp_path / "patch.toml"
+    text = PIANO.read_text("utf-8")
+    path.write_text(text, "utf-8")
+    scene = engine.load(path)
+    player = Player(scene, gain=0.05, seconds=math.inf)
+    watch = Watch(path, scene, player, lambda new: Player(new, gain=0.05, seconds=math.inf))
+    sizes = np.array([256])
+    called(player, 4096, sizes)
+    assert watch.look() == []
+    path.write_text(text.replace("stiffness = 4.5e9", "stiffness = 9.0e9"), "utf-8")
+    assert waited(watch) == ["contact.felt.stiffness → 9e+09"]
+    path.write_text(text.replace("stiffness = 4.5e9", "stifness = 9e9"), "utf-8")
+    said = waited(watch)
+    assert 'did you mean "stiffness"?' in said[0] and said[-1] == "the old sound goes on"
+    called(player, 4096, sizes)
+    assert watch.player is player and player.state.unit[0] == pytest.approx(2 * player.model.contact.base[0])
+    path.write_text(text.replace("on_at = 0.12", "on_at = 0.3"), "utf-8")
+    assert waited(watch) == ["Piano, C4: took over"]
+    assert watch.player is not player
+    old, new = Player(scene, gain=0.05), watch.player
+    crossed = called(player, 4096, sizes)
+    assert player.desk[deck.DONE] == 1 and not player.over
+    assert new.frame == 4096
+    steps = np.abs(np.diff(crossed, axis=0)).max()
+    assert steps <= 2 * np.abs(np.diff(called(old, 8192, sizes), axis=0)).max()
+    np.testing.assert_array_equal(player.fetch()[-4096:], crossed)
+    new.stop()
+    called(player, 4096, sizes)
+    assert player.over
+
+
+def test_other_channels_cannot_take_over():
+    player, mono = Player(engine.load(PIANO)), Player(engine.load(RATTLE).model_copy(update={"pickup": [
+        engine.load(RATTLE).pickup[0].model_copy(update={"channel": 1})]}))  # fmt: skip
+    with pytest.raises(ValueError, match="start anew"):
+        player.hand_over(mono)

@@ -15,6 +15,9 @@ def main() -> int:
     """Run the named measurements; each module has a `run()` that prints and writes its results."""
     if sys.argv[1:2] == ["compare"]:
         return compare.main(sys.argv[2:])
+    if sys.argv[1:2] in (["--help"], ["-h"]):
+        print(f"{__doc__}\n\n{', '.join(NAMES)}")
+        return 0
     names = sys.argv[1:] or NAMES
     if unknown := [name for name in names if name not in NAMES]:
         print(f"bench: unknown {', '.join(unknown)}; compare, or some of {', '.join(NAMES)}", file=sys.stderr)

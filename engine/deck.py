@@ -30,12 +30,15 @@ KIND, ISLAND, FIRST, LAST_OF, START, LENGTH, TOOK = range(7)
 EVENT = 7
 VALUE = 2  # numbers of an event
 
-QUALITY = 10  # a kind of event: play at level `first`
+# kinds of events beside those of the score and of engine.post
+QUALITY = 10  # play at level `first`
+TUNE = 11  # of `last` islands from `island` on, copy `first` tables as the list at `start` says
 UNDERFLOW = 4  # flag of PortAudio: the driver ran dry before this block
 CONTINUE, COMPLETE = 0, 1
 RECOVERY = 0.1  # s, in which the limiter lets go
 EASE = 1.0  # s, after which quality steps up again
 HUSH = 9  # a kind of event (engine.post): the quietest `first` islands sleep
+WEIGH = 12  # another: the energy of an island counts as supplied, times `first`
 
 
 @jit
@@ -48,6 +51,27 @@ def play_at(desk, level):
     if level > last or desk[LEVEL] > last:
         invoke(desk[POST], (desk[MODEL], desk[STATE], desk[ORDER], desk[ORDER], desk[FRAME]))
     desk[LEVEL] = level
+
+
+@jit
+def tune(desk, event):
+    """Give some islands other tables; what that does to their energy is booked."""
+    weigh(desk, event, -1)
+    for i in range(event[FIRST]):
+        order = ints(event[START] + 24 * i, 3)
+        to, of = floats(order[0], order[2]), floats(order[1], order[2])
+        for k in range(order[2]):
+            to[k] = of[k]
+    weigh(desk, event, 1)
+
+
+@jit
+def weigh(desk, event, sign):
+    """Book the energies of some islands as supplied, or as taken."""
+    order = ints(desk[ORDER], EVENT)
+    for n in range(event[ISLAND], event[ISLAND] + event[LAST_OF]):
+        order[KIND], order[ISLAND], order[FIRST] = WEIGH, n, sign
+        invoke(desk[POST], (desk[MODEL], desk[STATE], desk[ORDER], desk[ORDER], desk[FRAME]))
 
 
 @jit
@@ -78,6 +102,8 @@ def take_events(desk):
         event[TOOK] = desk[FRAME]
         if event[KIND] == QUALITY:
             play_at(desk, event[FIRST])
+        elif event[KIND] == TUNE:
+            tune(desk, event)
         else:
             invoke(desk[POST], (desk[MODEL], desk[STATE], place, value, desk[FRAME]))
         publish(desk, TAKEN, desk[TAKEN] + 1)

@@ -181,6 +181,11 @@ class Layout:
         begin = int(self._mode_begins[self._place[number]] - self.islands.mode[self.island[number]])
         return slice(begin, begin + self.modal[number].omega.size)
 
+    def place_of(self, number: int) -> slice:
+        """The modes of one of the scene's bodies, counted from the first of all."""
+        begin = int(self._mode_begins[self._place[number]])
+        return slice(begin, begin + self.modal[number].omega.size)
+
     @cached_property
     def _place(self) -> dict[int, int]:
         """Where each of the scene's bodies lies in the kernels' order."""

@@ -4,6 +4,7 @@ import argparse
 import json
 import math
 import os
+import signal
 import sys
 import time
 from collections.abc import Iterator
@@ -25,6 +26,8 @@ TICK = 0.1  # s, between two looks at keys and meter
 PILOT = 1.0  # s of a patch that are measured before it is played
 HEADROOM = 0.5  # peak of the pilot in the output: what is struck later may be louder
 PATIENCE = 2.0  # s, for the driver to end
+SOFTEST = 0.2  # of a hammer's own speed, for key 1; key 5 is as the patch has it
+ENDS = {"q": "quit", "n": "next"}
 KEYS = "keys: space strike, 1 to 9 softer to harder, m mute, n next patch, q quit"
 
 
@@ -100,8 +103,8 @@ def latency(text: str | None) -> str | float | None:
 def attend(first: Player, stream: Any, write: Any, keys: Any, show: Any, watch: Watch | None) -> str:
     """Keys, meter and recording while the driver plays; returns how it ended."""
     wish, deadline, player = "over", math.inf, first
-    while True:
-        try:
+    with interrupts() as interrupted:
+        while True:
             key = keys(TICK)
             write(first.fetch())
             if watch is not None:
@@ -109,25 +112,39 @@ def attend(first: Player, stream: Any, write: Any, keys: Any, show: Any, watch: 
                     print(line, file=sys.stderr)
                 player = watch.player
             show(player)
-            if key in ("q", "n", "\x03"):
-                raise KeyboardInterrupt
-            if key == "m":
-                player.damp()
-            elif key in (" ", "s"):
-                player.strike()
-            elif key and key.isdigit() and key != "0":
-                for hammer in player.hammers:
-                    player.strike(hammer, 0.2 * int(key) * (player.speed(hammer)))
-        except KeyboardInterrupt:
-            if wish == "over":
-                wish = {"n": "next", "q": "quit"}.get(key or "", "interrupted")
+            if wish == "over" and (interrupted or key in ENDS):
+                wish = "interrupted" if interrupted else ENDS[key]
                 player.stop()
                 deadline = time.monotonic() + PATIENCE
-        if not stream.active:
-            write(first.fetch())
-            return wish if first.over else "vanished"
-        if time.monotonic() > deadline:
-            return "vanished"
+            elif key is not None:
+                press(player, key)
+            if not stream.active:
+                write(first.fetch())
+                return wish if first.over else "vanished"
+            if time.monotonic() > deadline:
+                return "vanished"
+
+
+def press(player: Player, key: str) -> None:
+    """What a key does."""
+    if key == "m":
+        player.damp()
+    elif key in (" ", "s"):
+        player.strike()
+    elif key in "123456789":
+        for hammer in player.hammers:
+            player.strike(hammer, SOFTEST * int(key) * player.speed(hammer))
+
+
+@contextmanager
+def interrupts() -> Iterator[list[int]]:
+    """A list that holds something once Ctrl-C was pressed: nothing is broken off half-way."""
+    found: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: found.append(number))
+    try:
+        yield found
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager

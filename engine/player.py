@@ -27,6 +27,7 @@ from engine.parts import Change, Damp, Mass, Oscillator, PluckAgain, Strike
 from engine.rest import UNTIL
 from engine.scene import Scene
 from engine.stages import refinement
+from engine.voices import copies, polyphonic, thrown, tuned
 
 FADE = 0.005  # s
 CROSSFADE = 0.02  # s
@@ -47,12 +48,27 @@ class Player:
 
     seconds: until it fades out; the scene's own if None; `math.inf`: until it is stopped
     gain:    factor on SI units
+    voices:  play so many copies of the scene, each of which can be tuned; none if 0
+    lowest:  ratio of the lowest pitch they will be tuned to
     Raises BuildError as `engine.build.build`.
     """
 
-    def __init__(self, scene: Scene, samplerate: int = 44_100, seconds: float | None = None, gain: float = 1.0) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        samplerate: int = 44_100,
+        seconds: float | None = None,
+        gain: float = 1.0,
+        voices: int = 0,
+        lowest: float = 1.0,
+    ) -> None:
         if scene.accuracy.oversample > 1:
             raise BuildError([("accuracy.oversample", "live sound is not oversampled; order, substeps, or render it")])
+        self.patch, self.voices, self.lowest = scene, voices, lowest
+        self._tunings: dict[tuple[int, float], tuple[Any, ...]] = {}
+        if voices:
+            plain = scene.accuracy.but(order=2, substeps=1, precision="float64")  # a voice is tuned table by table
+            scene = polyphonic(tuned(scene, lowest), voices).model_copy(update={"accuracy": plain})
         self.scene, self.samplerate, self.gain = scene, samplerate, gain
         self.channels = max(p.channel for p in scene.pickup)
         self.model, self.state, self.layout = build(scene, samplerate, room=ROOM)
@@ -219,12 +235,26 @@ class Player:
             raise ValueError(f"{what} = {value:g} is out of range; {error.errors()[0]['msg']}") from None
         self._tell((what, value), told, frame)
 
+    def tune(self, voice: int, ratio: float) -> None:
+        """Give a voice another pitch, at once; what that does to its energy is booked. Raises IndexError without such
+        a voice, BuildError if it would vibrate too fast."""
+        if not 0 <= voice < self.voices:
+            raise IndexError(f"no voice {voice}; there are {self.voices}")
+        if (voice, ratio) not in self._tunings:
+            single = polyphonic(tuned(self.patch, ratio), 1).model_copy(update={"accuracy": self.scene.accuracy})
+            model, _, layout = build(single, self.samplerate, room=ROOM)
+            table = copies((self.model, self.layout), (model, layout), voice)
+            self._tunings[voice, ratio] = table, model  # read by the audio thread: kept
+        table = self._tunings[voice, ratio][0]
+        islands = (len(self.state.asleep)) // self.voices
+        row = (deck.TUNE, voice * islands, len(table), islands, table.ctypes.data, 1, 0.0, 0.0)
+        self._put(("tune", voice, ratio), row)
+
     @property
     def hammers(self) -> list[str]:
-        """Masses and oscillators that are thrown, at first or by an event."""
-        thrown = {e.body for e in self.scene.event if isinstance(e, Strike)}
-        lumped = [b for b in self.scene.body if isinstance(b, Mass | Oscillator)]
-        return [b.name for b in lumped if b.velocity != 0.0 or b.name in thrown]
+        """Masses and oscillators that are thrown, at first or by an event; of all voices."""
+        names = list(thrown(self.patch))
+        return [f"{name}_{n}" for n in range(self.voices) for name in names] if self.voices else names
 
     @property
     def knobs(self) -> list[str]:
@@ -238,8 +268,7 @@ class Player:
 
     def speed(self, hammer: str) -> float:
         """Velocity at which a hammer is thrown at time 0, or else first, m/s."""
-        thrown = [e.velocity for e in self.scene.event if isinstance(e, Strike) and e.body == hammer]
-        return float(self._body(hammer).velocity or (thrown[0] if thrown else 0.0))
+        return thrown(self.patch).get(hammer.rpartition("_")[0] if self.voices else hammer, 0.0)
 
     def _body(self, name: str) -> Any:
         if name not in self.layout.number:
@@ -274,8 +303,9 @@ class Player:
         """All that was done, as JSON can hold it; `replay` makes the same sound of it."""
         self._settle()
         end = int(self.desk[deck.END])
-        scene = json.loads(self.scene.model_dump_json(exclude_none=True))
+        scene = json.loads(self.patch.model_dump_json(exclude_none=True))
         told = {"scene": scene, "samplerate": self.samplerate, "gain": self.gain, "end": end, "frames": self.frame}
+        told |= {"voices": self.voices, "lowest": self.lowest}
         steps = min(int(self.desk[deck.STEPS]), SLOTS)
         levels = [
             {
@@ -314,7 +344,7 @@ class Player:
 def replay(log: dict[str, Any]) -> np.ndarray:
     """What was played, from its log: single precision [frames, channels], the same bit for bit."""
     scene = Scene.model_validate(log["scene"])
-    player = Player(scene, log["samplerate"], math.inf, log["gain"])
+    player = Player(scene, log["samplerate"], math.inf, log["gain"], log["voices"], log["lowest"])
     player.desk[deck.END] = log["end"]
     frames = min(log["frames"], log["end"])
     out = np.zeros((frames, player.channels), np.float32)
@@ -324,6 +354,9 @@ def replay(log: dict[str, Any]) -> np.ndarray:
             continue
         player.play(out[at : event["frame"]])
         at = event["frame"]
-        deck.put_in(player.desk.ctypes.data, *event["row"])
+        if event["why"][0] == "tune":
+            player.tune(*event["why"][1:])
+        else:
+            deck.put_in(player.desk.ctypes.data, *event["row"])
     player.play(out[at:])
     return out

@@ -1,8 +1,10 @@
 """Events that come while a scene is played: they join the score, as if it had always said so."""
 
-from engine.deck import EVENT, FIRST, HUSH, ISLAND, KIND, LAST_OF, LENGTH, START, VALUE
-from engine.events import NEVER
+from engine.deck import EVENT, FIRST, HUSH, ISLAND, KIND, LAST_OF, LENGTH, START, VALUE, WEIGH
+from engine.energy import SUPPLIED, book
+from engine.events import NEVER, held
 from engine.held import let
+from engine.islands import cut_model, cut_state
 from engine.jit import entry, jit
 from engine.native import floats, ints
 from engine.rest import LEVEL, STILL, UNTIL
@@ -23,7 +25,9 @@ def add(model, state, event, value, frame):
     if event[KIND] == HUSH:
         hush(state, event[FIRST], frame)
         return
-    if event[KIND] == PLUCK:
+    if event[KIND] == WEIGH:
+        weigh(model, state, n, event[FIRST])
+    elif event[KIND] == PLUCK:
         again(model.force, event[FIRST], start)
     elif model.events is not None:
         following = state.next_event[n]
@@ -35,6 +39,17 @@ def add(model, state, event, value, frame):
         min(state.asleep[n, UNTIL], start),
         min(state.asleep[n, STILL], start),
     )
+
+
+@jit
+def weigh(model, state, n, sign):
+    """Book the energy that island n holds."""
+    part = 0
+    while model.islands.part[part + 1] <= n:
+        part += 1
+    island = cut_model(model, state, n)
+    own = cut_state(model.islands, state, part, n)
+    book(own.account, SUPPLIED, sign * held(island, own))
 
 
 @jit

@@ -17,7 +17,7 @@ FLOORS = [
     ["accuracy", "measures", "laws", "scene", "bodies", "baselines", "save"],
     ["model", "others", "draw", "solve", "patch"],
     ["modes", "rounds", "coupled", "islands", "layout"],
-    ["force", "contact", "compliance"],
+    ["force", "contact", "compliance", "voices"],
     ["energy"],
     ["events"],
     ["rest", "step"],

@@ -1,0 +1,119 @@
+"""Several copies of a scene, each at a pitch of its own, and how the tables of one are made those of another pitch."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from engine.layout import Layout
+from engine.model import Model, Rows
+from engine.parts import Bar, Body, Mass, Membrane, Modes, Oscillator, Plate, Strike, String
+from engine.scene import Scene
+
+# what makes a body's pitch, and how it goes with the ratio of frequencies
+PITCH: dict[type, dict[str, int]] = {
+    String: {"frequency": 1, "tension": 2, "bending": 2},
+    Bar: {"frequency": 1, "bending": 2},
+    Membrane: {"frequency": 1, "tension": 2},
+    Plate: {"frequency": 1, "rigidity": 2},
+    Oscillator: {"frequency": 1, "stiffness": 2},
+    Modes: {"frequency": 1},
+}
+
+
+def tuned(scene: Scene, ratio: float) -> Scene:
+    """The scene with the bodies that are heard at another pitch."""
+    heard = {p.body for p in scene.pickup}
+    return scene.model_copy(update={"body": [_tuned(b, ratio) if b.name in heard else b for b in scene.body]})
+
+
+def _tuned(body: Body, ratio: float) -> Any:
+    changed: dict[str, Any] = {}
+    for key, power in PITCH.get(type(body), {}).items():
+        value = getattr(body, key)
+        if isinstance(value, list):
+            changed[key] = [v * ratio**power for v in value]
+        elif value is not None:
+            changed[key] = value * ratio**power
+    return body.model_copy(update=changed)
+
+
+def polyphonic(scene: Scene, voices: int) -> Scene:
+    """So many copies of a scene beside each other, all at rest: no score, no force, hammers that wait to be thrown.
+    Copy n of body `b` is `b_n`; contacts likewise."""
+    parts: dict[str, list[Any]] = {"body": [], "contact": [], "pickup": []}
+    for n in range(voices):
+        for body in scene.body:
+            still = {"velocity": 0.0} if isinstance(body, Mass | Oscillator) else {}
+            parts["body"].append(body.model_copy(update={"name": f"{body.name}_{n}"} | still))
+        for contact in scene.contact:
+            names = {key: f"{name}_{n}" for key in ("name", "body", "on") if (name := getattr(contact, key))}
+            parts["contact"].append(contact.model_copy(update=names))
+        parts["pickup"] += [p.model_copy(update={"body": f"{p.body}_{n}"}) for p in scene.pickup]
+    return scene.model_copy(update=parts | {"force": [], "event": []})
+
+
+def thrown(scene: Scene) -> dict[str, float]:
+    """The hammers of a scene and their velocities: masses and oscillators that are thrown, at first or by an event."""
+    found = {b.name: b.velocity for b in scene.body if isinstance(b, Mass | Oscillator) and b.velocity}
+    for event in scene.event:
+        if isinstance(event, Strike):
+            found.setdefault(event.body, event.velocity)
+    return found
+
+
+def copies(to: tuple[Model, Layout], of: tuple[Model, Layout], voice: int) -> np.ndarray:
+    """What has to be copied so that a voice of a polyphonic model is as the only one of another: addresses to copy
+    to and from, and how many numbers [n, 3]. Modes that the other has not, for they would be above what the sample
+    rate carries, are made such that nothing moves or hears them."""
+    found = [(a.ctypes.data, b.ctypes.data, b.size) for a, b in _pairs(to, of, voice) if b.size]
+    return np.array(found, np.int64).reshape(-1, 3)
+
+
+NOTHING = np.zeros(20_000)
+
+
+def _pairs(to: tuple[Model, Layout], of: tuple[Model, Layout], voice: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Arrays to write and arrays to read."""
+    (poly, wide), (single, narrow) = to, of
+    bodies, islands = len(narrow.scene.body), max(narrow.island) + 1
+    for b in range(bodies):
+        here, there = wide.place_of(voice * bodies + b), narrow.place_of(b)
+        count = min(here.stop - here.start, there.stop - there.start)
+        for slot in ("modes", "spring", "loss"):
+            ours, theirs = getattr(poly, slot), getattr(single, slot)
+            for a, x in zip(ours or (), theirs or (), strict=False):
+                yield a[here.start : here.start + count], x[there.start : there.start + count]
+    for i in range(islands):
+        n = voice * islands + i
+        for kind in ("contact", "pickup", "body"):
+            ours, theirs = (getattr(model.islands, kind) for model in (poly, single))
+            for a, x in zip(_all_rows(poly, kind), _all_rows(single, kind), strict=True):
+                for r in range(theirs[i + 1] - theirs[i]):
+                    yield from _rows(a, x, int(ours[n]) + r, int(theirs[i]) + r)
+        if poly.contact is not None and single.contact is not None:
+            here, there = (slice(*model.islands.contact[[m, m + 1]]) for model, m in ((poly, n), (single, i)))
+            yield poly.contact.compliance[here], single.contact.compliance[there]
+            yield poly.contact.beneath[here], single.contact.beneath[there]
+        if poly.coupling is not None and single.coupling is not None:
+            here, there = (
+                slice(*c.begin[[k.start, k.stop]]) for c, k in ((poly.coupling, here), (single.coupling, there))
+            )
+            yield poly.coupling.matrix[here], single.coupling.matrix[there]
+
+
+def _all_rows(model: Model, kind: str) -> list[Rows]:
+    """The rows of a model that go with its contacts, pickups or bodies."""
+    if kind == "contact":
+        ends = [model.contact.rows if model.contact is not None else None, model.partner]
+        return [rows for rows in ends if rows is not None]
+    return [model.pickups.rows if kind == "pickup" else model.bodies]
+
+
+def _rows(to: Rows, of: Rows, r: int, s: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """A row of shapes, kicks and drifts."""
+    begin, size = int(to.at[r]), int(to.last[r]) - int(to.first[r])
+    start, count = int(of.at[s]), min(size, int(of.last[s]) - int(of.first[s]))
+    for a, x in ((to.shape, of.shape), (to.kick, of.kick), (to.drift, of.drift)):
+        yield a[begin : begin + count], x[start : start + count]
+        yield a[begin + count : begin + size], NOTHING[: size - count]

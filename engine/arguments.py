@@ -60,6 +60,8 @@ def parser() -> argparse.ArgumentParser:
     live.add_argument("--record", metavar="OUT.wav", help="also write what is played")
     live.add_argument("--log", metavar="LOG.json", help="also write what was done")
     live.add_argument("--replay", metavar="LOG.json", help="render what was played, bit for bit, to -o OUT.wav")
+    live.add_argument("--midi", metavar="FILE.mid", help="play its notes, live or to a file; or those of a port, live")
+    live.add_argument("--voices", metavar="N", default="8", help="notes at a time (default: %(default)s)")
     live.add_argument("--watch", action="store_true", help="take over what is saved to the patch while it plays")
     live.add_argument("--force", action="store_true", help="play even what is too heavy for real time")
     live.add_argument("--callback", metavar="KIND", default="compiled", help="compiled (default), or python to compare")
@@ -94,6 +96,8 @@ def settings(args: argparse.Namespace) -> tuple[dict[str, float | None], list[tu
             error_of(args.error)
         except ValueError:
             wrong.append(("--error", f'"{args.error}" is no error; a share as 1e-4, or decibels as 0.1dB'))
+    if not args.voices.isdigit() or not 1 <= int(args.voices) <= 64:
+        wrong.append(("--voices", f'"{args.voices}" is no number of voices; 1 to 64'))
     if args.plot is not None and find_spec("matplotlib") is None:
         wrong.append(("--plot", "needs matplotlib; uv sync --extra plot, or pip install matplotlib"))
     if args.plot is not None and args.explain:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from engine.arguments import dial_of, error_of, output_of, parser, plot_of, settings, unwritable
-from engine.save import amplify, replaced, save_audio, save_trace
+from engine.save import amplified, replaced, save_audio, save_trace
 
 if TYPE_CHECKING:
     from engine.patch import Fault
@@ -141,6 +141,8 @@ def render(args: argparse.Namespace) -> int:
         return 2
     if args.live:
         return played(scene, args, numbers["gain"])
+    if args.midi:
+        return noted(scene, numbers, args)
 
     from engine import draw, tell
     from engine.build import BuildError
@@ -171,7 +173,7 @@ def render(args: argparse.Namespace) -> int:
         print("render.py: not enough memory for so many samples; give fewer --seconds, or no --trace", file=sys.stderr)
         return 1
     try:
-        audio, gain = amplify(take, numbers["gain"])
+        audio, gain = amplified(take.audio, float(take.stats["peak"]), numbers["gain"])
         save_audio(output, audio, take.samplerate, args.subtype)
         if args.trace and take.trace is not None:
             save_trace(Path(args.trace), take.trace)
@@ -201,6 +203,32 @@ def played(scene: "Scene", args: argparse.Namespace, gain: float | None) -> int:
     except BuildError as error:
         report([Fault(args.patch, None, path, what) for path, what in error.faults])
         return 2
+
+
+def noted(scene: "Scene", numbers: dict[str, float | None], args: argparse.Namespace) -> int:
+    """Render the notes of a MIDI file."""
+    from engine import midi
+    from engine.build import BuildError
+
+    rate, output = int(numbers["samplerate"] or 44_100), output_of(args)
+    try:
+        with feedback(args.json) as progress:
+            audio, player = midi.render(scene, args.midi, rate, numbers["seconds"], int(args.voices), progress)
+        audio, gain = amplified(audio, float(abs(audio).max()), numbers["gain"])
+        save_audio(output, audio, rate, args.subtype)
+    except (midi.MidiError, BuildError) as error:
+        print(f"render.py: {error}", file=sys.stderr)
+        return 2
+    except (OSError, RuntimeError) as error:
+        print(f"render.py: cannot write {output} ({error})", file=sys.stderr)
+        return 1
+    now = player.meter()
+    if args.json:
+        stats = {"patch": args.patch, "output": str(output), "seconds": len(audio) / rate, "gain_db": gain, "live": now}
+        print(json.dumps(finite(stats)))
+    else:
+        print(f"{len(audio) / rate:g} s, {player.voices} voices, energy error {now['energy_error']:.1e}\n{output}")
+    return 0
 
 
 def explain(scene: "Scene", numbers: dict[str, float | None], args: argparse.Namespace) -> int:

@@ -32,7 +32,7 @@ VALUE = 2  # numbers of an event
 
 # kinds of events beside those of the score and of engine.post
 QUALITY = 10  # play at level `first`
-TUNE = 11  # of `last` islands from `island` on, copy `first` tables as the list at `start` says
+TUNE = 11  # at frame `length`, of `last` islands from `island` on, copy `first` tables as the list at `start` says
 UNDERFLOW = 4  # flag of PortAudio: the driver ran dry before this block
 CONTINUE, COMPLETE = 0, 1
 RECOVERY = 0.1  # s, in which the limiter lets go
@@ -92,10 +92,18 @@ def steer(desk, gauge, frames, share):
 
 
 @jit
+def waits(desk):
+    """How many frames the next event has to wait for its turn; -1 if there is none."""
+    if desk[TAKEN] == watch(desk, PUT):
+        return -1
+    event = ints(desk[EVENTS] + 8 * EVENT * (desk[TAKEN] % desk[SLOTS]), EVENT)
+    return max(0, event[LENGTH] - desk[FRAME]) if event[KIND] == TUNE else 0
+
+
+@jit
 def take_events(desk):
     """Hand the events that have been put in to the scene, and note when."""
-    until = watch(desk, PUT)
-    while desk[TAKEN] < until:
+    while waits(desk) == 0:
         slot = desk[TAKEN] % desk[SLOTS]
         place, value = desk[EVENTS] + 8 * EVENT * slot, desk[VALUES] + 8 * VALUE * slot
         event = ints(place, EVENT)
@@ -205,7 +213,9 @@ def perform_all(top, output, frames):
     """As `perform`, any number of frames, to an address."""
     done = 0
     while done < frames:
-        count = min(frames - done, top[SIZE])
+        count, rest = min(frames - done, top[SIZE]), waits(taken_over(top))
+        if rest > 0:
+            count = min(count, rest)
         perform(top, singles(output + 4 * done * top[CHANNELS], count * top[CHANNELS]), count)
         done += count
 

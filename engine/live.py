@@ -15,14 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from engine import deck, sound
+from engine import deck, midi, sound
 from engine.patch import Fault
 from engine.player import Player
 from engine.reload import Watch
 from engine.save import replaced
 from engine.scene import Scene
 
-TICK = 0.1  # s, between two looks at keys and meter
+TICK = 0.004  # s, between two looks at notes …
+REST = 0.1  # s, … and at the meter and the patch's file
 PILOT = 1.0  # s of a patch that are measured before it is played
 HEADROOM = 0.5  # peak of the pilot in the output: what is struck later may be louder
 PATIENCE = 2.0  # s, for the driver to end
@@ -35,9 +36,11 @@ class TooHeavy(RuntimeError):
     """A patch that is not computed as fast as it sounds."""
 
 
-def pilot(scene: Scene, samplerate: int, block: int) -> tuple[float, float]:
+def pilot(player: Player, block: int) -> tuple[float, float]:
     """Times real time that the dearest stretch of a patch's beginning runs at, and the patch's peak, in SI units."""
-    player = Player(scene, samplerate)
+    if player.voices:
+        player.strike()
+    samplerate = player.samplerate
     out, slowest = np.zeros((block, player.channels), np.float32), math.inf
     span, spent, played = 8 * block, 0.0, 0
     while player.frame < PILOT * samplerate and not player.over:
@@ -50,16 +53,20 @@ def pilot(scene: Scene, samplerate: int, block: int) -> tuple[float, float]:
 
 
 def ready(scene: Scene, samplerate: int, args: argparse.Namespace, gain: float | None) -> Player:
-    """A player at a good level. Raises TooHeavy unless told to play all the same."""
-    speed, peak = pilot(scene, samplerate, int(args.block))
+    """A player at a good level. Raises TooHeavy unless told to play all the same, MidiError."""
+    many: dict[str, Any] = {}
+    seconds = None if args.seconds is None else float(args.seconds)
+    if args.midi:
+        many = {"voices": int(args.voices), "lowest": midi.lowest(args.midi, scene)}
+        seconds = math.inf if seconds is None else seconds
+    speed, peak = pilot(Player(scene, samplerate, **many), int(args.block))
     if speed < 1.0 and not args.force:
         raise TooHeavy(
             f"too heavy for real time: {speed:.2f} × at its busiest; fewer modes or points of contact, a lower"
             " --samplerate, or --force"
         )
     factor = 10 ** (gain / 20) if gain is not None else HEADROOM / peak if peak > 0.0 else 1.0
-    seconds = None if args.seconds is None else float(args.seconds)
-    return Player(scene, samplerate, seconds, factor)
+    return Player(scene, samplerate, seconds, factor, **many)
 
 
 def play(args: argparse.Namespace, scene: Scene, gain: float | None) -> int:
@@ -73,7 +80,8 @@ def play(args: argparse.Namespace, scene: Scene, gain: float | None) -> int:
             stream = sound.stream(
                 player, args.device, int(args.block), latency(args.latency), args.callback != "python"
             )
-        except (sound.SoundError, TooHeavy) as error:
+            notes = midi.source(args.midi, midi.Keys(player)) if args.midi else None
+        except (sound.SoundError, midi.MidiError, TooHeavy) as error:
             print(f"render.py: {error}", file=sys.stderr)
             return 1
         print(f"{scene.title or path.stem}, on {name} at {samplerate} Hz, blocks of {args.block}", flush=True)
@@ -82,7 +90,7 @@ def play(args: argparse.Namespace, scene: Scene, gain: float | None) -> int:
             make = partial(ready, samplerate=samplerate, args=args, gain=gain)
             watch = Watch(path, scene, player, make) if args.watch else None
             stream.start()
-            wish = attend(player, stream, write, keys, show, watch)
+            wish = attend(player, stream, write, keys, show, watch, notes)
         if wish == "vanished":
             print(f"render.py: {name} is gone; what was recorded is kept", file=sys.stderr)
             sound.forget()
@@ -100,18 +108,24 @@ def latency(text: str | None) -> str | float | None:
     return text if text in (None, "low", "high") else float(text)
 
 
-def attend(first: Player, stream: Any, write: Any, keys: Any, show: Any, watch: Watch | None) -> str:
+def attend(
+    first: Player, stream: Any, write: Any, keys: Any, show: Any, watch: Watch | None, notes: midi.Source | None
+) -> str:
     """Keys, meter and recording while the driver plays; returns how it ended."""
-    wish, deadline, player = "over", math.inf, first
+    wish, deadline, player, shown = "over", math.inf, first, -math.inf
     with interrupts() as interrupted:
         while True:
-            key = keys(TICK)
-            write(first.fetch())
-            if watch is not None:
-                for line in watch.look():
-                    print(line, file=sys.stderr)
-                player = watch.player
-            show(player)
+            key = keys(TICK if notes is not None else REST)
+            if notes is not None and notes():
+                player.stop()
+            if time.monotonic() - shown >= REST:
+                shown = time.monotonic()
+                write(first.fetch())
+                if watch is not None:
+                    for line in watch.look():
+                        print(line, file=sys.stderr)
+                    player = watch.player
+                show(player)
             if wish == "over" and (interrupted or key in ENDS):
                 wish = "interrupted" if interrupted else ENDS[key]
                 player.stop()
@@ -268,6 +282,8 @@ def wrong(args: argparse.Namespace) -> list[Fault]:
         faults.append(Fault("render.py", None, "--latency", f'"{args.latency}" is no latency; low, high, or seconds'))
     if args.callback not in ("compiled", "python"):
         faults.append(Fault("render.py", None, "--callback", f'unknown callback "{args.callback}"; compiled, python'))
+    if args.watch and args.midi:
+        faults.append(Fault("render.py", None, "--watch", "cannot be had with --midi; one of them"))
     return faults
 
 

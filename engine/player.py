@@ -235,9 +235,9 @@ class Player:
             raise ValueError(f"{what} = {value:g} is out of range; {error.errors()[0]['msg']}") from None
         self._tell((what, value), told, frame)
 
-    def tune(self, voice: int, ratio: float) -> None:
-        """Give a voice another pitch, at once; what that does to its energy is booked. Raises IndexError without such
-        a voice, BuildError if it would vibrate too fast."""
+    def tune(self, voice: int, ratio: float, frame: int = 0) -> None:
+        """Give a voice another pitch at a frame, for which later events wait; what that does to its energy is booked.
+        Raises IndexError without such a voice, BuildError if it would vibrate too fast."""
         if not 0 <= voice < self.voices:
             raise IndexError(f"no voice {voice}; there are {self.voices}")
         if (voice, ratio) not in self._tunings:
@@ -247,7 +247,7 @@ class Player:
             self._tunings[voice, ratio] = table, model  # read by the audio thread: kept
         table = self._tunings[voice, ratio][0]
         islands = (len(self.state.asleep)) // self.voices
-        row = (deck.TUNE, voice * islands, len(table), islands, table.ctypes.data, 1, 0.0, 0.0)
+        row = (deck.TUNE, voice * islands, len(table), islands, table.ctypes.data, frame, 0.0, 0.0)
         self._put(("tune", voice, ratio), row)
 
     @property

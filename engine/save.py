@@ -10,21 +10,18 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import numpy as np
 
-    from engine.offline import Take
-
 LOUDNESS = -1.0  # dBFS, peak of a normalised file
 SILENCE = 1e-30  # a smaller peak is not worth normalising
 SUBTYPES = ("FLOAT", "PCM_24", "PCM_16", "DOUBLE")
 
 
-def amplify(take: "Take", gain: float | None) -> "tuple[np.ndarray, float]":
-    """The audio at the level of the file, and its gain in dB."""
+def amplified(audio: "np.ndarray", peak: float, gain: float | None) -> "tuple[np.ndarray, float]":
+    """The audio at the level of the file, and its gain in dB; normalised if none is given."""
     import numpy as np
 
-    peak = float(take.stats["peak"])
     if gain is None:
         gain = LOUDNESS - 20 * math.log10(peak) if peak > SILENCE else 0.0
-    return np.asarray(take.audio * 10 ** (gain / 20)), gain
+    return np.asarray(audio * 10 ** (gain / 20)), gain
 
 
 def save_audio(output: Path, audio: "np.ndarray", samplerate: int, subtype: str | None) -> None:

@@ -26,7 +26,7 @@ FLOORS = [
     ["build", "runner", "post"],
     ["offline"],
     ["explain", "price", "tell", "arguments", "player"],
-    ["sound", "reload"],
+    ["sound", "reload", "midi"],
     ["cli", "live"],
     ["__init__"],
 ]

@@ -96,7 +96,7 @@ def settings(args: argparse.Namespace) -> tuple[dict[str, float | None], list[tu
             error_of(args.error)
         except ValueError:
             wrong.append(("--error", f'"{args.error}" is no error; a share as 1e-4, or decibels as 0.1dB'))
-    if not args.voices.isdigit() or not 1 <= int(args.voices) <= 64:
+    if not args.voices.isdecimal() or not 1 <= int(args.voices) <= 64:
         wrong.append(("--voices", f'"{args.voices}" is no number of voices; 1 to 64'))
     if args.plot is not None and find_spec("matplotlib") is None:
         wrong.append(("--plot", "needs matplotlib; uv sync --extra plot, or pip install matplotlib"))
@@ -138,32 +138,58 @@ def plot_of(args: argparse.Namespace) -> Path | None:
     return None if args.plot is None else Path(args.plot) if args.plot else output_of(args).with_suffix(".png")
 
 
+LIVE_ONLY = ("device", "latency", "record", "log", "watch", "force")
+NOT_LIVE = ("output", "trace", "explain", "price", "plot", "error", "cores")
+NOT_REPLAYED = ("patch", "live", "seconds", "samplerate", "gain", "midi", *LIVE_ONLY, *NOT_LIVE[1:])
+
+
+def misplaced(args: argparse.Namespace) -> list[tuple[str, str]]:
+    """Arguments that what is asked for takes no notice of."""
+    given = [name for name, value in vars(args).items() if value not in (None, False)]
+    if args.replay:
+        wrong = dict.fromkeys(NOT_REPLAYED, "the log says it all; give -o OUT.wav")
+    elif args.live:
+        wrong = dict.fromkeys(NOT_LIVE, "not for --live; --record OUT.wav keeps what is played")
+    else:
+        wrong = dict.fromkeys(LIVE_ONLY, "for --live; give that too")
+        wrong |= dict.fromkeys(("explain", "price", "trace", "plot", "error"), "not for --midi") if args.midi else {}
+    return [(f"--{name}" if name != "patch" else "PATCH", wrong[name]) for name in given if name in wrong]
+
+
 def unwritable(args: argparse.Namespace) -> list[tuple[str, str]]:
     """What is wrong with the files to be written."""
-    import soundfile
-
+    output, plot, sound = output_of(args), plot_of(args), "--output"
+    if args.live:
+        targets = {"--record": args.record, "--log": args.log}
+        output, sound = Path(args.record) if args.record else Path("none.wav"), "--record"
+    else:
+        targets = {"--output": output, "--trace": args.trace, "--plot": plot}
     wrong = []
-    output, plot = output_of(args), plot_of(args)
-    trace = Path(args.trace) if args.trace else None
-    named = {"--record": args.record, "--log": args.log}
-    more = [(option, Path(text)) for option, text in named.items() if text]
-    for option, path in (("--output", output), ("--trace", trace), ("--plot", plot), *more):
-        if path is None:
-            continue
+    paths = {option: Path(text) for option, text in targets.items() if text}
+    for option, path in paths.items():
         if not path.parent.is_dir():
             wrong.append((option, f"no such folder: {path.parent}; make it, or write elsewhere"))
         elif not os.access(path.parent, os.W_OK):
             wrong.append((option, f"{path.parent} cannot be written to; write elsewhere"))
         elif path.is_dir():
             wrong.append((option, f"{path} is a folder; give the name of a file"))
+        if sum(path.absolute() == other.absolute() for other in paths.values()) > 1:
+            wrong.append((option, f"{path} is to be written twice; give two names"))
+    return wrong + unheard(output, args.subtype, sound)
+
+
+def unheard(output: Path, subtype: str | None, option: str) -> list[tuple[str, str]]:
+    """What is wrong with the format of an audio file."""
+    import soundfile
+
     kind = output.suffix.lstrip(".").upper()
     if kind not in soundfile.available_formats():
-        wrong.append(("--output", f'"{output.name}" names no audio format; end it in .wav'))
-    elif args.subtype is not None and args.subtype not in SUBTYPES:
-        wrong.append(("--subtype", f'unknown sample format "{args.subtype}"; {", ".join(SUBTYPES)}'))
-    elif not soundfile.check_format(kind, subtype_of(output, args.subtype)):
-        wrong.append(("--subtype", f"{kind} files cannot hold {args.subtype}; write a .wav"))
-    return wrong
+        return [(option, f'"{output.name}" names no audio format; end it in .wav')]
+    if subtype is not None and subtype not in SUBTYPES:
+        return [("--subtype", f'unknown sample format "{subtype}"; {", ".join(SUBTYPES)}')]
+    if not soundfile.check_format(kind, subtype_of(output, subtype)):
+        return [("--subtype", f"{kind} files cannot hold {subtype}; write a .wav")]
+    return []
 
 
 def error_of(text: str) -> tuple[float, bool]:

@@ -16,7 +16,7 @@ from engine.jit import NO, ONE, ZERO, entry, jit
 from engine.model import ACCELERATION, DISPLACEMENT, VELOCITY
 from engine.modes import coast, hush, project, swing
 from engine.refine import refined
-from engine.rest import UNTIL, fall_asleep, flies, fly, hear, nap, sleep_on, sleeps_through
+from engine.rest import HUSHED, UNTIL, fall_asleep, flies, fly, hear, nap, sleep_on, sleeps_through
 from engine.step import advance
 
 PIECE = 256  # samples an island runs before the next one does: small enough for the fast cache
@@ -105,6 +105,9 @@ def wake(model, loose, state, frame, slept):
         if last % RESYNC == 0:
             look_around(model, state, last, NO, NO)
     elif state.asleep[UNTIL] == last + 1:
+        if state.asleep[HUSHED] != 0:  # what it was put to sleep until is due
+            state.asleep[HUSHED] = 0
+            return
         sleep_on(model.force, model.events, state, last + 1, LONG)
         if state.asleep[UNTIL] <= last + 1:
             sleep_on(model.force, model.events, state, last + 1, RESYNC)

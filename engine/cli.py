@@ -3,24 +3,17 @@ errors answer at once."""
 
 import argparse
 import json
-import math
-import signal
 import sys
-import threading
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from engine.arguments import dial_of, error_of, output_of, parser, plot_of, settings, unwritable
+from engine.arguments import dial_of, error_of, misplaced, output_of, parser, plot_of, settings, unwritable
+from engine.feedback import feedback, finite
 from engine.save import amplified, replaced, save_audio, save_trace
 
 if TYPE_CHECKING:
     from engine.patch import Fault
     from engine.scene import Scene
-
-PATIENCE = 1.5  # s, after which the user is told what takes so long
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -67,28 +60,28 @@ def devices() -> int:
 def replay(args: argparse.Namespace) -> int:
     """Render what was played live."""
     from engine.patch import Fault
-    from engine.player import replay as again
+    from engine.replay import replay as again
 
-    faults = [Fault("render.py", None, option, what) for option, what in unwritable(args)]
+    faults = [Fault("render.py", None, option, what) for option, what in [*unwritable(args), *misplaced(args)]]
+    output = output_of(args)
     try:
         log = json.loads(Path(args.replay).read_text("utf-8"))
-        missing = {"scene", "samplerate", "gain", "end", "frames", "events"} - set(log)
-        if missing:
-            raise ValueError(f"it has no {', '.join(sorted(missing))}")
-    except (OSError, ValueError, TypeError) as error:
-        faults.append(Fault(args.replay, None, "", f"cannot be read as a log ({error}); one that --log wrote"))
+        if not faults:
+            with feedback(args.json):
+                audio = again(log)
+    except (OSError, ValueError, TypeError, IndexError, MemoryError) as error:
+        why = str(error).splitlines()[0] if str(error) else "too long"
+        faults.append(Fault(args.replay, None, "", f"cannot be read as a log ({why}); one that --log wrote"))
     if faults:
         report(faults)
         return 2
-    with feedback(args.json):
-        audio = again(log)
-    output = output_of(args)
     try:
         save_audio(output, audio, log["samplerate"], args.subtype)
     except (OSError, RuntimeError) as error:
         print(f"render.py: cannot write {output} ({error})", file=sys.stderr)
         return 1
-    print(output)
+    stats = {"output": str(output), "samplerate": log["samplerate"], "seconds": len(audio) / log["samplerate"]}
+    print(json.dumps(stats) if args.json else output)
     return 0
 
 
@@ -130,7 +123,7 @@ def render(args: argparse.Namespace) -> int:
     scene, faults = read(args.patch)
     numbers, wrong = settings(args)
     output, plot = output_of(args), plot_of(args)
-    wrong += unwritable(args)
+    wrong += [*unwritable(args), *misplaced(args)]
     faults += [Fault("render.py", None, option, what) for option, what in wrong]
     if args.live:
         from engine import live
@@ -196,10 +189,14 @@ def played(scene: "Scene", args: argparse.Namespace, gain: float | None) -> int:
     """Play a patch."""
     from engine import live
     from engine.build import BuildError
+    from engine.patch import Fault
+    from engine.sound import SoundError
 
-    accuracy = scene.accuracy.but(**dial_of(args))
     try:
-        return live.play(args, scene.model_copy(update={"accuracy": accuracy}), gain)
+        return live.play(args, scene, gain, dial_of(args))
+    except SoundError as error:
+        print(f"render.py: {error}", file=sys.stderr)
+        return 1
     except BuildError as error:
         report([Fault(args.patch, None, path, what) for path, what in error.faults])
         return 2
@@ -278,57 +275,3 @@ def affordable(
     row, met = choose(found, amount, decibels)
     measured = {key: row[key] for key in ("setting", "error", "bands_db", "ns_per_sample")}
     return dial | row["changes"], measured | {"asked": args.error, "met": met, "horizon": found["horizon"]}
-
-
-def finite(value: Any) -> Any:
-    """The same with null for numbers that JSON has not."""
-    if isinstance(value, dict):
-        return {key: finite(inner) for key, inner in value.items()}
-    if isinstance(value, list):
-        return [finite(inner) for inner in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-@contextmanager
-def feedback(quiet: bool) -> Iterator[Callable[[float], None]]:
-    """Tell the user what takes so long: compiling, before the first samples; then a progress bar,
-    on a terminal, once a render has lasted a while. Yields the function to call with the share done."""
-    begin = time.perf_counter()
-    say = "compiling the kernel for this kind of scene (once per machine) …"
-    compiling = threading.Timer(PATIENCE, lambda: print(say, file=sys.stderr))
-    compiling.daemon = True
-    compiling.start()
-    shown: list[Any] = []
-    interrupted: list[int] = []
-
-    def interrupt(number: int, frame: Any) -> None:
-        interrupted.append(number)
-        raise KeyboardInterrupt
-
-    before = None
-    if threading.current_thread() is threading.main_thread():
-        before = signal.signal(signal.SIGINT, interrupt)
-
-    def progress(share: float) -> None:
-        compiling.cancel()
-        if interrupted:  # while compiling, and lost in a callback of the compiler's
-            raise KeyboardInterrupt
-        late = time.perf_counter() - begin > PATIENCE and share < 0.9
-        if not shown and late and sys.stderr.isatty() and not quiet:
-            from rich.console import Console
-            from rich.progress import Progress
-
-            shown.append(Progress(console=Console(stderr=True), transient=True))
-            shown[0].start()
-            shown[0].add_task("rendering", total=1.0)
-        if shown:
-            shown[0].update(shown[0].task_ids[0], completed=share)
-
-    try:
-        yield progress
-    finally:
-        compiling.cancel()
-        if before is not None:
-            signal.signal(signal.SIGINT, before)
-        if shown:
-            shown[0].stop()

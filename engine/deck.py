@@ -18,10 +18,10 @@ BLOCK, POST, MODEL, STATE, PARTS, CHANNELS, SIZE, ROOMS, OUTS, LEDGERS, MIX = ra
 EVENTS, VALUES, SLOTS, RECORD, KEPT, GAUGE, FADE, RATE, TIMES, TIMED = range(11, 21)
 MODELS, LEVELS, LOWEST, ORDER, CHANGES, CHANGED, SPARE = range(21, 28)
 # … what Python changes: events put in so far, a wish to stop, the desk that takes over
-PUT, STOP, NEXT = range(28, 31)
+PUT, STOP, NEXT, LEAVE = range(28, 32)
 # … and what the audio thread does
-END, TAKEN, FRAME, DONE, LIMITED, GAPS, CALLS, LEVEL, STEPS, CALM, RECORDED = range(31, 42)
-DESK = 42
+END, TAKEN, FRAME, DONE, LIMITED, GAPS, CALLS, LEVEL, STEPS, CALM, RECORDED, WRONG = range(32, 44)
+DESK = 44
 # gauges: numbers
 GAIN, ENVELOPE, PEAK, WORST, BUSY, FIRST_BALANCE, ENERGY, ERROR, NEAR, FAR = range(10)
 GAUGES = 10
@@ -36,6 +36,7 @@ TUNE = 11  # at frame `length`, of `last` islands from `island` on, copy `first`
 UNDERFLOW = 4  # flag of PortAudio: the driver ran dry before this block
 CONTINUE, COMPLETE = 0, 1
 RECOVERY = 0.1  # s, in which the limiter lets go
+LOUDEST = 1e6  # of full scale, that the limiter follows
 EASE = 1.0  # s, after which quality steps up again
 HUSH = 9  # a kind of event (engine.post): the quietest `first` islands sleep
 WEIGH = 12  # another: the energy of an island counts as supplied, times `first`
@@ -44,7 +45,7 @@ WEIGH = 12  # another: the energy of an island counts as supplied, times `first`
 @jit
 def play_at(desk, level):
     """Play at a level of quality: 0 as asked; then coarser models; then with ever more of the quietest asleep."""
-    last = desk[LEVELS] - 1
+    last, level = desk[LEVELS] - 1, max(0, min(level, desk[LOWEST]))
     desk[MODEL] = ints(desk[MODELS], desk[LEVELS])[min(level, last)]
     order = ints(desk[ORDER], EVENT)
     order[KIND], order[FIRST] = HUSH, max(0, level - last)
@@ -137,8 +138,9 @@ def mix(desk, gauge, frames):
             stored, spent, held = stored + row[STORED], spent + row[SPENT], held + row[HELD]
         if desk[FRAME] == 0 and i == 0:
             gauge[FIRST_BALANCE] = stored + spent
-        gauge[ENERGY] = max(gauge[ENERGY], held)
-        gauge[ERROR] = max(gauge[ERROR], abs(stored + spent - gauge[FIRST_BALANCE]))
+        gauge[ENERGY] = held if held > gauge[ENERGY] else gauge[ENERGY]  # max() would hide what is not a number
+        error = abs(stored + spent - gauge[FIRST_BALANCE])
+        gauge[ERROR] = max(gauge[ERROR], error) if error < math.inf else math.inf
 
 
 @jit
@@ -149,17 +151,17 @@ def put_out(desk, gauge, out, frames):
     release = math.exp(-1.0 / (RECOVERY * desk[RATE]))
     for i in range(frames):
         frame = desk[FRAME] + i
-        risen, left = (frame + 0.5) / desk[FADE], (desk[END] - frame - 0.5) / desk[FADE]
+        risen, left = (frame + 0.5) / desk[FADE], (desk[END] - frame - 0.5) / desk[LEAVE]
         level = gauge[GAIN] * max(0.0, min(1.0, risen, left))
         loudest = 0.0
         for c in range(channels):
             value = total[i * channels + c]
             if not math.isfinite(value):
-                value = 0.0
-                total[i * channels + c] = 0.0
+                value = total[i * channels + c] = 0.0
+                desk[WRONG] += 1
             loudest = max(loudest, abs(value) * abs(level))
         gauge[PEAK] = max(gauge[PEAK], loudest)
-        gauge[ENVELOPE] = max(loudest, gauge[ENVELOPE] * release)
+        gauge[ENVELOPE] = min(LOUDEST, max(loudest, gauge[ENVELOPE] * release))
         if gauge[ENVELOPE] > 1.0:
             level /= gauge[ENVELOPE]
             desk[LIMITED] += 1
@@ -191,7 +193,7 @@ def perform(top, out, frames):
     desk, count = taken_over(top), frames * top[CHANNELS]
     following = watch(desk, NEXT)
     if watch(desk, STOP) != 0 or following != 0:
-        desk[END] = min(desk[END], desk[FRAME] + desk[FADE])
+        desk[END] = min(desk[END], desk[FRAME] + desk[LEAVE])
     sounding = frames if following != 0 else max(0, min(frames, desk[END] - desk[FRAME]))
     run(desk, out, frames)
     if following != 0:

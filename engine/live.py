@@ -9,22 +9,23 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from engine import deck, midi, sound
+from engine.feedback import feedback, finite
 from engine.patch import Fault
 from engine.player import Player
 from engine.reload import Watch
-from engine.save import replaced
+from engine.save import replaced, subtype_of
 from engine.scene import Scene
 
 TICK = 0.004  # s, between two looks at notes …
 REST = 0.1  # s, … and at the meter and the patch's file
-PILOT = 1.0  # s of a patch that are measured before it is played
+PILOT, LONGEST = 1.5, 30.0  # s: how long a patch is measured before it is played, and how much of it at most
+STRETCH = 0.05  # s, of which the dearest counts
 HEADROOM = 0.5  # peak of the pilot in the output: what is struck later may be louder
 PATIENCE = 2.0  # s, for the driver to end
 SOFTEST = 0.2  # of a hammer's own speed, for key 1; key 5 is as the patch has it
@@ -37,63 +38,81 @@ class TooHeavy(RuntimeError):
 
 
 def pilot(player: Player, block: int) -> tuple[float, float]:
-    """Times real time that the dearest stretch of a patch's beginning runs at, and the patch's peak, in SI units."""
+    """Times real time that the dearest stretch of a patch runs at, and its peak, in SI units; of as much of it as can
+    be computed in a moment."""
     if player.voices:
         player.strike()
-    samplerate = player.samplerate
-    out, slowest = np.zeros((block, player.channels), np.float32), math.inf
-    span, spent, played = 8 * block, 0.0, 0
-    while player.frame < PILOT * samplerate and not player.over:
+    rate = player.samplerate
+    out, slowest, spent, played = np.zeros((block, player.channels), np.float32), math.inf, 0.0, 0
+    limit, started = min(LONGEST, player.scene.seconds) * rate, time.perf_counter()
+    while player.frame < limit and time.perf_counter() - started < PILOT:
         begin = time.perf_counter()
         player.play(out)
         spent, played = spent + time.perf_counter() - begin, played + block
-        if played >= span:
-            slowest, spent, played = min(slowest, played / samplerate / spent), 0.0, 0
+        if played >= STRETCH * rate:
+            slowest, spent, played = min(slowest, played / rate / spent), 0.0, 0
+    if slowest == math.inf and played:
+        slowest = played / rate / spent
     return slowest, float(player.gauge[deck.PEAK])
 
 
-def ready(scene: Scene, samplerate: int, args: argparse.Namespace, gain: float | None) -> Player:
-    """A player at a good level. Raises TooHeavy unless told to play all the same, MidiError."""
-    many: dict[str, Any] = {}
-    seconds = None if args.seconds is None else float(args.seconds)
-    if args.midi:
-        many = {"voices": int(args.voices), "lowest": midi.lowest(args.midi, scene)}
-        seconds = math.inf if seconds is None else seconds
-    speed, peak = pilot(Player(scene, samplerate, **many), int(args.block))
-    if speed < 1.0 and not args.force:
-        raise TooHeavy(
-            f"too heavy for real time: {speed:.2f} × at its busiest; fewer modes or points of contact, a lower"
-            " --samplerate, or --force"
-        )
-    factor = 10 ** (gain / 20) if gain is not None else HEADROOM / peak if peak > 0.0 else 1.0
-    return Player(scene, samplerate, seconds, factor, **many)
+class Desk:
+    """How a patch is brought to a player: at the accuracy and the level asked for."""
+
+    def __init__(self, args: argparse.Namespace, gain: float | None, dial: dict[str, Any], samplerate: int) -> None:
+        self.args, self.gain, self.dial, self.samplerate = args, gain, dial, samplerate
+
+    def dialled(self, scene: Scene) -> Scene:
+        """The scene at the accuracy that the command line asks for."""
+        return scene.model_copy(update={"accuracy": scene.accuracy.but(**self.dial)})
+
+    def ready(self, scene: Scene) -> Player:
+        """A player at a good level. Raises TooHeavy unless told to play all the same, MidiError, BuildError."""
+        args, many = self.args, dict[str, Any]()
+        seconds = None if args.seconds is None else float(args.seconds)
+        if args.midi:
+            many = {"voices": int(args.voices), "lowest": midi.lowest(args.midi, scene)}
+            seconds = math.inf if seconds is None else seconds
+        with feedback(args.json):
+            speed, peak = pilot(Player(scene, self.samplerate, **many), int(args.block))
+        if speed < 1.0 and not args.force:
+            raise TooHeavy(
+                f"too heavy for real time: {speed:.2f} × at its busiest; fewer modes or points of contact, a lower"
+                " --samplerate, or --force"
+            )
+        factor = 10 ** (self.gain / 20) if self.gain is not None else HEADROOM / peak if peak > 0.0 else 1.0
+        return Player(scene, self.samplerate, seconds, factor, **many)
 
 
-def play(args: argparse.Namespace, scene: Scene, gain: float | None) -> int:
-    """Play a patch, and those after it if asked; returns the exit code."""
+def play(args: argparse.Namespace, scene: Scene, gain: float | None, dial: dict[str, Any]) -> int:
+    """Play a patch, and those after it if asked; returns the exit code. Raises BuildError."""
     path = Path(args.patch)
     while True:
         try:
             _, name, _, own = sound.output(args.device)
             samplerate = own if args.samplerate is None else int(float(args.samplerate))
-            player = ready(scene, samplerate, args, gain)
-            stream = sound.stream(
-                player, args.device, int(args.block), latency(args.latency), args.callback != "python"
-            )
+            desk = Desk(args, gain, dial, samplerate)
+            scene = desk.dialled(scene)
+            player = desk.ready(scene)
+            compiled, wait = args.callback != "python", latency(args.latency)
+            stream = sound.stream(player, args.device, int(args.block), wait, compiled)
             notes = midi.source(args.midi, midi.Keys(player)) if args.midi else None
         except (sound.SoundError, midi.MidiError, TooHeavy) as error:
             print(f"render.py: {error}", file=sys.stderr)
             return 1
-        print(f"{scene.title or path.stem}, on {name} at {samplerate} Hz, blocks of {args.block}", flush=True)
-        wish = "vanished"
-        with recording(args.record, player) as write, keyboard() as keys, meter() as show:
-            make = partial(ready, samplerate=samplerate, args=args, gain=gain)
-            watch = Watch(path, scene, player, make) if args.watch else None
-            stream.start()
+        told = f"{scene.title or path.stem}, on {name} at {samplerate} Hz, blocks of {args.block}"
+        print(told, file=sys.stderr if args.json else sys.stdout, flush=True)
+        watch = Watch(path, scene, player, desk.ready, desk.dialled) if args.watch else None
+        with (
+            recording(args, player) as write,
+            keyboard(bool(args.record or args.log or args.midi)) as keys,
+            meter() as show,
+        ):
             wish = attend(player, stream, write, keys, show, watch, notes)
         if wish == "vanished":
             print(f"render.py: {name} is gone; what was recorded is kept", file=sys.stderr)
             sound.forget()
+            keep_log(player, args)
             sys.stderr.flush()
             os._exit(1)  # PortAudio would wait for a device that does not answer
         stream.close()
@@ -101,21 +120,28 @@ def play(args: argparse.Namespace, scene: Scene, gain: float | None) -> int:
         if wish != "next":
             return 130 if wish == "interrupted" else 0
         path, scene = following(path)
+        args.patch = str(path)
 
 
 def latency(text: str | None) -> str | float | None:
-    """What sounddevice takes: low, high, or seconds."""
-    return text if text in (None, "low", "high") else float(text)
+    """What sounddevice takes: low, high, or seconds. Raises ValueError."""
+    if text in (None, "low", "high"):
+        return text
+    seconds = float(text or "")
+    if not 0.0 < seconds <= 10.0:
+        raise ValueError(text)
+    return seconds
 
 
 def attend(
     first: Player, stream: Any, write: Any, keys: Any, show: Any, watch: Watch | None, notes: midi.Source | None
 ) -> str:
-    """Keys, meter and recording while the driver plays; returns how it ended."""
+    """Start the stream; keys, notes, meter and recording while the driver plays; returns how it ended."""
     wish, deadline, player, shown = "over", math.inf, first, -math.inf
     with interrupts() as interrupted:
+        sound.start(stream)
         while True:
-            key = keys(TICK if notes is not None else REST)
+            pressed = keys(TICK if notes is not None else REST)
             if notes is not None and notes():
                 player.stop()
             if time.monotonic() - shown >= REST:
@@ -126,21 +152,22 @@ def attend(
                         print(line, file=sys.stderr)
                     player = watch.player
                 show(player)
-            if wish == "over" and (interrupted or key in ENDS):
-                wish = "interrupted" if interrupted else ENDS[key]
+            ends = [ENDS[key] for key in pressed if key in ENDS]
+            if wish == "over" and (interrupted or ends):
+                wish = "interrupted" if interrupted else ends[0]
                 player.stop()
-                deadline = time.monotonic() + PATIENCE
-            elif key is not None:
+                deadline = time.monotonic() + PATIENCE + 2 * float(np.max(stream.latency))
+            for key in pressed:
                 press(player, key)
             if not stream.active:
                 write(first.fetch())
-                return wish if first.over else "vanished"
+                return wish if first.ended else "vanished"
             if time.monotonic() > deadline:
                 return "vanished"
 
 
 def press(player: Player, key: str) -> None:
-    """What a key does."""
+    """What a key does, but for those that end it all."""
     if key == "m":
         player.damp()
     elif key in (" ", "s"):
@@ -162,47 +189,55 @@ def interrupts() -> Iterator[list[int]]:
 
 
 @contextmanager
-def recording(target: str | None, player: Player) -> Iterator[Any]:
+def recording(args: argparse.Namespace, player: Player) -> Iterator[Any]:
     """A function that writes samples to a file, which takes its name when all is written."""
-    if target is None:
+    if args.record is None:
         yield lambda samples: None
         return
     import soundfile
 
-    kind = Path(target).suffix.lstrip(".").upper()
+    target = Path(args.record)
+    kind, subtype = target.suffix.lstrip(".").upper(), subtype_of(target, args.subtype)
     with (
-        replaced(Path(target)) as path,
-        soundfile.SoundFile(path, "w", player.samplerate, player.channels, "FLOAT", format=kind) as file,
+        replaced(target) as path,
+        soundfile.SoundFile(path, "w", player.samplerate, player.channels, subtype, format=kind) as file,
     ):
         yield file.write
 
 
 @contextmanager
-def keyboard() -> Iterator[Any]:
-    """A function that waits for a key so many seconds, and gives it or nothing."""
+def keyboard(alone: bool) -> Iterator[Any]:
+    """A function that waits so many seconds for keys, and gives those that were pressed; without that for the next
+    patch, where one alone is to be recorded."""
+
+    def none(seconds: float) -> str:
+        time.sleep(seconds)
+        return ""
+
     if not sys.stdin.isatty():
-        yield lambda seconds: time.sleep(seconds)
+        yield none
         return
-    print(KEYS, file=sys.stderr)
+    print(KEYS.replace("n next patch, ", "") if alone else KEYS, file=sys.stderr)
     if sys.platform == "win32":
         import msvcrt
 
-        def wait(seconds: float) -> str | None:
-            time.sleep(seconds)
-            return msvcrt.getwch() if msvcrt.kbhit() else None
-
-        yield wait
+        yield lambda seconds: none(seconds) + "".join(iter(lambda: msvcrt.getwch() if msvcrt.kbhit() else "", ""))
         return
     import select
     import termios
     import tty
 
-    before = termios.tcgetattr(sys.stdin)
+    terminal = sys.stdin.fileno()
+    before = termios.tcgetattr(terminal)
     try:
-        tty.setcbreak(sys.stdin)
-        yield lambda seconds: sys.stdin.read(1) if select.select([sys.stdin], [], [], seconds)[0] else None
+        tty.setcbreak(terminal)
+        yield (
+            lambda seconds: (
+                os.read(terminal, 64).decode(errors="replace") if select.select([terminal], [], [], seconds)[0] else ""
+            )
+        )
     finally:
-        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
+        termios.tcsetattr(terminal, termios.TCSADRAIN, before)
 
 
 @contextmanager
@@ -241,20 +276,31 @@ def line_of(now: dict[str, Any]) -> str:
 def tell(player: Player, args: argparse.Namespace) -> None:
     """What there is to be said at the end."""
     now = player.meter()
-    if args.log:
-        with replaced(Path(args.log)) as path:
-            path.write_text(json.dumps(player.log()), "utf-8")
+    keep_log(player, args)
     if args.json:
-        print(json.dumps({"patch": args.patch, "live": now}))
+        print(json.dumps({"patch": args.patch, "live": finite(now)}))
         return
     print(line_of(now | {"peak": 0.0}).replace("  silent  ", "  "))
-    if now["dropouts"]:
-        print(f"{now['dropouts']} dropouts: try --block {2 * int(args.block)}, or --latency high")
-    if now["limited"]:
-        print(f"the limiter held {now['limited']} samples back; a lower --gain")
+    said = {
+        "dropouts": f"dropouts: try --block {2 * int(args.block)}, or --latency high",
+        "limited": "samples held back by the limiter; a lower --gain",
+        "not_finite": "samples that were no numbers, and silenced: a fault of the engine; please report the patch",
+        "dropped": "events dropped: too many at once",
+        "lost": "samples of the recording lost: the disk was too slow",
+    }
+    for key, what in said.items():
+        if now[key]:
+            print(f"{now[key]} {what}")
     for target in (args.record, args.log):
         if target:
             print(target)
+
+
+def keep_log(player: Player, args: argparse.Namespace) -> None:
+    """Write what was done, if asked."""
+    if args.log:
+        with replaced(Path(args.log)) as path:
+            path.write_text(json.dumps(player.log()), "utf-8")
 
 
 def following(path: Path) -> tuple[Path, Scene]:
@@ -274,7 +320,7 @@ def following(path: Path) -> tuple[Path, Scene]:
 def wrong(args: argparse.Namespace) -> list[Fault]:
     """What is wrong with the arguments of live sound."""
     faults = []
-    if not args.block.isdigit() or not 1 <= int(args.block) <= 65_536:
+    if not args.block.isdecimal() or not 1 <= int(args.block) <= 65_536:
         faults.append(Fault("render.py", None, "--block", f'"{args.block}" is no size of a block; 1 to 65536 frames'))
     try:
         latency(args.latency)
@@ -282,8 +328,9 @@ def wrong(args: argparse.Namespace) -> list[Fault]:
         faults.append(Fault("render.py", None, "--latency", f'"{args.latency}" is no latency; low, high, or seconds'))
     if args.callback not in ("compiled", "python"):
         faults.append(Fault("render.py", None, "--callback", f'unknown callback "{args.callback}"; compiled, python'))
-    if args.watch and args.midi:
-        faults.append(Fault("render.py", None, "--watch", "cannot be had with --midi; one of them"))
+    for option in ("midi", "log"):
+        if args.watch and getattr(args, option):
+            faults.append(Fault("render.py", None, "--watch", f"cannot be had with --{option}; one of them"))
     return faults
 
 

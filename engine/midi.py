@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from engine.bodies import modal
-from engine.build import BuildError
 from engine.player import Player
 from engine.scene import Scene
 from engine.voices import thrown
@@ -150,7 +149,7 @@ class Keys:
                 self._damp(voice, STOLEN, begin)
             try:
                 self.player.tune(voice, frequency(note.number) / self.base, frame)
-            except BuildError:  # above what the sample rate carries
+            except ValueError:  # above what the sample rate carries, or below what there is room for
                 self.refused += 1
                 return
         self._note[voice], self._since[voice] = note.number, frame

@@ -238,7 +238,7 @@ class State(NamedTuple):
     next_event: np.ndarray  # int [islands, 2]: the first event not over yet, and the next to begin
     event_from: np.ndarray  # [events]: what a gliding value was at first
     rest: np.ndarray  # [islands, 3]: what an island has been like, to tell when it may sleep (engine.rest)
-    asleep: np.ndarray  # int [islands, 3]: the frames before which it sleeps and is still; samples slept
+    asleep: np.ndarray  # int [islands, 4]: when it wakes, and flies on; samples slept; whether it was put to sleep
     touching: np.ndarray  # int [islands]: 1 if the last step had a contact in reach
     evaluations: np.ndarray  # int [islands]: of the contact laws, in the last step
     iterations: np.ndarray  # int [islands, evaluations]: histogram of evaluations per Newton solve

@@ -1,9 +1,10 @@
 """A scene that is played while events come: strikes, plucks, dampers, knobs.
 
-    with Player(engine.load("patches/piano_c4.toml")) as player:
-        player.start()
-        player.strike("hammer", velocity=3.0)
-        player.set("contact.felt.stiffness", 1e9)
+    player = Player(engine.load("patches/piano_c4.toml"), gain=0.1)
+    stream = engine.sound.stream(player, None, 256, None)
+    stream.start()
+    player.strike("hammer", velocity=3.0)
+    player.set("contact.felt.stiffness", 1e9)
 
 Events go through a ring to the audio thread, which never waits for Python, and are kept in a log; a replay of the log
 gives the same samples, bit for bit.
@@ -11,6 +12,7 @@ gives the same samples, bit for bit.
 
 import json
 import math
+import threading
 from typing import Any
 
 import numpy as np
@@ -23,7 +25,7 @@ from engine.held import Held
 from engine.jit import pointer
 from engine.model import Model, Room, aligned
 from engine.offline import newton
-from engine.parts import Change, Damp, Mass, Oscillator, PluckAgain, Strike
+from engine.parts import Change, Damp, Mass, Oscillator, Pluck, PluckAgain, Strike
 from engine.rest import UNTIL
 from engine.scene import Scene
 from engine.stages import refinement
@@ -35,7 +37,7 @@ SIZE = 1024  # frames computed at once
 ROOM = 64  # events at a time on each island
 SLOTS = 1024  # of the ring
 TIMED = 8192  # blocks whose times are kept
-KEPT = 4.0  # s of what was played, until it is fetched
+KEPT = 20.0  # s of what was played, until it is fetched
 GLIDE = 0.02  # s, of a knob
 NEAR, FAR = 0.8, 0.4  # of its deadline: a block that takes more lowers the quality, one that takes less is at ease
 MUTE = 40.0, 0.4  # decay rate, 1/s, and how long, s
@@ -62,6 +64,8 @@ class Player:
         voices: int = 0,
         lowest: float = 1.0,
     ) -> None:
+        if not math.isfinite(gain):
+            raise ValueError(f"gain = {gain} is no factor")
         if scene.accuracy.oversample > 1:
             raise BuildError([("accuracy.oversample", "live sound is not oversampled; order, substeps, or render it")])
         self.patch, self.voices, self.lowest = scene, voices, lowest
@@ -87,7 +91,7 @@ class Player:
         self._record = np.zeros((round(KEPT * samplerate), self.channels), np.float32)
         self.times = np.zeros(TIMED)  # of the last blocks, as shares of their deadlines
         self._spare = np.zeros((SIZE, self.channels), np.float32)
-        self._fetched = 0
+        self._fetched = self.lost = 0
         tables = [[p.address for p in places], [r.out.ctypes.data for r in rooms]]
         tables.append([r.ledger.ctypes.data for r in rooms if r.ledger is not None])
         self._tables = [np.array(table, np.int64) for table in tables]
@@ -124,6 +128,7 @@ class Player:
             TIMED=TIMED,
             GAUGE=self.gauge.ctypes.data,
             FADE=max(1, round(FADE * samplerate)),
+            LEAVE=max(1, round(FADE * samplerate)),
             RATE=samplerate,
             END=LARGEST if math.isinf(seconds) else max(1, round(seconds * samplerate)),
         )
@@ -133,6 +138,7 @@ class Player:
         self.desk[deck.CALLS] = 0
         self._next: Player | None = None  # who took over
         self._log: list[dict[str, Any]] = []  # events as they were put in, then with the frame they were taken at
+        self._lock, self._stepped = threading.Lock(), 0
         self._waiting: list[tuple[int, dict[str, Any]]] = []
 
     def _levels(self) -> list[Model]:
@@ -167,6 +173,11 @@ class Player:
         """Whether all has been played, by this player and by those that took over."""
         return bool(self.desk[deck.DONE]) and (self._next is None or self._next.over)
 
+    @property
+    def ended(self) -> bool:
+        """Whether the driver was told that all is over."""
+        return self.over or (bool(self.desk[deck.DONE]) and not self.desk[deck.NEXT])
+
     def stop(self) -> None:
         """Fade out, and end."""
         self.desk[deck.STOP] = 1
@@ -175,8 +186,10 @@ class Player:
         """Let another player take over: one sound fades into the other. Raises ValueError if it has other channels."""
         if (following.channels, following.samplerate) != (self.channels, self.samplerate):
             raise ValueError(f"it has {following.channels} channels instead of {self.channels}; start anew")
-        for player in (self, following):
-            player.desk[deck.FADE] = round(CROSSFADE * self.samplerate)
+        frames = round(CROSSFADE * self.samplerate)
+        if self.desk[deck.STOP] or self.frame + frames >= self.desk[deck.END]:
+            raise ValueError("what was played is over")
+        self.desk[deck.LEAVE] = following.desk[deck.FADE] = frames
         self._next = following
         self.desk[deck.NEXT] = following.desk.ctypes.data
 
@@ -185,16 +198,18 @@ class Player:
         [frames, channels]; at most the last KEPT seconds."""
         until = int(self.desk[deck.RECORDED])
         begin = max(self._fetched, until - len(self._record))
-        at = np.arange(begin, until) % len(self._record)
+        found = self._record[np.arange(begin, until) % len(self._record)]
+        overrun = max(0, int(self.desk[deck.RECORDED]) - len(self._record) - begin)  # written over meanwhile
+        self.lost += begin - self._fetched + min(overrun, len(found))
         self._fetched = until
-        return self._record[at]
+        return found[overrun:]
 
     # --- events
 
     def strike(
         self, body: str | None = None, velocity: float | None = None, displacement: float | None = None, frame: int = 0
     ) -> None:
-        """Throw a hammer, again; every hammer and pluck of the scene if none is named.
+        """Throw a hammer, again; every hammer of the scene, and every pluck under [[force]], if none is named.
 
         velocity, displacement: m/s and m; as at time 0 if None
         frame: when, at the earliest
@@ -204,9 +219,10 @@ class Player:
             for name in self.hammers:
                 self.strike(name, velocity, displacement, frame)
             for j, number in enumerate(self.layout.force):
-                if getattr(self.layout.forces[number], "kind", None) == "pluck":
-                    island = self.layout.island[self.layout.number[self.layout.forces[number].body]]
-                    self._put(("pluck", j), (post.PLUCK, island, j, j + 1, frame, 1, 1.0, 0.0))
+                force = self.layout.forces[number]
+                if isinstance(force, Pluck):
+                    island = self.layout.island[self.layout.number[force.body]]
+                    self._put(("pluck", j), (post.PLUCK, island, j, j + 1, frame, 1, 0.0, 0.0))
             return
         hammer = self._body(body)
         if not isinstance(hammer, Mass | Oscillator):
@@ -237,9 +253,12 @@ class Player:
 
     def tune(self, voice: int, ratio: float, frame: int = 0) -> None:
         """Give a voice another pitch at a frame, for which later events wait; what that does to its energy is booked.
-        Raises IndexError without such a voice, BuildError if it would vibrate too fast."""
+        Raises IndexError without such a voice, ValueError below the lowest pitch, BuildError (a ValueError) if it would
+        vibrate too fast."""
         if not 0 <= voice < self.voices:
             raise IndexError(f"no voice {voice}; there are {self.voices}")
+        if ratio < self.lowest:  # it would have modes for which there is no room
+            raise ValueError(f"ratio = {ratio:g} is out of range; at least {self.lowest:g}, the lowest it was made for")
         if (voice, ratio) not in self._tunings:
             single = polyphonic(tuned(self.patch, ratio), 1).model_copy(update={"accuracy": self.scene.accuracy})
             model, _, layout = build(single, self.samplerate, room=ROOM)
@@ -282,45 +301,49 @@ class Player:
             self._put(why, (kind, island, first, last, frame, min(end, FOREVER) - start, a, b))
 
     def _put(self, why: tuple[Any, ...], row: tuple[int, int, int, int, int, int, float, float]) -> None:
-        """Put an event into the ring; while that is full, wait would be all one could do: drop it, and say so."""
-        number = int(self.desk[deck.PUT])
-        if deck.put_in(self.desk.ctypes.data, *row):
-            self._waiting.append((number, {"why": list(why), "row": list(row)}))
-        else:
-            self._log.append({"frame": None, "why": [*why, "dropped: too many at once"], "row": list(row)})
-        self._settle()
+        """Put an event into the ring. While that is full, all one could do is wait: it is dropped, and that is said."""
+        with self._lock:  # one at a time writes to the ring
+            number = int(self.desk[deck.PUT])
+            if deck.put_in(self.desk.ctypes.data, *row):
+                self._waiting.append((number, {"why": list(why), "row": list(row)}))
+            else:
+                self._log.append({"frame": None, "why": [*why, "dropped: too many at once"], "row": list(row)})
+            self._settle()
 
     def _settle(self) -> None:
-        """Note the frame of events that have been taken."""
-        taken = int(self.desk[deck.TAKEN])
+        """Note the frame of events that have been taken, and the steps of quality."""
+        taken, steps = int(self.desk[deck.TAKEN]), int(self.desk[deck.STEPS])
+        for n in range(max(self._stepped, steps - SLOTS), steps):
+            frame, level = self._changes[n % SLOTS].tolist()
+            self._log.append(
+                {"frame": frame, "why": ["quality", level], "row": [deck.QUALITY, 0, level, 0, 0, 0, 0.0, 0.0]}
+            )
+        self._stepped = steps
         while self._waiting and self._waiting[0][0] < taken:
             number, event = self._waiting.pop(0)
-            self._log.append({"frame": int(self._events[number % SLOTS, deck.TOOK])} | event)
+            frame = int(self._events[number % SLOTS, deck.TOOK])
+            if frame == post.DROPPED:
+                event["why"].append("dropped: too many on this island")
+            self._log.append({"frame": None if frame == post.DROPPED else frame} | event)
 
     # --- what can be told
 
     def log(self) -> dict[str, Any]:
         """All that was done, as JSON can hold it; `replay` makes the same sound of it."""
-        self._settle()
-        end = int(self.desk[deck.END])
+        with self._lock:
+            self._settle()
         scene = json.loads(self.patch.model_dump_json(exclude_none=True))
-        told = {"scene": scene, "samplerate": self.samplerate, "gain": self.gain, "end": end, "frames": self.frame}
+        told = {"scene": scene, "samplerate": self.samplerate, "gain": self.gain, "frames": self.frame}
         told |= {"voices": self.voices, "lowest": self.lowest}
-        steps = min(int(self.desk[deck.STEPS]), SLOTS)
-        levels = [
-            {
-                "frame": int(frame),
-                "why": ["quality", int(level)],
-                "row": [deck.QUALITY, 0, int(level), 0, 0, 0, 0.0, 0.0],
-            }
-            for frame, level in self._changes[:steps]
-        ]  # a change is made at the end of a block, an event taken at the beginning of one
-        events = sorted(levels + self._log, key=lambda e: -1 if e["frame"] is None else e["frame"])
+        told |= {name.lower(): int(self.desk[getattr(deck, name)]) for name in ("END", "FADE", "LEAVE")}
+        # in the order in which they were done: steps of quality at the end of a block, events at the beginning of one
+        events = sorted(self._log, key=lambda e: -1 if e["frame"] is None else e["frame"])
         return told | {"events": events}
 
     def meter(self) -> dict[str, Any]:
         """What a meter shows; peaks are since the last call."""
-        self._settle()
+        with self._lock:
+            self._settle()
         gauge, desk = self.gauge, self.desk
         spent, peak = float(gauge[deck.BUSY]), float(gauge[deck.PEAK])
         gauge[deck.PEAK] = 0.0
@@ -332,31 +355,13 @@ class Player:
             "worst_block": float(gauge[deck.WORST]),
             "dropouts": int(desk[deck.GAPS]),
             "limited": int(desk[deck.LIMITED]),
+            "not_finite": int(desk[deck.WRONG]),
+            "dropped": sum(e["frame"] is None for e in self._log),
+            "lost": self.lost,
             "newton": newton(self.model, self.state),
-            "energy_error": float(gauge[deck.ERROR] / gauge[deck.ENERGY]) if gauge[deck.ENERGY] > 0.0 else 0.0,
+            "energy_error": float(gauge[deck.ERROR] / (gauge[deck.ENERGY] or 1.0)),
             "quality_steps": int(desk[deck.STEPS]),
             "quality": -int(desk[deck.LEVEL]),
             "awake": int(np.sum(self.state.asleep[:, UNTIL] <= self.frame)),
             "islands": len(self.state.asleep),
         }
-
-
-def replay(log: dict[str, Any]) -> np.ndarray:
-    """What was played, from its log: single precision [frames, channels], the same bit for bit."""
-    scene = Scene.model_validate(log["scene"])
-    player = Player(scene, log["samplerate"], math.inf, log["gain"], log["voices"], log["lowest"])
-    player.desk[deck.END] = log["end"]
-    frames = min(log["frames"], log["end"])
-    out = np.zeros((frames, player.channels), np.float32)
-    at = 0
-    for event in log["events"]:
-        if event["frame"] is None or event["frame"] >= frames:
-            continue
-        player.play(out[at : event["frame"]])
-        at = event["frame"]
-        if event["why"][0] == "tune":
-            player.tune(*event["why"][1:])
-        else:
-            deck.put_in(player.desk.ctypes.data, *event["row"])
-    player.play(out[at:])
-    return out

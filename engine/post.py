@@ -1,14 +1,16 @@
 """Events that come while a scene is played: they join the score, as if it had always said so."""
 
-from engine.deck import EVENT, FIRST, HUSH, ISLAND, KIND, LAST_OF, LENGTH, START, VALUE, WEIGH
+from engine.contact import resync, separated
+from engine.deck import EVENT, FIRST, HUSH, ISLAND, KIND, LAST_OF, LENGTH, START, TOOK, VALUE, WEIGH
 from engine.energy import SUPPLIED, book
-from engine.events import NEVER, held
+from engine.events import DAMP, NEVER, held
 from engine.held import let
 from engine.islands import cut_model, cut_state
 from engine.jit import entry, jit
 from engine.native import floats, ints
-from engine.rest import LEVEL, STILL, UNTIL
+from engine.rest import HUSHED, LEVEL, STILL, UNTIL
 
+DROPPED = -1  # instead of the frame at which an event was taken
 PLUCK = 8  # a kind of event beside those of the score: external force `first` begins anew
 
 
@@ -20,11 +22,13 @@ def post(model, state, event, value, frame):
 
 @jit
 def add(model, state, event, value, frame):
-    """As `post`, of what is held. A full score drops the event."""
+    """As `post`, of what is held. What does not fit into a full score is dropped, and marked so."""
     n, start = event[ISLAND], max(event[START], frame)
     if event[KIND] == HUSH:
-        hush(state, event[FIRST], frame)
+        hush(model, state, event[FIRST], frame)
         return
+    if max(state.clear[n], state.asleep[n, UNTIL]) > frame:
+        rouse(model, state, n, frame)
     if event[KIND] == WEIGH:
         weigh(model, state, n, event[FIRST])
     elif event[KIND] == PLUCK:
@@ -32,50 +36,120 @@ def add(model, state, event, value, frame):
     elif model.events is not None:
         following = state.next_event[n]
         begin, end = model.islands.event[n], model.islands.event[n + 1]
+        overrule(model.events, following, begin, event, start)
         tidy(model.events, state.event_from, following, begin, end, frame)
-        insert(model.events, following, begin, end, event, value, start)
-    state.clear[n] = min(state.clear[n], start)
-    state.asleep[n, UNTIL], state.asleep[n, STILL] = (
-        min(state.asleep[n, UNTIL], start),
-        min(state.asleep[n, STILL], start),
-    )
+        if not insert(model.events, following, begin, end, event, value, start):
+            event[TOOK] = DROPPED
+
+
+@jit
+def part_of(islands, n):
+    """The part of the scene that island n belongs to."""
+    part = 0
+    while islands.part[part + 1] <= n:
+        part += 1
+    return part
+
+
+@jit
+def rouse(model, state, n, frame):
+    """Wake an island, or bring up to date what it has not looked at while nothing could act on it."""
+    island = cut_model(model, state, n)
+    own = cut_state(model.islands, state, part_of(model.islands, n), n)
+    resync(island.contact, island.partner, own)
+    state.asleep[n, HUSHED] = 0
+    state.asleep[n, UNTIL] = min(state.asleep[n, UNTIL], frame)
+    state.asleep[n, STILL] = min(state.asleep[n, STILL], frame)
+    state.clear[n] = min(state.clear[n], frame)
 
 
 @jit
 def weigh(model, state, n, sign):
-    """Book the energy that island n holds."""
-    part = 0
-    while model.islands.part[part + 1] <= n:
-        part += 1
+    """Book the energy that island n holds; if as supplied, its tables are new, and so are its compressions."""
     island = cut_model(model, state, n)
-    own = cut_state(model.islands, state, part, n)
+    own = cut_state(model.islands, state, part_of(model.islands, n), n)
+    if sign > 0:
+        renew(island.contact, island.partner, own)
     book(own.account, SUPPLIED, sign * held(island, own))
 
 
 @jit
-def hush(state, count, frame):
-    """Put the quietest islands to sleep until they are told otherwise, and wake those that were told before. What
-    they hold they keep: to sleep takes and gives no energy."""
-    islands = state.asleep.shape[0]
+def due(model, state, n, frame):
+    """When the next thing happens to an island that would have to be awake for it."""
+    return min(event_due(model.events, model.islands, state, n, frame), push_due(model.force, model.islands, n, frame))
+
+
+@jit
+def renew(contact, partner, state):
+    """Read the compressions from the modes, also in contact."""
+    if contact is not None:
+        for k in range(contact.barrier.shape[0]):
+            state.compression[k] = separated(contact, partner, state, k)
+            state.residue[k] = 0.0
+
+
+@jit
+def event_due(events, islands, state, n, frame):
+    """When an event of its score runs."""
+    if events is None:
+        return NEVER
+    following = islands.event[n] + state.next_event[n, 1]
+    for j in range(islands.event[n] + state.next_event[n, 0], following):
+        if events.end[j] > frame:
+            return frame
+    return events.start[following] if following < islands.event[n + 1] else NEVER
+
+
+@jit
+def push_due(force, islands, n, frame):
+    """When an external force acts."""
+    found = NEVER
+    if force is not None:
+        for j in range(islands.force[n], islands.force[n + 1]):
+            over = force.start[j] + force.begin[j + 1] - force.begin[j]
+            if over > frame or force.after[j] != 0.0:
+                found = min(found, max(frame, force.start[j]))
+    return found
+
+
+@jit
+def hush(model, state, count, frame):
+    """Put the quietest islands to sleep until something is due in them, or they are told otherwise; and wake those that
+    were told before. Nothing in them moves, so that to sleep takes and gives no energy. The last one awake stays so,
+    and so does one in contact."""
+    islands, awake = state.asleep.shape[0], 0
     for n in range(islands):
-        if state.asleep[n, UNTIL] == NEVER:
-            state.asleep[n, UNTIL] = state.asleep[n, STILL] = frame
-            state.clear[n] = min(state.clear[n], frame)
-    for _ in range(min(count, islands - 1)):
+        if state.asleep[n, HUSHED] != 0:
+            rouse(model, state, n, frame)
+        awake += state.asleep[n, UNTIL] <= frame
+    for _ in range(count):
         quietest = -1
         for n in range(islands):
-            awake = state.asleep[n, UNTIL] <= frame
-            if awake and (quietest < 0 or state.rest[n, LEVEL] < state.rest[quietest, LEVEL]):
+            able = state.asleep[n, UNTIL] <= frame and state.touching[n] == 0 and due(model, state, n, frame) > frame
+            if able and (quietest < 0 or state.rest[n, LEVEL] < state.rest[quietest, LEVEL]):
                 quietest = n
-        if quietest >= 0:
-            state.asleep[quietest, UNTIL] = state.asleep[quietest, STILL] = NEVER
+        if quietest >= 0 and awake > 1:
+            rouse(model, state, quietest, frame)
+            state.asleep[quietest, UNTIL] = state.asleep[quietest, STILL] = due(model, state, quietest, frame)
+            state.asleep[quietest, HUSHED] = 1
+            awake -= 1
 
 
 @jit
 def again(force, j, start):
     """Let external force j begin anew."""
     if force is not None:
-        force.start[j] = start
+        if force.start[j] <= start:  # one that is still to come is left alone
+            force.start[j] = start
+
+
+@jit
+def overrule(events, following, begin, event, start):
+    """What runs now ends where a newer event of its kind, on the same, begins; but for what lasts longer."""
+    for j in range(begin + following[0], begin + following[1]):
+        same = events.kind[j] == event[KIND] and events.first[j] == event[FIRST] and events.last[j] == event[LAST_OF]
+        if same and (event[KIND] != DAMP or events.end[j] <= start + event[LENGTH]):
+            events.end[j] = min(events.end[j], start)
 
 
 @jit
@@ -99,9 +173,9 @@ def tidy(events, origins, following, begin, end, frame):
 
 @jit
 def insert(events, following, begin, end, event, value, start):
-    """Put an event where its start belongs among those that have not begun."""
-    if events.start[end - 1] != NEVER:
-        return
+    """Put an event where its start belongs among those that have not begun; returns whether it fitted."""
+    if begin == end or events.start[end - 1] != NEVER:
+        return False
     j = end - 1
     while j > begin + following[1] and events.start[j - 1] > start:
         events.kind[j], events.start[j], events.end[j] = events.kind[j - 1], events.start[j - 1], events.end[j - 1]
@@ -111,3 +185,4 @@ def insert(events, following, begin, end, event, value, start):
     events.kind[j], events.start[j], events.end[j] = event[KIND], start, start + event[LENGTH]
     events.first[j], events.last[j] = event[FIRST], event[LAST_OF]
     events.a[j], events.b[j] = value[0], value[1]
+    return True

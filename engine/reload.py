@@ -28,11 +28,12 @@ def turned(old: Scene, new: Scene) -> dict[str, float] | None:
 class Watch:
     """Looks at a patch's file, and brings what is saved to its player.
 
-    make: builds a Player of a scene
+    make:    builds a Player of a scene
+    dialled: gives a scene its accuracy
     """
 
-    def __init__(self, path: Path, scene: Scene, player: Player, make: Any) -> None:
-        self.path, self.scene, self.player, self._make = path, scene, player, make
+    def __init__(self, path: Path, scene: Scene, player: Player, make: Any, dialled: Any = lambda scene: scene) -> None:
+        self.path, self.scene, self.player, self._make, self._dialled = path, scene, player, make, dialled
         self._seen = self._stamp()
         self._made: list[Any] = []
         self._thread: threading.Thread | None = None
@@ -53,7 +54,7 @@ class Watch:
             return []
         self._seen = stamp
         try:
-            scene = load(str(self.path))
+            scene = self._dialled(load(str(self.path)))
         except PatchError as error:
             return [*map(str, error.faults), "the old sound goes on"]
         knobs = turned(self.scene, scene)

@@ -14,8 +14,8 @@ from engine.modes import close_mode, open_mode
 
 LEVEL, LOUDEST, MOST = 0, 1, 2  # of State.rest: peak output since the last look, ever; largest energy, J
 KEPT = 3
-UNTIL, STILL, SLEPT = 0, 1, 2  # of State.asleep
-NAPS = 3
+UNTIL, STILL, SLEPT, HUSHED = 0, 1, 2, 3  # of State.asleep
+NAPS = 4
 
 
 @jit
@@ -55,8 +55,10 @@ def fall_asleep(silence, gravity, loose, state, frame, ahead, energy):
 
 @jit
 def flies(gravity, loose, state):
-    """Whether a free mass moves, or is about to."""
+    """Whether a free mass moves, or is about to; in an island that was put to sleep it waits."""
     if loose is None:
+        return False
+    if state.asleep[HUSHED] != 0:
         return False
     for j in range(loose.mode.shape[0]):
         m = loose.mode[j]

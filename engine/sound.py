@@ -48,8 +48,8 @@ def output(device: str | None) -> tuple[int, str, int, int]:
     if device is None:
         number = library().default.device[1]
         return next((d for d in found if d[0] == number), found[0])
-    chosen = [d for d in found if (device.isdigit() and d[0] == int(device)) or device.lower() in d[1].lower()]
-    exact = [d for d in chosen if device.isdigit() and d[0] == int(device)]
+    chosen = [d for d in found if (device.isdecimal() and d[0] == int(device)) or device.lower() in d[1].lower()]
+    exact = [d for d in chosen if device.isdecimal() and d[0] == int(device)]
     if len(exact or chosen) != 1:
         some = "\n".join(f"  {number}  {name}" for number, name, _, _ in found)
         what = "several devices match" if chosen else "no device is called"
@@ -92,7 +92,7 @@ def stream(
         what = {
             BUSY: "is busy; end the program that plays on it, or choose another with --device",
             RATE: f"does not play at {player.samplerate} Hz; its own rate is {own}: --samplerate {own}",
-            CHANNELS: f"has {channels} channels, and the patch {player.channels}; give its pickups fewer",
+            CHANNELS: f"has {channels} channels, and the patch {player.channels}: `channel` of its pickups",
         }.get(number, f"cannot be opened ({error.args[0]})")
         raise SoundError(f"{name} {what}") from error
 
@@ -114,6 +114,14 @@ def _answer(player: "Player", sounddevice: Any) -> Any:
         deck.note(player.desk.ctypes.data, frames, time_now() - begin)
 
     return answer
+
+
+def start(made: Any) -> None:
+    """Let a stream play. Raises SoundError."""
+    try:
+        made.start()
+    except library().PortAudioError as error:
+        raise SoundError(f"the device cannot be started ({error.args[0]})") from error
 
 
 def forget() -> None:

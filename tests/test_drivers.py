@@ -139,12 +139,35 @@ def test_what_is_too_heavy_is_refused(tmp_path):
         (["--block", "many"], '"many" is no size of a block; 1 to 65536 frames'),
         (["--latency", "soon"], '"soon" is no latency; low, high, or seconds'),
         (["--callback", "rust"], 'unknown callback "rust"; compiled, python'),
+        (["--latency", "-1"], '"-1" is no latency'),
         (["--record", "no/such/r.wav"], "no such folder"),
+        (["--record", "r.xyz"], '"r.xyz" names no audio format'),
+        (["--record", "r.wav", "--log", "r.wav"], "is to be written twice"),
+        (["--price"], "--price: not for --live"),
+        (["-o", "out.wav"], "--output: not for --live; --record OUT.wav keeps what is played"),
+        (["--watch", "--midi", "x.mid"], "cannot be had with --midi"),
+        (["--voices", "none"], '"none" is no number of voices; 1 to 64'),
     ],
 )
 def test_wrong_arguments_are_said(words, what):
     done = run(PIANO, "--live", *words)
     assert done.returncode == 2 and what in done.stderr
+
+
+def test_what_is_for_live_sound_alone_is_said():
+    done = run(PIANO, "--record", "r.wav")
+    assert done.returncode == 2 and "--record: for --live; give that too" in done.stderr
+    done = run(PIANO, "--replay", "log.json")
+    assert done.returncode == 2 and "PATCH: the log says it all" in done.stderr
+    done = run("--replay", "no.json")
+    assert done.returncode == 2 and "cannot be read as a log" in done.stderr
+
+
+@needs_portaudio
+@needs_alsa
+def test_what_cannot_be_built_is_said(file_device):
+    done = run(PIANO, "--live", "--oversample", "2", environment=file_device[0])
+    assert done.returncode == 2 and "accuracy.oversample: live sound is not oversampled" in done.stderr
 
 
 # --- JACK: paced in real time

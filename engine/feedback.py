@@ -1,0 +1,66 @@
+"""What a person or a program is told while something takes long, and numbers as JSON can hold them."""
+
+import math
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+PATIENCE = 1.5  # s, after which the user is told what takes so long
+
+
+def finite(value: Any) -> Any:
+    """The same with null for numbers that JSON has not."""
+    if isinstance(value, dict):
+        return {key: finite(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [finite(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+@contextmanager
+def feedback(quiet: bool) -> Iterator[Callable[[float], None]]:
+    """Tell the user what takes so long: compiling, before the first samples; then a progress bar,
+    on a terminal, once a render has lasted a while. Yields the function to call with the share done."""
+    begin = time.perf_counter()
+    say = "compiling the kernel for this kind of scene (once per machine) …"
+    compiling = threading.Timer(PATIENCE, lambda: print(say, file=sys.stderr))
+    compiling.daemon = True
+    compiling.start()
+    shown: list[Any] = []
+    interrupted: list[int] = []
+
+    def interrupt(number: int, frame: Any) -> None:
+        interrupted.append(number)
+        raise KeyboardInterrupt
+
+    before = None
+    if threading.current_thread() is threading.main_thread():
+        before = signal.signal(signal.SIGINT, interrupt)
+
+    def progress(share: float) -> None:
+        compiling.cancel()
+        if interrupted:  # while compiling, and lost in a callback of the compiler's
+            raise KeyboardInterrupt
+        late = time.perf_counter() - begin > PATIENCE and share < 0.9
+        if not shown and late and sys.stderr.isatty() and not quiet:
+            from rich.console import Console
+            from rich.progress import Progress
+
+            shown.append(Progress(console=Console(stderr=True), transient=True))
+            shown[0].start()
+            shown[0].add_task("rendering", total=1.0)
+        if shown:
+            shown[0].update(shown[0].task_ids[0], completed=share)
+
+    try:
+        yield progress
+    finally:
+        compiling.cancel()
+        if before is not None:
+            signal.signal(signal.SIGINT, before)
+        if shown:
+            shown[0].stop()

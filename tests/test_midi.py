@@ -1,0 +1,119 @@
+"""Notes: each sounds at its pitch and time, voices are shared, and nothing clicks."""
+
+import math
+
+import numpy as np
+import pytest
+import soundfile
+from conftest import ROOT
+
+import engine
+from engine import cli, midi
+from engine.measures import strongest
+from engine.player import Player
+
+mido = pytest.importorskip("mido", reason="needs mido")
+PIANO = ROOT / "patches" / "piano_c4.toml"
+RATE = 44_100
+
+
+def written(path, *messages):
+    """A .mid file at 120 beats a minute, 480 ticks a beat: (what, ticks)."""
+    track = mido.MidiTrack([mido.MetaMessage("set_tempo", tempo=500_000)])
+    track += [message.copy(time=ticks) for message, ticks in messages]
+    mido.MidiFile(tracks=[track]).save(path)
+    return path
+
+
+def on(note, velocity=64):
+    return mido.Message("note_on", note=note, velocity=velocity)
+
+
+def off(note):
+    return mido.Message("note_off", note=note)
+
+
+def pedal(value):
+    return mido.Message("control_change", control=64, value=value)
+
+
+def test_notes_have_their_pitch_and_time(tmp_path):
+    path = written(tmp_path / "two.mid", (on(57), 0), (off(57), 960), (on(64, 90), 480), (off(64), 960))
+    audio, player = midi.render(engine.load(PIANO), str(path), RATE, None, 4)
+    assert len(audio) == round((midi.LEAD + 2.5 + midi.TAIL) * RATE)
+    first = round(midi.LEAD * RATE)
+    assert not audio[: first - 1].any() and audio[first + 100 : first + 500].any()
+    for begin, note in ((midi.LEAD, 57), (midi.LEAD + 1.5, 64)):
+        part = audio[round((begin + 0.05) * RATE) :][:RATE]
+        partials = np.abs(np.fft.rfft(part[:, 0] * np.hanning(len(part))))
+        wanted = midi.frequency(note)
+        near = slice(round(0.97 * wanted), round(1.03 * wanted) + 1)  # bins of 1 Hz
+        assert near.start + int(np.argmax(partials[near])) == pytest.approx(wanted, abs=1.5)
+    assert player.meter()["energy_error"] <= 1e-12
+    assert strongest(audio.astype(float)) > 0.0
+
+
+def test_harder_is_louder(tmp_path):
+    peaks = []
+    for velocity in (30, 60, 120):
+        path = written(tmp_path / "one.mid", (on(60, velocity), 0), (off(60), 480))
+        peaks.append(np.abs(midi.render(engine.load(PIANO), str(path), RATE, 0.5, 1)[0]).max())
+    assert peaks[0] < 0.6 * peaks[1] < 0.36 * peaks[2]
+
+
+def test_dampers_and_the_pedal(tmp_path):
+    """A key let go is damped, unless the pedal is down; then when the pedal is let go."""
+
+    def level(name, *messages):
+        audio, _ = midi.render(engine.load(PIANO), str(written(tmp_path / name, *messages)), RATE, 3.0, 2)
+        return [float(np.sqrt(np.mean(audio[round(t * RATE) :][: RATE // 5] ** 2))) for t in (0.3, 1.2, 2.5)]
+
+    held = level("held.mid", (on(60), 0), (off(60), 5000))
+    short = level("short.mid", (on(60), 0), (off(60), 480))
+    kept = level("kept.mid", (on(60), 0), (pedal(127), 10), (off(60), 470), (pedal(0), 1440))
+    assert short[0] == pytest.approx(held[0], rel=1e-3) and kept[0] == pytest.approx(held[0], rel=1e-3)
+    assert short[1] < 0.05 * held[1] and kept[1] == pytest.approx(held[1], rel=1e-3)
+    assert kept[2] < 0.05 * held[2]
+
+
+def test_the_oldest_quietest_voice_is_taken_without_a_click():
+    player = Player(engine.load(PIANO), RATE, math.inf, 0.02, voices=2, lowest=0.5)
+    keys = midi.Keys(player)
+    out = np.zeros((RATE, player.channels), np.float32)
+    for n, note in enumerate((60, 64, 67, 72, 60, 59)):
+        keys.play(midi.Note(0.0, "on", note, 64))
+        player.play(out[n * 4410 : (n + 1) * 4410])
+    assert keys.stolen == 4
+    assert set(keys._note) == {60, 59}
+    steps = np.abs(np.diff(out, axis=0)).max(axis=1)
+    calm = Player(engine.load(PIANO), RATE, math.inf, 0.02, voices=2)
+    alone = np.zeros((4410, player.channels), np.float32)
+    midi.Keys(calm).play(midi.Note(0.0, "on", 72, 64))
+    calm.play(alone)
+    assert steps.max() <= 3 * np.abs(np.diff(alone, axis=0)).max()
+    assert player.meter()["energy_error"] <= 1e-12
+
+
+def test_what_is_wrong_with_notes_is_said(tmp_path, capsys):
+    (tmp_path / "no.mid").write_bytes(b"no notes")
+    cases = {"none": "cannot be read as MIDI", "no": "cannot be read as MIDI", "empty": "has no notes"}
+    written(tmp_path / "empty.mid", (pedal(1), 0))
+    for name, what in cases.items():
+        path = tmp_path / f"{name}.mid"
+        assert cli.main([str(PIANO), "--midi", str(path), "-o", str(tmp_path / "a.wav")]) == 2
+        assert what in capsys.readouterr().err
+    path = str(written(tmp_path / "one.mid", (on(60), 0), (off(60), 100)))
+    mass = tmp_path / "mass.toml"
+    mass.write_text('[[body]]\nname = "m"\nkind = "mass"\nmass = 1.0\nvelocity = 1.0\n[[pickup]]\nbody = "m"\n')
+    assert cli.main([str(mass), "--midi", path, "-o", str(tmp_path / "a.wav")]) == 2
+    assert "m has no pitch that could be tuned" in capsys.readouterr().err
+    out = tmp_path / "out.wav"
+    assert cli.main([str(PIANO), "--midi", path, "-o", str(out), "--seconds", "0.5"]) == 0
+    assert soundfile.info(out).frames == RATE // 2
+    assert "8 voices, energy error" in capsys.readouterr().out
+
+
+def test_no_mido_says_what_to_install(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(__import__("sys").modules, "mido", None)
+    assert cli.main([str(PIANO), "--midi", "x.mid", "-o", str(tmp_path / "a.wav")]) == 2
+    assert "uv sync --extra midi" in capsys.readouterr().err

@@ -109,7 +109,9 @@ EVERYTHING = {
 }
 
 
-@pytest.mark.parametrize("accuracy", [{"order": 4}, {"order": 2, "substeps": 3}], ids=str)
+@pytest.mark.parametrize(
+    "accuracy", [{"order": 4}, pytest.param({"order": 2, "substeps": 3}, marks=pytest.mark.hard)], ids=str
+)
 def test_the_ledger_closes_at_every_setting(accuracy):
     told = engine.Scene.model_validate(EVERYTHING)
     if accuracy["order"] == 2:  # the only order that contact loss goes with

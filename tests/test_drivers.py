@@ -121,13 +121,32 @@ def test_what_is_too_heavy_is_refused(tmp_path):
         "def query_hostapis(n): return dict(name='none')\n"
     )
     heavy = tmp_path / "heavy.toml"
-    heavy.write_text(
-        '[[body]]\nname = "s"\nkind = "string"\nlength = 1.0\ndensity = 4.83e-4\ntension = 33.1\nmodes = 80\n'
-        '[[contact]]\nbody = "s"\nside = "below"\nstiffness = 4e8\nexponent = 1.5\n'
-        "bridge = { at = 0.01, width = 2e-3, points = 200, depth = 1e-5 }\n"
-        '[[force]]\nbody = "s"\nkind = "constant"\namplitude = -0.4\nat = 0.02\n'
-        '[[pickup]]\nbody = "s"\nat = 0.4\n'
-    )
+    text = Path(PIANO).read_text("utf-8")
+    for n in range(5):  # strings of 20 000 modes, each with a hammer: the kernel is that of the piano
+        text += f"""
+[[body]]
+name = "s{n}"
+kind = "string"
+length = 1.0
+mass = 1.0
+frequency = 1.0
+modes = 20000
+sigma0 = 0.1
+[[body]]
+name = "h{n}"
+kind = "mass"
+mass = 3e-3
+displacement = -1e-3
+velocity = 4.0
+[[contact]]
+body = "h{n}"
+on = "s{n}"
+on_at = 0.1
+stiffness = 4.5e9
+exponent = 2.5
+loss = 0.1
+"""
+    heavy.write_text(text, "utf-8")
     done = run(str(heavy), "--live", environment={"PYTHONPATH": str(tmp_path)}, timeout=240.0)
     assert done.returncode == 1
     assert "too heavy for real time: 0." in done.stderr and "--force" in done.stderr

@@ -4,6 +4,8 @@ import pytest
 
 from bench import figures, report
 
+pytestmark = pytest.mark.hard  # eight patches, most with a kernel of its own
+
 
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory):

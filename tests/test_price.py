@@ -118,6 +118,7 @@ def test_the_first_rebound_is_told(found):
     assert best["rebound"] == pytest.approx(found["rebound"], rel=1e-6)
 
 
+@pytest.mark.hard
 def test_chaos_ends_the_horizon():
     """A ball in a box of unequal, moving walls forgets how it began; what is said of its error ends there."""
     bodies = [

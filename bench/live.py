@@ -2,7 +2,7 @@
 Python; and the largest scenes that can be played.
 
 Callbacks are called by JACK's dummy server, in real time, if there is one; each measurement is a process of its own.
-`python -m bench.live COMPILED FRAMES LOAD SECONDS` is such a process.
+`python -m bench.live COMPILED FRAMES LOAD SECONDS PATCH` is such a process.
 """
 
 import ctypes
@@ -25,7 +25,7 @@ SIZES = (64, 128, 256, 512)
 BLOCK = 256
 SHARE = 0.7  # of a deadline, that the worst block may take
 RUNS = 3
-PATCH = ROOT / "patches" / "tanpura_drone.toml"
+PATCH = "tanpura_drone"
 LOADS = ("idle", "a Python loop")
 
 
@@ -40,19 +40,21 @@ def serve(frames: int) -> tuple[subprocess.Popen[bytes], dict[str, str]]:
     return server, environment
 
 
-def played(compiled: bool, frames: int, load: str, seconds: float, environment: dict[str, str]) -> dict[str, float]:
-    """What a process tells that plays for a while."""
-    words = [sys.executable, "-m", "bench.live", str(int(compiled)), str(frames), load, str(seconds)]
+def played(
+    compiled: bool, frames: int, load: str, seconds: float, environment: dict[str, str], patch: str = PATCH
+) -> dict[str, float]:
+    """What a process tells that plays a patch for a while."""
+    words = [sys.executable, "-m", "bench.live", str(int(compiled)), str(frames), load, str(seconds), patch]
     done = subprocess.run(words, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=120, check=True)
     return dict(json.loads(done.stdout.splitlines()[-1]))
 
 
-def play(compiled: bool, frames: int, load: str, seconds: float) -> None:
+def play(compiled: bool, frames: int, load: str, seconds: float, patch: str) -> None:
     """Play, and print what the callbacks took."""
     from engine import deck, sound
     from engine.player import Player
 
-    player = Player(engine.load(PATCH), gain=0.01, seconds=np.inf)
+    player = Player(engine.load(ROOT / "patches" / f"{patch}.toml"), gain=0.01, seconds=np.inf)
     stream = sound.stream(player, "JACK Audio", frames, None, compiled)
     stream.start()
     time.sleep(0.3)
@@ -159,4 +161,4 @@ def run() -> None:
 
 
 if __name__ == "__main__":
-    play(sys.argv[1] == "1", int(sys.argv[2]), sys.argv[3], float(sys.argv[4]))
+    play(sys.argv[1] == "1", int(sys.argv[2]), sys.argv[3], float(sys.argv[4]), sys.argv[5])

@@ -109,9 +109,8 @@ EVERYTHING = {
 }
 
 
-@pytest.mark.parametrize(
-    "accuracy", [{"order": 4}, pytest.param({"order": 2, "substeps": 3}, marks=pytest.mark.hard)], ids=str
-)
+@pytest.mark.hard
+@pytest.mark.parametrize("accuracy", [{"order": 4}, {"order": 2, "substeps": 3}], ids=str)
 def test_the_ledger_closes_at_every_setting(accuracy):
     told = engine.Scene.model_validate(EVERYTHING)
     if accuracy["order"] == 2:  # the only order that contact loss goes with
@@ -158,6 +157,7 @@ def test_oversampling_is_closer_too():
     assert fine < plain / 5
 
 
+@pytest.mark.hard
 def test_single_precision_is_nearly_the_same_and_drifts():
     """Half the memory, and an energy that is only nearly kept: never the default."""
     told = hammer()

@@ -278,7 +278,7 @@ def test_the_compiled_callback_does_not_wait_for_python(jack):
     environment, _ = jack
     late = {}
     for compiled in (True, False):
-        found = played(compiled, 256, "a Python loop", 3.0, os.environ | environment)
+        found = played(compiled, 256, "a Python loop", 3.0, os.environ | environment, "piano_c4")
         late[compiled] = found["gaps"] + max(0.0, 1.0 - found["calls"]) * 3.0 * 44_100 / 256
     assert late[False] > 20
     assert late[True] < late[False] / 4

@@ -13,7 +13,7 @@ from engine.runner import Runner
 
 RATE = 44_100
 FRAMES = 16_384
-REPEATS = 25
+REPEATS = 15
 
 
 def measure(

@@ -149,6 +149,7 @@ def test_the_ledger_closes(scene, scheme):
     ledger_closes(scene, scheme)
 
 
+@pytest.mark.hard
 @FEW
 @given(scenes(lossless=True), SCHEMES)
 def test_lossless_scenes_do_not_drift(scene, scheme):

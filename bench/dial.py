@@ -78,7 +78,6 @@ def run() -> None:
         what = f"Fig. 6, 50 ms, error {goal:.0e}: time of order 2 ({coarse}) over that of order 4 ({few})"
         add(what, f"≥ {asked}", f"{slow / fast:.1f}")
     case = one_body(told)
-    assert case is not None
     scipy = [adaptive(case, fine[:, 0], RATE, tolerance) for tolerance in (1e-3, *TOLERANCES)]
     good = min((row["ns_per_sample"] for row in scipy if row["error"] <= 1e-3), default=np.inf)
     few, fast = cheapest(told, 0.05, fine, 1e-3, 4)

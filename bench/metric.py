@@ -39,7 +39,6 @@ def collision(alpha: float, beta: float, bodies: int) -> tuple[engine.Take, floa
 def preservation(alpha: float, beta: float) -> float:
     """P: mean |H(n+1) - H(n)|/H(0) over the samples of a collision with a barrier; mean over many bodies."""
     take, stiffness = collision(alpha, beta, BODIES)
-    assert take.trace is not None
     # evaluated in extended precision: the error of the states, not of this line
     speed, compression = (take.trace[name].astype(np.longdouble) for name in ("velocity", "compression"))
     compression = np.maximum(compression, 0.0)

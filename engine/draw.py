@@ -21,8 +21,10 @@ CONTACT = {"color": "C1", "alpha": 0.25, "lw": 0}
 
 
 def take(heard: "Take", title: str, path: Path) -> None:
-    """Waveform, spectrogram, energies and Newton iterations of a render with a trace, as a PNG; contact is shaded."""
-    assert heard.trace is not None
+    """Waveform, spectrogram, energies and Newton iterations of a render with a trace, as a PNG; contact is shaded.
+    Raises ValueError without a trace."""
+    if heard.trace is None:
+        raise ValueError("there is no trace to draw; render with trace=True")
     time, trace = heard.trace["time"], heard.trace
     with figure(path, 10.0, 10.0, nrows=4, sharex=True) as panels:
         wave, spectrum, energy, newton = panels

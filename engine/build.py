@@ -65,13 +65,19 @@ class Built(NamedTuple):
 
 
 def build(
-    scene: Scene, samplerate: float, accuracy: Accuracy | None = None, apart: bool = False, room: int = 0
+    scene: Scene,
+    samplerate: float,
+    accuracy: Accuracy | None = None,
+    apart: bool = False,
+    room: int = 0,
+    general: bool = False,
 ) -> Built:
     """Model, State and Layout of a scene at a sample rate (Hz).
 
     accuracy: the scene's own if None
     apart:    make each island a part of its own, however small (engine.explain measures them)
     room:     for how many events that the scene does not name to leave room (engine.player)
+    general:  exponents will be changed, beyond what the score says
     Raises BuildError if a body vibrates too fast for the sample rate, or if the accuracy asked for has
     steps back in time and a contact has loss.
     """
@@ -79,7 +85,7 @@ def build(
     layout = _lay_out(scene, samplerate, accuracy.scheme, room > 0)
     omega, sigma = layout.gather("omega"), layout.gather("sigma")
     modes = Modes(*TABLES[accuracy.scheme](omega, sigma, 1.0 / samplerate))
-    contact, contact_loss, coupling = _contact(layout, modes, samplerate, accuracy)
+    contact, contact_loss, coupling = _contact(layout, modes, samplerate, accuracy, general)
     if contact_loss is not None and accuracy.order > 2:
         what = f"order {accuracy.order} has steps back in time, in which contact loss would create energy"
         raise BuildError([("accuracy.order", f"{what}; order = 2, and substeps instead")])
@@ -211,7 +217,7 @@ def base(layout: Layout) -> np.ndarray:
 
 
 def _contact(
-    layout: Layout, modes: Modes, samplerate: float, accuracy: Accuracy
+    layout: Layout, modes: Modes, samplerate: float, accuracy: Accuracy, general: bool
 ) -> tuple[Contact | None, ContactLoss | None, Coupling | None]:
     if not layout.spot:
         return None, None, None
@@ -219,12 +225,13 @@ def _contact(
     barrier = np.array([layout.barrier(k, spot) for k, spot in layout.spot])
     rate = np.array([c.loss for c in chosen]) * samplerate
     matrices, beneath = compliances(layout, modes)
-    law = law_of(base(layout), np.array([c.exponent for c in chosen]))
+    general = general or any(isinstance(e, Change) and e.exponent is not None for e in layout.scene.event)
+    law = law_of(base(layout), np.array([c.exponent for c in chosen]), general)
     contact = Contact(
         law=law,
         rows=layout.rows([layout.ends(k, spot)[0] for k, spot in layout.spot], modes),
         barrier=barrier,
-        base=law.unit,
+        base=base(layout),
         place=barrier,
         compliance=np.concatenate([np.diag(m) for m in matrices]),
         beneath=beneath,
@@ -284,16 +291,16 @@ def _state(layout: Layout, model: Model) -> State:
     count = islands.mode.size - 1
     contacts = len(layout.spot)
     largest = int(np.diff(islands.contact).max())
-    compression, barrier, unit = np.zeros(contacts), np.zeros(contacts), np.zeros(contacts)
+    compression, barrier, unit, exponent = (np.zeros(contacts) for _ in range(4))
     for place, (k, spot) in enumerate(layout.spot):
         island = layout.island[layout.number[scene.contact[k].body]]
         own = q[islands.mode[island] : islands.mode[island + 1]]
         a, b = layout.ends(k, spot)
         compression[place] = layout.spread(a, island) @ own + layout.spread(b, island) @ own
     if model.contact is not None:
-        barrier = model.contact.place.copy()
+        barrier, exponent = model.contact.place.copy(), model.contact.law.exponent.copy()
         compression -= barrier
-        unit = np.where([spot.stiffness > 0.0 for _, spot in layout.spot], model.contact.base, 0.0)
+        unit = np.where([spot.stiffness > 0.0 for _, spot in layout.spot], model.contact.law.unit, 0.0)
     parts = islands.part.size - 1
     heard = [getattr(scene.body[layout.number[scene.pickup[i].body]], "velocity", 0.0) for i in layout.pickup]
     return State(
@@ -303,6 +310,7 @@ def _state(layout: Layout, model: Model) -> State:
         carry=np.zeros(q.size),
         reach=np.zeros(q.size),
         unit=unit,
+        exponent=exponent,
         barrier=barrier,
         compression=compression,
         residue=np.zeros(contacts),

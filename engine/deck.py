@@ -280,5 +280,6 @@ def answer(source, output, frames, time, flags, address):
     perform_all(top, output, count)
     spent, gauge = clock() - begin, floats(desk[GAUGE], GAUGES)
     took(desk, gauge, count, spent)
-    steer(desk, gauge, count, spent * desk[RATE] / max(1, count))
+    if watch(desk, NEXT) == 0:  # while one sound fades into another, two are computed
+        steer(desk, gauge, count, spent * desk[RATE] / max(1, count))
     return CONTINUE

@@ -15,6 +15,7 @@ STRIKE = 0  # mode `first` gets q = a, p = b
 DAMP = 1  # modes first:last lose the share 1 - a² of their kinetic energy at each step
 STIFFEN = 2  # the stiffness of contacts first:last glides to a times what the model says
 MOVE = 3  # the barriers of contacts first:last glide to a beyond where the model has them
+BEND = 4  # the exponents of contacts first:last glide to a
 NEVER = 1 << 61  # when an event begins that has not come yet: room for those of a player
 
 
@@ -82,14 +83,25 @@ def damp(state, first, last, keep):
 
 
 @jit
+def whole(contact, state, k):
+    """Stiffness of contact k as the patch says, in units of its law."""
+    return contact.base[k] / (state.exponent[k] + 1.0)
+
+
+@jit
 def turn(contact, events, state, j, frame):
-    """Glide on with the stiffness or the barriers that event j changes."""
+    """Glide on with the stiffness, the exponents or the barriers that event j changes."""
     if contact is not None:
         first, last = events.first[j], events.last[j]
         if events.kind[j] == STIFFEN:
-            ratio = glide(events, state, j, frame, state.unit[first] / contact.base[first])
+            ratio = glide(events, state, j, frame, state.unit[first] / whole(contact, state, first))
             for k in range(first, last):
-                state.unit[k] = ratio * contact.base[k]
+                state.unit[k] = ratio * whole(contact, state, k)
+        elif events.kind[j] == BEND:
+            exponent = glide(events, state, j, frame, state.exponent[first])
+            for k in range(first, last):  # kc stays, and the law counts in kc/(α+1)
+                state.unit[k] *= (state.exponent[k] + 1.0) / (exponent + 1.0)
+                state.exponent[k] = exponent
         else:
             beyond = glide(events, state, j, frame, state.barrier[first] - contact.place[first])
             for k in range(first, last):

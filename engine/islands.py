@@ -88,7 +88,7 @@ def _cut(x, a, b):
 
 
 def cut_contact(contact: Any, state: Any, a: int, b: int) -> Any:
-    """Contacts a:b, with the stiffness and the barriers of the state."""
+    """Contacts a:b, with the stiffness, the exponents and the barriers of the state."""
     raise TypeError("cut_contact is for compiled code")
 
 
@@ -100,7 +100,7 @@ def _cut_contact(contact, state, a, b):
 
     def live(contact, state, a, b):
         return Contact(
-            kind(view(state.unit, a, b), view(contact.law.exponent, a, b)),
+            kind(view(state.unit, a, b), view(state.exponent, a, b)),
             cut(contact.rows, a, b),
             view(state.barrier, a, b),
             view(contact.base, a, b),
@@ -214,6 +214,7 @@ def cut_state(islands, state, part, i):
         view(state.carry, m0, m1),
         view(state.reach, m0, m1),
         view(state.unit, k0, k1),
+        view(state.exponent, k0, k1),
         view(state.barrier, k0, k1),
         view(state.compression, k0, k1),
         view(state.residue, k0, k1),

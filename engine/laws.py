@@ -63,10 +63,10 @@ Law = Linear | Hertz | Quadratic | Felt | Cubic | Power
 OF_EXPONENT = {1.0: Linear, 1.5: Hertz, 2.0: Quadratic, 2.5: Felt, 3.0: Cubic}
 
 
-def law_of(stiffness: np.ndarray, exponent: np.ndarray) -> Law:
-    """The most special law that holds all the given contacts."""
+def law_of(stiffness: np.ndarray, exponent: np.ndarray, general: bool = False) -> Law:
+    """The most special law that holds all the given contacts; the most general if exponents are to change."""
     shared = set(exponent.tolist())
-    kind: Any = OF_EXPONENT.get(shared.pop(), Power) if len(shared) == 1 else Power
+    kind: Any = OF_EXPONENT.get(shared.pop(), Power) if len(shared) == 1 and not general else Power
     law: Law = kind(stiffness / (exponent + 1), exponent)
     return law
 

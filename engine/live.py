@@ -59,12 +59,15 @@ def pilot(player: Player, block: int) -> tuple[float, float]:
 class Desk:
     """How a patch is brought to a player: at the accuracy and the level asked for."""
 
-    def __init__(self, args: argparse.Namespace, gain: float | None, dial: dict[str, Any], samplerate: int) -> None:
-        self.args, self.gain, self.dial, self.samplerate = args, gain, dial, samplerate
+    def __init__(
+        self, args: argparse.Namespace, gain: float | None, dial: dict[str, Any], samplerate: int, channels: int
+    ) -> None:
+        self.args, self.gain, self.dial, self.samplerate, self.channels = args, gain, dial, samplerate, channels
 
     def dialled(self, scene: Scene) -> Scene:
-        """The scene at the accuracy that the command line asks for."""
-        return scene.model_copy(update={"accuracy": scene.accuracy.but(**self.dial)})
+        """The scene at the accuracy that the command line asks for, on as many sides as the device has."""
+        scene = scene.model_copy(update={"accuracy": scene.accuracy.but(**self.dial)})
+        return on_both_sides(scene) if self.channels > 1 else scene
 
     def ready(self, scene: Scene) -> Player:
         """A player at a good level. Raises TooHeavy unless told to play all the same, MidiError, BuildError."""
@@ -84,14 +87,23 @@ class Desk:
         return Player(scene, self.samplerate, seconds, factor, **many)
 
 
+def on_both_sides(scene: Scene) -> Scene:
+    """A patch of one channel, to be heard on two: a driver may give one channel to one loudspeaker."""
+    if any(p.channel > 1 for p in scene.pickup):
+        return scene
+    return scene.model_copy(
+        update={"pickup": [p.model_copy(update={"channel": c}) for c in (1, 2) for p in scene.pickup]}
+    )
+
+
 def play(args: argparse.Namespace, scene: Scene, gain: float | None, dial: dict[str, Any]) -> int:
     """Play a patch, and those after it if asked; returns the exit code. Raises BuildError."""
     path = Path(args.patch)
     while True:
         try:
-            _, name, _, own = sound.output(args.device)
+            _, name, channels, own = sound.output(args.device)
             samplerate = own if args.samplerate is None else int(float(args.samplerate))
-            desk = Desk(args, gain, dial, samplerate)
+            desk = Desk(args, gain, dial, samplerate, channels)
             scene = desk.dialled(scene)
             player = desk.ready(scene)
             compiled, wait = args.callback != "python", latency(args.latency)
@@ -106,7 +118,7 @@ def play(args: argparse.Namespace, scene: Scene, gain: float | None, dial: dict[
         with (
             recording(args, player) as write,
             keyboard(bool(args.record or args.log or args.midi)) as keys,
-            meter() as show,
+            meter(int(args.block)) as show,
         ):
             wish = attend(player, stream, write, keys, show, watch, notes)
         if wish == "vanished":
@@ -241,7 +253,7 @@ def keyboard(alone: bool) -> Iterator[Any]:
 
 
 @contextmanager
-def meter() -> Iterator[Any]:
+def meter(block: int) -> Iterator[Any]:
     """A function that shows how a player is doing, on a terminal."""
     if not sys.stderr.isatty():
         with nullcontext():
@@ -252,22 +264,24 @@ def meter() -> Iterator[Any]:
     from rich.text import Text
 
     with Live(Text(""), console=Console(stderr=True), transient=True, auto_refresh=False) as line:
-        yield lambda player: line.update(Text(line_of(player.meter())), refresh=True)
+        yield lambda player: line.update(Text(line_of(player.meter(), block)), refresh=True)
 
 
-def line_of(now: dict[str, Any]) -> str:
-    """A meter as one line."""
+def line_of(now: dict[str, Any], block: int) -> str:
+    """A meter as one line; block: frames of one, as asked for."""
     level = f"{20 * math.log10(now['peak']):5.1f} dB" if now["peak"] > 1e-5 else "  silent"
     parts = [
         f"{now['seconds']:6.1f} s",
         level,
         f"{now['real_time_factor']:.0f} × real time",
         f"worst block {now['worst_block']:.0%}",
-        f"dropouts {now['dropouts']}",
+        f"dropouts {now['dropouts']}" + (f" (try --block {2 * block})" if now["dropouts"] else ""),
         f"Newton {now['newton']['mean']:.2f}/{now['newton']['max']}",
         f"energy {now['energy_error']:.0e}",
         f"awake {now['awake']}/{now['islands']}",
     ]
+    if now["voices"]:
+        parts.append(f"voices {now['sounding']}/{now['voices']}")
     if now["quality_steps"]:
         parts.append(f"quality {now['quality']}, {now['quality_steps']} steps")
     return "  ".join(parts) + (f"  limited {now['limited']}" if now["limited"] else "")
@@ -280,7 +294,7 @@ def tell(player: Player, args: argparse.Namespace) -> None:
     if args.json:
         print(json.dumps({"patch": args.patch, "live": finite(now)}))
         return
-    print(line_of(now | {"peak": 0.0}).replace("  silent  ", "  "))
+    print(line_of(now | {"peak": 0.0}, int(args.block)).replace("  silent  ", "  "))
     said = {
         "dropouts": f"dropouts: try --block {2 * int(args.block)}, or --latency high",
         "limited": "samples held back by the limiter; a lower --gain",

@@ -82,10 +82,10 @@ class Force(NamedTuple):
 class Contact(NamedTuple):
     """Contacts: the law of each, and where it is on its body."""
 
-    law: Law  # in a kernel, with the stiffness of the State
+    law: Law  # in a kernel, with the stiffness and the exponents of the State
     rows: Rows  # of the body that touches
     barrier: np.ndarray  # [contacts], m, subtracted from the projected displacement; in a kernel, the State's
-    base: np.ndarray  # [contacts], unit of the law as the patch says
+    base: np.ndarray  # [contacts], N/m^α, stiffness as the patch says
     place: np.ndarray  # [contacts], m, barrier as the patch says
     compliance: np.ndarray  # B_kk [contacts], m/N
     beneath: np.ndarray  # [contacts], m/N: what rounding cut from B_kk
@@ -223,6 +223,7 @@ class State(NamedTuple):
     carry: np.ndarray  # [modes]: rounding carried from kick to kick; for gravity
     reach: np.ndarray  # [modes], √kg·m: room to bound how far each can move
     unit: np.ndarray  # [contacts]: stiffness, as the law counts it; events change it
+    exponent: np.ndarray  # [contacts]; events change that of a general law
     barrier: np.ndarray  # [contacts], m; events move it
     compression: np.ndarray  # [contacts], m
     residue: np.ndarray  # [contacts], m: what is too small to add to the compression yet

@@ -15,6 +15,7 @@ POINTS = 256  # of one contact
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=64)]
 Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
 Stiffness = Annotated[float, Field(ge=0.0, le=1e60)]
+Exponent = Annotated[float, Field(ge=1.0, le=30.0)]
 Seconds = Annotated[float, Field(ge=0.0, le=SECONDS)]
 Positive = Annotated[float, Field(gt=0.0, le=1e6)]
 NotNegative = Annotated[float, Field(ge=0.0, le=1e6)]
@@ -250,7 +251,7 @@ class Contact(Part):
         default="above", description="where the barrier, or the other body, lies seen from the body"
     )
     stiffness: Stiffness = Field(description="stiffness kc, N/m^exponent")
-    exponent: float = Field(ge=1.0, le=30.0, description="exponent α of the power law, at least 1")
+    exponent: Exponent = Field(description="exponent α of the power law, at least 1")
     loss: float = Field(default=0.0, ge=0.0, le=1e12, description="Hunt-Crossley loss μ, s/m")
 
 
@@ -337,11 +338,12 @@ class Damp(_Event):
 
 
 class Change(_Event):
-    """A contact's stiffness, or the place of its barrier, glides to a new value."""
+    """A contact's stiffness, exponent, or the place of its barrier, glides to a new value."""
 
     kind: Literal["change"]
     contact: Name = Field(description="the contact")
     stiffness: Stiffness | None = Field(default=None, description="new stiffness, N/m^exponent")
+    exponent: Exponent | None = Field(default=None, description="new exponent")
     barrier: Metres | None = Field(
         default=None, description="new position of its barrier, m; a list moves by as much as its first"
     )

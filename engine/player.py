@@ -23,6 +23,7 @@ from engine.block import block
 from engine.build import BuildError, base, build
 from engine.held import Held
 from engine.jit import pointer
+from engine.laws import Power
 from engine.model import Model, Room, aligned
 from engine.offline import newton
 from engine.parts import Change, Damp, Mass, Oscillator, Pluck, PluckAgain, Strike
@@ -39,6 +40,7 @@ SLOTS = 1024  # of the ring
 TIMED = 8192  # blocks whose times are kept
 KEPT = 20.0  # s of what was played, until it is fetched
 GLIDE = 0.02  # s, of a knob
+STAIR = 0.002  # s, of the steps in which a pitch glides
 NEAR, FAR = 0.8, 0.4  # of its deadline: a block that takes more lowers the quality, one that takes less is at ease
 MUTE = 40.0, 0.4  # decay rate, 1/s, and how long, s
 FOREVER = 1 << 60
@@ -52,6 +54,7 @@ class Player:
     gain:    factor on SI units
     voices:  play so many copies of the scene, each of which can be tuned; none if 0
     lowest:  ratio of the lowest pitch they will be tuned to
+    general: exponents can be turned; the contact laws are then general ones, which take longer
     Raises BuildError as `engine.build.build`.
     """
 
@@ -63,19 +66,21 @@ class Player:
         gain: float = 1.0,
         voices: int = 0,
         lowest: float = 1.0,
+        general: bool = False,
     ) -> None:
         if not math.isfinite(gain):
             raise ValueError(f"gain = {gain} is no factor")
         if scene.accuracy.oversample > 1:
             raise BuildError([("accuracy.oversample", "live sound is not oversampled; order, substeps, or render it")])
-        self.patch, self.voices, self.lowest = scene, voices, lowest
+        self.patch, self.voices, self.lowest, self.general = scene, voices, lowest, general
         self._tunings: dict[tuple[int, float], tuple[Any, ...]] = {}
+        self._pitch = [lowest] * voices
         if voices:
             plain = scene.accuracy.but(order=2, substeps=1, precision="float64")  # a voice is tuned table by table
             scene = polyphonic(tuned(scene, lowest), voices).model_copy(update={"accuracy": plain})
         self.scene, self.samplerate, self.gain = scene, samplerate, gain
         self.channels = max(p.channel for p in scene.pickup)
-        self.model, self.state, self.layout = build(scene, samplerate, room=ROOM)
+        self.model, self.state, self.layout = build(scene, samplerate, room=ROOM, general=general)
         parts = self.model.islands.part.size - 1
         rooms = [Room(np.zeros((SIZE, self.channels)), np.zeros((SIZE, energy.COLUMNS)), None) for _ in range(parts)]
         levels = self._levels()
@@ -239,8 +244,8 @@ class Player:
             self._tell(("damp", name), Damp(kind="damp", time=0.0, body=name, sigma=sigma, duration=seconds), frame)
 
     def set(self, what: str, value: float, seconds: float = GLIDE, frame: int = 0) -> None:
-        """Turn a knob: `contact.NAME.stiffness`, `.barrier` or `.gap`. The value glides, and what that does to the
-        energy is booked, so that it cannot blow up the sound. Raises KeyError if there is no such knob."""
+        """Turn a knob: `contact.NAME.stiffness`, `.exponent`, `.barrier` or `.gap`. The value glides, and what that
+        does to the energy is booked, so that it cannot blow up the sound. Raises KeyError if there is no such knob."""
         if what not in self.knobs:
             raise KeyError(f"no knob {what}; there are {', '.join(self.knobs) or 'none: give a contact a name'}")
         _, name, key = what.split(".")
@@ -251,17 +256,25 @@ class Player:
             raise ValueError(f"{what} = {value:g} is out of range; {error.errors()[0]['msg']}") from None
         self._tell((what, value), told, frame)
 
-    def tune(self, voice: int, ratio: float, frame: int = 0) -> None:
-        """Give a voice another pitch at a frame, for which later events wait; what that does to its energy is booked.
-        Raises IndexError without such a voice, ValueError below the lowest pitch, BuildError (a ValueError) if it would
-        vibrate too fast."""
+    def tune(self, voice: int, ratio: float, frame: int = 0, seconds: float = 0.0) -> None:
+        """Give a voice another pitch at a frame, at once or gliding there; what that does to its energy is booked.
+        Events told later wait until that is done. Raises IndexError without such a voice, ValueError below the lowest
+        pitch, BuildError (a ValueError) if it would vibrate too fast."""
         if not 0 <= voice < self.voices:
             raise IndexError(f"no voice {voice}; there are {self.voices}")
         if ratio < self.lowest:  # it would have modes for which there is no room
             raise ValueError(f"ratio = {ratio:g} is out of range; at least {self.lowest:g}, the lowest it was made for")
+        if seconds > 0.0:
+            steps, before = max(1, math.ceil(seconds / STAIR)), self._pitch[voice]
+            frame = max(frame, self.frame)
+            for n in range(1, steps):
+                there = frame + round(n * seconds / steps * self.samplerate)
+                self.tune(voice, before * (ratio / before) ** (n / steps), there)
+            frame += round(seconds * self.samplerate)
+        self._pitch[voice] = ratio
         if (voice, ratio) not in self._tunings:
             single = polyphonic(tuned(self.patch, ratio), 1).model_copy(update={"accuracy": self.scene.accuracy})
-            model, _, layout = build(single, self.samplerate, room=ROOM)
+            model, _, layout = build(single, self.samplerate, room=ROOM, general=self.general)
             table = copies((self.model, self.layout), (model, layout), voice)
             self._tunings[voice, ratio] = table, model  # read by the audio thread: kept
         table = self._tunings[voice, ratio][0]
@@ -283,6 +296,8 @@ class Player:
             if contact.name is not None and contact.stiffness > 0.0:
                 found.append(f"contact.{contact.name}.stiffness")
                 found.append(f"contact.{contact.name}.{'gap' if contact.on else 'barrier'}")
+                if self.model.contact is not None and isinstance(self.model.contact.law, Power):
+                    found.append(f"contact.{contact.name}.exponent")
         return found
 
     def speed(self, hammer: str) -> float:
@@ -334,7 +349,7 @@ class Player:
             self._settle()
         scene = json.loads(self.patch.model_dump_json(exclude_none=True))
         told = {"scene": scene, "samplerate": self.samplerate, "gain": self.gain, "frames": self.frame}
-        told |= {"voices": self.voices, "lowest": self.lowest}
+        told |= {"voices": self.voices, "lowest": self.lowest, "general": self.general}
         told |= {name.lower(): int(self.desk[getattr(deck, name)]) for name in ("END", "FADE", "LEAVE")}
         # in the order in which they were done: steps of quality at the end of a block, events at the beginning of one
         events = sorted(self._log, key=lambda e: -1 if e["frame"] is None else e["frame"])
@@ -348,6 +363,7 @@ class Player:
         spent, peak = float(gauge[deck.BUSY]), float(gauge[deck.PEAK])
         gauge[deck.PEAK] = 0.0
         seconds = self.frame / self.samplerate
+        awake = self.state.asleep[:, UNTIL] <= self.frame
         return {
             "seconds": seconds,
             "peak": peak,
@@ -362,6 +378,8 @@ class Player:
             "energy_error": float(gauge[deck.ERROR] / (gauge[deck.ENERGY] or 1.0)),
             "quality_steps": int(desk[deck.STEPS]),
             "quality": -int(desk[deck.LEVEL]),
-            "awake": int(np.sum(self.state.asleep[:, UNTIL] <= self.frame)),
-            "islands": len(self.state.asleep),
+            "awake": int(np.sum(awake)),
+            "islands": len(awake),
+            "voices": self.voices,
+            "sounding": int(np.sum(awake.reshape(self.voices or 1, -1).any(axis=1))),
         }

@@ -309,8 +309,8 @@ def _event(here: Where, event: dict[str, Any], bodies: dict[str, Any], contacts:
     if kind != "change":
         return
     yield from _named((*here, "contact"), event.get("contact"), contacts, "contact", "named contacts")
-    if not any(given(event, key) for key in ("stiffness", "barrier", "gap")):
-        yield fault(here, event, "nothing changes", "give a new stiffness, barrier or gap")
+    if not any(given(event, key) for key in ("stiffness", "exponent", "barrier", "gap")):
+        yield fault(here, event, "nothing changes", "give a new stiffness, exponent, barrier or gap")
     contact = contacts.get(str(event.get("contact")), {})
     for key, wrong in (("barrier", given(contact, "on")), ("gap", bool(contact) and not given(contact, "on"))):
         if given(event, key) and wrong:

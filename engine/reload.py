@@ -8,7 +8,7 @@ from engine.patch import PatchError, load
 from engine.player import Player
 from engine.scene import Scene
 
-KNOBS = ("stiffness", "barrier", "gap")
+KNOBS = ("stiffness", "exponent", "barrier", "gap")
 
 
 def turned(old: Scene, new: Scene) -> dict[str, float] | None:
@@ -58,7 +58,7 @@ class Watch:
         except PatchError as error:
             return [*map(str, error.faults), "the old sound goes on"]
         knobs = turned(self.scene, scene)
-        if knobs is not None:
+        if knobs is not None and set(knobs) <= set(self.player.knobs):
             for what, value in knobs.items():
                 self.player.set(what, value)
             self.scene = scene

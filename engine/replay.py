@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from engine import deck, post
-from engine.events import DAMP, MOVE, STIFFEN, STRIKE
+from engine.events import BEND, DAMP, MOVE, STIFFEN, STRIKE
 from engine.player import LARGEST, Player
 from engine.scene import SAMPLERATES, Scene
 
@@ -36,6 +36,7 @@ class Log(BaseModel):
     leave: int = Field(ge=1, le=1 << 20)
     voices: int = Field(ge=0, le=64)
     lowest: float = Field(gt=0.0, le=1.0)
+    general: bool = False
     events: list[Event]
 
 
@@ -43,7 +44,9 @@ def replay(told: dict[str, Any]) -> np.ndarray:
     """What was played, from its log: single precision [frames, channels], the same bit for bit. Raises ValueError
     (pydantic's, or BuildError) if the log is none."""
     log = Log.model_validate(told)
-    player = Player(Scene.model_validate(log.scene), log.samplerate, math.inf, log.gain, log.voices, log.lowest)
+    player = Player(
+        Scene.model_validate(log.scene), log.samplerate, math.inf, log.gain, log.voices, log.lowest, log.general
+    )
     player.desk[deck.END], player.desk[deck.FADE], player.desk[deck.LEAVE] = log.end, log.fade, log.leave
     out, at = np.zeros((min(log.frames, log.end), player.channels), np.float32), 0
     for event in log.events:
@@ -67,7 +70,7 @@ def sound_row(player: Player, row: list[int | float]) -> tuple[Any, ...]:
     model = player.model
     count = model.islands.mode.size - 1
     sizes = {STRIKE: model.islands.mode, DAMP: model.islands.mode}
-    sizes |= {STIFFEN: model.islands.contact, MOVE: model.islands.contact}
+    sizes |= dict.fromkeys((STIFFEN, MOVE, BEND), model.islands.contact)
     if kind == deck.QUALITY:
         good = 0 <= first <= player.desk[deck.LOWEST]
     elif kind == post.PLUCK:

@@ -49,13 +49,16 @@ class Scene(Part):
             faults += list(references(data))
         if faults or scene is None:
             raise ValidationError.from_exception_data(cls.__name__, faults)
-        if not folder.samefile(".") and any(isinstance(f, Samples) for f in scene.force):
-            force = [
-                f.model_copy(update={"file": str(folder / f.file)}) if isinstance(f, Samples) else f
-                for f in scene.force
-            ]
-            scene = scene.model_copy(update={"force": force})
-        return scene
+        if not any(isinstance(f, Samples) for f in scene.force):
+            return scene
+        return scene.model_copy(update={"force": [_found(f, folder) for f in scene.force]})
+
+
+def _found(force: Any, folder: Path) -> Any:
+    """The force, with the whole path of its file: what is kept of a scene can be read from anywhere."""
+    if not isinstance(force, Samples):
+        return force
+    return force.model_copy(update={"file": str((folder / force.file).resolve())})
 
 
 def _again(error: Any, data: Any) -> InitErrorDetails:

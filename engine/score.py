@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from engine.events import DAMP, MOVE, NEVER, STIFFEN, STRIKE
+from engine.events import BEND, DAMP, MOVE, NEVER, STIFFEN, STRIKE
 from engine.layout import Layout
 from engine.model import Events
 from engine.parts import Change, Damp, Event, Strike
@@ -76,6 +76,8 @@ def _change(layout: Layout, event: Change, base: np.ndarray, samplerate: float) 
     if event.stiffness is not None:
         points = contact.bridge.points if contact.bridge is not None else 1
         rows.append((island, start, end, STIFFEN, first, last, event.stiffness / points / base[spots[0]], 0.0))
+    if event.exponent is not None:
+        rows.append((island, start, end, BEND, first, last, event.exponent, 0.0))
     moved = event.gap if contact.on is not None else event.barrier
     if moved is not None:
         sign = 1.0 if contact.on is not None or contact.side == "above" else -1.0

@@ -79,6 +79,63 @@ def test_devices_are_listed_and_chosen_by_name(file_device):
     assert 'no device is called "theremin"; there are' in wrong.stderr and "default" in wrong.stderr
 
 
+@needs_portaudio
+@needs_alsa
+def test_keys_of_a_terminal(tmp_path, file_device):
+    """Strike, mute and quit, from a terminal, with the meter on it; the log says so, and the terminal is as before."""
+    import pty
+    import termios
+
+    environment, _ = file_device
+    log, (keys, terminal) = tmp_path / "log.json", pty.openpty()
+    before = termios.tcgetattr(terminal)
+    words = [sys.executable, str(ROOT / "render.py"), PIANO, "--live", "--seconds", "3000", "--log", str(log)]
+    told = {"stdin": terminal, "stdout": subprocess.PIPE, "stderr": terminal, "text": True}
+    program = subprocess.Popen(words, env={**os.environ, **environment, "TERM": "xterm"}, **told)
+    assert "on default" in program.stdout.readline()
+    time.sleep(0.5)
+    for key in (b" ", b"9", b"m", b"q"):
+        os.write(keys, key)
+        time.sleep(0.3)
+    assert program.wait(10.0) == 0
+    assert termios.tcgetattr(terminal) == before
+    events = json.loads(log.read_text())["events"]
+    assert [e["why"][0] for e in events if e["why"][0] != "quality"] == ["strike", "strike", "damp"]
+    assert events[1]["row"][7] > events[0]["row"][7]  # harder
+    shown = os.read(keys, 100_000).decode(errors="replace")
+    assert "keys: space strike" in shown and "worst block" in shown
+
+
+# a driver that says no
+REFUSES = """
+class PortAudioError(Exception): pass
+class default: device = (0, 0)
+def query_devices(): return [dict(name='it', hostapi=0, max_output_channels={channels}, default_samplerate=48000.0)]
+def query_hostapis(n): return dict(name='none')
+class _ffi:
+    def cast(kind, address): return address
+def _StreamBase(**told): raise PortAudioError('no', {number})
+OutputStream = _StreamBase
+"""
+
+
+@pytest.mark.parametrize(
+    ("number", "what"),
+    [
+        (-9985, "it, none is busy; end the program that plays on it, or choose another with --device"),
+        (-9997, "it, none does not play at 44100 Hz; its own rate is 48000: --samplerate 48000"),
+        (-9998, "it, none has 1 channels, and the patch 2: `channel` of its pickups"),
+        (-9999, "it, none cannot be opened (no)"),
+    ],
+)
+def test_a_device_that_refuses(tmp_path, number, what):
+    """Busy, of another rate, of too few channels: each is said, with what to do."""
+    (tmp_path / "sounddevice.py").write_text(REFUSES.format(number=number, channels=1 if number == -9998 else 2))
+    words = [PIANO, "--live", "--samplerate", "44100", "--force"]
+    done = run(*words, environment={"PYTHONPATH": str(tmp_path)})
+    assert done.returncode == 1 and what in done.stderr, done.stderr
+
+
 def test_no_device(tmp_path):
     (tmp_path / "sounddevice.py").write_text("def query_devices(): return []\n")
     done = run(PIANO, "--live", environment={"PYTHONPATH": str(tmp_path)})
@@ -187,6 +244,21 @@ def test_what_is_for_live_sound_alone_is_said():
 def test_what_cannot_be_built_is_said(file_device):
     done = run(PIANO, "--live", "--oversample", "2", environment=file_device[0])
     assert done.returncode == 2 and "accuracy.oversample: live sound is not oversampled" in done.stderr
+
+
+@needs_portaudio
+@needs_alsa
+def test_one_channel_is_heard_on_both_sides(tmp_path, file_device):
+    environment, raw = file_device
+    record = tmp_path / "r.wav"
+    mono = tmp_path / "mono.toml"
+    mono.write_text(Path(PIANO).read_text("utf-8").replace("channel = 2", "channel = 1"), "utf-8")
+    done = run(str(mono), "--live", "--seconds", "0.2", "--record", str(record), environment=environment)
+    assert done.returncode == 0, done.stderr
+    heard = soundfile.read(record, dtype="float32")[0]
+    assert heard.shape == (8820, 2) and heard.any()
+    np.testing.assert_array_equal(heard[:, 0], heard[:, 1])
+    assert np.fromfile(raw, np.float32).size % 2 == 0
 
 
 # --- JACK: paced in real time

@@ -62,8 +62,8 @@ def test_samples_at_another_rate_are_resampled(tmp_path, monkeypatch):
     np.testing.assert_allclose(trace["velocity"][:, 0], expected, atol=3e-5)
 
 
-def test_a_patch_finds_its_force_file(tmp_path):
-    """Beside itself, wherever it is rendered from."""
+def test_a_patch_finds_its_force_file(tmp_path, monkeypatch):
+    """Beside itself, wherever it is rendered from; and what is kept of its scene finds it from anywhere else."""
     soundfile.write(tmp_path / "push.wav", np.full(100, 0.25), 44_100, subtype="FLOAT")
     (tmp_path / "p.toml").write_text(
         '[[body]]\nname = "b"\nkind = "mass"\nmass = 2.0\n[[pickup]]\nbody = "b"\n'
@@ -71,3 +71,7 @@ def test_a_patch_finds_its_force_file(tmp_path):
     )
     take = engine.render(engine.load(tmp_path / "p.toml"), seconds=0.1)
     assert take.audio[-1, 0] == pytest.approx(8.0 * 0.25 * 100 / 44_100 / 2.0, rel=1e-9)
+    monkeypatch.chdir(tmp_path)
+    kept = engine.load("p.toml").model_dump_json(exclude_none=True)
+    monkeypatch.chdir("/")
+    assert engine.Scene.model_validate_json(kept).force[0].file == str(tmp_path / "push.wav")

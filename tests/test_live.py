@@ -245,7 +245,7 @@ def test_what_is_saved_is_heard(tmp_path):
     said = waited(watch)
     assert 'did you mean "stiffness"?' in said[0] and said[-1] == "the old sound goes on"
     called(player, 4096, sizes)
-    assert watch.player is player and player.state.unit[0] == pytest.approx(2 * player.model.contact.base[0])
+    assert watch.player is player and player.state.unit[0] == pytest.approx(9e9 / 3.5)
     path.write_text(text.replace("on_at = 0.12", "on_at = 0.3"), "utf-8")
     assert waited(watch) == ["Piano, C4: took over"]
     assert watch.player is not player
@@ -291,7 +291,7 @@ def test_the_knob_turned_last_wins():
     player.play(np.zeros((441, player.channels), np.float32))
     player.set("contact.felt.stiffness", 9e9, seconds=0.02)
     player.play(np.zeros((44_100, player.channels), np.float32))
-    assert player.state.unit[0] / player.model.contact.base[0] == pytest.approx(2.0)
+    assert player.state.unit[0] == pytest.approx(9e9 / 3.5)
 
 
 def test_who_is_put_to_sleep_waits_and_misses_nothing(voices):

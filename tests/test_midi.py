@@ -1,6 +1,8 @@
 """Notes: each sounds at its pitch and time, voices are shared, and nothing clicks."""
 
 import math
+import sys
+import types
 
 import numpy as np
 import pytest
@@ -92,6 +94,59 @@ def test_the_oldest_quietest_voice_is_taken_without_a_click():
     calm.play(alone)
     assert steps.max() <= 3 * np.abs(np.diff(alone, axis=0)).max()
     assert player.meter()["energy_error"] <= 1e-12
+
+
+@pytest.fixture
+def ports(monkeypatch):
+    """Two MIDI ports, of a driver that is none; what is sent to one comes out of it."""
+    opened = []
+
+    class Port(mido.ports.EchoPort):
+        def __init__(self, name=None, **told):
+            super().__init__(name)
+            opened.append(self)
+
+    driver = types.ModuleType("no_driver")
+    driver.Input = Port
+    driver.get_devices = lambda **told: [
+        {"name": name, "is_input": True, "is_output": False} for name in ("Keys 1", "Keys 2", "Drum")
+    ]
+    monkeypatch.setitem(sys.modules, "no_driver", driver)
+    before = mido.backend
+    mido.set_backend("no_driver")
+    yield opened
+    mido.set_backend(before)
+
+
+def test_notes_of_a_port(ports):
+    """Keys pressed at a port are heard at the next block, let go when they are let go; other messages are passed by."""
+    scene = engine.load(PIANO)
+    player = Player(scene, RATE, math.inf, 0.02, voices=2, lowest=midi.lowest("drum", scene))
+    look = midi.source("drum", midi.Keys(player))
+    (port,) = ports
+    assert port.name == "Drum"
+    out = np.zeros((RATE, player.channels), np.float32)
+    player.play(out[:4410])
+    assert look() is False and not out[:4410].any()
+    for message in (on(57), mido.Message("pitchwheel", pitch=100), mido.Message("program_change", program=3)):
+        port.send(message)
+    assert look() is False
+    player.play(out[4410 : RATE // 2])
+    partials = np.abs(np.fft.rfft(out[6000 : RATE // 2, 0] * np.hanning(RATE // 2 - 6000)))
+    near = midi.frequency(57) / RATE * (RATE // 2 - 6000)
+    assert abs(float(np.argmax(partials[: round(1.5 * near)])) - near) < 1.0
+    port.send(off(57))
+    look()
+    player.play(out[RATE // 2 :])
+    assert np.abs(out[-4410:]).max() < 0.01 * np.abs(out).max()
+
+
+def test_ports_that_cannot_be_told_apart(ports):
+    with pytest.raises(midi.MidiError, match='several MIDI ports match "keys"; there are Keys 1, Keys 2, Drum'):
+        midi.port("keys")
+    with pytest.raises(midi.MidiError, match='no MIDI port is called "organ"; there are Keys 1, Keys 2, Drum'):
+        midi.port("organ")
+    assert ports == []
 
 
 def test_what_is_wrong_with_notes_is_said(tmp_path, capsys):

@@ -57,7 +57,8 @@ def publish(name: str, header: list[str], rows: list[list[str]], command: str = 
         text = page.read_text("utf-8")
         if begin in text and end in text:
             before, after = text.partition(begin)[0], text.partition(end)[2]
-            page.write_text(f"{before}{begin}\n{table}\n{end}{after}", "utf-8")
+            shown = table if page.parent == ROOT else table.replace("](bench/", "](../bench/")
+            page.write_text(f"{before}{begin}\n{shown}\n{end}{after}", "utf-8")
 
 
 def pin() -> None:

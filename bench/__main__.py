@@ -8,7 +8,7 @@ import time
 from bench import compare
 
 NAMES = ["realtime", "newton", "instruments", "scaling", "effects", "peers", "price", "jvari", "metric", "hard"]
-NAMES += ["figures", "start", "live"]
+NAMES += ["figures", "start", "live", "gallery"]
 
 
 def main() -> int:

@@ -1,4 +1,4 @@
-"""docs/gallery.md: every shipped patch with a picture, a sound, what to listen for, its sources, and two changes to try.
+"""docs/gallery.md: every patch with a picture, a sound, what to listen for, its sources, and two changes to try.
 
 The words are in bench/gallery.toml; all that is measured is measured here, from the patches as they are.
 """
@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import soundfile
+from engine.vary import Axis, place, varied
 
 import engine
 from bench.report import ROOT, publish, stamp
 from engine import draw
 from engine.features import features
 from engine.save import amplified
-from engine.vary import Axis, place, varied
 
 PAGE, WORDS = ROOT / "docs" / "gallery.md", ROOT / "bench" / "gallery.toml"
 PICTURES, SOUNDS = ROOT / "docs" / "gallery", ROOT / "docs" / "audio"
@@ -26,9 +26,17 @@ COLOURS = 96  # of a picture
 HEADER = ["patch", "s", "fundamental, Hz", "decay T60, s", "centroid, Hz", "peak, SI units", "energy error", "made of"]
 INTRODUCTION = """# Gallery
 
-Every patch in `patches/`, as it renders. Each has two changes to try, with what they do to it, measured: edit the patch,
-or let `--vary` do it. This page, its pictures and sounds are made by `uv run python -m bench gallery`.
+Every patch in `patches/`, as it renders. Each has two changes to try, with what they do to it, measured: edit the
+patch, or let `--vary` do it. This page, its pictures and sounds are made by `uv run python -m bench gallery`.
 """
+LEGEND = """Fundamental: the lowest partial within 20 dB of the strongest; none where no partial stands out. T60: from
+the energy that is still to come between -5 and -25 dB; none where the sound does not fall so far. Centroid: mean
+frequency, weighted by power. Made of: the first digits of the patch's SHA-256, by which a test tells when this page is
+older.
+"""
+COLUMNS = (
+    "| try | what it is | fundamental, Hz | T60, s | centroid, Hz | level, dB |\n| --- | --- | --- | --- | --- | --- |"
+)
 
 
 def run() -> None:
@@ -46,19 +54,9 @@ def run() -> None:
     size = sum(p.stat().st_size for p in SOUNDS.glob("*.ogg"))
     if size > LIMIT:
         raise RuntimeError(f"the sounds take {size / 1e6:.1f} MB, more than {LIMIT / 1e6:g}")
-    page = [INTRODUCTION, "<!-- bench:gallery -->\n<!-- /bench:gallery -->\n", legend(), *parts, stamp("gallery"), ""]
+    page = [INTRODUCTION, "<!-- bench:gallery -->\n<!-- /bench:gallery -->\n", LEGEND, *parts, stamp("gallery"), ""]
     PAGE.write_text("\n".join(page), "utf-8")
     publish("gallery", HEADER, rows)
-
-
-def legend() -> str:
-    """What the columns are."""
-    return (
-        "Fundamental: the lowest partial within 20 dB of the strongest; none where no partial stands out. T60: from the\n"
-        "energy that is still to come between -5 and -25 dB; none where the sound does not fall so far. Centroid: mean\n"
-        "frequency, weighted by power. `made of`: first digits of the patch's SHA-256, so that a test can tell when this\n"
-        "page is older than the patch.\n"
-    )
 
 
 def exhibit(path: Path, words: dict[str, Any]) -> tuple[list[str], str]:
@@ -74,8 +72,7 @@ def exhibit(path: Path, words: dict[str, Any]) -> tuple[list[str], str]:
     row = [link, f"{scene.seconds:g}", *numbers, f"{found['peak']:.2g}", f"{energy:.0e}", mark(path)]
     lines = [f"## {path.stem}", "", f"**{scene.title}.** {words['listen']}", ""]
     lines += [f"![{scene.title}](gallery/{path.stem}.png)", "", f"Listen: [{path.stem}.ogg](audio/{path.stem}.ogg)", ""]
-    lines += ["| try | what it is | fundamental, Hz | T60, s | centroid, Hz | level, dB |", "| --- | --- | --- | --- | --- | --- |"]
-    lines += ["| as it is | | " + " | ".join(numbers) + " | 0 |"]
+    lines += [COLUMNS, "| as it is | | " + " | ".join(numbers) + " | 0 |"]
     lines += [attempt(path, trial, found) for trial in words["try"]]
     lines += ["", f"Sources: {sources(path)}", ""]
     return row, "\n".join(lines)

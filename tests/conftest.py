@@ -1,5 +1,6 @@
 """Scenes for the tests: shipped patches, and variations of them."""
 
+import ctypes.util
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,9 @@ import engine
 
 ROOT = Path(__file__).parent.parent
 PATCHES = sorted((ROOT / "patches").glob("*.toml"))
+ALSA = Path("/usr/share/alsa/alsa.conf")
+needs_portaudio = pytest.mark.skipif(not ctypes.util.find_library("portaudio"), reason="no PortAudio library")
+needs_alsa = pytest.mark.skipif(not ALSA.exists(), reason="no ALSA")
 
 
 def scene(body: list[dict[str, Any]], **parts: Any) -> engine.Scene:
@@ -45,3 +49,12 @@ def slope(x: list[float], y: list[float]) -> float:
 def patch():  # type: ignore[no-untyped-def]
     """A shipped patch by name."""
     return lambda name: engine.load(ROOT / "patches" / f"{name}.toml")
+
+
+@pytest.fixture
+def file_device(tmp_path):  # type: ignore[no-untyped-def]
+    """An environment whose default device writes what it is given, and the file."""
+    raw = tmp_path / "out.raw"
+    device = f'pcm.!default {{ type file slave.pcm "null" file "{raw}" format "raw" }}'
+    (tmp_path / "asound.conf").write_text(f"<{ALSA}>\n{device}\n")
+    return {"ALSA_CONFIG_PATH": str(tmp_path / "asound.conf"), "JACK_NO_START_SERVER": "1"}, raw

@@ -2,7 +2,6 @@
 captured by a second process. Each is skipped, with its reason, where its library is missing."""
 
 import contextlib
-import ctypes.util
 import json
 import os
 import shutil
@@ -15,14 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-from conftest import ROOT
+from conftest import ROOT, needs_alsa, needs_portaudio
 
 from bench.live import played
 
 PIANO = str(ROOT / "patches" / "piano_c4.toml")
-WHOLE = Path("/usr/share/alsa/alsa.conf")
-needs_portaudio = pytest.mark.skipif(not ctypes.util.find_library("portaudio"), reason="no PortAudio library")
-needs_alsa = pytest.mark.skipif(not WHOLE.exists(), reason="no ALSA")
 needs_jack = pytest.mark.skipif(shutil.which("jackd") is None, reason="no jackd")
 
 
@@ -31,15 +27,6 @@ def run(*words: str, timeout: float = 120.0, environment: dict[str, str] | None 
     command = [sys.executable, str(ROOT / "render.py"), *words]
     told = {"capture_output": True, "text": True, "timeout": timeout, "stdin": subprocess.DEVNULL}
     return subprocess.run(command, env={**os.environ, **(environment or {})}, **told)
-
-
-@pytest.fixture
-def file_device(tmp_path):
-    """An environment whose default device writes what it is given, and the file."""
-    raw = tmp_path / "out.raw"
-    device = f'pcm.!default {{ type file slave.pcm "null" file "{raw}" format "raw" }}'
-    (tmp_path / "asound.conf").write_text(f"<{WHOLE}>\n{device}\n")
-    return {"ALSA_CONFIG_PATH": str(tmp_path / "asound.conf"), "JACK_NO_START_SERVER": "1"}, raw
 
 
 def after_silence(raw: np.ndarray, wanted: np.ndarray) -> np.ndarray:

@@ -1,0 +1,101 @@
+"""The guides in docs: their commands run, one after the other, as a reader would type them; so does their Python."""
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import ROOT, needs_alsa, needs_portaudio
+
+GUIDES = ["first_patch", "scheme", "accuracy"]
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def follow(guide: str, folder: Path, environment: dict[str, str], engine: Path = ROOT) -> str:
+    """Do what a guide says, in a folder that has the patches; returns all that was printed."""
+    (folder / "patches").symlink_to(ROOT / "patches")
+    told = {"cwd": folder, "env": os.environ | {"PYTHONPATH": str(engine)} | environment}
+    told |= {"capture_output": True, "text": True, "timeout": 300.0, "stdin": subprocess.DEVNULL}
+    said = []
+    for kind, text in BLOCK.findall((ROOT / "docs" / f"{guide}.md").read_text("utf-8")):
+        commands: list[list[str]] = []
+        if kind == "sh":
+            lines = [line for line in text.splitlines() if line.startswith("uv run render.py")]
+            words = [shlex.split(line, comments=True)[3:] for line in lines]
+            commands = [[sys.executable, str(engine / "render.py"), *rest] for rest in words]
+        elif kind == "python":
+            commands = [[sys.executable, "-c", text]]
+        elif kind == "toml":  # to be added to the patch that the guide has made
+            with open(folder / "mine.toml", "a", encoding="utf-8") as file:
+                file.write("\n" + text)
+        elif kind == "diff":
+            (engine / "change.diff").write_text(text, "utf-8")
+            commands = [["git", "apply", f"--directory={engine.name}", str(engine / "change.diff")]]
+        for command in commands:
+            done = subprocess.run(command, **told)
+            assert done.returncode == 0, f"{guide}: {' '.join(command)}\n{done.stderr}"
+            said.append(done.stdout)
+    assert said, "the guide has nothing to do"
+    return "".join(said)
+
+
+@pytest.mark.hard
+@pytest.mark.parametrize("guide", GUIDES)
+@needs_portaudio
+@needs_alsa
+def test_what_a_guide_says_works(guide, tmp_path, file_device):
+    assert "nan" not in follow(guide, tmp_path, file_device[0]).lower().split()
+
+
+@pytest.mark.hard
+@needs_portaudio
+@needs_alsa
+def test_playing_live(tmp_path, file_device):
+    """What was played is what its log says."""
+    import soundfile
+
+    mido = pytest.importorskip("mido", reason="needs mido")
+    track = mido.MidiTrack([mido.Message("note_on", note=60, velocity=80), mido.Message("note_off", note=60, time=480)])
+    mido.MidiFile(tracks=[track]).save(tmp_path / "tune.mid")
+    follow("live", tmp_path, file_device[0])
+    take, again = (soundfile.read(tmp_path / f"{name}.wav", dtype="float32")[0] for name in ("take", "again"))
+    assert take.any() and (take == again[: len(take)]).all()
+
+
+@pytest.mark.hard
+def test_the_worked_example_of_a_law(tmp_path):
+    """The change that the guide shows, made to a copy of the engine."""
+    copy = tmp_path / "copy"
+    copy.mkdir()
+    shutil.copytree(ROOT / "engine", copy / "engine", ignore=shutil.ignore_patterns("__pycache__"))
+    assert "energy off by" in follow("extending", tmp_path, {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}, copy)
+
+
+LINK = re.compile(r"\]\(([^)#]+)(#[^)]*)?\)")
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))], ids=lambda p: p.stem)
+def test_links_lead_somewhere(page):
+    for target, _ in LINK.findall(page.read_text("utf-8")):
+        assert target.startswith("https://") or (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))], ids=lambda p: p.stem)
+def test_files_named_in_pages_exist(page):
+    named = set(re.findall(r"`((?:engine|tests|bench|patches|docs)/[\w/]+\.\w+)", page.read_text("utf-8")))
+    assert all((ROOT / name).exists() for name in named), [name for name in named if not (ROOT / name).exists()]
+
+
+@pytest.mark.hard
+def test_the_notebook_runs(tmp_path):
+    """From top to bottom, in a kernel of its own; it shows sounds and pictures."""
+    nbformat, nbclient = (pytest.importorskip(name, reason=f"needs {name}") for name in ("nbformat", "nbclient"))
+    notebook = nbformat.read(ROOT / "docs" / "first_sound.ipynb", as_version=4)
+    assert not any(cell.get("outputs") for cell in notebook.cells), "it is kept without what it shows"
+    nbclient.NotebookClient(notebook, timeout=200, resources={"metadata": {"path": ROOT / "docs"}}).execute()
+    shown = {kind for cell in notebook.cells for out in cell.get("outputs", []) for kind in out.get("data", {})}
+    assert {"text/html", "image/png"} <= shown

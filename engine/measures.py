@@ -112,11 +112,15 @@ def detuning(audio: np.ndarray, reference: np.ndarray) -> float:
 
 
 def strongest(audio: np.ndarray) -> float:
-    """Place of the strongest partial, in bins of the spectrum: a parabola through the logarithm of its peak."""
+    """Place of the strongest partial, in bins of the spectrum."""
     power = np.sum(np.abs(np.fft.rfft(audio * np.hanning(len(audio) + 2)[1:-1, None], axis=0)) ** 2, axis=1)
     if len(power) < 5 or not power[2:-1].any():
         return 0.0
-    n = 2 + int(np.argmax(power[2:-1]))
+    return vertex(power, 2 + int(np.argmax(power[2:-1])))
+
+
+def vertex(power: np.ndarray, n: int) -> float:
+    """Place of the peak at bin n of a spectrum, in bins: the top of a parabola through its logarithm."""
     a, b, c = np.log(power[n - 1 : n + 2] + 1e-300)
     curve = a - 2 * b + c
-    return n + (0.5 * (a - c) / curve if curve < 0.0 else 0.0)
+    return n + (0.5 * float(a - c) / float(curve) if curve < 0.0 else 0.0)

@@ -14,7 +14,7 @@ from conftest import ROOT
 FLOORS = [
     ["jit", "vector", "held", "native", "parts", "measured"],
     ["references", "spots", "waveform"],
-    ["accuracy", "measures", "laws", "scene", "bodies", "baselines", "save", "feedback"],
+    ["accuracy", "measures", "features", "laws", "scene", "bodies", "baselines", "save", "feedback"],
     ["model", "others", "draw", "solve", "patch"],
     ["modes", "rounds", "coupled", "islands", "layout"],
     ["force", "contact", "compliance", "voices"],
@@ -48,6 +48,7 @@ KERNELS = [
 ]
 WITHOUT_NUMBA = ["accuracy", "parts", "measured", "references", "scene", "patch"]
 WITHOUT_NUMBA += ["bodies", "spots", "waveform", "draw", "save", "feedback", "arguments", "tell", "cli", "__init__"]
+WITHOUT_NUMBA += ["measures", "features"]
 
 
 def imports(name: str) -> set[str]:

@@ -51,6 +51,17 @@ def parser() -> argparse.ArgumentParser:
         "--error", metavar="E", help="render at the cheapest setting that errs less: 1e-4, or 0.1dB of a band"
     )
     parse.add_argument("--trace", metavar="OUT.npz", help="also write every sample's displacements, forces, energies")
+    vary = parse.add_argument_group("variations")
+    vary.add_argument(
+        "--vary",
+        metavar="PATH=RANGE",
+        action="append",
+        help="render all of contact.felt.stiffness=1e8..1e10:log:16 into the folder -o, with an index.csv; or"
+        " PATH=A..B:N, PATH=A,B,C; several make a grid",
+    )
+    vary.add_argument("--sample", metavar="N", help="as many points at random instead of the grid")
+    vary.add_argument("--seed", metavar="S", help="of these points (default: 0)")
+    vary.add_argument("--cluster", metavar="ADDRESS", help="let the workers of a Dask scheduler render")
     live = parse.add_argument_group("live sound")
     live.add_argument("--live", action="store_true", help="play instead; Ctrl-C or q ends it")
     live.add_argument("--list-devices", action="store_true", help="what can be played on")
@@ -140,19 +151,25 @@ def plot_of(args: argparse.Namespace) -> Path | None:
 
 LIVE_ONLY = ("device", "latency", "record", "log", "watch", "force")
 NOT_LIVE = ("output", "trace", "explain", "price", "plot", "error", "cores")
-NOT_REPLAYED = ("patch", "live", "seconds", "samplerate", "gain", "midi", *LIVE_ONLY, *NOT_LIVE[1:])
+VARIED_ONLY = ("sample", "seed", "cluster")
+NOT_VARIED = ("live", "midi", "explain", "price", "plot", "trace", "error", "report", *LIVE_ONLY)
+NOT_REPLAYED = ("patch", "live", "seconds", "samplerate", "gain", "midi", "vary", *LIVE_ONLY, *NOT_LIVE[1:])
 
 
 def misplaced(args: argparse.Namespace) -> list[tuple[str, str]]:
     """Arguments that what is asked for takes no notice of."""
     given = [name for name, value in vars(args).items() if value not in (None, False)]
     if args.replay:
-        wrong = dict.fromkeys(NOT_REPLAYED, "the log says it all; give -o OUT.wav")
+        wrong = dict.fromkeys(NOT_REPLAYED + VARIED_ONLY, "the log says it all; give -o OUT.wav")
+    elif args.vary:
+        wrong = dict.fromkeys(NOT_VARIED, "not for --vary; it renders sounds, and features of them to index.csv")
     elif args.live:
         wrong = dict.fromkeys(NOT_LIVE, "not for --live; --record OUT.wav keeps what is played")
     else:
         wrong = dict.fromkeys(LIVE_ONLY, "for --live; give that too")
         wrong |= dict.fromkeys(("explain", "price", "trace", "plot", "error"), "not for --midi") if args.midi else {}
+    if not args.vary and not args.replay:
+        wrong |= dict.fromkeys(VARIED_ONLY, "for --vary; give that too")
     return [(f"--{name}" if name != "patch" else "PATCH", wrong[name]) for name in given if name in wrong]
 
 

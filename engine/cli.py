@@ -38,7 +38,7 @@ def run(parse: argparse.ArgumentParser, words: list[str]) -> int:
         return replay(args)
     if args.patch is None:
         parse.error("give a PATCH, such as those in patches/")
-    return render(args)
+    return varied(args) if args.vary else render(args)
 
 
 def devices() -> int:
@@ -183,6 +183,32 @@ def render(args: argparse.Namespace) -> int:
         stats, [str(path) for path in (args.trace, plot) if path]
     )
     return 0
+
+
+def varied(args: argparse.Namespace) -> int:
+    """Render variations of a patch."""
+    from engine import sweep, tell, vary
+    from engine.patch import Fault
+
+    scene, faults = read(args.patch)
+    numbers, wrong = settings(args)
+    wrong += [*misplaced(args), *vary.unsuitable(args)]
+    if scene is not None:
+        plan, more = vary.plan(args, scene)
+        wrong += more
+    faults += [Fault("render.py", None, option, what) for option, what in wrong]
+    if scene is None or faults:
+        report(faults)
+        return 2
+    folder = vary.folder_of(args)
+    try:
+        with feedback(args.json) as progress:
+            outcome = sweep.asked(plan, folder, numbers, dial_of(args), args.subtype, args.cluster, progress)
+    except (OSError, RuntimeError) as error:
+        print(f"render.py: {error}", file=sys.stderr)
+        return 1
+    print(json.dumps(outcome.told(folder))) if args.json else tell.varied(outcome.told(folder))
+    return outcome.code
 
 
 def played(scene: "Scene", args: argparse.Namespace, gain: float | None) -> int:

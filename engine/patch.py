@@ -56,8 +56,13 @@ def load(path: str | Path) -> Scene:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise PatchError([_syntax_fault(file, text, error)]) from None
+    return validated(data, path.parent, file, text)
+
+
+def validated(data: dict[str, Any], folder: Path, file: str, text: str) -> Scene:
+    """A document as a Scene; files it names lie in the folder. Raises PatchError, with lines of the text."""
     try:
-        return Scene.model_validate(data, context={"folder": path.parent})
+        return Scene.model_validate(data, context={"folder": folder})
     except ValidationError as error:
         lines = locate(text)
         errors = error.errors(include_url=False)
@@ -184,9 +189,10 @@ def _meant(error: Any) -> str:
     return next(iter(difflib.get_close_matches(str(where[-1]), known, 1, 0.6)), "")
 
 
-def _nearest(word: str, known: list[str]) -> str:
+def nearest(word: str, known: list[str], before: str = "", after: str = "") -> str:
+    """What may have been meant by an unknown word, with what stands around it; or all that is known."""
     near = difflib.get_close_matches(word, known, 1, 0.6)
-    return f'did you mean "{near[0]}"?' if near else "known here: " + ", ".join(known)
+    return f'did you mean "{before}{near[0]}{after}"?' if near else "known here: " + ", ".join(known)
 
 
 def _meaning(field: FieldInfo | None) -> str:
@@ -212,7 +218,7 @@ def _describe(error: Any, where: Where, models: dict[str, type[BaseModel]], fiel
         return str(error["msg"])
     if kind == "extra_forbidden":
         known = list(dict.fromkeys(k for m in models.values() for k in m.model_fields))
-        return f"unknown key; {_nearest(key, known)}"
+        return f"unknown key; {nearest(key, known)}"
     if kind == "missing":
         return f"missing; {_meaning(field)}"
     if kind == "too_short" and not value and len(where) < 3:
@@ -220,7 +226,7 @@ def _describe(error: Any, where: Where, models: dict[str, type[BaseModel]], fiel
     if kind == "union_tag_not_found":
         return f"kind missing; one of {', '.join(models)}"
     if kind == "union_tag_invalid":
-        return f'unknown kind "{context.get("tag")}"; {_nearest(str(context.get("tag")), list(models))}'
+        return f'unknown kind "{context.get("tag")}"; {nearest(str(context.get("tag")), list(models))}'
     if kind == "literal_error":
         return f"{shown} is not known; expected {context.get('expected')}"
     if kind == "finite_number":

@@ -1,6 +1,7 @@
 """What a person reads of a render, of what was built, and of what accuracy costs."""
 
 import math
+import sys
 from typing import Any
 
 SILENCE = 1e-30  # a smaller peak is none
@@ -117,3 +118,15 @@ def priced(found: dict[str, Any]) -> None:
         rows.append(("", row["setting"], error, *[""] * 6, *measured))
     columns(rows)
     print(found["verdict"])
+
+
+def varied(told: dict[str, Any]) -> None:
+    """How a sweep went, and where its sounds are."""
+    done, points, failed = told["done"], told["points"], told["failed"]
+    before = f", {told['before']} of them before" if told["before"] else ""
+    if told["interrupted"]:
+        print(f"interrupted; {done} of {points} done; run the same command to go on", file=sys.stderr)
+        return
+    if failed:
+        print(f"{failed} of {points} failed; the column status of {told['index']} says why", file=sys.stderr)
+    print(f"{done} of {points} done{before}\n{told['index']}")

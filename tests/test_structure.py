@@ -15,7 +15,7 @@ FLOORS = [
     ["jit", "vector", "held", "native", "parts", "measured"],
     ["references", "spots", "waveform"],
     ["accuracy", "measures", "features", "laws", "scene", "bodies", "baselines", "save", "feedback"],
-    ["model", "others", "draw", "solve", "patch"],
+    ["model", "others", "draw", "solve", "patch", "index"],
     ["modes", "rounds", "coupled", "islands", "layout"],
     ["force", "contact", "compliance", "voices"],
     ["energy"],
@@ -25,8 +25,10 @@ FLOORS = [
     ["block", "score", "deck"],
     ["build", "runner", "post"],
     ["offline"],
-    ["explain", "price", "tell", "arguments", "player"],
-    ["sound", "reload", "midi", "replay"],
+    ["explain", "price", "tell", "arguments", "player", "point"],
+    ["vary"],
+    ["sound", "reload", "midi", "replay", "sweep"],
+    ["cluster"],
     ["cli", "live"],
     ["__init__"],
 ]
@@ -48,7 +50,7 @@ KERNELS = [
 ]
 WITHOUT_NUMBA = ["accuracy", "parts", "measured", "references", "scene", "patch"]
 WITHOUT_NUMBA += ["bodies", "spots", "waveform", "draw", "save", "feedback", "arguments", "tell", "cli", "__init__"]
-WITHOUT_NUMBA += ["measures", "features"]
+WITHOUT_NUMBA += ["measures", "features", "index", "point", "vary", "sweep", "cluster"]
 
 
 def imports(name: str) -> set[str]:

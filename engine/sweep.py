@@ -1,0 +1,219 @@
+"""A sweep: many points of a patch rendered, one sound each, with an index that grows as they are done.
+
+A sweep that is stopped at any time goes on when it is started again: what is done is not done twice.
+"""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Generator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from engine import index
+from engine.index import Cell, Row
+from engine.patch import PatchError
+from engine.point import Found, Task, rendered
+from engine.save import amplified, save_audio
+from engine.vary import Plan, Point
+
+LOOK = 0.2  # s between two looks at what is done
+
+Progress = Callable[[float], None]
+Answers = Generator[tuple[int, Found] | None, None, None]  # None: nothing yet
+Renderer = Callable[[list[Task]], Answers]
+
+
+@dataclass
+class Outcome:
+    """How far a sweep has come: of its points, how many are done, were done before, or failed."""
+
+    points: int
+    done: int = 0
+    before: int = 0
+    failed: int = 0
+    interrupted: bool = False
+
+    @property
+    def code(self) -> int:
+        """Of the command line: 0 if all are done."""
+        return 130 if self.interrupted else 1 if self.failed else 0
+
+    def told(self, folder: Path) -> dict[str, Any]:
+        """What is said of it."""
+        return {"folder": str(folder)} | asdict(self) | {"index": str(folder / "index.csv")}
+
+
+def asked(
+    plan: Plan,
+    folder: Path,
+    numbers: dict[str, float | None],
+    dial: dict[str, Any],
+    subtype: str | None,
+    cluster: str | None,
+    progress: Progress,
+) -> Outcome:
+    """A sweep as the command line asks for it. Raises OSError or RuntimeError, which say what cannot be done."""
+    rate, cores = int(numbers["samplerate"] or 44_100), int(numbers["cores"] or os.cpu_count() or 1)
+    options = {"seconds": numbers["seconds"], "samplerate": rate} | dial
+    renderer: Renderer = partial(here, cores=cores)
+    if cluster is not None:
+        from engine.cluster import there
+
+        renderer = partial(there, address=cluster)
+    return sweep(plan, folder, renderer, options, numbers["gain"], subtype, progress)
+
+
+def sweep(
+    plan: Plan,
+    folder: Path,
+    renderer: Renderer,
+    options: dict[str, Any],
+    gain: float | None = None,
+    subtype: str | None = None,
+    progress: Progress = lambda share: None,
+) -> Outcome:
+    """Render the points of a plan into a folder, which is made if it is missing, with its index.csv.
+
+    renderer: gives the answers to tasks, in any order, each once
+    options:  seconds, samplerate and accuracy (engine.offline.render)
+    gain:     dB on SI units; each sound is normalised if None
+
+    Rows of the index that say "done" of the same point, with its file there, are kept. Raises OSError or
+    RuntimeError if a file cannot be written.
+    """
+    folder.mkdir(exist_ok=True)
+    for part in folder.glob(".*.part"):  # of a run that was killed
+        part.unlink(missing_ok=True)
+    path, header = folder / "index.csv", index.columns([axis.path for axis in plan.axes])
+    rows = index.read(path)
+    tasks, begun, answers = _tasks(plan, options, (gain, subtype))
+    rows = {n: row for n, row in rows.items() if n in tasks and _stands(row, begun[n], folder)}
+    index.write(path, header, rows)
+    outcome = Outcome(len(plan.points), done=len(rows), before=len(rows))
+    rate = options["samplerate"]
+
+    def enter(number: int, found: Found) -> None:
+        name, cells = f"{number:04d}.wav", dict(found.cells)
+        if found.audio is not None:
+            audio, cells["gain_db"] = amplified(found.audio, float(abs(found.audio).max()), gain)
+            save_audio(folder / name, audio, rate, subtype)
+        told = begun[number] | cells
+        told |= {"file": name if found.audio is not None else "", "status": found.error or "done"}
+        rows[number] = {column: index.shown(told.get(column)) for column in header}
+        file.write(index.line(rows[number].values()))
+        file.flush()
+        outcome.done += found.audio is not None
+        outcome.failed += found.audio is None
+
+    try:
+        with open(path, "a", encoding="utf-8", newline="") as file:
+            for number, found in answers.items():
+                enter(number, found)
+            left = [task for n, task in tasks.items() if n not in rows]
+            with closing(renderer(left)) as source:
+                for answer in source:
+                    if answer is not None:
+                        enter(*answer)
+                    progress(len(rows) / outcome.points)
+    except KeyboardInterrupt:
+        outcome.interrupted = True
+    index.write(path, header, rows)
+    return outcome
+
+
+def _tasks(
+    plan: Plan, options: dict[str, Any], more: tuple[Any, ...]
+) -> tuple[dict[int, Task], dict[int, dict[str, Cell]], dict[int, Found]]:
+    """What is to be rendered, what its rows begin with, and what fails before it is."""
+    tasks, begun, failed = {}, {}, {}
+    for number, point in enumerate(plan.points, 1):
+        values: dict[str, Cell] = {"number": number} | _named(plan, point)
+        try:
+            task = Task(number, plan.scene(point).model_dump(exclude_unset=True), options)
+            tasks[number], values["fingerprint"] = task, task.fingerprint(*more)
+        except (PatchError, OSError) as error:
+            faults = [f"{f.path}: {f.what}" for f in error.faults] if isinstance(error, PatchError) else [str(error)]
+            failed[number] = Found(None, {}, "; ".join(faults))
+        begun[number] = values
+    return tasks, begun, failed
+
+
+def _named(plan: Plan, point: Point) -> dict[str, Cell]:
+    """Values by their paths, with all their digits."""
+    return {axis.path: str(value) for axis, value in zip(plan.axes, point, strict=True)}
+
+
+def _stands(row: Row, begun: dict[str, Cell], folder: Path) -> bool:
+    """Whether a row tells of this very point, and its sound is there."""
+    same = row["status"] == "done" and row["fingerprint"] == begun["fingerprint"]
+    return same and bool(row["file"]) and (folder / row["file"]).is_file()
+
+
+def here(tasks: list[Task], cores: int) -> Answers:
+    """Render on this machine, each point by one of several processes."""
+    left = {task.number: task for task in tasks}
+    while left:
+        sent: set[int] = set()
+        try:
+            yield from _pooled(left, cores, sent)
+        except BrokenProcessPool:  # one of those sent has brought its process down: each is tried alone
+            suspects = {number: left.pop(number) for number in sent}
+            while suspects:
+                sent = set()
+                try:
+                    yield from _pooled(suspects, 1, sent)
+                except BrokenProcessPool:
+                    for number in sent:
+                        del suspects[number]
+                        yield number, Found(None, {}, "its process was killed; is there memory enough?")
+
+
+def _pooled(left: dict[int, Task], cores: int, sent: set[int]) -> Answers:
+    """Answers of one set of processes; what is answered leaves `left` and `sent`.
+
+    The first point is rendered alone, until one is done: then what most need is compiled. After that one
+    more than there are processes is sent, so that none waits for us.
+    """
+    others = set(multiprocessing.active_children())
+    spawn = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(min(cores, len(left)), spawn, _obey)
+    under_way: dict[Future[Found], int] = {}
+    waiting, room = iter(list(left.values())), 1
+    try:
+        while left:
+            while len(under_way) < room and (task := next(waiting, None)) is not None:
+                under_way[pool.submit(rendered, task)] = task.number
+                sent.add(task.number)
+            finished, _ = wait(under_way, LOOK, FIRST_COMPLETED)
+            for future in finished:
+                found, number = future.result(), under_way.pop(future)
+                room = cores + (cores > 1) if found.audio is not None else room
+                sent.discard(number)
+                del left[number]
+                yield number, found
+            if not finished:
+                yield None
+    finally:
+        pool.shutdown(wait=not left, cancel_futures=True)
+        for process in set(multiprocessing.active_children()) - others:  # those in the midst of a point
+            process.terminate()
+
+
+def _obey() -> None:
+    """In a process of the pool: Ctrl-C is the parent's to answer, and without it there is nothing to do."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+
+    def follow() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()

@@ -1,0 +1,445 @@
+"""Variations of a patch: axes, points, and sweeps that can be stopped at any time."""
+
+import csv
+import json
+import math
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import tomllib
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+import soundfile
+from conftest import ROOT
+
+import engine
+from engine import cli, index, vary
+from engine.point import Task, rendered
+from engine.sweep import here, sweep
+
+MARBLE = str(ROOT / "patches" / "marble_on_a_bell.toml")
+PIANO = str(ROOT / "patches" / "piano_c4.toml")
+SECONDS = 0.02  # of a sound, in which a marble close to the bell strikes it
+
+
+def axis(text: str, patch: str = MARBLE, sampling: bool = False) -> vary.Axis:
+    return vary.axis(text, engine.load(patch), tomllib.loads(Path(patch).read_text("utf-8")), sampling)
+
+
+def plan(*texts: str, patch: str = MARBLE) -> vary.Plan:
+    axes = [axis(text, patch) for text in texts]
+    return vary.Plan(patch, tomllib.loads(Path(patch).read_text("utf-8")), axes, vary.points(axes))
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    with open(folder / "index.csv", newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+class Alone:
+    """Renders in this process, and keeps the numbers of what it was given; Ctrl-C comes after `most` answers."""
+
+    def __init__(self, most: float = math.inf) -> None:
+        self.given: list[int] = []
+        self.most = most
+
+    def __call__(self, tasks):
+        for task in tasks:
+            if len(self.given) == self.most:
+                raise KeyboardInterrupt
+            self.given.append(task.number)
+            yield task.number, rendered(task)
+
+
+def swept(folder: Path, *texts: str, most: float = math.inf, patch: str = MARBLE, gain=None, **options):
+    """The outcome of a sweep, and the numbers of the points that were rendered."""
+    alone = Alone(most)
+    told = {"seconds": SECONDS, "samplerate": 44_100} | options
+    return sweep(plan(*texts, patch=patch), folder, alone, told, gain), alone.given
+
+
+NEAR = "body.marble.displacement=1e-4..1e-3:log:3"
+BELL = "body.bell.frequency=700,44000"  # the second is above the Nyquist frequency
+
+
+# --- axes
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("seconds=1..2:5", [1.0, 1.25, 1.5, 1.75, 2.0]),
+        ("seconds=2..1:2", [2.0, 1.0]),
+        ("contact.glass.stiffness=1e8..1e10:log:3", [1e8, 1e9, 1e10]),
+        ("contact.0.loss=0,0.5", [0, 0.5]),
+        ("pickup.bell.quantity=force, velocity", ["force", "velocity"]),
+        ("accuracy.substeps=1..8:3", [1, 4, 8]),
+        ("accuracy.order=2..4:3", [2, 3, 4]),
+        ("pickup.0.gain=0.1..0.5:5", [0.1, 0.2, 0.3, 0.4, 0.5]),
+        ("body.1.mass=7", [7]),
+    ],
+)
+def test_axes(text, values):
+    found = axis(text).values()
+    assert found == values
+    assert [type(value) for value in found] == [type(value) for value in values]
+
+
+def test_paths_lead_to_where_the_value_stands(tmp_path):
+    assert axis("contact.glass.loss=1").where == ("contact", 0, "loss")
+    assert axis("pickup.bell.gain=1").where == ("pickup", 0, "gain")
+    assert axis("accuracy.silence=-inf").where == ("accuracy", "silence")
+    marimba = str(ROOT / "patches" / "marimba.toml")
+    path = next(f"body.{b.name}.ratios.1" for b in engine.load(marimba).body if getattr(b, "ratios", None))
+    made = plan(f"{path}=3,5", patch=marimba)
+    scene = made.scene(made.points[1])
+    assert 5 in [b.ratios[1] for b in scene.body if getattr(b, "ratios", None)]
+    assert scene.model_dump() != engine.load(marimba).model_dump()
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("foo", '"foo" is no variation; PATH=A..B:N'),
+        ("seconds=", "is no variation"),
+        ("seconds=a..b", "neither a range nor a list"),
+        ("seconds=1,,2", "neither a range nor a list"),
+        ("seconds=1..2:x", "neither a range nor a list"),
+        ("seconds=1..2:3:4", "is no range"),
+        ("seconds=1..inf:3", "is no range"),
+        ("seconds=1..1:3", "is no range"),
+        ("seconds=1..2:1", "1 values"),
+        ("seconds=1..2", "does not say how many; 1..2:16"),
+        ("seconds=0..2:log:3", "no logarithm"),
+        ("contact.glas.loss=1,2", 'did you mean "contact.glass.loss"?'),
+        ("contact.glass.los=1,2", 'did you mean "contact.glass.loss"?'),
+        ("contakt.glass.loss=1,2", 'did you mean "contact.glass.loss"?'),
+        ("body.gong.mass=1,2", "known here: marble, bell"),
+        ("pickup.4.gain=1,2", 'there is no "pickup.4"; pickup.0'),
+        ("force.0.start=1,2", "the patch has no force"),
+        ("body.bell=1,2", "a table; give one of its keys: body.bell.name, "),
+        ("body=1,2", "a table"),
+        ("body.bell.mass.0=1,2", "body.bell.mass has no parts"),
+        ("contact.glass.bridge.at=1,2", "contact.glass.bridge is not in the patch"),
+    ],
+)
+def test_a_wrong_axis_is_said_in_one_line(text, says):
+    with pytest.raises(ValueError) as caught:
+        axis(text)
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_body_of_two_pickups_does_not_name_one(tmp_path):
+    text = Path(MARBLE).read_text("utf-8")
+    (tmp_path / "p.toml").write_text(text + '\n[[pickup]]\nbody = "bell"\nchannel = 2\n', "utf-8")
+    with pytest.raises(ValueError, match=r"2 of pickup are on \"bell\"; pickup\.0 or pickup\.1"):
+        axis("pickup.bell.gain=1,2", str(tmp_path / "p.toml"))
+
+
+# --- points
+
+
+def test_the_last_axis_of_a_grid_varies_fastest():
+    found = plan("seconds=1,2", "pickup.0.quantity=force,velocity", "body.bell.mass=1..3:3")
+    assert found.points[:4] == [(1, "force", 1.0), (1, "force", 2.0), (1, "force", 3.0), (1, "velocity", 1.0)]
+    assert len(set(found.points)) == 12
+    scene = found.scene((2, "velocity", 3.0))
+    assert (scene.seconds, scene.pickup[0].quantity, scene.body[1].mass) == (2, "velocity", 3.0)
+
+
+def test_random_points_are_those_of_their_seed():
+    texts = ("contact.glass.stiffness=1e6..1e10:log", "body.bell.mass=1..3", "accuracy.order=2,4", "seconds=1..2:3")
+    axes = [axis(text, sampling=True) for text in texts]
+    found = vary.sampled(axes, 2000, 7)
+    assert found == vary.sampled(axes, 2000, 7)
+    assert found[:100] == vary.sampled(axes, 100, 7)
+    assert found != vary.sampled(axes, 2000, 8)
+    stiffness, mass, order, _ = (np.array(column) for column in zip(*found, strict=True))
+    for share in (np.log10(stiffness) / 4 - 1.5, (mass - 1) / 2):  # uniform from 0 to 1
+        assert 0 <= share.min() < 0.01 and 0.99 < share.max() <= 1
+        assert share.mean() == pytest.approx(0.5, abs=0.03)
+    assert Counter(order.tolist())[2] == pytest.approx(1000, abs=100)
+
+
+def test_ends_that_cannot_be_are_refused_before_anything_is_rendered(tmp_path, capsys):
+    words = ["--vary", "contact.glass.stiffness=-1..1:3", "--vary", "pickup.0.quantity=force,loudness"]
+    words += ["--vary", "contact.glass.barrier=0,1"]
+    assert cli.main([MARBLE, "-o", str(tmp_path / "out"), *words]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 3
+    assert said[0].startswith("render.py --vary: contact.glass.stiffness: -1.0 is out of range; stiffness kc")
+    assert 'pickup.0.quantity: "loudness" is not known' in "".join(said)
+    assert "contact.glass.barrier: on and barrier given" in "".join(said)
+    assert not list(tmp_path.iterdir())
+
+
+# --- what is asked for
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--vary", "seconds=1,2", "--live"], "--live: not for --vary"),
+        (["--vary", "seconds=1,2", "--midi", "a.mid", "--price", "--explain"], "--midi: not for --vary"),
+        (["--vary", "seconds=1,2", "--plot"], "--plot: not for --vary"),
+        (["--vary", "seconds=1,2", "--trace", "a.npz", "--error", "1e-3"], "--trace: not for --vary"),
+        (["--vary", "seconds=1,2", "--seconds", "1"], "seconds: --seconds is given too"),
+        (["--vary", "accuracy.order=2,4", "--order", "4"], "accuracy.order: --order is given too"),
+        (["--vary", "seconds=1,2", "--vary", "seconds=1,2"], "it varies twice"),
+        (["--vary", "seconds=1..2:1000", "--vary", "body.bell.mass=1..2:1000"], "1000000 points; at most 100000"),
+        (["--vary", "seconds=1,2", "--sample", "many"], '--sample: "many" is not a whole number'),
+        (["--vary", "seconds=1,2", "--seed", "3"], "--seed: for --sample"),
+        (["--sample", "3"], "--sample: for --vary"),
+        (["--cluster", "here"], "--cluster: for --vary"),
+        (["--vary", "seconds=1,2", "-o", MARBLE], "is a file"),
+        (["--vary", "seconds=1,2", "-o", "no/where"], "no such folder"),
+        (["--vary", "seconds=1,2", "--subtype", "MP7"], "unknown sample format"),
+        (["--vary", "seconds=1,2", "--cluster", "x", "--cores", "2"], "--cores: not for --cluster"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(tmp_path, monkeypatch, capsys, words, says):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main([MARBLE, *words]) == 2
+    said = capsys.readouterr().err
+    assert says in said and "Traceback" not in said
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_index_of_something_else_is_not_touched(tmp_path, capsys):
+    (tmp_path / "index.csv").write_text("number,name\n1,x\n")
+    assert cli.main([MARBLE, "-o", str(tmp_path), "--vary", "seconds=1,2"]) == 2
+    assert "is an index of something else; give another folder, or remove it" in capsys.readouterr().err
+    assert (tmp_path / "index.csv").read_text() == "number,name\n1,x\n"
+
+
+def test_without_distributed_the_command_to_run_is_named(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(vary, "find_spec", lambda name: None)
+    assert cli.main([MARBLE, "-o", str(tmp_path / "a"), "--vary", "seconds=1,2", "--cluster", "x"]) == 2
+    assert (
+        "--cluster: needs distributed; uv sync --extra cluster, or pip install distributed" in capsys.readouterr().err
+    )
+
+
+# --- sweeps
+
+
+def test_a_grid_on_two_processes(tmp_path, capsys):
+    """One sound and one row each, the same samples as of a single render; what fails does not stop the rest."""
+    folder = tmp_path / "out"
+    words = ["--vary", NEAR, "--vary", BELL, "--seconds", str(SECONDS), "--subtype", "DOUBLE", "--cores", "2"]
+    assert cli.main([MARBLE, "-o", str(folder), *words, "--gain", "0", "--json"]) == 1
+    told = json.loads(capsys.readouterr().out)
+    assert (told["points"], told["done"], told["failed"], told["index"]) == (6, 3, 3, str(folder / "index.csv"))
+    found = rows(folder)
+    assert [row["number"] for row in found] == ["1", "2", "3", "4", "5", "6"]
+    for row in found[1::2]:
+        assert (row["file"], row["peak"]) == ("", "")
+        assert row["status"].startswith("body[1]: vibrates at 44000 Hz, above 0.49 of the sample rate")
+    for row in found[::2]:
+        assert row["status"] == "done"
+        made = plan(NEAR, BELL)
+        take = engine.render(made.scene(made.points[int(row["number"]) - 1]), seconds=SECONDS)
+        np.testing.assert_array_equal(soundfile.read(folder / row["file"], always_2d=True)[0], take.audio)
+        assert float(row["peak"]) == pytest.approx(take.stats["peak"], rel=1e-8)
+        assert float(row["contact"]) == pytest.approx(take.stats["activity"]["contact"], rel=1e-8)
+        assert 500.0 < float(row["fundamental_hz"]) < 900.0
+    assert {p.name for p in folder.iterdir()} == {"index.csv", "0001.wav", "0003.wav", "0005.wav"}
+    assert swept(tmp_path / "alone", NEAR, BELL, gain=0.0)[0].failed == 3
+    assert [row | {"fingerprint": ""} for row in rows(tmp_path / "alone")] == [r | {"fingerprint": ""} for r in found]
+
+
+def test_sounds_are_normalised_as_a_single_one_is(tmp_path):
+    swept(tmp_path / "out", NEAR)
+    words = ["--seconds", str(SECONDS), "-o", str(tmp_path / "one.wav")]
+    patch = tmp_path / "p.toml"
+    patch.write_text(Path(MARBLE).read_text("utf-8").replace("displacement = 0.15", "displacement = 1e-4"))
+    assert cli.main([str(patch), *words]) == 0
+    one, first = (soundfile.read(tmp_path / name)[0] for name in ("one.wav", "out/0001.wav"))
+    np.testing.assert_array_equal(first, one)
+
+
+def test_only_what_is_missing_changed_or_failed_is_rendered_again(tmp_path):
+    whole = swept(tmp_path, NEAR, BELL)[0]
+    assert (whole.points, whole.done, whole.failed, whole.code) == (6, 3, 3, 1)
+    before = (tmp_path / "index.csv").read_bytes()
+    assert swept(tmp_path, NEAR, BELL)[1] == [2, 4, 6]
+    (tmp_path / "0003.wav").unlink()
+    again, given = swept(tmp_path, NEAR, BELL)
+    assert (again.before, given) == (2, [2, 3, 4, 6])
+    assert (tmp_path / "index.csv").read_bytes() == before
+    assert len(swept(tmp_path, NEAR, BELL, gain=3.0)[1]) == 6
+    assert len(swept(tmp_path, NEAR, BELL, order=4)[1]) == 6
+    other = tmp_path / "p.toml"
+    other.write_text(Path(MARBLE).read_text("utf-8").replace("gravity = 9.81", "gravity = 9.82"), "utf-8")
+    assert len(swept(tmp_path, NEAR, BELL, patch=str(other), order=4)[1]) == 6
+
+
+@pytest.mark.parametrize("cut", [1, 30])
+def test_a_torn_last_line_is_rendered_again(tmp_path, cut):
+    swept(tmp_path, NEAR)
+    path = tmp_path / "index.csv"
+    before = path.read_bytes()
+    path.write_bytes(before[:-cut])
+    (tmp_path / ".0003.wav.1.part").write_bytes(b"half")
+    assert swept(tmp_path, NEAR)[1] == [3]
+    assert path.read_bytes() == before
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_a_point_that_is_no_patch_fails_by_itself(tmp_path):
+    """The ends are good, but what lies between is not: a body cannot be drawn to itself."""
+    found, given = swept(tmp_path, "contact.glass.on=bell,marble", "body.bell.mass=0.1,0.2")
+    assert (found.done, found.failed, given) == (2, 2, [1, 2])
+    assert "contact[0].on: " in rows(tmp_path)[2]["status"]
+
+
+def test_after_an_interrupt_it_goes_on(tmp_path):
+    first, given = swept(tmp_path / "a", NEAR, most=1)
+    assert (first.interrupted, first.done, first.code, given) == (True, 1, 130, [1])
+    assert [row["status"] for row in rows(tmp_path / "a")] == ["done"]
+    second, given = swept(tmp_path / "a", NEAR)
+    assert (second.done, second.before, given) == (3, 1, [2, 3])
+    swept(tmp_path / "b", NEAR)
+    assert (tmp_path / "a" / "index.csv").read_bytes() == (tmp_path / "b" / "index.csv").read_bytes()
+
+
+@pytest.mark.hard
+def test_a_sweep_that_is_stopped_and_killed_ends_as_one_that_is_not(tmp_path):
+    """Ctrl-C, then kill -9, each half-way; the processes end too, and the index is the same in the end."""
+    many = "body.marble.displacement=1e-4..1e-3:log:40"
+    words = [sys.executable, str(ROOT / "render.py"), MARBLE, "--vary", many, "--seconds", "0.5", "-o"]
+    for number, expected in ((signal.SIGINT, 130), (signal.SIGKILL, -9)):
+        before = len(rows(tmp_path / "a")) if (tmp_path / "a").exists() else 0
+        run = subprocess.Popen([*words, str(tmp_path / "a")], stderr=subprocess.PIPE, text=True)
+        until(lambda before=before: (tmp_path / "a" / "index.csv").exists() and len(rows(tmp_path / "a")) >= before + 3)
+        children = psutil.Process(run.pid).children(recursive=True)
+        os.kill(run.pid, number)
+        _, said = run.communicate(timeout=20)
+        assert run.returncode == expected
+        assert "Traceback" not in said
+        if number == signal.SIGINT:
+            assert f"{len(rows(tmp_path / 'a'))} of 40 done; run the same command to go on" in said
+        assert children and not psutil.wait_procs(children, timeout=10)[1]
+        found = rows(tmp_path / "a")
+        assert before < len(found) < 40
+        assert len({row["number"] for row in found}) == len(found)
+        assert all((tmp_path / "a" / row["file"]).is_file() for row in found)
+    held = len(rows(tmp_path / "a"))
+    plain = dict.fromkeys(("scheme", "order", "substeps", "tolerance", "oversample", "precision"))
+    assert swept(tmp_path / "a", many, seconds=0.5, **plain)[0].before == held
+    swept(tmp_path / "b", many, seconds=0.5, **plain)
+    assert (tmp_path / "a" / "index.csv").read_bytes() == (tmp_path / "b" / "index.csv").read_bytes()
+    assert len(list((tmp_path / "a").iterdir())) == 41
+
+
+def until(reached, patience: float = 30.0) -> None:
+    """Wait until something is so."""
+    end = time.perf_counter() + patience
+    while not reached():
+        assert time.perf_counter() < end, "it took too long"
+        time.sleep(0.02)
+
+
+@pytest.mark.hard
+def test_a_process_that_is_killed_loses_no_point():
+    made = plan("body.marble.displacement=1e-4..1e-3:log:30")
+    tasks = [
+        Task(n, made.scene(point).model_dump(exclude_unset=True), {"seconds": 0.5, "samplerate": 44_100})
+        for n, point in enumerate(made.points, 1)
+    ]
+    found = []
+    for answer in here(tasks, 2):
+        if answer is not None:
+            found.append(answer)
+            if len(found) == 5:
+                workers = [c for c in psutil.Process().children() if "spawn_main" in " ".join(c.cmdline())]
+                workers[-1].kill()
+    assert sorted(number for number, _ in found) == list(range(1, 31))
+    assert all(answer.audio is not None for _, answer in found)
+
+
+def free_port() -> int:
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])
+
+
+@pytest.mark.hard
+def test_workers_of_a_cluster_render_the_same_and_one_may_be_killed(tmp_path):
+    """A scheduler and two workers, in folders of their own; one is killed half-way. Nothing is lost or done twice."""
+    address = f"tcp://127.0.0.1:{free_port()}"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "DASK_DISTRIBUTED__DASHBOARD__LINK": ""}
+    quiet = {"env": environment, "cwd": tmp_path, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    dask = [sys.executable, "-m", "dask"]
+    started = [
+        subprocess.Popen(
+            [*dask, "scheduler", "--host", "127.0.0.1", "--port", address.rpartition(":")[2], "--no-dashboard"], **quiet
+        )
+    ]
+    many = "body.marble.displacement=1e-4..1e-3:log:40"
+    words = [MARBLE, "--vary", many, "--seconds", "2", "-o", str(tmp_path / "a"), "--cluster", address]
+    try:
+        for name in ("one", "two"):
+            worker = ["worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", "127.0.0.1"]
+            worker += ["--local-directory", str(tmp_path / name)]
+            started.append(subprocess.Popen([*dask, *worker], **quiet))
+        time.sleep(3.0)
+        run = subprocess.Popen([sys.executable, str(ROOT / "render.py"), *words], stderr=subprocess.PIPE, text=True)
+        started.append(run)
+        until(lambda: (tmp_path / "a" / "index.csv").exists() and len(rows(tmp_path / "a")) >= 5, 60.0)
+        started[2].kill()
+        assert len(rows(tmp_path / "a")) < 40
+        _, said = run.communicate(timeout=60)
+        assert (run.returncode, said) == (0, "")
+    finally:
+        for process in started:
+            process.kill()
+            process.wait()
+    plain = dict.fromkeys(("scheme", "order", "substeps", "tolerance", "oversample", "precision"))
+    swept(tmp_path / "b", many, seconds=2.0, **plain)
+    assert (tmp_path / "a" / "index.csv").read_bytes() == (tmp_path / "b" / "index.csv").read_bytes()
+    for row in rows(tmp_path / "a"):
+        one, other = (soundfile.read(tmp_path / name / row["file"])[0] for name in "ab")
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.hard
+def test_where_there_is_no_scheduler_it_is_said(tmp_path, capsys):
+    begin = time.perf_counter()
+    words = ["--vary", NEAR, "-o", str(tmp_path / "a"), "--cluster", f"127.0.0.1:{free_port()}"]
+    assert cli.main([MARBLE, *words]) == 1
+    assert "no scheduler answers at 127.0.0.1:" in capsys.readouterr().err
+    assert time.perf_counter() - begin < 15.0
+
+
+def test_files_of_forces_go_with_the_task(tmp_path, monkeypatch):
+    """A worker without the patch's folder renders the same; other contents of a file are another point."""
+    ball = (ROOT / "patches" / "driven_ball.toml").read_text("utf-8")
+    text = ball[: ball.index("[[force]]")] if "[[force]]" in ball else ball
+    soundfile.write(tmp_path / "push.wav", np.sin(np.arange(400) / 9), 44_100, subtype="DOUBLE")
+    name = tomllib.loads(text)["body"][0]["name"]
+    force = f'[[force]]\nkind = "file"\nbody = "{name}"\nfile = "push.wav"\namplitude = 1.0\n'
+    pickup = "" if "[[pickup]]" in text else f'[[pickup]]\nbody = "{name}"\n'
+    (tmp_path / "p.toml").write_text(f"{text}\n{force}{pickup}", "utf-8")
+    scene = engine.load(tmp_path / "p.toml")
+    task = Task(1, scene.model_dump(exclude_unset=True), {"seconds": SECONDS, "samplerate": 44_100})
+    whole, print_ = task.complete(), task.fingerprint()
+    expected = engine.render(scene, seconds=SECONDS).audio
+    assert expected.any()
+    soundfile.write(tmp_path / "push.wav", np.zeros(400), 44_100)
+    assert task.fingerprint() != print_
+    (tmp_path / "push.wav").unlink()
+    np.testing.assert_array_equal(rendered(whole).audio, expected)
+    assert "push.wav" in rendered(task).error
+
+
+def test_rows_are_of_one_line_each():
+    assert index.line([index.shown(cell) for cell in (1, 0.1, None, "a,\nb")]) == '1,0.1,,"a, b"\n'

@@ -205,7 +205,8 @@ def varied(args: argparse.Namespace) -> int:
         with feedback(args.json) as progress:
             outcome = sweep.asked(plan, folder, numbers, dial_of(args), args.subtype, args.cluster, progress)
     except (OSError, RuntimeError) as error:
-        print(f"render.py: {error}", file=sys.stderr)
+        why = f"cannot write to {folder} ({error})" if isinstance(error, OSError) else error
+        print(f"render.py: {why}", file=sys.stderr)
         return 1
     print(json.dumps(outcome.told(folder))) if args.json else tell.varied(outcome.told(folder))
     return outcome.code

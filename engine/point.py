@@ -5,6 +5,7 @@ import hashlib
 import json
 import tempfile
 import threading
+from collections.abc import Generator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from engine.features import features
 from engine.index import Cell
 from engine.scene import Scene
 
+LOOK = 0.2  # s between two looks at what is done
 _TURN = threading.Lock()  # threads of one process take turns: kernels are compiled by one at a time
 
 
@@ -51,6 +53,9 @@ class Found:
     audio: np.ndarray | None
     cells: dict[str, Cell]
     error: str = ""
+
+
+Answers = Generator[tuple[int, Found] | None, None, None]  # by number, in any order; None: nothing yet
 
 
 def rendered(task: Task) -> Found:

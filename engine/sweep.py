@@ -7,7 +7,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
@@ -19,14 +19,11 @@ from typing import Any
 from engine import index
 from engine.index import Cell, Row
 from engine.patch import PatchError
-from engine.point import Found, Task, rendered
+from engine.point import LOOK, Answers, Found, Task, rendered
 from engine.save import amplified, save_audio
 from engine.vary import Plan, Point
 
-LOOK = 0.2  # s between two looks at what is done
-
 Progress = Callable[[float], None]
-Answers = Generator[tuple[int, Found] | None, None, None]  # None: nothing yet
 Renderer = Callable[[list[Task]], Answers]
 
 
@@ -86,15 +83,17 @@ def sweep(
     gain:     dB on SI units; each sound is normalised if None
 
     Rows of the index that say "done" of the same point, with its file there, are kept. Raises OSError or
-    RuntimeError if a file cannot be written.
+    RuntimeError if a file cannot be written, or the folder has an index of something else.
     """
+    path, paths = folder / "index.csv", [axis.path for axis in plan.axes]
+    if what := index.foreign(path, paths):
+        raise RuntimeError(what)
+    tasks, begun, answers = _tasks(plan, options, (gain, subtype), progress)
     folder.mkdir(exist_ok=True)
     for part in folder.glob(".*.part"):  # of a run that was killed
         part.unlink(missing_ok=True)
-    path, header = folder / "index.csv", index.columns([axis.path for axis in plan.axes])
-    rows = index.read(path)
-    tasks, begun, answers = _tasks(plan, options, (gain, subtype))
-    rows = {n: row for n, row in rows.items() if n in tasks and _stands(row, begun[n], folder)}
+    header = index.columns(paths)
+    rows = {n: row for n, row in index.read(path).items() if n in tasks and _stands(row, begun[n], folder)}
     index.write(path, header, rows)
     outcome = Outcome(len(plan.points), done=len(rows), before=len(rows))
     rate = options["samplerate"]
@@ -129,11 +128,12 @@ def sweep(
 
 
 def _tasks(
-    plan: Plan, options: dict[str, Any], more: tuple[Any, ...]
+    plan: Plan, options: dict[str, Any], more: tuple[Any, ...], progress: Progress
 ) -> tuple[dict[int, Task], dict[int, dict[str, Cell]], dict[int, Found]]:
     """What is to be rendered, what its rows begin with, and what fails before it is."""
     tasks, begun, failed = {}, {}, {}
     for number, point in enumerate(plan.points, 1):
+        progress(0.0)
         values: dict[str, Cell] = {"number": number} | _named(plan, point)
         try:
             task = Task(number, plan.scene(point).model_dump(exclude_unset=True), options)

@@ -117,6 +117,8 @@ def axis(text: str, scene: Scene, data: dict[str, Any], sampling: bool = False) 
         raise ValueError(f'{path}: "{values}" does not say how many; {right}')
     if count and not 2 <= count[0] <= MOST:
         raise ValueError(f'{path}: {count[0]} values from "{low}" to "{high}"; 2 to {MOST}')
+    if whole and not count and not log:  # else the ends would be drawn half as often
+        return Axis(path, where, tuple(range(math.ceil(min(ends)), math.floor(max(ends)) + 1)))
     return Axis(path, where, ends, True, log, whole, count[0] if count else None)
 
 

@@ -26,9 +26,8 @@ FLOORS = [
     ["build", "runner", "post"],
     ["offline"],
     ["explain", "price", "tell", "arguments", "player", "point"],
-    ["vary"],
+    ["vary", "cluster"],
     ["sound", "reload", "midi", "replay", "sweep"],
-    ["cluster"],
     ["cli", "live"],
     ["__init__"],
 ]

@@ -156,17 +156,19 @@ def test_the_last_axis_of_a_grid_varies_fastest():
 
 
 def test_random_points_are_those_of_their_seed():
-    texts = ("contact.glass.stiffness=1e6..1e10:log", "body.bell.mass=1..3", "accuracy.order=2,4", "seconds=1..2:3")
+    texts = ["contact.glass.stiffness=1e6..1e10:log", "body.bell.mass=1..3", "accuracy.order=2,4", "seconds=1..2:3"]
+    texts += ["accuracy.substeps=1..4"]
     axes = [axis(text, sampling=True) for text in texts]
     found = vary.sampled(axes, 2000, 7)
     assert found == vary.sampled(axes, 2000, 7)
     assert found[:100] == vary.sampled(axes, 100, 7)
     assert found != vary.sampled(axes, 2000, 8)
-    stiffness, mass, order, _ = (np.array(column) for column in zip(*found, strict=True))
+    stiffness, mass, order, _, substeps = (np.array(column) for column in zip(*found, strict=True))
     for share in (np.log10(stiffness) / 4 - 1.5, (mass - 1) / 2):  # uniform from 0 to 1
         assert 0 <= share.min() < 0.01 and 0.99 < share.max() <= 1
         assert share.mean() == pytest.approx(0.5, abs=0.03)
     assert Counter(order.tolist())[2] == pytest.approx(1000, abs=100)
+    assert [Counter(substeps.tolist())[n] for n in range(6)] == pytest.approx([0, 500, 500, 500, 500, 0], abs=80)
 
 
 def test_ends_that_cannot_be_are_refused_before_anything_is_rendered(tmp_path, capsys):
@@ -376,7 +378,7 @@ def free_port() -> int:
 def test_workers_of_a_cluster_render_the_same_and_one_may_be_killed(tmp_path):
     """A scheduler and two workers, in folders of their own; one is killed half-way. Nothing is lost or done twice."""
     address = f"tcp://127.0.0.1:{free_port()}"
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "DASK_DISTRIBUTED__DASHBOARD__LINK": ""}
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     quiet = {"env": environment, "cwd": tmp_path, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     dask = [sys.executable, "-m", "dask"]
     started = [
@@ -394,7 +396,8 @@ def test_workers_of_a_cluster_render_the_same_and_one_may_be_killed(tmp_path):
         time.sleep(3.0)
         run = subprocess.Popen([sys.executable, str(ROOT / "render.py"), *words], stderr=subprocess.PIPE, text=True)
         started.append(run)
-        until(lambda: (tmp_path / "a" / "index.csv").exists() and len(rows(tmp_path / "a")) >= 5, 60.0)
+        index_file = tmp_path / "a" / "index.csv"
+        until(lambda: run.poll() is not None or (index_file.exists() and len(rows(tmp_path / "a")) >= 5), 60.0)
         started[2].kill()
         assert len(rows(tmp_path / "a")) < 40
         _, said = run.communicate(timeout=60)

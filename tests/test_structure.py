@@ -14,7 +14,7 @@ from conftest import ROOT
 FLOORS = [
     ["jit", "vector", "held", "native", "parts", "measured"],
     ["references", "spots", "waveform"],
-    ["accuracy", "measures", "laws", "scene", "bodies", "baselines", "save", "feedback"],
+    ["accuracy", "measures", "laws", "scene", "bodies", "baselines", "save", "feedback", "machine"],
     ["model", "others", "draw", "solve", "patch"],
     ["modes", "rounds", "coupled", "islands", "layout"],
     ["force", "contact", "compliance", "voices"],
@@ -26,7 +26,7 @@ FLOORS = [
     ["build", "runner", "post"],
     ["offline"],
     ["explain", "price", "tell", "arguments", "player"],
-    ["sound", "reload", "midi", "replay"],
+    ["sound", "reload", "midi", "replay", "page"],
     ["cli", "live"],
     ["__init__"],
 ]
@@ -47,7 +47,20 @@ KERNELS = [
     "block",
 ]
 WITHOUT_NUMBA = ["accuracy", "parts", "measured", "references", "scene", "patch"]
-WITHOUT_NUMBA += ["bodies", "spots", "waveform", "draw", "save", "feedback", "arguments", "tell", "cli", "__init__"]
+WITHOUT_NUMBA += [
+    "bodies",
+    "spots",
+    "waveform",
+    "draw",
+    "save",
+    "feedback",
+    "machine",
+    "arguments",
+    "tell",
+    "page",
+    "cli",
+    "__init__",
+]
 
 
 def imports(name: str) -> set[str]:

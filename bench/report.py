@@ -3,37 +3,26 @@
 import csv
 import datetime
 import os
-import platform
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from engine import draw
+from engine.machine import machine
 
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "bench" / "results"
 FIGURES = ROOT / "bench" / "figures"
 
 
-def processor() -> str:
-    """The machine's processor, as it calls itself."""
-    try:
-        for line in Path("/proc/cpuinfo").read_text().splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    except OSError:
-        pass
-    return platform.processor() or platform.machine()
-
-
 def stamp(name: str) -> str:
     """What measured, where and when."""
-    versions = ", ".join(f"{p} {version(p)}" for p in ("numba", "numpy"))
+    made = machine()
+    versions = ", ".join(f"{p} {made[p]}" for p in ("Python", "numba", "numpy"))
     return (
-        f"`uv run python -m bench {name}`, {datetime.date.today()}, {processor()}, {os.cpu_count()} cores, "
-        f"Python {platform.python_version()}, {versions}"
+        f"`uv run python -m bench {name}`, {datetime.date.today()}, {made['processor']}, {made['cores']} cores, "
+        f"{versions}"
     )
 
 

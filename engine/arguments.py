@@ -38,7 +38,11 @@ def parser() -> argparse.ArgumentParser:
     parse.add_argument(
         "--explain", action="store_true", help="what is built and left out, and what each island costs; writes no file"
     )
-    parse.add_argument("--price", action="store_true", help="errors and costs at a ladder of settings; writes no sound")
+    parse.add_argument(
+        "--price",
+        action="store_true",
+        help="errors and costs at a ladder of settings; writes no sound without --report",
+    )
     parse.add_argument(
         "--plot",
         metavar="OUT.png",
@@ -46,6 +50,14 @@ def parser() -> argparse.ArgumentParser:
         const="",
         help="draw waveform, spectrogram, energies and contacts (default: beside the sound); with --price, error"
         " against time",
+    )
+    parse.add_argument(
+        "--report",
+        metavar="OUT.html",
+        nargs="?",
+        const="",
+        help="also write a page to listen to and look at, all in one file (default: beside the sound); with --price,"
+        " that is rendered too, and in it",
     )
     parse.add_argument(
         "--error", metavar="E", help="render at the cheapest setting that errs less: 1e-4, or 0.1dB of a band"
@@ -109,10 +121,13 @@ def settings(args: argparse.Namespace) -> tuple[dict[str, float | None], list[tu
             wrong.append(("--error", f'"{args.error}" is no error; a share as 1e-4, or decibels as 0.1dB'))
     if not args.voices.isdecimal() or not 1 <= int(args.voices) <= 64:
         wrong.append(("--voices", f'"{args.voices}" is no number of voices; 1 to 64'))
-    if args.plot is not None and find_spec("matplotlib") is None:
-        wrong.append(("--plot", "needs matplotlib; uv sync --extra plot, or pip install matplotlib"))
+    for option in ("--plot", "--report"):
+        if getattr(args, option[2:]) is not None and find_spec("matplotlib") is None:
+            wrong.append((option, "needs matplotlib; uv sync --extra plot, or pip install matplotlib"))
     if args.plot is not None and args.explain:
         wrong.append(("--plot", "draws a render, or with --price what accuracy costs; --explain renders nothing"))
+    if args.report is not None and args.explain:
+        wrong.append(("--report", "is of a render, and holds what --explain tells; leave that out"))
     return numbers, wrong + undialled(args)
 
 
@@ -149,8 +164,13 @@ def plot_of(args: argparse.Namespace) -> Path | None:
     return None if args.plot is None else Path(args.plot) if args.plot else output_of(args).with_suffix(".png")
 
 
+def report_of(args: argparse.Namespace) -> Path | None:
+    """The page to write, if one is asked for."""
+    return None if args.report is None else Path(args.report) if args.report else output_of(args).with_suffix(".html")
+
+
 LIVE_ONLY = ("device", "latency", "record", "log", "watch", "force")
-NOT_LIVE = ("output", "trace", "explain", "price", "plot", "error", "cores")
+NOT_LIVE = ("output", "trace", "explain", "price", "plot", "report", "error", "cores")
 VARIED_ONLY = ("sample", "seed", "cluster")
 NOT_VARIED = ("live", "midi", "explain", "price", "plot", "trace", "error", "report", *LIVE_ONLY)
 NOT_REPLAYED = ("patch", "live", "seconds", "samplerate", "gain", "midi", "vary", *LIVE_ONLY, *NOT_LIVE[1:])
@@ -167,7 +187,8 @@ def misplaced(args: argparse.Namespace) -> list[tuple[str, str]]:
         wrong = dict.fromkeys(NOT_LIVE, "not for --live; --record OUT.wav keeps what is played")
     else:
         wrong = dict.fromkeys(LIVE_ONLY, "for --live; give that too")
-        wrong |= dict.fromkeys(("explain", "price", "trace", "plot", "error"), "not for --midi") if args.midi else {}
+        not_notes = ("explain", "price", "trace", "plot", "report", "error")
+        wrong |= dict.fromkeys(not_notes, "not for --midi") if args.midi else {}
     if not args.vary and not args.replay:
         wrong |= dict.fromkeys(VARIED_ONLY, "for --vary; give that too")
     return [(f"--{name}" if name != "patch" else "PATCH", wrong[name]) for name in given if name in wrong]
@@ -175,13 +196,15 @@ def misplaced(args: argparse.Namespace) -> list[tuple[str, str]]:
 
 def unwritable(args: argparse.Namespace) -> list[tuple[str, str]]:
     """What is wrong with the files to be written."""
-    output, plot, sound = output_of(args), plot_of(args), "--output"
+    output, report, sound = output_of(args), report_of(args), "--output"
     if args.live:
         targets = {"--record": args.record, "--log": args.log}
         output, sound = Path(args.record) if args.record else Path("none.wav"), "--record"
     else:
-        targets = {"--output": output, "--trace": args.trace, "--plot": plot}
+        targets = {"--output": output, "--trace": args.trace, "--plot": plot_of(args), "--report": report}
     wrong = []
+    if report is not None and report.suffix.lower() not in (".html", ".htm"):
+        wrong.append(("--report", f'"{report.name}" names no page; end it in .html'))
     paths = {option: Path(text) for option, text in targets.items() if text}
     for option, path in paths.items():
         if not path.parent.is_dir():

@@ -7,11 +7,14 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from engine.arguments import dial_of, error_of, misplaced, output_of, parser, plot_of, settings, unwritable
+from engine.arguments import dial_of, error_of, misplaced, output_of, parser, plot_of, report_of, settings, unwritable
 from engine.feedback import feedback, finite
 from engine.save import amplified, replaced, save_audio, save_trace
 
 if TYPE_CHECKING:
+    import numpy as np
+
+    from engine.offline import Take
     from engine.patch import Fault
     from engine.scene import Scene
 
@@ -122,7 +125,7 @@ def render(args: argparse.Namespace) -> int:
 
     scene, faults = read(args.patch)
     numbers, wrong = settings(args)
-    output, plot = output_of(args), plot_of(args)
+    output = output_of(args)
     wrong += [*unwritable(args), *misplaced(args)]
     faults += [Fault("render.py", None, option, what) for option, what in wrong]
     if args.live:
@@ -137,15 +140,17 @@ def render(args: argparse.Namespace) -> int:
     if args.midi:
         return noted(scene, numbers, args)
 
-    from engine import draw, tell
+    from engine import tell
     from engine.build import BuildError
     from engine.offline import render as run
 
     try:
         if args.explain:
             return explain(scene, numbers, args)
-        if args.price:
+        if args.price and args.report is None:
             return priced(scene, numbers, args)
+        text = None if args.report is None else Path(args.patch).read_text("utf-8")  # as it is rendered
+        found = measured(scene, numbers["seconds"], numbers, args) if args.price else None
         dial, chosen = dial_of(args), None
         if args.error is not None:
             dial, chosen = affordable(scene, numbers, args, dial)
@@ -154,34 +159,34 @@ def render(args: argparse.Namespace) -> int:
                 scene,
                 seconds=numbers["seconds"],
                 samplerate=int(numbers["samplerate"] or 44_100),
-                trace=args.trace is not None or plot is not None,
+                trace=any(given is not None for given in (args.trace, args.plot, args.report)),
                 cores=None if numbers["cores"] is None else int(numbers["cores"]),
                 progress=progress,
                 **dial,
             )
+        audio, gain = amplified(take.audio, float(take.stats["peak"]), numbers["gain"])
+        told = {"patch": args.patch, "output": str(output), "peak": float(abs(audio).max()), "gain_db": gain}
+        stats = take.stats | ({"chosen": chosen} if chosen else {}) | told
+        page = None if text is None else paged(scene, text, take, audio, stats, found, args)
     except BuildError as error:
         report([Fault(args.patch, None, path, what) for path, what in error.faults])
         return 2
     except MemoryError:
-        print("render.py: not enough memory for so many samples; give fewer --seconds, or no --trace", file=sys.stderr)
+        says = "not enough memory for so many samples; give fewer --seconds, or no --trace, --plot or --report"
+        print(f"render.py: {says}", file=sys.stderr)
         return 1
     try:
-        audio, gain = amplified(take.audio, float(take.stats["peak"]), numbers["gain"])
         save_audio(output, audio, take.samplerate, args.subtype)
-        if args.trace and take.trace is not None:
-            save_trace(Path(args.trace), take.trace)
-        if plot is not None:
-            with replaced(plot) as path:
-                draw.take(take, scene.title or Path(args.patch).stem, path)
+        names = beside(scene, take, page, found, args)
     except (OSError, RuntimeError) as error:
         print(f"render.py: cannot write {output} ({error})", file=sys.stderr)
         return 1
-    peak = float(abs(audio).max())
-    told = {"chosen": chosen} if chosen else {}
-    stats = take.stats | told | {"patch": args.patch, "output": str(output), "peak": peak, "gain_db": gain}
-    print(json.dumps(finite(stats))) if args.json else tell.summary(
-        stats, [str(path) for path in (args.trace, plot) if path]
-    )
+    if args.json:
+        print(json.dumps(finite(stats | ({"price": found} if found else {}))))
+    else:
+        if found:
+            tell.priced(found)
+        tell.summary(stats, names)
     return 0
 
 
@@ -210,6 +215,50 @@ def varied(args: argparse.Namespace) -> int:
         return 1
     print(json.dumps(outcome.told(folder))) if args.json else tell.varied(outcome.told(folder))
     return outcome.code
+
+
+def paged(
+    scene: "Scene",
+    text: str,
+    take: "Take",
+    audio: "np.ndarray",
+    stats: dict[str, Any],
+    found: dict[str, Any] | None,
+    args: argparse.Namespace,
+) -> str:
+    """The page of a render, whole before anything is written.
+
+    text: of the patch; found: what accuracy costs, if it was asked
+    """
+    from engine.explain import explain as examine
+    from engine.page import page
+
+    accuracy = stats["accuracy"]
+    with feedback(args.json) as progress:
+        rate = take.samplerate * accuracy["oversample"]
+        explained = examine(scene, stats["seconds"], rate, progress, **accuracy)
+    return page(scene.title or Path(args.patch).stem, text, take, audio, stats, explained, found)
+
+
+def beside(
+    scene: "Scene", take: "Take", page: str | None, found: dict[str, Any] | None, args: argparse.Namespace
+) -> list[str]:
+    """Write what stands beside the sound: trace, picture and page; returns their names."""
+    from engine import draw
+
+    plot, html = plot_of(args), report_of(args)
+    if args.trace and take.trace is not None:
+        save_trace(Path(args.trace), take.trace)
+    if plot is not None:
+        with replaced(plot) as path:
+            if found:
+                draw.price(found, Path(args.patch).stem, path)
+            else:
+                draw.take(take, scene.title or Path(args.patch).stem, path)
+    if html is not None and page is not None:
+        with replaced(html) as path:
+            path.write_text(page, "utf-8")
+    return [str(path) for path in (args.trace, plot, html) if path]
 
 
 def played(scene: "Scene", args: argparse.Namespace, gain: float | None) -> int:
@@ -273,11 +322,8 @@ def explain(scene: "Scene", numbers: dict[str, float | None], args: argparse.Nam
 def priced(scene: "Scene", numbers: dict[str, float | None], args: argparse.Namespace) -> int:
     """Print what accuracy costs, and draw it if asked."""
     from engine import draw, tell
-    from engine.price import price
 
-    plot = plot_of(args)
-    with feedback(args.json) as progress:
-        found = price(scene, numbers["seconds"], int(numbers["samplerate"] or 44_100), progress)
+    plot, found = plot_of(args), measured(scene, numbers["seconds"], numbers, args)
     if plot is not None:
         with replaced(plot) as path:
             draw.price(found, Path(args.patch).stem, path)
@@ -290,15 +336,24 @@ def priced(scene: "Scene", numbers: dict[str, float | None], args: argparse.Name
     return 0
 
 
+def measured(
+    scene: "Scene", seconds: float | None, numbers: dict[str, float | None], args: argparse.Namespace
+) -> dict[str, Any]:
+    """What accuracy costs (engine.price)."""
+    from engine.price import price
+
+    with feedback(args.json) as progress:
+        return price(scene, seconds, int(numbers["samplerate"] or 44_100), progress)
+
+
 def affordable(
     scene: "Scene", numbers: dict[str, float | None], args: argparse.Namespace, dial: dict[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """The cheapest setting that meets the error asked for, from a short pilot; and what is to be said of it."""
-    from engine.price import choose, price
+    from engine.price import choose
 
     amount, decibels = error_of(args.error)
-    with feedback(args.json) as progress:
-        found = price(scene, None, int(numbers["samplerate"] or 44_100), progress)
+    found = measured(scene, None, numbers, args)
     row, met = choose(found, amount, decibels)
-    measured = {key: row[key] for key in ("setting", "error", "bands_db", "ns_per_sample")}
-    return dial | row["changes"], measured | {"asked": args.error, "met": met, "horizon": found["horizon"]}
+    told = {key: row[key] for key in ("setting", "error", "bands_db", "ns_per_sample")}
+    return dial | row["changes"], told | {"asked": args.error, "met": met, "horizon": found["horizon"]}

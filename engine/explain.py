@@ -2,6 +2,7 @@
 
 import hashlib
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -33,14 +34,22 @@ WHY = {
 }
 
 
-def explain(scene: Scene, seconds: float, samplerate: int = 44_100, **accuracy: Any) -> dict[str, Any]:
+def explain(
+    scene: Scene,
+    seconds: float,
+    samplerate: int = 44_100,
+    compiled: Callable[[float], None] | None = None,
+    **accuracy: Any,
+) -> dict[str, Any]:
     """Islands, effects and costs of a scene, measured over its first `seconds`.
 
+    compiled: called with 1.0 when the kernel is there, before the clock starts
     Raises BuildError as `engine.build.build` does. Times are in ns per sample, on one core, with the
     energies measured, as in a render; accuracy as there.
     """
     model, state, layout = build(scene, samplerate, scene.accuracy.but(**accuracy), apart=True)
-    mean, busiest = _costs(model, state, round(seconds * samplerate), max(p.channel for p in scene.pickup))
+    channels = max(p.channel for p in scene.pickup)
+    mean, busiest = _costs(model, state, round(seconds * samplerate), channels, compiled)
     return {
         "kernel": kernel(model, state),
         "islands": [_island(layout, model, state, n, mean[n], busiest[n]) for n in range(mean.size)],
@@ -60,11 +69,15 @@ def kernel(model: Model, state: State) -> str:
     return hashlib.sha256(f"{kinds}".encode()).hexdigest()[:8]
 
 
-def _costs(model: Model, state: State, frames: int, channels: int) -> tuple[np.ndarray, np.ndarray]:
+def _costs(
+    model: Model, state: State, frames: int, channels: int, compiled: Callable[[float], None] | None
+) -> tuple[np.ndarray, np.ndarray]:
     """Mean of each island over all pieces, and its busiest piece, ns per sample."""
     count = model.islands.part.size - 1
     held = Held(model), Held(state), Held(Room(np.zeros((PIECE, channels)), np.zeros((PIECE, energy.COLUMNS)), None))
     block(*held, 0, 0)  # compile before the clock starts
+    if compiled is not None:
+        compiled(1.0)
     total, busiest = np.zeros(count), np.zeros(count)
     for begin in range(0, frames, PIECE):
         length = min(PIECE, frames - begin)

@@ -10,6 +10,14 @@ MOST_ISLANDS = 32  # listed
 
 def summary(stats: dict[str, Any], beside: list[str]) -> None:
     """The summary a person reads, and the files written beside the sound."""
+    rows = summed(stats) | ({"beside it": ", ".join(beside)} if beside else {})
+    for name, value in rows.items():
+        print(f"{name:<18} {value}")
+    print(stats["output"])
+
+
+def summed(stats: dict[str, Any]) -> dict[str, str]:
+    """What a render was, in words."""
     newton, energy, activity = stats["newton"], stats["energy"], stats["activity"]
     peak, regimes = stats["peak"], newton["regimes"]
     level = f"{20 * math.log10(peak):.1f} dBFS" if peak > SILENCE else "silent: no pickup moves"
@@ -43,22 +51,29 @@ def summary(stats: dict[str, Any], beside: list[str]) -> None:
         )
     if failed := newton["unconverged"]:
         rows["FAILED"] = f"{failed} contact solves; at those samples the motion was turned back, and no energy added"
-    if beside:
-        rows["beside it"] = ", ".join(beside)
     if stats["real_time_factor"] < 1.0:
         big = stats["islands"]["largest"]
         rows["TOO SLOW"] = (
             f"for real time: the island of {', '.join(big['bodies'][:4])}{' …' if len(big['bodies']) > 4 else ''} has"
             f" {big['modes']} modes and {big['contacts']} points of contact"
         )
-    for name, value in rows.items():
-        print(f"{name:<18} {value}")
-    print(stats["output"])
+    return rows
 
 
 def explained(found: dict[str, Any], seconds: float) -> None:
     """Islands, effects and costs (engine.explain)."""
     print(f"kernel {found['kernel']}; costs in ns per sample on one core, energies measured, over {seconds:g} s")
+    columns(islands(found))
+    if len(found["islands"]) > MOST_ISLANDS:
+        print(f"… {len(found['islands'])} islands in all; --json lists every one")
+    for name, what in found["effects"].items():
+        print(f"{name:<24} {what}")
+    for what in found["contacts_left_out"]:
+        print(f"{'contact left out':<24} {what}")
+
+
+def islands(found: dict[str, Any]) -> list[tuple[str, ...]]:
+    """A table of the first islands, its head first."""
     head = ("island", "modes", "dropped", "contacts", "solver", "expected", "mean", "busiest", "free/contact/asleep")
     rows: list[tuple[str, ...]] = [head]
     for island in found["islands"][:MOST_ISLANDS]:
@@ -67,13 +82,7 @@ def explained(found: dict[str, Any], seconds: float) -> None:
         costs = tuple(f"{island[f'ns_{c}']:.0f}" for c in ("expected", "mean", "busiest"))
         counts = (str(island["modes"]), str(island["modes_dropped"]), str(island["contacts"]))
         rows.append((names, *counts, island["solver"], *costs, shares))
-    columns(rows)
-    if len(found["islands"]) > MOST_ISLANDS:
-        print(f"… {len(found['islands'])} islands in all; --json lists every one")
-    for name, what in found["effects"].items():
-        print(f"{name:<24} {what}")
-    for what in found["contacts_left_out"]:
-        print(f"{'contact left out':<24} {what}")
+    return rows
 
 
 def columns(rows: list[tuple[str, ...]]) -> None:
@@ -84,12 +93,22 @@ def columns(rows: list[tuple[str, ...]]) -> None:
 
 
 def priced(found: dict[str, Any]) -> None:
-    """Error against time, setting by setting (engine.price). A star marks what nothing else beats in both."""
-    horizon = f"error over the first {found['horizon'] * 1e3:.0f} ms"
-    print(
-        f"{horizon} against {found['reference']}, which is sure to {found['disagreement']:.0e};"
-        f" bands within {found['spread_db']:.2g} dB are chance"
+    """Error against time, setting by setting (engine.price)."""
+    print(against(found))
+    columns(prices(found))
+    print(found["verdict"])
+
+
+def against(found: dict[str, Any]) -> str:
+    """What the errors are taken from, and how far they can be believed."""
+    return (
+        f"error over the first {found['horizon'] * 1e3:.0f} ms against {found['reference']}, which is sure to"
+        f" {found['disagreement']:.0e}; bands within {found['spread_db']:.2g} dB are chance"
     )
+
+
+def prices(found: dict[str, Any]) -> list[tuple[str, ...]]:
+    """A table of settings and other methods, its head first. A star marks what nothing else beats in both."""
     head = "setting", "error", "bands", "decay", "pitch", "1st contact", "rebound", "impulse", "ns/sample", "real time"
     rows: list[tuple[str, ...]] = [("", *head, "Newton mean/p99/max", "energy error")]
     for row in found["rows"]:
@@ -116,8 +135,7 @@ def priced(found: dict[str, Any]) -> None:
         speed = f"{1e9 / row['ns_per_sample'] / found['samplerate']:.0f} ×"
         measured = (f"{row['ns_per_sample']:.0f}", speed, "", f"{row['energy_error']:.0e}")
         rows.append(("", row["setting"], error, *[""] * 6, *measured))
-    columns(rows)
-    print(found["verdict"])
+    return rows
 
 
 def varied(told: dict[str, Any]) -> None:

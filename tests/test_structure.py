@@ -14,7 +14,7 @@ from conftest import ROOT
 FLOORS = [
     ["jit", "vector", "held", "native", "parts", "measured"],
     ["references", "spots", "waveform"],
-    ["accuracy", "measures", "features", "laws", "scene", "bodies", "baselines", "save", "feedback"],
+    ["accuracy", "measures", "features", "laws", "scene", "bodies", "baselines", "save", "feedback", "machine"],
     ["model", "others", "draw", "solve", "patch", "index"],
     ["modes", "rounds", "coupled", "islands", "layout"],
     ["force", "contact", "compliance", "voices"],
@@ -27,7 +27,7 @@ FLOORS = [
     ["offline"],
     ["explain", "price", "tell", "arguments", "player", "point"],
     ["vary", "cluster"],
-    ["sound", "reload", "midi", "replay", "sweep"],
+    ["sound", "reload", "midi", "replay", "sweep", "page"],
     ["cli", "live"],
     ["__init__"],
 ]
@@ -47,9 +47,9 @@ KERNELS = [
     "refine",
     "block",
 ]
-WITHOUT_NUMBA = ["accuracy", "parts", "measured", "references", "scene", "patch"]
-WITHOUT_NUMBA += ["bodies", "spots", "waveform", "draw", "save", "feedback", "arguments", "tell", "cli", "__init__"]
-WITHOUT_NUMBA += ["measures", "features", "index", "point", "vary", "sweep", "cluster"]
+WITHOUT_NUMBA = ["accuracy", "parts", "measured", "references", "scene", "patch", "bodies", "spots", "waveform", "draw"]
+WITHOUT_NUMBA += ["save", "feedback", "machine", "measures", "features", "index", "point", "vary", "sweep", "cluster"]
+WITHOUT_NUMBA += ["arguments", "tell", "page", "cli", "__init__"]
 
 
 def imports(name: str) -> set[str]:

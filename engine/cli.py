@@ -7,20 +7,34 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from engine import commands
 from engine.arguments import dial_of, error_of, misplaced, output_of, parser, plot_of, settings, unwritable
+from engine.commands import read, report
 from engine.feedback import feedback, finite
-from engine.save import amplified, replaced, save_audio, save_trace
+from engine.save import amplified, clipped, reason, replaced, save_audio, save_trace
 
 if TYPE_CHECKING:
-    from engine.patch import Fault
     from engine.scene import Scene
+
+COMMANDS = {
+    "check": commands.check,
+    "new": commands.new,
+    "params": commands.params,
+    "reference": commands.reference,
+    "schema": commands.schema,
+}
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0, 1 (failed), 2 (bad input), 130 (Ctrl-C)."""
     words = sys.argv[1:] if arguments is None else arguments
     try:
-        return check(words[1:]) if words[:1] == ["check"] else run(parser(), words)
+        if words and words[0] in COMMANDS:
+            return COMMANDS[words[0]](words[1:])
+        if words and (meant := commands.misspelt(words[0], list(COMMANDS))):
+            print(f'render.py: no command or file "{words[0]}"; did you mean "{meant}"?', file=sys.stderr)
+            return 2
+        return run(parser(), words)
     except KeyboardInterrupt:
         print("interrupted; nothing was written", file=sys.stderr)
         return 130
@@ -37,7 +51,7 @@ def run(parse: argparse.ArgumentParser, words: list[str]) -> int:
     if args.replay:
         return replay(args)
     if args.patch is None:
-        parse.error("give a PATCH, such as those in patches/")
+        parse.error("give a PATCH, such as those in patches/, or start one with render.py new NAME")
     return render(args)
 
 
@@ -70,7 +84,7 @@ def replay(args: argparse.Namespace) -> int:
             with feedback(args.json):
                 audio = again(log)
     except (OSError, ValueError, TypeError, IndexError, MemoryError) as error:
-        why = str(error).splitlines()[0] if str(error) else "too long"
+        why = reason(error).splitlines()[0] if str(error) else "too long"
         faults.append(Fault(args.replay, None, "", f"cannot be read as a log ({why}); one that --log wrote"))
     if faults:
         report(faults)
@@ -78,42 +92,11 @@ def replay(args: argparse.Namespace) -> int:
     try:
         save_audio(output, audio, log["samplerate"], args.subtype)
     except (OSError, RuntimeError) as error:
-        print(f"render.py: cannot write {output} ({error})", file=sys.stderr)
+        print(f"render.py: cannot write {output} ({reason(error)})", file=sys.stderr)
         return 1
     stats = {"output": str(output), "samplerate": log["samplerate"], "seconds": len(audio) / log["samplerate"]}
     print(json.dumps(stats) if args.json else output)
     return 0
-
-
-def check(words: list[str]) -> int:
-    """Validate patches without rendering."""
-    parse = argparse.ArgumentParser(prog="render.py check", description="Validate patches without rendering.")
-    parse.add_argument("patch", nargs="+", metavar="PATCH")
-    faulty = False
-    for path in parse.parse_args(words).patch:
-        scene, faults = read(path)
-        faulty = faulty or bool(faults)
-        if scene is not None:
-            parts = (len(scene.body), len(scene.contact), len(scene.force), len(scene.pickup))
-            print(f"{path}: good; bodies {parts[0]}, contacts {parts[1]}, forces {parts[2]}, pickups {parts[3]}")
-        report(faults)
-    return 2 if faulty else 0
-
-
-def read(path: str) -> "tuple[Scene | None, list[Fault]]":
-    """A patch, or its faults."""
-    from engine.patch import PatchError, load
-
-    try:
-        return load(path), []
-    except PatchError as error:
-        return None, error.faults
-
-
-def report(faults: "list[Fault]") -> None:
-    """One line each, on standard error."""
-    for fault in faults:
-        print(fault, file=sys.stderr)
 
 
 def render(args: argparse.Namespace) -> int:
@@ -140,6 +123,7 @@ def render(args: argparse.Namespace) -> int:
     from engine import draw, tell
     from engine.build import BuildError
     from engine.offline import render as run
+    from engine.silence import why
 
     try:
         if args.explain:
@@ -165,19 +149,26 @@ def render(args: argparse.Namespace) -> int:
     except MemoryError:
         print("render.py: not enough memory for so many samples; give fewer --seconds, or no --trace", file=sys.stderr)
         return 1
+    silent, target = why(scene, take.stats), output
+    audio, gain = amplified(take.audio, 0.0 if silent else float(take.stats["peak"]), numbers["gain"])
     try:
-        audio, gain = amplified(take.audio, float(take.stats["peak"]), numbers["gain"])
         save_audio(output, audio, take.samplerate, args.subtype)
         if args.trace and take.trace is not None:
-            save_trace(Path(args.trace), take.trace)
+            target = Path(args.trace)
+            save_trace(target, take.trace)
         if plot is not None:
+            target = plot
             with replaced(plot) as path:
                 draw.take(take, scene.title or Path(args.patch).stem, path)
     except (OSError, RuntimeError) as error:
-        print(f"render.py: cannot write {output} ({error})", file=sys.stderr)
+        print(f"render.py: cannot write {target} ({reason(error)})", file=sys.stderr)
         return 1
-    peak = float(abs(audio).max())
-    told = {"chosen": chosen} if chosen else {}
+    peak, cut = float(abs(audio).max()), clipped(output, audio, gain, args.subtype)
+    if silent:
+        print(f"{args.patch}: silent; {silent}", file=sys.stderr)
+    if cut:
+        print(f"{output}: {cut}", file=sys.stderr)
+    told = {"silent": silent, "clipped": cut.count if cut else 0} | ({"chosen": chosen} if chosen else {})
     stats = take.stats | told | {"patch": args.patch, "output": str(output), "peak": peak, "gain_db": gain}
     print(json.dumps(finite(stats))) if args.json else tell.summary(
         stats, [str(path) for path in (args.trace, plot) if path]
@@ -196,6 +187,9 @@ def played(scene: "Scene", args: argparse.Namespace, gain: float | None) -> int:
         return live.play(args, scene, gain, dial_of(args))
     except SoundError as error:
         print(f"render.py: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        print(f"render.py: cannot write what was played ({reason(error)})", file=sys.stderr)
         return 1
     except BuildError as error:
         report([Fault(args.patch, None, path, what) for path, what in error.faults])
@@ -217,8 +211,10 @@ def noted(scene: "Scene", numbers: dict[str, float | None], args: argparse.Names
         print(f"render.py: {error}", file=sys.stderr)
         return 2
     except (OSError, RuntimeError) as error:
-        print(f"render.py: cannot write {output} ({error})", file=sys.stderr)
+        print(f"render.py: cannot write {output} ({reason(error)})", file=sys.stderr)
         return 1
+    if cut := clipped(output, audio, gain, args.subtype):
+        print(f"{output}: {cut}", file=sys.stderr)
     now = player.meter()
     if args.json:
         stats = {"patch": args.patch, "output": str(output), "seconds": len(audio) / rate, "gain_db": gain, "live": now}
@@ -251,9 +247,13 @@ def priced(scene: "Scene", numbers: dict[str, float | None], args: argparse.Name
     plot = plot_of(args)
     with feedback(args.json) as progress:
         found = price(scene, numbers["seconds"], int(numbers["samplerate"] or 44_100), progress)
-    if plot is not None:
-        with replaced(plot) as path:
-            draw.price(found, Path(args.patch).stem, path)
+    try:
+        if plot is not None:
+            with replaced(plot) as path:
+                draw.price(found, Path(args.patch).stem, path)
+    except OSError as error:
+        print(f"render.py: cannot write {plot} ({reason(error)})", file=sys.stderr)
+        return 1
     if args.json:
         print(json.dumps({"patch": args.patch, "price": finite(found)}))
     else:

@@ -25,6 +25,7 @@ from engine.held import Held
 from engine.jit import pointer
 from engine.model import Model, Room, aligned
 from engine.offline import newton
+from engine.params import knobs
 from engine.parts import Change, Damp, Mass, Oscillator, Pluck, PluckAgain, Strike
 from engine.rest import UNTIL
 from engine.scene import Scene
@@ -278,12 +279,7 @@ class Player:
     @property
     def knobs(self) -> list[str]:
         """What `set` can turn."""
-        found = []
-        for contact in self.scene.contact:
-            if contact.name is not None and contact.stiffness > 0.0:
-                found.append(f"contact.{contact.name}.stiffness")
-                found.append(f"contact.{contact.name}.{'gap' if contact.on else 'barrier'}")
-        return found
+        return knobs(self.scene)
 
     def speed(self, hammer: str) -> float:
         """Velocity at which a hammer is thrown at time 0, or else first, m/s."""

@@ -15,7 +15,7 @@ FLOORS = [
     ["jit", "vector", "held", "native", "parts", "measured"],
     ["references", "spots", "waveform"],
     ["accuracy", "measures", "laws", "scene", "bodies", "baselines", "save", "feedback"],
-    ["model", "others", "draw", "solve", "patch"],
+    ["model", "others", "draw", "solve", "patch", "describe"],
     ["modes", "rounds", "coupled", "islands", "layout"],
     ["force", "contact", "compliance", "voices"],
     ["energy"],
@@ -25,8 +25,9 @@ FLOORS = [
     ["block", "score", "deck"],
     ["build", "runner", "post"],
     ["offline"],
+    ["params", "silence"],
     ["explain", "price", "tell", "arguments", "player"],
-    ["sound", "reload", "midi", "replay"],
+    ["sound", "reload", "midi", "replay", "commands"],
     ["cli", "live"],
     ["__init__"],
 ]
@@ -47,6 +48,7 @@ KERNELS = [
     "block",
 ]
 WITHOUT_NUMBA = ["accuracy", "parts", "measured", "references", "scene", "patch"]
+WITHOUT_NUMBA += ["describe", "params", "silence", "commands"]
 WITHOUT_NUMBA += ["bodies", "spots", "waveform", "draw", "save", "feedback", "arguments", "tell", "cli", "__init__"]
 
 

@@ -3,11 +3,15 @@
 
 import sys
 
-if sys.version_info < (3, 11):  # noqa: UP036  this is what an old Python gets to see
-    sys.exit("render.py needs Python 3.11 or newer; with uv: uv run render.py PATCH")
+WORDS = " ".join(sys.argv[1:]) or "PATCH"
+SET_UP = "  python3 -m pip install uv && uv run render.py " + WORDS
+
+if sys.version_info < (3, 11):  # noqa: UP036  this file alone is read by an old Python
+    found = ".".join(map(str, sys.version_info[:2]))
+    sys.exit("render.py needs Python 3.11 or newer, and this is " + found + ". This brings one and renders:\n" + SET_UP)
 
 
-def run() -> int:
+def run():
     """Do what the command line says; without the packages it needs, say how they are got."""
     try:
         from engine.cli import main
@@ -16,11 +20,7 @@ def run() -> int:
     except ModuleNotFoundError as error:
         if error.name is None or error.name.startswith("engine"):
             raise
-        words = " ".join(sys.argv[1:]) or "PATCH"
-        sys.exit(
-            f"{error.name} is not installed. This sets up everything and renders:\n"
-            f"  python3 -m pip install uv && uv run render.py {words}"
-        )
+        sys.exit(error.name + " is not installed. This sets up everything and renders:\n" + SET_UP)
     except KeyboardInterrupt:
         return 130
 

@@ -34,7 +34,7 @@ class Accuracy(Part):
         default=-120.0,
         le=0.0,
         allow_inf_nan=True,
-        description="dB of its peak below which an island sleeps; -inf: never",
+        description="level against its peak below which an island sleeps, dB; -inf: never",
     )
 
     def but(self, **changes: Any) -> "Accuracy":

@@ -1,22 +1,40 @@
 """Arguments of the command line, and all that is wrong with them, said at once."""
 
 import argparse
-import os
+import difflib
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
-from engine.save import LOUDNESS, SUBTYPES, subtype_of
+from engine.save import LOUDNESS, SUBTYPES, subtype_of, writable
 
 EXAMPLE = "patches/repelled_oscillator.toml"
+COMMANDS = """commands (render.py COMMAND --help tells more):
+  new NAME      start a patch from a template
+  check PATCH…  only validate patches
+  params PATCH  list the numbers of a patch, with units and ranges
+  reference     every key of a patch, as in docs/patches.md
+  schema        the JSON Schema of a patch, for editors
+"""
+
+
+class Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line, with the option that was meant, and not all there is."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print what is wrong, and exit with 2."""
+        unknown = message.partition("unrecognized arguments: ")[2].partition(" ")[0].partition("=")[0]
+        near = difflib.get_close_matches(unknown, self._option_string_actions, 1, 0.6)
+        right = f"did you mean {near[0]}?" if near else f"{self.prog} --help tells all"
+        self.exit(2, f"{self.prog}: {message}; {right}\n")
 
 
 def parser() -> argparse.ArgumentParser:
     """Arguments of a render. Numbers come as text, so that all that is wrong is said at once."""
-    parse = argparse.ArgumentParser(
+    parse = Parser(
         prog="render.py",
         description="Render a patch to a WAV file. Energy-exact collisions; see README.md.",
-        epilog=f"render.py check PATCH…   only validates patches.   Example: render.py {EXAMPLE} -o out.wav",
+        epilog=f"{COMMANDS}\nexample: render.py {EXAMPLE} -o out.wav",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parse.add_argument("patch", metavar="PATCH", nargs="?", help="a TOML file, such as those in patches/")
@@ -196,26 +214,28 @@ def misplaced(args: argparse.Namespace) -> list[tuple[str, str]]:
 
 def unwritable(args: argparse.Namespace) -> list[tuple[str, str]]:
     """What is wrong with the files to be written."""
-    output, report, sound = output_of(args), report_of(args), "--output"
+    output, report, option = output_of(args), report_of(args), "--output"
     if args.live:
         targets = {"--record": args.record, "--log": args.log}
-        output, sound = Path(args.record) if args.record else Path("none.wav"), "--record"
+        output, option = Path(args.record) if args.record else Path("none.wav"), "--record"
     else:
-        targets = {"--output": output, "--trace": args.trace, "--plot": plot_of(args), "--report": report}
+        sound = output if args.report is not None or not (args.explain or args.price) else None
+        targets = {"--output": sound, "--trace": args.trace, "--plot": plot_of(args), "--report": report}
     wrong = []
     if report is not None and report.suffix.lower() not in (".html", ".htm"):
         wrong.append(("--report", f'"{report.name}" names no page; end it in .html'))
     paths = {option: Path(text) for option, text in targets.items() if text}
-    for option, path in paths.items():
+    for name, path in paths.items():
         if not path.parent.is_dir():
-            wrong.append((option, f"no such folder: {path.parent}; make it, or write elsewhere"))
-        elif not os.access(path.parent, os.W_OK):
-            wrong.append((option, f"{path.parent} cannot be written to; write elsewhere"))
+            wrong.append((name, f"no such folder: {path.parent}; make it, or write elsewhere"))
         elif path.is_dir():
-            wrong.append((option, f"{path} is a folder; give the name of a file"))
+            wrong.append((name, f"{path} is a folder; give the name of a file, such as {path / 'sound.wav'}"))
+        elif not writable(path.parent):
+            where = "the folder you are in" if path.parent == Path() else path.parent
+            wrong.append((name, f"{where} cannot be written to; write elsewhere: {name} FOLDER/{path.name}"))
         if sum(path.absolute() == other.absolute() for other in paths.values()) > 1:
-            wrong.append((option, f"{path} is to be written twice; give two names"))
-    return wrong + unheard(output, args.subtype, sound)
+            wrong.append((name, f"{path} is to be written twice; give two names"))
+    return wrong + unheard(output, args.subtype, option)
 
 
 def unheard(output: Path, subtype: str | None, option: str) -> list[tuple[str, str]]:

@@ -5,25 +5,36 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from engine.arguments import dial_of, error_of, misplaced, output_of, parser, plot_of, report_of, settings, unwritable
+from engine import commands
+from engine.arguments import dial_of, misplaced, output_of, parser, plot_of, settings, unwritable
+from engine.commands import read, report
 from engine.feedback import feedback, finite
-from engine.save import amplified, replaced, save_audio, save_trace
+from engine.save import amplified, clipped, reason, save_audio
 
 if TYPE_CHECKING:
-    import numpy as np
-
-    from engine.offline import Take
-    from engine.patch import Fault
     from engine.scene import Scene
+
+COMMANDS = {
+    "check": commands.check,
+    "new": commands.new,
+    "params": commands.params,
+    "reference": commands.reference,
+    "schema": commands.schema,
+}
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0, 1 (failed), 2 (bad input), 130 (Ctrl-C)."""
     words = sys.argv[1:] if arguments is None else arguments
     try:
-        return check(words[1:]) if words[:1] == ["check"] else run(parser(), words)
+        if words and words[0] in COMMANDS:
+            return COMMANDS[words[0]](words[1:])
+        if words and (meant := commands.misspelt(words[0], list(COMMANDS))):
+            print(f'render.py: no command or file "{words[0]}"; did you mean "{meant}"?', file=sys.stderr)
+            return 2
+        return run(parser(), words)
     except KeyboardInterrupt:
         print("interrupted; nothing was written", file=sys.stderr)
         return 130
@@ -40,7 +51,7 @@ def run(parse: argparse.ArgumentParser, words: list[str]) -> int:
     if args.replay:
         return replay(args)
     if args.patch is None:
-        parse.error("give a PATCH, such as those in patches/")
+        parse.error("give a PATCH, such as those in patches/, or start one with render.py new NAME")
     return varied(args) if args.vary else render(args)
 
 
@@ -73,7 +84,7 @@ def replay(args: argparse.Namespace) -> int:
             with feedback(args.json):
                 audio = again(log)
     except (OSError, ValueError, TypeError, IndexError, MemoryError) as error:
-        why = str(error).splitlines()[0] if str(error) else "too long"
+        why = reason(error).splitlines()[0] if str(error) else "too long"
         faults.append(Fault(args.replay, None, "", f"cannot be read as a log ({why}); one that --log wrote"))
     if faults:
         report(faults)
@@ -81,42 +92,11 @@ def replay(args: argparse.Namespace) -> int:
     try:
         save_audio(output, audio, log["samplerate"], args.subtype)
     except (OSError, RuntimeError) as error:
-        print(f"render.py: cannot write {output} ({error})", file=sys.stderr)
+        print(f"render.py: cannot write {output} ({reason(error)})", file=sys.stderr)
         return 1
     stats = {"output": str(output), "samplerate": log["samplerate"], "seconds": len(audio) / log["samplerate"]}
     print(json.dumps(stats) if args.json else output)
     return 0
-
-
-def check(words: list[str]) -> int:
-    """Validate patches without rendering."""
-    parse = argparse.ArgumentParser(prog="render.py check", description="Validate patches without rendering.")
-    parse.add_argument("patch", nargs="+", metavar="PATCH")
-    faulty = False
-    for path in parse.parse_args(words).patch:
-        scene, faults = read(path)
-        faulty = faulty or bool(faults)
-        if scene is not None:
-            parts = (len(scene.body), len(scene.contact), len(scene.force), len(scene.pickup))
-            print(f"{path}: good; bodies {parts[0]}, contacts {parts[1]}, forces {parts[2]}, pickups {parts[3]}")
-        report(faults)
-    return 2 if faulty else 0
-
-
-def read(path: str) -> "tuple[Scene | None, list[Fault]]":
-    """A patch, or its faults."""
-    from engine.patch import PatchError, load
-
-    try:
-        return load(path), []
-    except PatchError as error:
-        return None, error.faults
-
-
-def report(faults: "list[Fault]") -> None:
-    """One line each, on standard error."""
-    for fault in faults:
-        print(fault, file=sys.stderr)
 
 
 def render(args: argparse.Namespace) -> int:
@@ -125,7 +105,6 @@ def render(args: argparse.Namespace) -> int:
 
     scene, faults = read(args.patch)
     numbers, wrong = settings(args)
-    output = output_of(args)
     wrong += [*unwritable(args), *misplaced(args)]
     faults += [Fault("render.py", None, option, what) for option, what in wrong]
     if args.live:
@@ -140,34 +119,16 @@ def render(args: argparse.Namespace) -> int:
     if args.midi:
         return noted(scene, numbers, args)
 
-    from engine import tell
+    from engine import once, tell
     from engine.build import BuildError
-    from engine.offline import render as run
 
     try:
         if args.explain:
             return explain(scene, numbers, args)
         if args.price and args.report is None:
             return priced(scene, numbers, args)
-        text = None if args.report is None else Path(args.patch).read_text("utf-8")  # as it is rendered
-        found = measured(scene, numbers["seconds"], numbers, args) if args.price else None
-        dial, chosen = dial_of(args), None
-        if args.error is not None:
-            dial, chosen = affordable(scene, numbers, args, dial)
-        with feedback(args.json) as progress:
-            take = run(
-                scene,
-                seconds=numbers["seconds"],
-                samplerate=int(numbers["samplerate"] or 44_100),
-                trace=any(given is not None for given in (args.trace, args.plot, args.report)),
-                cores=None if numbers["cores"] is None else int(numbers["cores"]),
-                progress=progress,
-                **dial,
-            )
-        audio, gain = amplified(take.audio, float(take.stats["peak"]), numbers["gain"])
-        told = {"patch": args.patch, "output": str(output), "peak": float(abs(audio).max()), "gain_db": gain}
-        stats = take.stats | ({"chosen": chosen} if chosen else {}) | told
-        page = None if text is None else paged(scene, text, take, audio, stats, found, args)
+        made = once.rendering(scene, numbers, args)
+        beside = once.write(made, args)
     except BuildError as error:
         report([Fault(args.patch, None, path, what) for path, what in error.faults])
         return 2
@@ -175,18 +136,17 @@ def render(args: argparse.Namespace) -> int:
         says = "not enough memory for so many samples; give fewer --seconds, or no --trace, --plot or --report"
         print(f"render.py: {says}", file=sys.stderr)
         return 1
-    try:
-        save_audio(output, audio, take.samplerate, args.subtype)
-        names = beside(scene, take, page, found, args)
-    except (OSError, RuntimeError) as error:
-        print(f"render.py: cannot write {output} ({error})", file=sys.stderr)
+    except once.Unwritten as error:
+        print(f"render.py: {error}", file=sys.stderr)
         return 1
+    for warning in made.warnings:
+        print(warning, file=sys.stderr)
     if args.json:
-        print(json.dumps(finite(stats | ({"price": found} if found else {}))))
-    else:
-        if found:
-            tell.priced(found)
-        tell.summary(stats, names)
+        print(json.dumps(finite(made.stats | ({"price": made.price} if made.price else {}))))
+        return 0
+    if made.price:
+        tell.priced(made.price)
+    tell.summary(made.stats, [str(path) for path in beside])
     return 0
 
 
@@ -217,50 +177,6 @@ def varied(args: argparse.Namespace) -> int:
     return outcome.code
 
 
-def paged(
-    scene: "Scene",
-    text: str,
-    take: "Take",
-    audio: "np.ndarray",
-    stats: dict[str, Any],
-    found: dict[str, Any] | None,
-    args: argparse.Namespace,
-) -> str:
-    """The page of a render, whole before anything is written.
-
-    text: of the patch; found: what accuracy costs, if it was asked
-    """
-    from engine.explain import explain as examine
-    from engine.page import page
-
-    accuracy = stats["accuracy"]
-    with feedback(args.json) as progress:
-        rate = take.samplerate * accuracy["oversample"]
-        explained = examine(scene, stats["seconds"], rate, progress, **accuracy)
-    return page(scene.title or Path(args.patch).stem, text, take, audio, stats, explained, found)
-
-
-def beside(
-    scene: "Scene", take: "Take", page: str | None, found: dict[str, Any] | None, args: argparse.Namespace
-) -> list[str]:
-    """Write what stands beside the sound: trace, picture and page; returns their names."""
-    from engine import draw
-
-    plot, html = plot_of(args), report_of(args)
-    if args.trace and take.trace is not None:
-        save_trace(Path(args.trace), take.trace)
-    if plot is not None:
-        with replaced(plot) as path:
-            if found:
-                draw.price(found, Path(args.patch).stem, path)
-            else:
-                draw.take(take, scene.title or Path(args.patch).stem, path)
-    if html is not None and page is not None:
-        with replaced(html) as path:
-            path.write_text(page, "utf-8")
-    return [str(path) for path in (args.trace, plot, html) if path]
-
-
 def played(scene: "Scene", args: argparse.Namespace, gain: float | None) -> int:
     """Play a patch."""
     from engine import live
@@ -272,6 +188,9 @@ def played(scene: "Scene", args: argparse.Namespace, gain: float | None) -> int:
         return live.play(args, scene, gain, dial_of(args))
     except SoundError as error:
         print(f"render.py: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        print(f"render.py: cannot write what was played ({reason(error)})", file=sys.stderr)
         return 1
     except BuildError as error:
         report([Fault(args.patch, None, path, what) for path, what in error.faults])
@@ -293,8 +212,10 @@ def noted(scene: "Scene", numbers: dict[str, float | None], args: argparse.Names
         print(f"render.py: {error}", file=sys.stderr)
         return 2
     except (OSError, RuntimeError) as error:
-        print(f"render.py: cannot write {output} ({error})", file=sys.stderr)
+        print(f"render.py: cannot write {output} ({reason(error)})", file=sys.stderr)
         return 1
+    if cut := clipped(output, audio, gain, args.subtype):
+        print(f"{output}: {cut}", file=sys.stderr)
     now = player.meter()
     if args.json:
         stats = {"patch": args.patch, "output": str(output), "seconds": len(audio) / rate, "gain_db": gain, "live": now}
@@ -321,12 +242,11 @@ def explain(scene: "Scene", numbers: dict[str, float | None], args: argparse.Nam
 
 def priced(scene: "Scene", numbers: dict[str, float | None], args: argparse.Namespace) -> int:
     """Print what accuracy costs, and draw it if asked."""
-    from engine import draw, tell
+    from engine import draw, once, tell
 
-    plot, found = plot_of(args), measured(scene, numbers["seconds"], numbers, args)
+    plot, found = plot_of(args), once.measured(scene, numbers["seconds"], numbers, args)
     if plot is not None:
-        with replaced(plot) as path:
-            draw.price(found, Path(args.patch).stem, path)
+        once.written(plot, lambda path: once.inside(path, lambda part: draw.price(found, Path(args.patch).stem, part)))
     if args.json:
         print(json.dumps({"patch": args.patch, "price": finite(found)}))
     else:
@@ -334,26 +254,3 @@ def priced(scene: "Scene", numbers: dict[str, float | None], args: argparse.Name
         if plot is not None:
             print(plot)
     return 0
-
-
-def measured(
-    scene: "Scene", seconds: float | None, numbers: dict[str, float | None], args: argparse.Namespace
-) -> dict[str, Any]:
-    """What accuracy costs (engine.price)."""
-    from engine.price import price
-
-    with feedback(args.json) as progress:
-        return price(scene, seconds, int(numbers["samplerate"] or 44_100), progress)
-
-
-def affordable(
-    scene: "Scene", numbers: dict[str, float | None], args: argparse.Namespace, dial: dict[str, Any]
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The cheapest setting that meets the error asked for, from a short pilot; and what is to be said of it."""
-    from engine.price import choose
-
-    amount, decibels = error_of(args.error)
-    found = measured(scene, None, numbers, args)
-    row, met = choose(found, amount, decibels)
-    told = {key: row[key] for key in ("setting", "error", "bands_db", "ns_per_sample")}
-    return dial | row["changes"], told | {"asked": args.error, "met": met, "horizon": found["horizon"]}

@@ -58,23 +58,27 @@ def source_digest() -> str:
     return digest.hexdigest()[:16]
 
 
-def _base() -> Path:
-    """The user's cache folder, or a temporary one where that cannot be written."""
+def _own() -> Path:
+    """The user's cache folder. Raises RuntimeError without a home."""
     if configured := os.environ.get("NUMBA_CACHE_DIR"):
-        base = Path(configured)
-    elif sys.platform == "win32":
-        base = Path(os.environ.get("LOCALAPPDATA", Path.home()))
-    elif sys.platform == "darwin":
-        base = Path.home() / "Library" / "Caches"
-    else:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    base = base / "fdh-engine"
+        return Path(configured)
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA") or Path.home())
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+
+
+def _base() -> Path:
+    """The user's cache folder, or a temporary one where that cannot be written: each user's own."""
     try:
+        base = _own() / "fdh-engine"
         base.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=base):
             return base
-    except OSError:
-        return Path(tempfile.gettempdir()) / "fdh-engine"
+    except (OSError, RuntimeError):
+        user = os.getuid() if hasattr(os, "getuid") else "own"
+        return Path(tempfile.gettempdir()) / f"fdh-engine-{user}"
 
 
 def _cache() -> Path:

@@ -14,6 +14,7 @@ import numpy as np
 
 from engine.bodies import modal
 from engine.player import Player
+from engine.save import reason
 from engine.scene import Scene
 from engine.voices import thrown
 
@@ -74,7 +75,7 @@ def notes_of(path: Path) -> list[Note]:
             if note := note_of(message, seconds):
                 found.append(note)
     except (OSError, EOFError, ValueError, KeyError, IndexError) as error:
-        raise MidiError(f"{path} cannot be read as MIDI ({error})") from error
+        raise MidiError(f"{path} cannot be read as MIDI ({reason(error)})") from error
     if not any(note.kind == "on" for note in found):
         raise MidiError(f"{path} has no notes")
     return found

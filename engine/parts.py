@@ -49,9 +49,16 @@ def _floats(value: Any) -> Any:
     return value
 
 
-_SCHEMA: dict[str, Any] = {"type": ["number", "string", "array"]}
-Places = Annotated[Any, AfterValidator(_places), WithJsonSchema(_SCHEMA)]
-Positions = Annotated[Any, AfterValidator(_floats), WithJsonSchema({"type": ["number", "array"]})]
+# the same for editors (engine.describe)
+_FRACTION = {"type": "number", "minimum": 0.0, "maximum": 1.0}
+_PAIR = {"type": "array", "items": _FRACTION, "minItems": 2, "maxItems": 2}
+_PLACE: list[dict[str, Any]] = [_FRACTION, {"type": "string"}, _PAIR]
+_METRES = {"type": "number", "minimum": -1e6, "maximum": 1e6}
+_SOME = {"type": "array", "minItems": 1}
+Places = Annotated[
+    Any, AfterValidator(_places), WithJsonSchema({"anyOf": [*_PLACE, _SOME | {"items": {"anyOf": _PLACE}}]})
+]
+Positions = Annotated[Any, AfterValidator(_floats), WithJsonSchema({"anyOf": [_METRES, _SOME | {"items": _METRES}]})]
 
 
 class Part(BaseModel):
@@ -135,7 +142,7 @@ class _Line(_Spread):
 
 
 class String(_Line):
-    """A stiff string, simply supported at both ends. Give tension or frequency."""
+    """A stiff string, simply supported at both ends."""
 
     kind: Literal["string"]
     tension: float | None = Field(default=None, gt=0.0, le=1e9, description="tension, N")
@@ -146,7 +153,7 @@ class String(_Line):
 
 
 class Bar(_Line):
-    """A thin bar (Euler-Bernoulli). Give bending or frequency."""
+    """A thin bar (Euler-Bernoulli)."""
 
     kind: Literal["bar"]
     ends: Literal["free", "clamped", "cantilever"] = Field(
@@ -167,7 +174,7 @@ class _Sheet(_Spread):
 
 
 class Membrane(_Sheet):
-    """A membrane fixed at its rim: a circle of `radius`, or a rectangle of `size`. Give tension or frequency."""
+    """A membrane fixed at its rim: a circle of `radius`, or a rectangle of `size`."""
 
     kind: Literal["membrane"]
     radius: float | None = Field(
@@ -178,7 +185,7 @@ class Membrane(_Sheet):
 
 
 class Plate(_Sheet):
-    """A thin rectangular plate, simply supported at its edges. Give rigidity or frequency."""
+    """A thin rectangular plate, simply supported at its edges."""
 
     kind: Literal["plate"]
     size: list[Positive] = Field(min_length=2, max_length=2, description="sides, m")

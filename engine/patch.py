@@ -1,6 +1,7 @@
 """TOML patches: text in, a validated `Scene` or located faults out."""
 
 import difflib
+import os
 import re
 import tomllib
 import types
@@ -15,6 +16,8 @@ from pydantic.fields import FieldInfo
 
 from engine.references import Where
 from engine.scene import Scene
+
+SHIPPED = Path(__file__).parent.parent / "patches"  # beside render.py
 
 
 @dataclass(frozen=True)
@@ -46,16 +49,17 @@ def load(path: str | Path) -> Scene:
     try:
         text = path.read_bytes().decode("utf-8")
     except OSError as error:
-        what = "no such file" if isinstance(error, FileNotFoundError) else (error.strerror or str(error)).lower()
-        raise PatchError(
-            [Fault(file, None, "", f"{what}; give the path of a patch, such as patches/bouncing_ball.toml")]
-        ) from None
+        raise PatchError([Fault(file, None, "", _unread(path, error))]) from None
     except UnicodeDecodeError:
-        raise PatchError([Fault(file, None, "", "not a text file; a patch is TOML in UTF-8")]) from None
+        text = "\0"
+    if "\0" in text:
+        raise PatchError([Fault(file, None, "", "not a text file; a patch is TOML in UTF-8")])
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise PatchError([_syntax_fault(file, text, error)]) from None
+    if not data:
+        raise PatchError([Fault(file, None, "", "empty; render.py new NAME writes a patch to begin with")])
     return validated(data, path.parent, file, text)
 
 
@@ -69,6 +73,30 @@ def validated(data: dict[str, Any], folder: Path, file: str, text: str) -> Scene
         meant = {(*_resolve(e)[0][:-1], _meant(e)) for e in errors if e["type"] == "extra_forbidden"}
         faults = [_fault(file, lines, e) for e in errors if e["type"] != "missing" or _resolve(e)[0] not in meant]
         raise PatchError(sorted(faults, key=lambda f: f.line or 0)) from None
+
+
+def _unread(path: Path, error: OSError) -> str:
+    """Why a file cannot be read, and which was meant: one that is there and has a name like it."""
+    folders = [path] if path.is_dir() else [path.parent, path.parent / "patches", Path("patches"), SHIPPED]
+    there = [patch for folder in folders for patch in sorted(folder.glob("*.toml"))]
+    if path.is_dir():
+        return "is a folder; " + (
+            f"give one of its patches, such as {there[0]}" if there else "give a patch, a .toml file"
+        )
+    what = "no such file" if isinstance(error, FileNotFoundError) else (error.strerror or str(error)).lower()
+    named = {patch.stem: patch for patch in reversed(there)}  # the nearest folder comes first
+    near = difflib.get_close_matches(path.stem, named, 1, 0.7)
+    if near:
+        return f"{what}; did you mean {_brief(named[near[0]])}?"
+    return f"{what}; give the path of a patch" + (f", such as {_brief(there[0])}" if there else ", a .toml file")
+
+
+def _brief(path: Path) -> str:
+    """A path from here, if it is shorter so."""
+    try:
+        return min(os.path.relpath(path), str(path), key=len)
+    except ValueError:  # on another drive
+        return str(path)
 
 
 def _syntax_fault(file: str, text: str, error: tomllib.TOMLDecodeError) -> Fault:
@@ -99,6 +127,8 @@ def locate(text: str) -> dict[Where, int]:
         if rows[i].lstrip().startswith("["):
             table = _open_table(statement, counts)
             lines.setdefault(table, i + 1)
+            if isinstance(table[-1], int):  # the first of an array stands for it
+                lines.setdefault(table[:-1], i + 1)
         else:
             for path in _paths(statement):
                 lines.setdefault(table + path, i + 1)

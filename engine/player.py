@@ -26,6 +26,7 @@ from engine.jit import pointer
 from engine.laws import Power
 from engine.model import Model, Room, aligned
 from engine.offline import newton
+from engine.params import knobs
 from engine.parts import Change, Damp, Mass, Oscillator, Pluck, PluckAgain, Strike
 from engine.rest import UNTIL
 from engine.scene import Scene
@@ -291,14 +292,8 @@ class Player:
     @property
     def knobs(self) -> list[str]:
         """What `set` can turn."""
-        found = []
-        for contact in self.scene.contact:
-            if contact.name is not None and contact.stiffness > 0.0:
-                found.append(f"contact.{contact.name}.stiffness")
-                found.append(f"contact.{contact.name}.{'gap' if contact.on else 'barrier'}")
-                if self.model.contact is not None and isinstance(self.model.contact.law, Power):
-                    found.append(f"contact.{contact.name}.exponent")
-        return found
+        contact = self.model.contact
+        return knobs(self.scene, contact is not None and isinstance(contact.law, Power))
 
     def speed(self, hammer: str) -> float:
         """Velocity at which a hammer is thrown at time 0, or else first, m/s."""

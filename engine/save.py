@@ -4,6 +4,7 @@ import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,6 +40,54 @@ def save_trace(output: Path, trace: "dict[str, np.ndarray]") -> None:
 
     with replaced(output) as path, open(path, "wb") as file:
         np.savez(file, **trace)  # type: ignore[arg-type]
+
+
+def writable(folder: Path) -> bool:
+    """Whether a file can be made in a folder; tried, for what permissions say is not always so."""
+    import tempfile
+
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+def reason(error: Exception) -> str:
+    """Why a file could not be written or read, in few words."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror.lower()
+    if isinstance(error, UnicodeDecodeError):
+        return "not a text file"
+    return getattr(error, "error_string", "") or str(error)  # of soundfile: without the file beside the target
+
+
+@dataclass(frozen=True)
+class Clipped:
+    """Samples beyond what a file can hold."""
+
+    count: int
+    total: int
+    fits: float  # dB, the largest gain at which all fit
+
+    def __str__(self) -> str:
+        return f"{self.count} of {self.total} samples are beyond ±1 and clipped; --gain {self.fits:.1f} fits"
+
+
+def clipped(output: Path, audio: "np.ndarray", gain: float, subtype: str | None) -> Clipped | None:
+    """What a file of integers cuts off of audio at a gain in dB; FLOAT and DOUBLE hold everything."""
+    import soundfile
+
+    kind = subtype_of(output, subtype) or soundfile.default_subtype(output.suffix.lstrip("."))
+    beyond = int((abs(audio) > 1.0).sum())
+    if not beyond or kind in ("FLOAT", "DOUBLE"):
+        return None
+    return Clipped(beyond, audio.size, fitting(gain, float(abs(audio).max())))
+
+
+def fitting(gain: float, peak: float) -> float:
+    """The largest gain, to a tenth of a dB, at which what peaks so high at this gain stays within ±1."""
+    return math.floor(10 * (gain - 20 * math.log10(peak))) / 10
 
 
 @contextmanager

@@ -4,6 +4,8 @@ import math
 import sys
 from typing import Any
 
+from engine.save import fitting
+
 SILENCE = 1e-30  # a smaller peak is none
 MOST_ISLANDS = 32  # listed
 
@@ -20,9 +22,12 @@ def summed(stats: dict[str, Any]) -> dict[str, str]:
     """What a render was, in words."""
     newton, energy, activity = stats["newton"], stats["energy"], stats["activity"]
     peak, regimes = stats["peak"], newton["regimes"]
-    level = f"{20 * math.log10(peak):.1f} dBFS" if peak > SILENCE else "silent: no pickup moves"
-    if peak > 1.0:
-        level += " (above full scale: integer formats clip; lower --gain)"
+    level = f"{20 * math.log10(peak):.1f} dBFS" if peak > SILENCE else "silent"
+    if stats.get("silent"):
+        level = f"silent: {stats['silent']}"
+    elif peak > 1.0:
+        cut = f"{stats['clipped']} samples are clipped" if stats.get("clipped") else "players will clip it"
+        level += f" (above full scale: {cut}; --gain {fitting(stats['gain_db'], peak):.1f} fits)"
     iterations = f"mean {newton['mean']:.2f}, p99 {newton['p99']}, max {newton['max']}; "
     iterations += ", ".join(f"{n}: {count}" for n, count in enumerate(newton["histogram"]) if count)
     samples = max(1, sum(regimes.values()))

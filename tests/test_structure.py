@@ -15,7 +15,7 @@ FLOORS = [
     ["jit", "vector", "held", "native", "parts", "measured"],
     ["references", "spots", "waveform"],
     ["accuracy", "measures", "features", "laws", "scene", "bodies", "baselines", "save", "feedback", "machine"],
-    ["model", "others", "draw", "solve", "patch", "index"],
+    ["model", "others", "draw", "solve", "patch", "index", "describe"],
     ["modes", "rounds", "coupled", "islands", "layout"],
     ["force", "contact", "compliance", "voices"],
     ["energy"],
@@ -25,9 +25,11 @@ FLOORS = [
     ["block", "score", "deck"],
     ["build", "runner", "post"],
     ["offline"],
+    ["params", "silence"],
     ["explain", "price", "tell", "arguments", "player", "point"],
     ["vary", "cluster"],
-    ["sound", "reload", "midi", "replay", "sweep", "page"],
+    ["sound", "reload", "midi", "replay", "sweep", "page", "commands"],
+    ["once"],
     ["cli", "live"],
     ["__init__"],
 ]
@@ -49,7 +51,7 @@ KERNELS = [
 ]
 WITHOUT_NUMBA = ["accuracy", "parts", "measured", "references", "scene", "patch", "bodies", "spots", "waveform", "draw"]
 WITHOUT_NUMBA += ["save", "feedback", "machine", "measures", "features", "index", "point", "vary", "sweep", "cluster"]
-WITHOUT_NUMBA += ["arguments", "tell", "page", "cli", "__init__"]
+WITHOUT_NUMBA += ["describe", "params", "silence", "commands", "arguments", "tell", "page", "once", "cli", "__init__"]
 
 
 def imports(name: str) -> set[str]:

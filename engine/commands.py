@@ -1,0 +1,166 @@
+"""What the command line does besides rendering: check, describe and start patches."""
+
+import argparse
+import difflib
+import json
+import os
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from engine.arguments import Parser
+
+if TYPE_CHECKING:
+    from engine.patch import Fault
+    from engine.scene import Scene
+
+TEMPLATES = Path(__file__).parent / "templates"
+SCHEMA = Path(__file__).parent.parent / "patches" / "patch.schema.json"
+FIRST = "hammer"
+
+
+def check(words: list[str]) -> int:
+    """Validate patches without rendering."""
+    parse = Parser(prog="render.py check", description="Validate patches without rendering.")
+    parse.add_argument("patch", nargs="+", metavar="PATCH")
+    faulty = False
+    for path in parse.parse_args(words).patch:
+        scene, faults = read(path)
+        faulty = faulty or bool(faults)
+        if scene is not None:
+            parts = (len(scene.body), len(scene.contact), len(scene.force), len(scene.pickup))
+            print(f"{path}: good; bodies {parts[0]}, contacts {parts[1]}, forces {parts[2]}, pickups {parts[3]}")
+        report(faults)
+    return 2 if faulty else 0
+
+
+def read(path: str) -> "tuple[Scene | None, list[Fault]]":
+    """A patch, or its faults."""
+    from engine.patch import PatchError, load
+
+    try:
+        return load(path), []
+    except PatchError as error:
+        return None, error.faults
+
+
+def report(faults: "list[Fault]") -> None:
+    """One line each, on standard error."""
+    for fault in faults:
+        print(fault, file=sys.stderr)
+
+
+def schema(words: list[str]) -> int:
+    """Print the JSON Schema of a patch."""
+    from engine.describe import schema as described
+
+    Parser(
+        prog="render.py schema", description="Print the JSON Schema of a patch, by which editors complete and check."
+    ).parse_args(words)
+    print(json.dumps(described(), indent=1, ensure_ascii=False))
+    return 0
+
+
+def reference(words: list[str]) -> int:
+    """Print what every key of a patch means."""
+    from engine.describe import reference as described
+
+    Parser(
+        prog="render.py reference", description="Print every key of a patch, as Markdown: docs/patches.md."
+    ).parse_args(words)
+    print(described(), end="")
+    return 0
+
+
+def params(words: list[str]) -> int:
+    """List the numbers of a patch."""
+    from engine.params import params as numbers
+    from engine.tell import columns
+
+    parse = Parser(prog="render.py params", description="List the numbers of a patch, by their paths.")
+    parse.add_argument("patch", metavar="PATCH")
+    parse.add_argument("--json", action="store_true", help="print them as one JSON object")
+    args = parse.parse_args(words)
+    scene, faults = read(args.patch)
+    if scene is None:
+        report(faults)
+        return 2
+    found = numbers(scene)
+    if args.json:
+        print(json.dumps({"patch": args.patch, "params": [asdict(p) for p in found]}, ensure_ascii=False))
+        return 0
+    rows: list[tuple[str, ...]] = [("path", "value", "unit", "range", "live", "meaning")]
+    rows += [(p.path, f"{p.value:.10g}", p.unit, p.range, "knob" if p.live else "", p.meaning) for p in found]
+    columns(rows)
+    return 0
+
+
+def new(words: list[str]) -> int:
+    """Start a patch from a template."""
+    from engine.patch import Fault
+    from engine.save import reason, replaced
+
+    templates = {path.stem: path.read_text("utf-8") for path in sorted(TEMPLATES.glob("*.toml"))}
+    told = "\n".join(f"  {name:<8} {text.splitlines()[0].lstrip('# ')}" for name, text in templates.items())
+    parse = Parser(
+        prog="render.py new",
+        description="Start a patch from a template.",
+        epilog=f"templates:\n{told}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parse.add_argument("name", metavar="NAME", help="the patch to write, NAME.toml")
+    parse.add_argument("--like", metavar="TEMPLATE", help=f"{', '.join(templates)} (default: {FIRST})")
+    args = parse.parse_args(words)
+    like, path = args.like or FIRST, Path(args.name)
+    path = path if path.suffix == ".toml" else path.with_name(path.name + ".toml")
+    faults = []
+    if like not in templates:
+        near = difflib.get_close_matches(like, templates, 1, 0.5)
+        right = f'did you mean "{near[0]}"?' if near else ""
+        faults.append(Fault("render.py", None, "--like", f'no template "{like}"; {right or ", ".join(templates)}'))
+    if path.exists():
+        faults.append(Fault(str(path), None, "", "exists; give another NAME"))
+    elif not path.parent.is_dir():
+        faults.append(Fault(str(path), None, "", f"no such folder: {path.parent}; make it, or write elsewhere"))
+    if faults:
+        report(faults)
+        return 2
+    try:
+        with replaced(path) as part:
+            part.write_text(_directive(path) + templates[like], "utf-8")
+    except OSError as error:
+        print(f"render.py: cannot write {path} ({reason(error)})", file=sys.stderr)
+        return 1
+    print(f"{path}: like {like}" + ("" if args.like else f"; --like also knows {_others(templates, like)}"))
+    print(f"  {_program()} check {path}\n  {_program()} {path}")
+    return 0
+
+
+def _program() -> str:
+    """How this program is run, from here."""
+    program = Path(sys.argv[0])
+    if program.name != "render.py":
+        return "render.py"
+    return f"uv run {program}" if program.parent == Path() else f"uv run --project {program.parent} {program}"
+
+
+def _others(templates: dict[str, str], like: str) -> str:
+    return ", ".join(name for name in templates if name != like)
+
+
+def _directive(path: Path) -> str:
+    """The first line of a patch, by which editors find the schema; none if it is not there, or on another drive."""
+    try:
+        way = os.path.relpath(SCHEMA, path.parent.resolve())
+    except ValueError:
+        return ""
+    way = Path(way).as_posix()
+    return f"#:schema {way if way.startswith('.') else './' + way}\n" if SCHEMA.is_file() else ""
+
+
+def misspelt(word: str, commands: list[str]) -> str | None:
+    """The command that was meant by a word that names no file."""
+    if word in commands or word.startswith("-") or not word.isalpha() or Path(word).exists():
+        return None
+    return next(iter(difflib.get_close_matches(word, commands, 1, 0.6)), None)

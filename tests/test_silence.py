@@ -1,0 +1,99 @@
+"""A render that is silent says why; one that sounds does not."""
+
+import json
+
+import pytest
+from conftest import ROOT
+
+from engine import cli
+
+TEMPLATES = ROOT / "engine" / "templates"
+OTHER = '[[body]]\nname = "other"\nkind = "string"\nlength = 1.0\nmass = 1.0\nfrequency = 50.0\n[[pickup]]'
+STILL = '[[body]]\nname = "b"\nkind = "mass"\nmass = 1\n[[pickup]]\nbody = "b"\n'
+
+
+@pytest.fixture
+def silent(tmp_path, capsys):
+    """What is said of a template with some changes, rendered for 50 ms, alike on stderr, in the summary, as JSON."""
+
+    def says(template: str, *changes: tuple[str, str], seconds: str = "0.05") -> str | None:
+        text = (TEMPLATES / f"{template}.toml").read_text("utf-8") if template else STILL
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        patch = tmp_path / "p.toml"
+        patch.write_text(text, "utf-8")
+        words = [str(patch), "-o", str(tmp_path / "a.wav"), "--seconds", seconds]
+        assert cli.main([*words, "--json"]) == 0
+        out, err = capsys.readouterr()
+        told = json.loads(out)["silent"]
+        if told is not None:
+            assert err.splitlines()[-1] == f"{patch}: silent; {told}"  # it may have been compiled before
+            assert cli.main(words) == 0
+            out, err = capsys.readouterr()
+            assert f"silent: {told}" in out and err.splitlines()[-1] == f"{patch}: silent; {told}"
+        return told
+
+    return says
+
+
+VELOCITY = "velocity = 2.5 "
+REST = (VELOCITY, "velocity = 0.0 ")
+
+
+def test_a_render_that_sounds_is_not_silent(silent):
+    assert silent("hammer") is None
+
+
+def test_nothing_moves(silent):
+    assert silent("") == (
+        "nothing moves at the start, and no force or strike acts; give a mass a velocity, or add a [[force]] or an"
+        " [[event]]"
+    )
+
+
+def test_all_comes_later(silent):
+    assert silent("hammer", REST) == "nothing happens before 2 s, and it ends at 0.05 s; give more seconds"
+
+
+def test_the_hammer_moves_away(silent):
+    told = silent("hammer", (VELOCITY, "velocity = -2.5 "))
+    assert told.startswith('no contact ever closes: "hammer" moves away from "string"; turn its velocity round')
+
+
+def test_the_hammer_is_too_far(silent):
+    told = silent("hammer", ("displacement = -2e-3", "displacement = -0.5"))
+    assert 'no contact ever closes: "hammer" needs 0.2 s to reach "string", and it ends at 0.05 s; more' in told
+
+
+def test_the_ball_is_still_falling(silent):
+    """√(2·0.1/9.81) s."""
+    assert '"ball" needs 0.143 s to reach "head"' in silent("ball")
+
+
+def test_the_ball_is_thrown_the_wrong_way(silent):
+    lighter = ("gravity = 9.81", "gravity = -9.81")
+    thrown = ("displacement = 0.1", "velocity = -0.1\ndisplacement = 0.1")
+    assert '"ball" turns back before it reaches "head"' in silent("ball", lighter, thrown)
+
+
+def test_the_pickup_hears_another_body(silent):
+    told = silent("hammer", ('[[pickup]]\nbody = "string"', OTHER + '\nbody = "other"'))
+    assert told == '"other" is heard, and what moves ("hammer") has no contact with it; add a [[contact]] between them'
+
+
+@pytest.mark.parametrize("at", ["0.0", "1.0"])
+def test_the_pickup_is_at_a_node(silent, at):
+    """Where rounding alone would be heard, and brought up to full level."""
+    told = silent("hammer", ("at = 0.9 ", f"at = {at} "), ("displacement = -2e-3", "displacement = 0.0"))
+    assert told == f'the pickup on "string" is at {at}, where it never moves; another place'
+
+
+def test_the_pluck_is_at_a_node(silent):
+    told = silent("bridge", ("at = 0.37 ", "at = 1.0 "))
+    assert told == '"string" is pushed at 1.0 alone, where it never moves; another place'
+
+
+def test_pickups_without_gain(silent):
+    told = silent("hammer", ("[[pickup]]", "[[pickup]]\ngain = 0.0"))
+    assert told == "every pickup has gain = 0; give one another gain"

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from engine.arguments import Parser
+from engine.feedback import finite
 
 if TYPE_CHECKING:
     from engine.patch import Fault
@@ -75,6 +76,7 @@ def reference(words: list[str]) -> int:
 
 def params(words: list[str]) -> int:
     """List the numbers of a patch."""
+    from engine.describe import short
     from engine.params import params as numbers
     from engine.tell import columns
 
@@ -88,10 +90,10 @@ def params(words: list[str]) -> int:
         return 2
     found = numbers(scene)
     if args.json:
-        print(json.dumps({"patch": args.patch, "params": [asdict(p) for p in found]}, ensure_ascii=False))
+        print(json.dumps(finite({"patch": args.patch, "params": [asdict(p) for p in found]}), ensure_ascii=False))
         return 0
     rows: list[tuple[str, ...]] = [("path", "value", "unit", "range", "live", "meaning")]
-    rows += [(p.path, f"{p.value:.10g}", p.unit, p.range, "knob" if p.live else "", p.meaning) for p in found]
+    rows += [(p.path, short(p.value), p.unit, p.range, "knob" if p.live else "", p.meaning) for p in found]
     columns(rows)
     return 0
 

@@ -3,6 +3,7 @@
 A description is "meaning, unit; more" or "meaning, unit: more" (`told`); ranges and defaults are those of the fields.
 """
 
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import astuple, dataclass
@@ -147,8 +148,13 @@ def limits(node: dict[str, Any]) -> str:
 
 
 def short(number: float) -> str:
-    """A number as one writes it: 1e-15, 20000, 1e6."""
-    return re.sub(r"e([+-])0?", lambda sign: "e" + sign[1].strip("+"), f"{number:g}")
+    """A number as one writes it: 0.12, 1e-15, 20000, 4.5e9."""
+    if math.isinf(number):
+        return f"{number:g}"
+    mantissa, exponent = f"{number:.9e}".split("e")
+    brief = f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"
+    plain = f"{number:.10g}"
+    return brief if "e" in plain or len(plain) > len(brief) + 2 else plain
 
 
 def key(name: str, node: dict[str, Any], required: bool) -> Key:

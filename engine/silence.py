@@ -100,7 +100,8 @@ def _unheard(scene: Scene, pickup: Pickup, moved: list[str], stats: dict[str, An
         return f'"{name}" is heard, and what moves ({others}) has no contact with it; add a [[contact]] between them'
     touched = any(n for regime, n in stats["newton"]["regimes"].items() if regime != "free")
     if contacts and not touched:
-        return "no contact ever closes: " + _apart(scene, contacts[0], moved, stats["seconds"])
+        first = next((c for c in contacts if {c.body, c.on} & set(moved)), contacts[0])
+        return "no contact ever closes: " + _apart(scene, first, moved, stats["seconds"])
     return "no pickup moves; another place or quantity"
 
 

@@ -5,7 +5,8 @@ import json
 import pytest
 from conftest import ROOT
 
-from engine import cli
+from engine import Scene, cli
+from engine.silence import why
 
 TEMPLATES = ROOT / "engine" / "templates"
 OTHER = '[[body]]\nname = "other"\nkind = "string"\nlength = 1.0\nmass = 1.0\nfrequency = 50.0\n[[pickup]]'
@@ -97,3 +98,30 @@ def test_the_pluck_is_at_a_node(silent):
 def test_pickups_without_gain(silent):
     told = silent("hammer", ("[[pickup]]", "[[pickup]]\ngain = 0.0"))
     assert told == "every pickup has gain = 0; give one another gain"
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+@pytest.mark.parametrize(("side", "up"), [("above", 1.0), ("below", -1.0)])
+def test_when_a_contact_would_close(side, up, reverse):
+    """A mass 1 m from a wall or a string, from either side, named first or second."""
+    stats = {"peak": 0.0, "seconds": 0.1, "energy": {"initial": 1.0}, "newton": {"regimes": {"free": 4410}}}
+    string = {"name": "s", "kind": "string", "length": 1.0, "mass": 1.0, "frequency": 50.0}
+
+    def says(speed: float, gravity: float = 0.0) -> str:
+        ball = {"name": "b", "kind": "mass", "mass": 1.0, "velocity": up * speed}
+        touch = {"body": "b", "stiffness": 1e6, "exponent": 1.5, "side": side}
+        if reverse:
+            other = {"above": "below", "below": "above"}[side]
+            touch |= {"body": "s", "at": 0.3, "on": "b", "gap": 1.0, "side": other}
+        else:
+            touch |= {"barrier": up}
+        pickup = [{"body": "b", "quantity": "force"}] if not reverse else [{"body": "s", "at": 0.3}]
+        parts = {"body": [ball, string], "contact": [touch], "pickup": pickup, "gravity": gravity}
+        return why(Scene.model_validate(parts), stats) or ""
+
+    target = '"s"' if reverse else "the barrier"
+    assert f'"b" needs 2 s to reach {target}, and it ends at 0.1 s' in says(0.5)
+    assert f'"b" moves away from {target}' in says(-0.5)
+    assert f'"b" needs 0.5 s to reach {target}' in says(0.0, gravity=-8.0 * up)
+    assert f'"b" needs 1 s to reach {target}' in says(2.0, gravity=2.0 * up)
+    assert f'"b" turns back before it reaches {target}' in says(1.9, gravity=2.0 * up)

@@ -86,7 +86,7 @@ def test_links_lead_somewhere(page):
 
 @pytest.mark.parametrize("page", [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))], ids=lambda p: p.stem)
 def test_files_named_in_pages_exist(page):
-    named = set(re.findall(r"`((?:engine|tests|bench|patches|docs)/[\w/]+\.\w+)", page.read_text("utf-8")))
+    named = set(re.findall(r"`((?:engine|tests|bench|patches|docs)/[\w/]+(?:\.\w+)+)", page.read_text("utf-8")))
     assert all((ROOT / name).exists() for name in named), [name for name in named if not (ROOT / name).exists()]
 
 

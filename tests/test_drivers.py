@@ -267,7 +267,7 @@ LIVE = ("--live", "--device", "JACK Audio")
 @pytest.fixture
 def jack(tmp_path):
     """A dummy server of its own, and the environment of its clients."""
-    name = f"fdh{os.getpid()}"
+    name = f"fdh_{os.environ.get('PYTEST_XDIST_WORKER', 'alone')}"  # one that was killed keeps its name's place
     environment = {"JACK_DEFAULT_SERVER": name, "JACK_NO_START_SERVER": "1", "JACK_NO_AUDIO_RESERVATION": "1"}
     command = ["jackd", "-r", "-p", "128", "-n", name, "-d", "dummy", "-r", "44100", "-p", "256"]
     clean = {k: v for k, v in os.environ.items() if k != "DISPLAY"}

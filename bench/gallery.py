@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import soundfile
-from engine.vary import Axis, place, varied
 
 import engine
 from bench.report import ROOT, publish, stamp
 from engine import draw
 from engine.features import features
 from engine.save import amplified
+from engine.vary import Axis, place, varied
 
 PAGE, WORDS = ROOT / "docs" / "gallery.md", ROOT / "bench" / "gallery.toml"
 PICTURES, SOUNDS = ROOT / "docs" / "gallery", ROOT / "docs" / "audio"
@@ -82,9 +82,10 @@ def attempt(path: Path, trial: dict[str, Any], before: dict[str, float | None]) 
     """A change to try, as a line of a table, with what it does."""
     after = features(engine.render(changed(path, trial["set"])).audio, 44_100)
     level = 20 * np.log10((after["rms"] or np.nan) / (before["rms"] or np.nan))
-    asked = ", ".join(f"`{what}={value}`" for what, value in trial["set"].items())
+    asked = [f"`{what}={shown(value)}`" for what, value in trial["set"].items()]
+    asked = [asked[0], trial["as"]] if "as" in trial else asked
     numbers = [cell(after[key]) for key in ("fundamental_hz", "t60_s", "centroid_hz")]
-    return "| " + " | ".join([asked, trial["what"], *numbers, f"{level:+.0f}"]) + " |"
+    return "| " + " | ".join([", ".join(asked), trial["what"], *numbers, f"{level:+.0f}"]) + " |"
 
 
 def changed(path: Path, values: dict[str, Any]) -> engine.Scene:
@@ -92,6 +93,11 @@ def changed(path: Path, values: dict[str, Any]) -> engine.Scene:
     data, scene = tomllib.loads(path.read_text("utf-8")), engine.load(path)
     axes = [Axis(what, place(what, scene, data)[0], (value,)) for what, value in values.items()]
     return varied(data, str(path), axes, tuple(values.values()))
+
+
+def shown(value: Any) -> str:
+    """A value as one would write it: in few digits."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def cell(value: float | None) -> str:

@@ -19,6 +19,9 @@ GOAL = 1e-2
 # seconds of each
 PAPERS = {"repelled_oscillator": 0.05, "barrier_quadratic": 0.1, "bouncing_ball": 0.5}
 WALLS = Body(0.0, 1e11, 1.0, 1e-3, -1e-3, 0.0), 0.0, 2.0  # stiff, 2 mm apart
+SHOWN = {"repelled_oscillator": "oscillator at a stop", "stiff_walls": "between stiff walls", "piano_c4": "piano, C4"}
+SETTINGS = [f"order {order}, {n} ×" for order, n in ((2, 1), (2, 4), (2, 16), (4, 1), (4, 4))]
+SETTINGS += [f"{method}, {n} ×" for method in ("RK4", "Störmer-Verlet") for n in (1, 64)]
 INSTRUMENTS = ("piano_c2", "piano_c4", "marimba", "ball_on_drum", "guitar_frets", "tanpura", "rattle")
 
 
@@ -33,10 +36,11 @@ def best(rows: list[dict[str, Any]], goal: float = GOAL) -> str:
 
 def table() -> None:
     """Price all scenes."""
-    lines = []
+    lines, priced = [], {}
     for name in (*PAPERS, "stiff_walls", *INSTRUMENTS):
         scene = scene_of(*WALLS) if name == "stiff_walls" else engine.load(ROOT / "patches" / f"{name}.toml")
         found = price(scene, 0.05 if name == "stiff_walls" else PAPERS.get(name))
+        priced[name] = found
         ours, theirs = found["rows"], found["others"]
         publish(
             f"price_{name}",
@@ -69,6 +73,23 @@ def table() -> None:
         )
     header = ["scene", "one plain step", f"cheapest under {GOAL:.0e}", "of other methods", "predictable, ms"]
     publish("price", [*header, "energy error, any setting", "learnt"], lines)
+    beside(priced)
+
+
+def beside(priced: dict[str, dict[str, Any]]) -> None:
+    """Error, time and energy error at some settings, three scenes beside each other."""
+    lines = []
+    for setting in SETTINGS:
+        rows = [
+            [r for r in [*priced[name]["rows"], *priced[name]["others"]] if r["setting"] == setting] for name in SHOWN
+        ]
+        line = [setting]
+        for row in (r[0] if r else None for r in rows):
+            line.append(row.get("failed") or f"{row['error']:.0e}" if row else "")
+            line.append(f"{row['ns_per_sample']:.0f}" if row else "")
+        lines.append([*line, f"{max(r[0]['energy_error'] for r in rows if r):.0e}"])
+    head = [f"{scene}: {what}" for scene in SHOWN.values() for what in ("error", "ns")]
+    publish("first", ["", *head, "energy error"], lines, "price")
 
 
 def run() -> None:

@@ -12,6 +12,7 @@ QUIET = 20.0  # dB below the strongest partial, down to which a lower one is the
 CLEAR = 10.0  # dB by which a partial stands out of its valleys
 TONAL = 25.0  # dB of the strongest partial over the median of the spectrum; noise reaches 14
 FIT = (-5.0, -25.0)  # dB, between which the decay is measured
+STRAIGHT = 1.5  # by how much the slope of that line may differ from that between its ends: blows are no decay
 TAIL = 0.25  # of the time of that fall, for which the sound must go on, or its end bends the curve
 LONGEST = 2**21  # frames of which a spectrum is taken
 
@@ -91,4 +92,5 @@ def decay(level: np.ndarray, samplerate: float) -> float | None:
     if end - begin < 2 or len(level) - end < TAIL * (end - begin):
         return None
     slope = float(np.polyfit(np.arange(begin, end), level[begin:end], 1)[0]) * samplerate
-    return -60.0 / slope if slope < 0.0 else None
+    straight = (FIT[1] - FIT[0]) / (end - begin) * samplerate
+    return -60.0 / slope if straight * STRAIGHT < slope < straight / STRAIGHT else None

@@ -1,24 +1,29 @@
 """The guides in docs: their commands run, one after the other, as a reader would type them; so does their Python."""
 
+import csv
 import os
 import re
 import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, needs_alsa, needs_portaudio
+import soundfile
+from conftest import PATCHES, ROOT, needs_alsa, needs_portaudio
+
+import engine
 
 GUIDES = ["first_patch", "scheme", "accuracy"]
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
-def follow(guide: str, folder: Path, environment: dict[str, str], engine: Path = ROOT) -> str:
+def follow(guide: str, folder: Path, environment: dict[str, str], root: Path = ROOT) -> str:
     """Do what a guide says, in a folder that has the patches; returns all that was printed."""
     (folder / "patches").symlink_to(ROOT / "patches")
-    told = {"cwd": folder, "env": os.environ | {"PYTHONPATH": str(engine)} | environment}
+    told = {"cwd": folder, "env": os.environ | {"PYTHONPATH": str(root)} | environment}
     told |= {"capture_output": True, "text": True, "timeout": 300.0, "stdin": subprocess.DEVNULL}
     said = []
     for kind, text in BLOCK.findall((ROOT / "docs" / f"{guide}.md").read_text("utf-8")):
@@ -26,15 +31,15 @@ def follow(guide: str, folder: Path, environment: dict[str, str], engine: Path =
         if kind == "sh":
             lines = [line for line in text.splitlines() if line.startswith("uv run render.py")]
             words = [shlex.split(line, comments=True)[3:] for line in lines]
-            commands = [[sys.executable, str(engine / "render.py"), *rest] for rest in words]
+            commands = [[sys.executable, str(root / "render.py"), *rest] for rest in words]
         elif kind == "python":
             commands = [[sys.executable, "-c", text]]
         elif kind == "toml":  # to be added to the patch that the guide has made
             with open(folder / "mine.toml", "a", encoding="utf-8") as file:
                 file.write("\n" + text)
         elif kind == "diff":
-            (engine / "change.diff").write_text(text, "utf-8")
-            commands = [["git", "apply", f"--directory={engine.name}", str(engine / "change.diff")]]
+            (root / "change.diff").write_text(text, "utf-8")
+            commands = [["git", "apply", f"--directory={root.name}", str(root / "change.diff")]]
         for command in commands:
             done = subprocess.run(command, **told)
             assert done.returncode == 0, f"{guide}: {' '.join(command)}\n{done.stderr}"
@@ -56,8 +61,6 @@ def test_what_a_guide_says_works(guide, tmp_path, file_device):
 @needs_alsa
 def test_playing_live(tmp_path, file_device):
     """What was played is what its log says."""
-    import soundfile
-
     mido = pytest.importorskip("mido", reason="needs mido")
     track = mido.MidiTrack([mido.Message("note_on", note=60, velocity=80), mido.Message("note_off", note=60, time=480)])
     mido.MidiFile(tracks=[track]).save(tmp_path / "tune.mid")
@@ -99,3 +102,38 @@ def test_the_notebook_runs(tmp_path):
     nbclient.NotebookClient(notebook, timeout=200, resources={"metadata": {"path": ROOT / "docs"}}).execute()
     shown = {kind for cell in notebook.cells for out in cell.get("outputs", []) for kind in out.get("data", {})}
     assert {"text/html", "image/png"} <= shown
+
+
+def test_the_gallery_is_that_of_the_patches():
+    """Made of the patches as they are, with a sound and a picture of each; sounds fit in 4 MB."""
+    from bench.gallery import LIMIT, PAGE, PICTURES, SOUNDS, WORDS, changed, mark
+
+    words, page = tomllib.loads(WORDS.read_text("utf-8")), PAGE.read_text("utf-8")
+    assert set(words) == {p.stem for p in PATCHES} and len(words) >= 12
+    for path in PATCHES:
+        assert mark(path) in page, f"{path.stem} has changed: uv run python -m bench gallery"
+        assert words[path.stem]["listen"] in page and len(words[path.stem]["try"]) == 2
+        for trial in words[path.stem]["try"]:
+            assert trial["what"] in page and changed(path, trial["set"]) != engine.load(path)
+        heard = soundfile.info(SOUNDS / f"{path.stem}.ogg")
+        assert heard.frames / heard.samplerate == pytest.approx(engine.load(path).seconds, abs=0.01)
+        assert (PICTURES / f"{path.stem}.png").read_bytes().startswith(b"\x89PNG")
+    assert sum(p.stat().st_size for p in SOUNDS.iterdir()) < LIMIT
+    assert {p.stem for p in [*SOUNDS.iterdir(), *PICTURES.iterdir()]} == set(words)
+
+
+def test_a_dozen_patches_sound_different():
+    """By more than a tenth in pitch, decay or brightness, each from each."""
+    with open(ROOT / "bench" / "results" / "gallery.csv", newline="", encoding="utf-8") as file:
+        rows = [row[2:5] for row in list(csv.reader(file))[2:]]
+
+    def apart(a: str, b: str) -> bool:
+        if "none" in (a, b):
+            return a != b
+        return abs(float(a) - float(b)) > 0.1 * min(float(a), float(b))
+
+    different: list[list[str]] = []
+    for row in rows:
+        if all(any(map(apart, row, other)) for other in different):
+            different.append(row)
+    assert len(different) >= 12

@@ -116,7 +116,8 @@ def drift_is_rounding(scene: engine.Scene, scheme: str, frames: int, error: floa
     assert run(model, state, frames)["error_max"] <= error
 
 
-# B·kc/(α + 1); beyond, two forces that all but cancel leave more than rounding of the energy (docs/guarantees.md). 1e12 for 1 kg
+# B·kc/(α + 1); beyond, two forces that all but cancel leave more than rounding of the energy (docs/guarantees.md). 1e12
+# for 1 kg
 STIFFEST = 250.0
 
 

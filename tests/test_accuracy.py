@@ -67,10 +67,13 @@ def test_free_flight_is_not_refined():
     "told",
     [
         hammer(),
-        scene(
-            [oscillator(frequency=3000.0, displacement=-1e-3, velocity=5.0, damping=100.0)],
-            contact=[barrier(barrier=2e-4, stiffness=1e7)],
-            gravity=9.81,
+        pytest.param(
+            scene(
+                [oscillator(frequency=3000.0, displacement=-1e-3, velocity=5.0, damping=100.0)],
+                contact=[barrier(barrier=2e-4, stiffness=1e7)],
+                gravity=9.81,
+            ),
+            marks=pytest.mark.hard,
         ),
     ],
     ids=["hammer", "fast oscillator"],
@@ -134,6 +137,7 @@ def test_a_refined_sample_does_not_depend_on_blocks():
         np.testing.assert_array_equal(cut, whole)
 
 
+@pytest.mark.hard
 def test_the_force_of_a_refined_sample_is_its_mean():
     """m·Δv = force·h, also over stages that go back in time."""
     told = scene([mass(mass=0.01, displacement=-1e-3, velocity=2.0)], contact=[barrier(stiffness=1e7)])

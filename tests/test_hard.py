@@ -192,7 +192,7 @@ def test_a_million_hostile_states(alpha):
 
 @pytest.mark.parametrize(
     "stiffness, exponent",
-    mostly_hard([(1e13, 1.0), (1e13, 1.5), (1e13, 2.3), (1e3, 5.0), (1e3, 1.0)], (1e13, 2.3), (1e3, 5.0)),
+    mostly_hard([(1e13, 1.0), (1e13, 1.5), (1e13, 2.3), (1e3, 5.0), (1e3, 1.0)], (1e3, 5.0)),
 )
 @pytest.mark.parametrize("contacts", [1, 30])
 def test_unknowns_do_not_cancel(stiffness, exponent, contacts):
@@ -205,14 +205,14 @@ def test_unknowns_do_not_cancel(stiffness, exponent, contacts):
     assert found["energy"]["error_per_step_max"] <= (1e-14 if contacts == 1 else 2e-14)
 
 
-@pytest.mark.parametrize("alpha", mostly_hard([1, 1.3, 1.5, 2, 3, 5, 8], 1.3, 5, 8))
+@pytest.mark.parametrize("alpha", mostly_hard([1, 1.3, 1.5, 2, 3, 5, 8], 1.3))
 @pytest.mark.parametrize("beta", [1e-3, 1.0, 1e3, 1e8])
 def test_the_paper_metric(alpha, beta):
     """P of eq. (21) stays below the ceiling of the paper's Fig. 3."""
     assert preservation(alpha, beta) <= 2e-16
 
 
-@pytest.mark.parametrize("alpha", mostly_hard(EXPONENTS, 1.3, 5.0, 8.0, 12.0))
+@pytest.mark.parametrize("alpha", mostly_hard(EXPONENTS, 1.3, 12.0))
 def test_a_resting_ball_stays(alpha):
     place = (9.81 / 1e9) ** (1 / alpha)
     ball = mass(displacement=place)
@@ -260,7 +260,7 @@ def test_forty_contacts_on_five_bodies():
     stats(scene(bodies, contact=contacts), seconds=0.5)
 
 
-@pytest.mark.parametrize("light", mostly_hard([1e-12, 1e-15], 1e-15))
+@pytest.mark.parametrize("light", mostly_hard([1e-12, 1e-15]))
 def test_a_mass_ratio_of_1e15(light):
     """A speck of dust between an anvil and a stop."""
     bodies = [mass(mass=light, velocity=1.0), mass(name="anvil", mass=light * 1e15, displacement=1e-2, velocity=-0.1)]
@@ -288,7 +288,7 @@ def test_far_from_the_origin():
     stats(scene([body], contact=[barrier(barrier=1000.0, stiffness=1e9)]), seconds=0.1, error=1e-11)
 
 
-@pytest.mark.parametrize("alpha", mostly_hard(EXPONENTS, 1.3, 5.0, 8.0, 12.0))
+@pytest.mark.parametrize("alpha", mostly_hard(EXPONENTS, 1.3, 12.0))
 def test_penetration_at_the_start(alpha):
     """1 mm deep at kc = 1e13."""
     stats(scene([mass(displacement=1e-3)], contact=[barrier(stiffness=1e13, exponent=alpha)]), seconds=0.1)
@@ -309,7 +309,7 @@ def test_tiny_and_huge_motion(velocity):
     assert found.audio[-1, 0] == pytest.approx(-velocity, rel=1e-12)
 
 
-@pytest.mark.parametrize("alpha", mostly_hard(EXPONENTS, 1.3, 5.0, 8.0, 12.0))
+@pytest.mark.parametrize("alpha", mostly_hard(EXPONENTS, 1.3, 12.0))
 def test_decay_into_subnormal_numbers(alpha):
     """Contact at compressions whose force and energy underflow."""
     body = oscillator(frequency=100.0, damping=400.0, displacement=-1e-3)
@@ -326,9 +326,7 @@ def test_decay_into_subnormal_numbers(alpha):
 
 @pytest.mark.parametrize(
     "stiffness, exponent, loss",
-    mostly_hard(
-        [(1e10, 1.0, 0.0), (1e12, 1.0, 0.0), (1e9, 1.5, 0.0), (1e9, 1.5, 0.5)], (1e10, 1.0, 0.0), (1e12, 1.0, 0.0)
-    ),
+    mostly_hard([(1e10, 1.0, 0.0), (1e12, 1.0, 0.0), (1e9, 1.5, 0.0), (1e9, 1.5, 0.5)], (1e12, 1.0, 0.0)),
 )
 def test_unfinished_solves_are_passive(stiffness, exponent, loss):
     """Four rounds are too few for a bridge of thirty points: the ledger closes all the same, and it is counted."""

@@ -86,6 +86,7 @@ def pages(tmp_path_factory):
     return folder, told
 
 
+@pytest.mark.hard
 def test_a_page_holds_all_it_shows(pages):
     folder, told = pages
     assert sorted(p.name for p in folder.iterdir() if p.suffix != ".toml") == sorted(
@@ -104,12 +105,14 @@ def test_a_page_holds_all_it_shows(pages):
         assert read.text["code"].endswith((folder / f"{name}.toml").read_text("utf-8"))
 
 
+@pytest.mark.hard
 def test_a_title_is_text_whatever_it_holds(pages):
     read = Reader((pages[0] / "ball.html").read_text("utf-8"))
     assert read.text["h1"] == read.text["title"] == HOSTILE
     assert not read.all("b")
 
 
+@pytest.mark.hard
 def test_its_numbers_are_those_of_json(pages):
     folder, told = pages
     for name, stats in told.items():
@@ -126,12 +129,14 @@ def test_its_numbers_are_those_of_json(pages):
         assert rows["events"] == "left out: the score is empty"
 
 
+@pytest.mark.hard
 def test_it_says_what_made_it(pages):
     footer = (pages[0] / "ball.html").read_text("utf-8").partition("<footer>")[2]
     for word in ("Python 3.", f"numpy {np.__version__}", "numba ", "fdh-engine ", " cores", "20"):
         assert word in footer
 
 
+@pytest.mark.hard
 def test_the_price_of_accuracy_is_in_the_page(pages):
     folder, told = pages
     read = Reader((folder / "priced.html").read_text("utf-8"))
@@ -242,6 +247,7 @@ async function look(name, width) {
 
 
 @pytest.mark.skipif(BROWSER is None, reason="neither chromium nor google-chrome is in PATH")
+@pytest.mark.hard
 def test_a_browser_shows_and_plays_it(pages, tmp_path):
     """On a phone and on a desk: the player knows how long the sound is, pictures are there, nothing is wider than
     the window, nothing is complained of, and nothing else is asked of the network."""
@@ -289,6 +295,7 @@ def test_a_browser_shows_and_plays_it(pages, tmp_path):
     assert not complaints
 
 
+@pytest.mark.hard
 def test_encoded_sound_is_what_the_page_plays(pages):
     """Bit for bit, but for 16 bits."""
     folder, _ = pages

@@ -87,6 +87,7 @@ def test_measures():
     assert measures.trajectory(sound, sound, 0) == np.inf
 
 
+@pytest.mark.hard
 def test_other_methods_stand_beside_ours(found):
     """The error of each falls with the step; the stiff case blows up where it must, and stays in the list."""
     rows = {row["setting"]: row for row in found["others"]}

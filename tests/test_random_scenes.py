@@ -125,10 +125,8 @@ def survives_changes(scene: engine.Scene, changes: list[tuple[float, float, floa
     """Stiffness, exponent and place of all contacts jump; between jumps the ledger closes."""
     model, state, _ = build(scene, RATE)
     for factor, exponent, shift in changes:
-        contact = model.contact
-        law = contact.law._replace(exponent=np.maximum(1.0, contact.law.exponent * exponent))
-        model = model._replace(contact=contact._replace(law=law))
-        stiffest = STIFFEST / np.maximum(contact.compliance, 1e-300)
+        state.exponent[:] = np.maximum(1.0, state.exponent * exponent)
+        stiffest = STIFFEST / np.maximum(model.contact.compliance, 1e-300)
         state.unit[:] = np.minimum(state.unit * factor, np.maximum(state.unit, stiffest))
         state.barrier[:] -= shift
         state.compression[:] += shift
@@ -143,7 +141,7 @@ FEW = settings(max_examples=25, deadline=None, derandomize=True, suppress_health
 MANY = settings(FEW, max_examples=1500)
 
 
-@FEW
+@settings(FEW, max_examples=8)
 @given(scenes(), SCHEMES)
 def test_the_ledger_closes(scene, scheme):
     """Stored + dissipated - supplied stays, with everything on."""

@@ -35,7 +35,10 @@ def _answers(client: Any, tasks: list[Task]) -> Answers:
     while True:
         room = AHEAD * max(1, sum(client.nthreads().values()))
         for task in itertools.islice(waiting, max(0, room - len(under_way))):
-            under_way[client.submit(rendered, task.complete(), pure=False)] = task.number
+            try:
+                under_way[client.submit(rendered, task.complete(), pure=False)] = task.number
+            except FileNotFoundError as error:  # that was there when all began
+                yield task.number, Found(None, {}, str(error))
         if not under_way:
             return
         try:

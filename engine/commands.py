@@ -115,8 +115,11 @@ def new(words: list[str]) -> int:
     parse.add_argument("--like", metavar="TEMPLATE", help=f"{', '.join(templates)} (default: {FIRST})")
     args = parse.parse_args(words)
     like, path = args.like or FIRST, Path(args.name)
-    path = path if path.suffix == ".toml" else path.with_name(path.name + ".toml")
+    path = path if path.suffix == ".toml" or not path.name else path.with_name(path.name + ".toml")
     faults = []
+    if args.name in ("", "..") or not Path(args.name).name:
+        faults.append(Fault("render.py", None, "NAME", f'"{args.name}" names no file; a word, such as mine'))
+        path = Path("none.toml")
     if like not in templates:
         near = difflib.get_close_matches(like, templates, 1, 0.5)
         right = f'did you mean "{near[0]}"?' if near else ""

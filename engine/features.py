@@ -45,6 +45,7 @@ def features(audio: np.ndarray, samplerate: float) -> dict[str, float | None]:
     audio = audio / peak  # squares of small numbers must not vanish
     found["rms"] = peak * float(np.sqrt(np.mean(audio**2)))
     audio = audio - audio.mean(axis=0)
+    audio = audio / (np.abs(audio).max() or 1.0)
     left = np.cumsum(np.sum(audio**2, axis=1)[::-1])[::-1]
     if not left[:1] > 0.0:
         return found
@@ -53,7 +54,7 @@ def features(audio: np.ndarray, samplerate: float) -> dict[str, float | None]:
     found["t60_s"] = decay(level, samplerate)
     loud = np.abs(audio).max(axis=1) > 0.01
     begin, end = int(np.argmax(loud)), int(np.searchsorted(-level, 40.0))
-    power, step = spectrum(audio[begin : min(end, begin + LONGEST)], samplerate)
+    power, step = spectrum(audio[begin : max(begin + 1, min(end, begin + LONGEST))], samplerate)
     found["fundamental_hz"], found["strongest_hz"] = partials(power, step)
     if power.any():
         found["centroid_hz"] = float(power @ np.arange(len(power)) / power.sum()) * step

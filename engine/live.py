@@ -21,6 +21,7 @@ from engine.player import Player
 from engine.reload import Watch
 from engine.save import replaced, subtype_of
 from engine.scene import Scene
+from engine.silence import deaf
 
 TICK = 0.004  # s, between two looks at notes …
 REST = 0.1  # s, … and at the meter and the patch's file
@@ -83,7 +84,8 @@ class Desk:
                 f"too heavy for real time: {speed:.2f} × at its busiest; fewer modes or points of contact, a lower"
                 " --samplerate, or --force"
             )
-        factor = 10 ** (self.gain / 20) if self.gain is not None else HEADROOM / peak if peak > 0.0 else 1.0
+        silent = peak == 0.0 or deaf(scene)
+        factor = 10 ** (self.gain / 20) if self.gain is not None else 1.0 if silent else HEADROOM / peak
         return Player(scene, self.samplerate, seconds, factor, **many)
 
 

@@ -41,7 +41,8 @@ SLOTS = 1024  # of the ring
 TIMED = 8192  # blocks whose times are kept
 KEPT = 20.0  # s of what was played, until it is fetched
 GLIDE = 0.02  # s, of a knob
-STAIR = 0.002  # s, of the steps in which a pitch glides
+STAIR, FINE = 0.002, 2.0  # s and cents, the smallest steps in which a pitch glides …
+STAIRS = 128  # … and how many they are at most
 NEAR, FAR = 0.8, 0.4  # of its deadline: a block that takes more lowers the quality, one that takes less is at ease
 MUTE = 40.0, 0.4  # decay rate, 1/s, and how long, s
 FOREVER = 1 << 60
@@ -74,7 +75,7 @@ class Player:
         if scene.accuracy.oversample > 1:
             raise BuildError([("accuracy.oversample", "live sound is not oversampled; order, substeps, or render it")])
         self.patch, self.voices, self.lowest, self.general = scene, voices, lowest, general
-        self._tunings: dict[tuple[int, float], tuple[Any, ...]] = {}
+        self._tunings: dict[tuple[int, float], tuple[np.ndarray, Model]] = {}
         self._pitch = [lowest] * voices
         if voices:
             plain = scene.accuracy.but(order=2, substeps=1, precision="float64")  # a voice is tuned table by table
@@ -258,30 +259,37 @@ class Player:
         self._tell((what, value), told, frame)
 
     def tune(self, voice: int, ratio: float, frame: int = 0, seconds: float = 0.0) -> None:
-        """Give a voice another pitch at a frame, at once or gliding there; what that does to its energy is booked.
-        Events told later wait until that is done. Raises IndexError without such a voice, ValueError below the lowest
-        pitch, BuildError (a ValueError) if it would vibrate too fast."""
+        """Give a voice another pitch at a frame, at once or gliding there in steps; what that does to its energy is
+        booked. To prepare a step takes some milliseconds, and a glide begins when all are. Events told later, whatever
+        they are for, wait until it is over. Raises IndexError without such a voice, ValueError below the lowest pitch,
+        BuildError (a ValueError) if it would vibrate too fast; nothing has changed then."""
         if not 0 <= voice < self.voices:
             raise IndexError(f"no voice {voice}; there are {self.voices}")
         if ratio < self.lowest:  # it would have modes for which there is no room
             raise ValueError(f"ratio = {ratio:g} is out of range; at least {self.lowest:g}, the lowest it was made for")
+        if len(self._tunings) > STAIRS and self.desk[deck.TAKEN] == self.desk[deck.PUT]:
+            self._tunings.clear()  # none of them is waited for
+        before = self._pitch[voice]
+        cents = 1200.0 * abs(math.log2(ratio / before))
+        steps = max(1, math.ceil(min(STAIRS, seconds / STAIR, cents / FINE)))
+        ratios = [before * (ratio / before) ** (n / steps) for n in range(1, steps)] + [ratio]
+        tables = [self._table(voice, one) for one in ratios]
         if seconds > 0.0:
-            steps, before = max(1, math.ceil(seconds / STAIR)), self._pitch[voice]
             frame = max(frame, self.frame)
-            for n in range(1, steps):
-                there = frame + round(n * seconds / steps * self.samplerate)
-                self.tune(voice, before * (ratio / before) ** (n / steps), there)
-            frame += round(seconds * self.samplerate)
+        islands = (len(self.state.asleep)) // self.voices
+        for n, (one, table) in enumerate(zip(ratios, tables, strict=True), 1):
+            there = frame + round(n * seconds / steps * self.samplerate)
+            row = (deck.TUNE, voice * islands, len(table), islands, table.ctypes.data, there, 0.0, 0.0)
+            self._put(("tune", voice, one), row)
         self._pitch[voice] = ratio
+
+    def _table(self, voice: int, ratio: float) -> np.ndarray:
+        """What has to be copied for a voice to have a pitch; kept, for the audio thread reads it."""
         if (voice, ratio) not in self._tunings:
             single = polyphonic(tuned(self.patch, ratio), 1).model_copy(update={"accuracy": self.scene.accuracy})
             model, _, layout = build(single, self.samplerate, room=ROOM, general=self.general)
-            table = copies((self.model, self.layout), (model, layout), voice)
-            self._tunings[voice, ratio] = table, model  # read by the audio thread: kept
-        table = self._tunings[voice, ratio][0]
-        islands = (len(self.state.asleep)) // self.voices
-        row = (deck.TUNE, voice * islands, len(table), islands, table.ctypes.data, frame, 0.0, 0.0)
-        self._put(("tune", voice, ratio), row)
+            self._tunings[voice, ratio] = copies((self.model, self.layout), (model, layout), voice), model
+        return self._tunings[voice, ratio][0]
 
     @property
     def hammers(self) -> list[str]:

@@ -71,6 +71,7 @@ def rendered(task: Task) -> Found:
 
 def _rendered(task: Task, folder: Path) -> Found:
     from engine.offline import render
+    from engine.silence import why
 
     document = task.document
     if task.files:
@@ -80,7 +81,8 @@ def _rendered(task: Task, folder: Path) -> Found:
             path.write_bytes(data)
             forces[n]["file"] = str(path)
         document = document | {"force": forces}
-    take = render(Scene.model_validate(document), cores=1, **task.options)
+    scene = Scene.model_validate(document)
+    take = render(scene, cores=1, **task.options)
     if not np.isfinite(take.audio).all():
         return Found(None, {}, "samples are not finite")
     newton = take.stats["newton"]
@@ -91,4 +93,6 @@ def _rendered(task: Task, folder: Path) -> Found:
         "unconverged": newton["unconverged"],
         "energy_error": take.stats["energy"]["error_max"],
     }
+    if why(scene, take.stats):  # what rounding leaves is no sound
+        told["silent"] = 1.0
     return Found(take.audio, features(take.audio, take.samplerate) | told)

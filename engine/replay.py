@@ -78,6 +78,8 @@ def sound_row(player: Player, row: list[int | float]) -> tuple[Any, ...]:
     else:
         good = kind in sizes and 0 <= island < count
         good = good and 0 <= first < last <= sizes[kind][island + 1] - sizes[kind][island]
+    if kind == BEND:
+        good = good and 1.0 <= row[6] <= 30.0
     if not good or not all(math.isfinite(number) for number in row) or not 0 <= start <= LARGEST:
         raise ValueError(f"it has an event that cannot be: {row}")
     return kind, island, first, last, start, max(0, length), float(row[6]), float(row[7])

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from engine.bodies import modal
-from engine.parts import Contact, Force, Mass, Membrane, Modes, Oscillator, Pickup, Plate, PluckAgain, Strike
+from engine.parts import Change, Contact, Force, Mass, Membrane, Modes, Oscillator, Pickup, Plate, PluckAgain, Strike
 from engine.save import SILENCE
 from engine.scene import Scene
 
@@ -21,18 +21,25 @@ def why(scene: Scene, stats: dict[str, Any]) -> str | None:
     What is heard or pushed at nodes alone is silent, though rounding leaves something there to be heard.
     """
     heard = [p for p in scene.pickup if p.gain != 0.0]
-    deaf = [p for p in heard if p.quantity != "force" and still(scene, p.body, p.at)]
+    nodes = [p for p in heard if p.quantity != "force" and still(scene, p.body, p.at)]
     seconds = stats["seconds"]
+    if seconds * stats["samplerate"] < 1.5 and stats["peak"] <= SILENCE:
+        return "it has one sample, before anything has moved; give more seconds"
     acting = [f for f in _forces(scene, seconds) if not still(scene, f.body, f.at)]
     moved = _moved(scene, seconds) + [f.body for f in acting]
     rests = not moved and stats["energy"]["initial"] == 0.0
-    if stats["peak"] > SILENCE and len(deaf) < len(heard) and not rests:
+    if stats["peak"] > SILENCE and len(nodes) < len(heard) and not rests:
         return None
     if not heard:
         return "every pickup has gain = 0; give one another gain"
     if rests:
         return _nothing(scene, seconds)
-    return "; and ".join(dict.fromkeys(_unheard(scene, p, moved, stats, p in deaf) for p in heard))
+    return "; and ".join(dict.fromkeys(_unheard(scene, p, moved, stats, p in nodes) for p in heard))
+
+
+def deaf(scene: Scene) -> bool:
+    """Whether no pickup can hear anything but rounding."""
+    return all(p.gain == 0.0 or (p.quantity != "force" and still(scene, p.body, p.at)) for p in scene.pickup)
 
 
 def still(scene: Scene, name: str, at: Any) -> bool:
@@ -63,13 +70,15 @@ def _struck(scene: Scene, seconds: float) -> list[str]:
 
 
 def _moved(scene: Scene, seconds: float) -> list[str]:
-    """Masses and oscillators that move by themselves, by gravity or by a strike."""
+    """Bodies that move by themselves, by gravity, by a strike, or by a contact that changes."""
     found = []
     for body in scene.body:
         if isinstance(body, Mass | Oscillator):
             displaced = isinstance(body, Oscillator) and body.displacement != 0.0
             if body.velocity != 0.0 or displaced or scene.gravity != 0.0:
                 found.append(body.name)
+    changed = {e.contact for e in scene.event if isinstance(e, Change) and e.time < seconds}
+    found += [end for c in scene.contact if c.name in changed for end in (c.body, c.on) if end]  # that may push
     return found + _struck(scene, seconds)
 
 
@@ -86,10 +95,10 @@ def _nothing(scene: Scene, seconds: float) -> str:
     return f"nothing moves at the start, and no force or strike acts; {right}"
 
 
-def _unheard(scene: Scene, pickup: Pickup, moved: list[str], stats: dict[str, Any], deaf: bool) -> str:
+def _unheard(scene: Scene, pickup: Pickup, moved: list[str], stats: dict[str, Any], at_node: bool) -> str:
     """Why one pickup hears nothing."""
     name = pickup.body
-    if deaf:
+    if at_node:
         return f'the pickup on "{name}" is at {pickup.at}, where it never moves; another place'
     joined = _joined(scene, name)
     contacts = [c for c in scene.contact if c.body in joined and c.stiffness > 0.0]

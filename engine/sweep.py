@@ -18,6 +18,7 @@ from typing import Any
 
 from engine import index
 from engine.index import Cell, Row
+from engine.machine import sources
 from engine.patch import PatchError
 from engine.point import LOOK, Answers, Found, Task, rendered
 from engine.save import amplified, save_audio
@@ -88,9 +89,9 @@ def sweep(
     path, paths = folder / "index.csv", [axis.path for axis in plan.axes]
     if what := index.foreign(path, paths):
         raise RuntimeError(what)
-    tasks, begun, answers = _tasks(plan, options, (gain, subtype), progress)
+    tasks, begun, answers = _tasks(plan, options, (gain, subtype, sources()), progress)
     folder.mkdir(exist_ok=True)
-    for part in folder.glob(".*.part"):  # of a run that was killed
+    for part in [*folder.glob(".[0-9][0-9][0-9][0-9]*.wav.*.part"), *folder.glob(".index.csv.*.part")]:  # of one killed
         part.unlink(missing_ok=True)
     header = index.columns(paths)
     rows = {n: row for n, row in index.read(path).items() if n in tasks and _stands(row, begun[n], folder)}
@@ -101,7 +102,8 @@ def sweep(
     def enter(number: int, found: Found) -> None:
         name, cells = f"{number:04d}.wav", dict(found.cells)
         if found.audio is not None:
-            audio, cells["gain_db"] = amplified(found.audio, float(abs(found.audio).max()), gain)
+            peak = 0.0 if found.cells["silent"] else float(abs(found.audio).max())
+            audio, cells["gain_db"] = amplified(found.audio, peak, gain)
             save_audio(folder / name, audio, rate, subtype)
         told = begun[number] | cells
         told |= {"file": name if found.audio is not None else "", "status": found.error or "done"}

@@ -53,6 +53,9 @@ class Axis:
         if not self.ranged:
             return self.ends[min(int(share * len(self.ends)), len(self.ends) - 1)]
         low, high = (float(end) for end in self.ends)
+        if self.whole and self.count is None and not self.log:  # each as often as any
+            first, last = math.ceil(min(low, high)), math.floor(max(low, high))
+            return min(first + int(share * (last - first + 1)), last)
         if share in (0.0, 1.0):
             value = high if share else low
         else:
@@ -117,8 +120,8 @@ def axis(text: str, scene: Scene, data: dict[str, Any], sampling: bool = False) 
         raise ValueError(f'{path}: "{values}" does not say how many; {right}')
     if count and not 2 <= count[0] <= MOST:
         raise ValueError(f'{path}: {count[0]} values from "{low}" to "{high}"; 2 to {MOST}')
-    if whole and not count and not log:  # else the ends would be drawn half as often
-        return Axis(path, where, tuple(range(math.ceil(min(ends)), math.floor(max(ends)) + 1)))
+    if whole and math.ceil(min(ends)) > math.floor(max(ends)):
+        raise ValueError(f'{path}: "{values}" holds no whole number; {FORMS}')
     return Axis(path, where, ends, True, log, whole, count[0] if count else None)
 
 

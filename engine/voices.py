@@ -96,9 +96,7 @@ def _pairs(to: tuple[Model, Layout], of: tuple[Model, Layout], voice: int) -> It
             yield poly.contact.compliance[here], single.contact.compliance[there]
             yield poly.contact.beneath[here], single.contact.beneath[there]
         if poly.coupling is not None and single.coupling is not None:
-            here, there = (
-                slice(*c.begin[[k.start, k.stop]]) for c, k in ((poly.coupling, here), (single.coupling, there))
-            )
+            here, there = (slice(*c.begin[[m, m + 1]]) for c, m in ((poly.coupling, n), (single.coupling, i)))
             yield poly.coupling.matrix[here], single.coupling.matrix[there]
 
 

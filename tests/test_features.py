@@ -94,3 +94,12 @@ def test_short_and_odd_sounds_are_free_of_nan(audio):
 
 def test_what_has_blown_up_has_no_features():
     assert set(features(np.array([[1.0], [math.nan]]), RATE).values()) == {None}
+
+
+def test_a_burst_on_a_large_offset():
+    """What is loud only beside what does not change, and comes after most of the energy has gone."""
+    time = np.arange(44_100 * 2) / 44_100
+    sound = 1.0 + 0.0095 * np.sin(2 * np.pi * 200 * time)
+    sound[-200:] += 0.002 * np.sin(2 * np.pi * 3000 * time[-200:])
+    found = features(sound[:, None], 44_100)
+    assert found["fundamental_hz"] == pytest.approx(200.0, abs=0.5) and found["peak"] == np.abs(sound).max()

@@ -91,3 +91,26 @@ def test_a_pitch_glides():
         np.testing.assert_array_equal(ours[:most], theirs[:most])
     again = replay(json.loads(json.dumps(glides.log())))
     np.testing.assert_array_equal(heard[0], again[: len(heard[0])])
+
+
+def test_a_long_glide_arrives_and_a_refused_one_changes_nothing(monkeypatch):
+    player = Player(engine.load(PIANO), gain=1e-3, seconds=math.inf, voices=1, lowest=0.5)
+    player.tune(0, 0.7, seconds=5.0)
+    player.strike("hammer_0")
+    out = np.zeros((5 * 44_100 + 64, player.channels), np.float32)
+    player.play(out)
+    events = player.log()["events"]
+    assert all(e["frame"] is not None for e in events) and events[-1]["why"][0] == "strike"
+    assert events[-2]["why"] == ["tune", 0, 0.7] and events[-2]["frame"] == 5 * 44_100
+    before, table = len(events), player._table
+
+    def refused(voice: int, ratio: float) -> np.ndarray:
+        if ratio > 1.0:
+            raise ValueError("vibrates too fast")
+        return table(voice, ratio)
+
+    monkeypatch.setattr(player, "_table", refused)
+    with pytest.raises(ValueError, match="vibrates too fast"):
+        player.tune(0, 1.1, seconds=0.1)
+    player.play(out[:64])
+    assert len(player.log()["events"]) == before and player._pitch == [0.7]

@@ -59,7 +59,8 @@ def disturbed(player: Player, frames: int, seed: int) -> np.ndarray:
         if rng.random() < 0.3:
             name = player.knobs[int(rng.integers(len(player.knobs)))]
             place = float(rng.uniform(-1e-4, 1e-4))
-            player.set(name, float(10 ** rng.uniform(6, 11)) if name.endswith("stiffness") else place, 0.01)
+            values = {"stiffness": float(10 ** rng.uniform(6, 11)), "exponent": float(rng.uniform(1, 4))}
+            player.set(name, values.get(name.rpartition(".")[2], place), 0.01)
         player.play(out[at : at + size])
         at += size
     return out

@@ -172,3 +172,26 @@ def test_no_mido_says_what_to_install(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(__import__("sys").modules, "mido", None)
     assert cli.main([str(PIANO), "--midi", "x.mid", "-o", str(tmp_path / "a.wav")]) == 2
     assert "uv sync --extra midi" in capsys.readouterr().err
+
+
+FRET = '[[contact]]\nbody = "string"\nat = 0.4\nside = "below"\nbarrier = -1e-4\nstiffness = 1e7\nexponent = 2.5\n'
+
+
+@pytest.mark.hard
+def test_a_voice_of_a_string_over_a_fret_is_as_if_built_at_its_pitch(tmp_path):
+    """Contacts that push each other have a matrix of their own for each pitch."""
+    path = tmp_path / "fretted.toml"
+    path.write_text(PIANO.read_text("utf-8") + FRET, "utf-8")
+    scene = engine.load(path)
+    player, alone = (Player(scene, RATE, math.inf, 0.1, voices=n, lowest=low) for n, low in ((3, 0.5), (1, 1.5)))
+    player.tune(1, 1.5)
+    heard = []
+    for one, hammer in ((player, "hammer_1"), (alone, "hammer_0")):
+        one.strike(hammer)
+        heard.append(np.zeros((8820, one.channels), np.float32))
+        one.play(heard[-1])
+    np.testing.assert_array_equal(*heard)
+    player.tune(2, 0.7, seconds=0.05)
+    player.strike("hammer_2")
+    player.play(heard[0])
+    assert heard[0].any() and player.meter()["energy_error"] <= 1e-12

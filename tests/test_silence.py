@@ -104,7 +104,13 @@ def test_pickups_without_gain(silent):
 @pytest.mark.parametrize(("side", "up"), [("above", 1.0), ("below", -1.0)])
 def test_when_a_contact_would_close(side, up, reverse):
     """A mass 1 m from a wall or a string, from either side, named first or second."""
-    stats = {"peak": 0.0, "seconds": 0.1, "energy": {"initial": 1.0}, "newton": {"regimes": {"free": 4410}}}
+    stats = {
+        "peak": 0.0,
+        "seconds": 0.1,
+        "samplerate": 44_100,
+        "energy": {"initial": 1.0},
+        "newton": {"regimes": {"free": 4410}},
+    }
     string = {"name": "s", "kind": "string", "length": 1.0, "mass": 1.0, "frequency": 50.0}
 
     def says(speed: float, gravity: float = 0.0) -> str:
@@ -125,3 +131,14 @@ def test_when_a_contact_would_close(side, up, reverse):
     assert f'"b" needs 0.5 s to reach {target}' in says(0.0, gravity=-8.0 * up)
     assert f'"b" needs 1 s to reach {target}' in says(2.0, gravity=2.0 * up)
     assert f'"b" turns back before it reaches {target}' in says(1.9, gravity=2.0 * up)
+
+
+def test_a_barrier_that_moves_in_is_heard():
+    """Nothing moves at first, but a contact changes and pushes."""
+    body = {"name": "b", "kind": "oscillator", "mass": 1.0, "frequency": 200.0}
+    wall = {"name": "wall", "body": "b", "barrier": 1e-3, "stiffness": 1e8, "exponent": 1.5}
+    push = {"kind": "change", "time": 0.01, "contact": "wall", "barrier": -1e-3}
+    told = {"body": [body], "contact": [wall], "event": [push], "pickup": [{"body": "b"}]}
+    stats = {"peak": 0.5, "seconds": 0.1, "samplerate": 44_100, "energy": {"initial": 0.0}, "newton": {"regimes": {}}}
+    assert why(Scene.model_validate(told), stats) is None
+    assert "nothing moves" in (why(Scene.model_validate(told | {"event": []}), stats | {"peak": 0.0}) or "")

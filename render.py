@@ -4,7 +4,9 @@
 import sys
 
 WORDS = " ".join(sys.argv[1:]) or "PATCH"
-SET_UP = "  python3 -m pip install uv && uv run render.py " + WORDS
+FOLDER = sys.argv[0].replace("\\", "/").rpartition("/")[0]
+HERE = "render.py" if FOLDER in ("", ".") else "--project " + FOLDER + " " + sys.argv[0]
+SET_UP = "  python3 -m pip install uv && uv run " + HERE + " " + WORDS
 
 if sys.version_info < (3, 11):  # noqa: UP036  this file alone is read by an old Python
     found = ".".join(map(str, sys.version_info[:2]))

@@ -174,7 +174,9 @@ def undialled(args: argparse.Namespace) -> list[tuple[str, str]]:
 
 def output_of(args: argparse.Namespace) -> Path:
     """The file to write."""
-    return Path(args.output) if args.output else Path(Path(args.patch or args.replay or "out").stem + ".wav")
+    if args.output:
+        return Path(args.output)
+    return Path(f"{Path(args.replay).stem}_replay.wav" if args.replay else f"{Path(args.patch or 'out').stem}.wav")
 
 
 def plot_of(args: argparse.Namespace) -> Path | None:
@@ -212,6 +214,10 @@ def misplaced(args: argparse.Namespace) -> list[tuple[str, str]]:
     return [(f"--{name}" if name != "patch" else "PATCH", wrong[name]) for name in given if name in wrong]
 
 
+KINDS = {"--report": ("page", (".html", ".htm")), "--plot": ("picture", (".png",)), "--trace": ("trace", (".npz",))}
+KINDS["--log"] = ("log", (".json",))
+
+
 def unwritable(args: argparse.Namespace) -> list[tuple[str, str]]:
     """What is wrong with the files to be written."""
     output, report, option = output_of(args), report_of(args), "--output"
@@ -222,11 +228,12 @@ def unwritable(args: argparse.Namespace) -> list[tuple[str, str]]:
         sound = output if args.report is not None or not (args.explain or args.price) else None
         targets = {"--output": sound, "--trace": args.trace, "--plot": plot_of(args), "--report": report}
     wrong = []
-    if report is not None and report.suffix.lower() not in (".html", ".htm"):
-        wrong.append(("--report", f'"{report.name}" names no page; end it in .html'))
     paths = {option: Path(text) for option, text in targets.items() if text}
     for name, path in paths.items():
-        if not path.parent.is_dir():
+        what, endings = KINDS.get(name, ("", ()))
+        if endings and path.suffix.lower() not in endings:
+            wrong.append((name, f'"{path.name}" names no {what}; end it in {endings[0]}'))
+        elif not path.parent.is_dir():
             wrong.append((name, f"no such folder: {path.parent}; make it, or write elsewhere"))
         elif path.is_dir():
             wrong.append((name, f"{path} is a folder; give the name of a file, such as {path / 'sound.wav'}"))

@@ -58,6 +58,10 @@ def feedback(quiet: bool) -> Iterator[Callable[[float], None]]:
 
     try:
         yield progress
+    except Exception:
+        if interrupted:  # the compiler stumbled over it
+            raise KeyboardInterrupt from None
+        raise
     finally:
         compiling.cancel()
         if before is not None:

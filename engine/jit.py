@@ -81,12 +81,20 @@ def _base() -> Path:
         return Path(tempfile.gettempdir()) / f"fdh-engine-{user}"
 
 
+def _used(folder: Path) -> float:
+    """When a cache folder was used last; of one that another process has just pruned, never."""
+    try:
+        return folder.stat().st_mtime
+    except OSError:
+        return 0.0
+
+
 def _cache() -> Path:
     """The cache folder of the present sources; those of old sources are pruned."""
     folder = _base() / source_digest()
     folder.mkdir(parents=True, exist_ok=True)
     os.utime(folder)
-    others = sorted(folder.parent.iterdir(), key=lambda p: p.stat().st_mtime, reverse=True)
+    others = sorted(folder.parent.iterdir(), key=_used, reverse=True)
     for old in others[KEPT_DIGESTS:]:
         shutil.rmtree(old, ignore_errors=True)
     return folder

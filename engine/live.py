@@ -76,7 +76,8 @@ class Desk:
         seconds = None if args.seconds is None else float(args.seconds)
         if args.midi:
             many = {"voices": int(args.voices), "lowest": midi.lowest(args.midi, scene)}
-            seconds = math.inf if seconds is None else seconds
+        if (args.midi or args.watch) and seconds is None:
+            seconds = math.inf
         with feedback(args.json):
             speed, peak = pilot(Player(scene, self.samplerate, **many), int(args.block))
         if speed < 1.0 and not args.force:

@@ -41,7 +41,7 @@ def rendering(scene: "Scene", numbers: Numbers, args: argparse.Namespace) -> Ren
     from engine.offline import render
     from engine.silence import why
 
-    text = None if args.report is None else Path(args.patch).read_text("utf-8")  # as it is rendered
+    text = None if args.report is None else Path(args.patch).read_text("utf-8-sig")  # as it is rendered
     price = measured(scene, numbers["seconds"], numbers, args) if args.price else None
     dial, chosen = dial_of(args), dict[str, Any]()
     if args.error is not None:

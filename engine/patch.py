@@ -47,7 +47,7 @@ def load(path: str | Path) -> Scene:
     path = Path(path)
     file = str(path)
     try:
-        text = path.read_bytes().decode("utf-8")
+        text = path.read_bytes().decode("utf-8-sig")  # Windows puts a mark there
     except OSError as error:
         raise PatchError([Fault(file, None, "", _unread(path, error))]) from None
     except UnicodeDecodeError:

@@ -5,6 +5,7 @@ perturbation of 1e-9, or what two references differ by, has grown to a thousandt
 measures that chaos leaves alone.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -97,6 +98,7 @@ def price(
     reference, name, frames, disagreement, perturbed = _reference(scene, runs, at, samplerate)
     rows = []
     for rung, run in zip(rungs, runs, strict=True):
+        oversampled = rung.changes.get("oversample", 1) > 1  # the filter rings, also where there is no contact
         rows.append(
             {
                 "setting": rung.name,
@@ -104,8 +106,8 @@ def price(
                 "error": trajectory(run.audio, reference.audio, frames),
                 "bands_db": band_error(run.audio, reference.audio, samplerate),
                 "impulse": impulse(run.forces, reference.forces),
-                "first_contact_ms": first_contact(run.forces, samplerate),
-                "rebound": _rebound(run),
+                "first_contact_ms": math.nan if oversampled else first_contact(run.forces, samplerate),
+                "rebound": math.nan if oversampled else _rebound(run),
                 "decay_db": decay_error(run.audio, reference.audio, samplerate),
                 "cents": detuning(run.audio, reference.audio),
                 **_cost(scene, seconds, samplerate, base.but(**rung.changes, silence=scene.accuracy.silence)),

@@ -107,6 +107,7 @@ def priced(found: dict[str, Any]) -> None:
 def against(found: dict[str, Any]) -> str:
     """What the errors are taken from, and how far they can be believed."""
     return (
+        "* none is both nearer and faster; "
         f"error over the first {found['horizon'] * 1e3:.0f} ms against {found['reference']}, which is sure to"
         f" {found['disagreement']:.0e}; bands within {found['spread_db']:.2g} dB are chance"
     )
@@ -126,7 +127,7 @@ def prices(found: dict[str, Any]) -> list[tuple[str, ...]]:
                 f"{row['bands_db']:.2f} dB",
                 f"{row['decay_db']:.2f} dB",
                 f"{row['cents']:+.2f} c",
-                f"{row['first_contact_ms']:.2f} ms",
+                "" if math.isnan(row["first_contact_ms"]) else f"{row['first_contact_ms']:.2f} ms",
                 "" if math.isnan(row["rebound"]) else f"{row['rebound']:+.4f} m/s",
                 f"{row['impulse']:.1e}",
                 f"{row['ns_per_sample']:.0f}",

@@ -225,7 +225,7 @@ def varied(data: dict[str, Any], patch: str, axes: list[Axis], point: Point) -> 
 
 def plan(args: argparse.Namespace, scene: Scene) -> tuple[Plan, Wrong]:
     """What is to be rendered, and what is wrong with what is asked for."""
-    data = tomllib.loads(Path(args.patch).read_text("utf-8"))
+    data = tomllib.loads(Path(args.patch).read_text("utf-8-sig"))
     axes: list[Axis] = []
     wrong: Wrong = []
     numbers = {}
@@ -293,6 +293,8 @@ def unsuitable(args: argparse.Namespace) -> Wrong:
         wrong.append(("--output", f"no such folder: {within}; make it, or write elsewhere"))
     elif not os.access(within, os.W_OK):
         wrong.append(("--output", f"{within} cannot be written to; write elsewhere"))
+    elif folder.is_dir() and any(folder.glob("[!.]*")) and not (folder / "index.csv").exists():
+        wrong.append(("--output", f"{folder} holds other things; give a folder that is empty, or not there yet"))
     elif what := foreign(folder / "index.csv", [text.partition("=")[0].strip() for text in args.vary]):
         wrong.append(("--output", what))
     if args.cluster is not None and find_spec("distributed") is None:

@@ -193,7 +193,8 @@ def test_without_dependencies_the_command_to_run_is_named(tmp_path):
         check=False,
     )
     assert done.returncode == 1
-    assert f"python3 -m pip install uv && uv run render.py {BALL}" in done.stderr
+    program = f"--project {ROOT} {ROOT / 'render.py'}"
+    assert f"python3 -m pip install uv && uv run {program} {BALL}" in done.stderr
     assert "Traceback" not in done.stderr
 
 

@@ -4,8 +4,10 @@ be right."""
 import ast
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -261,3 +263,42 @@ def test_a_render_without_a_cache_folder(tmp_path):
     environment = {**os.environ, "TMPDIR": str(tmp_path), "NUMBA_CACHE_DIR": "/proc/none"}
     subprocess.run(words, env=environment, capture_output=True, check=True)
     assert soundfile.info(tmp_path / "a.wav").frames == 4410
+
+
+# --- files that are given by mistake
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (["--plot", "mine.toml", BALL], '"mine.toml" names no picture; end it in .png'),
+        ([BALL, "--trace", "mine.toml"], '"mine.toml" names no trace; end it in .npz'),
+        ([BALL, "--live", "--log", "mine.toml"], '"mine.toml" names no log; end it in .json'),
+        ([BALL, "--vary", "body.ball.mass=1,2", "-o", "."], ". holds other things; give a folder that is empty"),
+        (["new", "."], '"." names no file; a word, such as mine'),
+        (["new", ""], '"" names no file; a word, such as mine'),
+    ],
+)
+def test_a_file_is_not_written_over_by_a_slip(words, what, tmp_path):
+    (tmp_path / "mine.toml").write_text(GOOD, "utf-8")
+    refused(run(*words, cwd=tmp_path), what, lines=2)
+    assert (tmp_path / "mine.toml").read_text("utf-8") == GOOD and len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_mark_of_windows_is_no_fault(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + GOOD.replace("\n", "\r\n").encode())
+    assert cli.main(["check", str(path)]) == 0
+
+
+def test_ctrl_c_that_the_compiler_stumbles_over(capsys):
+    """The compiler loses it in a callback, and fails of it later."""
+    from engine.feedback import feedback
+
+    with pytest.raises(KeyboardInterrupt), feedback(True):
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.1)
+        except KeyboardInterrupt:
+            pass
+        raise RuntimeError("no compiled object yet")

@@ -143,6 +143,15 @@ def largest(scene_of: Callable[[int], engine.Scene], size: int) -> tuple[int, fl
     return least, share
 
 
+def chord(voices: int) -> engine.Scene:
+    """Voices of the piano as notes are played with, an octave down, all struck at once."""
+    from engine.voices import polyphonic, tuned
+
+    scene = polyphonic(tuned(engine.load(ROOT / "patches" / "piano_c4.toml"), 0.5), voices)
+    body = [b.model_copy(update={"velocity": 4.0}) if b.kind == "mass" else b for b in scene.body]
+    return scene.model_copy(update={"body": body})
+
+
 def scenes() -> None:
     """The largest of each family."""
     rows = []
@@ -150,6 +159,7 @@ def scenes() -> None:
         ("free modes", bank, 8000),
         ("hammered strings of 61 modes, all at once", lambda n: hammered(n, 61), 64),
         ("tanpura strings, 16-point bridges", lambda n: tanpuras(n, 16), 8),
+        ("polyphony: voices of piano_c4, all struck at once", chord, 64),
     ):
         most, share = largest(scene_of, size)
         rows.append([name, str(most), f"{share:.0%}"])

@@ -209,6 +209,10 @@ def misplaced(args: argparse.Namespace) -> list[tuple[str, str]]:
         wrong = dict.fromkeys(LIVE_ONLY, "for --live; give that too")
         not_notes = ("explain", "price", "trace", "plot", "report", "error")
         wrong |= dict.fromkeys(not_notes, "not for --midi") if args.midi else {}
+    if args.explain and not args.replay:
+        wrong |= dict.fromkeys(("output", "trace", "price", "error"), "not for --explain, which renders nothing")
+    elif args.price and args.report is None and not args.replay:
+        wrong |= dict.fromkeys(("output", "trace", "error"), "not for --price, which writes no sound")
     if not args.vary and not args.replay:
         wrong |= dict.fromkeys(VARIED_ONLY, "for --vary; give that too")
     return [(f"--{name}" if name != "patch" else "PATCH", wrong[name]) for name in given if name in wrong]

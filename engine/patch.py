@@ -99,13 +99,22 @@ def _brief(path: Path) -> str:
         return str(path)
 
 
+# what Python's reader says, and what would be right
+HINTS = {
+    "Cannot overwrite": "a key is given twice, or a table is [body] once and [[body]] elsewhere: write [[body]]",
+    "twice": "the same table stands there twice; write [[body]], [[contact]] and so on, which may be many",
+    "Expected newline": "one number or text for each key: 6.0 and not 6,0; the unit goes into a comment, after #",
+}
+
+
 def _syntax_fault(file: str, text: str, error: tomllib.TOMLDecodeError) -> Fault:
     message = str(error)
     found = re.search(r" \(at line (\d+), column (\d+)\)$", message)
     line = int(found[1]) if found else text.count("\n") + 1
     column = f" at column {found[2]}" if found else ""
     what = message[: found.start()] if found else message.removesuffix(" (at end of document)")
-    return Fault(file, line, "", f'not valid TOML{column} ({what}); write key = value, with text in "quotes"')
+    right = next((hint for sign, hint in HINTS.items() if sign in what), 'write key = value, with text in "quotes"')
+    return Fault(file, line, "", f"not valid TOML{column} ({what}); {right}")
 
 
 def locate(text: str) -> dict[Where, int]:

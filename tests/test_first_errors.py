@@ -302,3 +302,32 @@ def test_ctrl_c_that_the_compiler_stumbles_over(capsys):
         except KeyboardInterrupt:
             pass
         raise RuntimeError("no compiled object yet")
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        (GOOD + 'body = "ball"\n', "a key is given twice"),
+        (GOOD.replace("[[body]]", "[body]") + GOOD, "write [[body]]"),
+        (GOOD.replace("mass = 1.0", "mass = 1,0"), "6.0 and not 6,0; the unit goes into a comment"),
+        (GOOD.replace("mass = 1.0", "mass = 1 kg"), "the unit goes into a comment, after #"),
+    ],
+)
+def test_what_is_no_toml_says_what_would_be(text, what, tmp_path, capsys):
+    path = tmp_path / "mine.toml"
+    path.write_text(text, "utf-8")
+    assert cli.main(["check", str(path)]) == 2
+    assert what in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (["--explain", "--price"], "--price: not for --explain, which renders nothing"),
+        (["--explain", "-o", "x.wav"], "--output: not for --explain"),
+        (["--price", "--error", "1e-3"], "--error: not for --price, which writes no sound"),
+    ],
+)
+def test_what_would_be_ignored_is_said(words, what, capsys):
+    assert cli.main([BALL, *words]) == 2
+    assert what in capsys.readouterr().err

@@ -7,8 +7,7 @@ import engine
 from bench.hard import CASES, RATE
 from bench.hard import error as relative
 from bench.metric import ALPHAS, DECADES, preservation
-from bench.report import FIGURES, ROOT, figure, pin, publish
-from engine import draw
+from bench.report import ROOT, figure, pin, publish
 from engine.accuracy import Accuracy
 from engine.baselines import simulate
 from engine.build import build
@@ -239,6 +238,4 @@ def run() -> None:
     sixth(rows)
     driven(rows)
     sequel(rows)
-    shipped = engine.load(ROOT / "patches" / "tanpura.toml")
-    draw.take(engine.render(shipped, trace=True), shipped.title, FIGURES / "take_tanpura.png")
     publish("figures", ["figure", "quantity", "paper", "ours"], rows)

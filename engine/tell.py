@@ -4,9 +4,8 @@ import math
 import sys
 from typing import Any
 
-from engine.save import fitting
+from engine.save import SILENCE, fitting
 
-SILENCE = 1e-30  # a smaller peak is none
 MOST_ISLANDS = 32  # listed
 
 
@@ -101,13 +100,13 @@ def priced(found: dict[str, Any]) -> None:
     """Error against time, setting by setting (engine.price)."""
     print(against(found))
     columns(prices(found))
+    print("* nothing else is both nearer and faster")
     print(found["verdict"])
 
 
 def against(found: dict[str, Any]) -> str:
     """What the errors are taken from, and how far they can be believed."""
     return (
-        "* none is both nearer and faster; "
         f"error over the first {found['horizon'] * 1e3:.0f} ms against {found['reference']}, which is sure to"
         f" {found['disagreement']:.0e}; bands within {found['spread_db']:.2g} dB are chance"
     )

@@ -16,7 +16,10 @@ import pytest
 import soundfile
 from conftest import ROOT, needs_alsa, needs_portaudio
 
+import engine
 from bench.live import played
+from engine.live import pilot
+from engine.player import Player
 
 PIANO = str(ROOT / "patches" / "piano_c4.toml")
 needs_jack = pytest.mark.skipif(shutil.which("jackd") is None, reason="no jackd")
@@ -194,6 +197,27 @@ loss = 0.1
     done = run(str(heavy), "--live", environment={"PYTHONPATH": str(tmp_path)}, timeout=240.0)
     assert done.returncode == 1
     assert "too heavy for real time: 0." in done.stderr and "--force" in done.stderr
+
+
+def test_a_machine_busy_for_a_moment_refuses_nothing(monkeypatch):
+    """What costs too much once, and not again, is the machine's; what always does is the patch's."""
+    scene = engine.load(PIANO)
+    play, blocks = Player.play, iter(range(10**9))
+
+    def held_up(once: bool):
+        def slow(player, out, *more):
+            if not once or next(blocks) == 3:
+                time.sleep(0.1)
+            play(player, out, *more)
+
+        return slow
+
+    monkeypatch.setattr(Player, "play", held_up(once=True))
+    assert pilot(lambda: Player(scene), 256)[0] > 1.0
+    assert next(blocks) > 3
+    monkeypatch.setattr(Player, "play", held_up(once=False))
+    monkeypatch.setattr("engine.live.PILOT", 0.3)
+    assert pilot(lambda: Player(scene), 256)[0] < 1.0
 
 
 @pytest.mark.parametrize(

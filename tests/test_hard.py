@@ -192,7 +192,7 @@ def test_a_million_hostile_states(alpha):
 
 @pytest.mark.parametrize(
     "stiffness, exponent",
-    mostly_hard([(1e13, 1.0), (1e13, 1.5), (1e13, 2.3), (1e3, 5.0), (1e3, 1.0)], (1e3, 5.0)),
+    mostly_hard([(1e13, 1.0), (1e13, 1.5), (1e13, 2.3), (1e3, 5.0), (1e3, 1.0)]),
 )
 @pytest.mark.parametrize("contacts", [1, 30])
 def test_unknowns_do_not_cancel(stiffness, exponent, contacts):
@@ -326,7 +326,7 @@ def test_decay_into_subnormal_numbers(alpha):
 
 @pytest.mark.parametrize(
     "stiffness, exponent, loss",
-    mostly_hard([(1e10, 1.0, 0.0), (1e12, 1.0, 0.0), (1e9, 1.5, 0.0), (1e9, 1.5, 0.5)], (1e12, 1.0, 0.0)),
+    mostly_hard([(1e10, 1.0, 0.0), (1e12, 1.0, 0.0), (1e9, 1.5, 0.0), (1e9, 1.5, 0.5)]),
 )
 def test_unfinished_solves_are_passive(stiffness, exponent, loss):
     """Four rounds are too few for a bridge of thirty points: the ledger closes all the same, and it is counted."""
@@ -386,7 +386,7 @@ def overflow(built):
 
 
 @pytest.mark.parametrize("fault", [not_a_number, overflow])
-@pytest.mark.parametrize("path", PATCHES, ids=lambda p: p.stem)
+@pytest.mark.parametrize("path", PATCHES[::-1], ids=lambda p: p.stem)  # test_block compiles them from the front
 def test_a_failed_solve_is_passive_and_counted(path, fault, monkeypatch):
     """The sound goes on: finite, with no energy from nowhere, and every failure is counted."""
 

@@ -96,16 +96,18 @@ def parser() -> argparse.ArgumentParser:
     live.add_argument("--live", action="store_true", help="play instead; Ctrl-C or q ends it")
     live.add_argument("--list-devices", action="store_true", help="what can be played on")
     live.add_argument("--device", metavar="NAME", help="a device's number, or part of its name (default: the system's)")
-    live.add_argument("--block", metavar="N", default="256", help="frames of a block (default: %(default)s)")
+    live.add_argument("--block", metavar="N", default=USUAL["block"], help="frames of a block (default: %(default)s)")
     live.add_argument("--latency", metavar="L", help="low, high, or seconds (default: the device's)")
     live.add_argument("--record", metavar="OUT.wav", help="also write what is played")
     live.add_argument("--log", metavar="LOG.json", help="also write what was done")
     live.add_argument("--replay", metavar="LOG.json", help="render what was played, bit for bit, to -o OUT.wav")
     live.add_argument("--midi", metavar="FILE.mid", help="play its notes, live or to a file; or those of a port, live")
-    live.add_argument("--voices", metavar="N", default="8", help="notes at a time (default: %(default)s)")
+    live.add_argument("--voices", metavar="N", default=USUAL["voices"], help="notes at a time (default: %(default)s)")
     live.add_argument("--watch", action="store_true", help="take over what is saved to the patch while it plays")
     live.add_argument("--force", action="store_true", help="play even what is too heavy for real time")
-    live.add_argument("--callback", metavar="KIND", default="compiled", help="compiled (default), or python to compare")
+    live.add_argument(
+        "--callback", metavar="KIND", default=USUAL["callback"], help="compiled (default), or python to compare"
+    )
     parse.add_argument("--json", action="store_true", help="print the statistics as one JSON object")
     return parse
 
@@ -189,16 +191,17 @@ def report_of(args: argparse.Namespace) -> Path | None:
     return None if args.report is None else Path(args.report) if args.report else output_of(args).with_suffix(".html")
 
 
-LIVE_ONLY = ("device", "latency", "record", "log", "watch", "force")
+USUAL = {"block": "256", "voices": "8", "callback": "compiled"}
+LIVE_ONLY = ("device", "block", "latency", "record", "log", "watch", "force", "callback")
 NOT_LIVE = ("output", "trace", "explain", "price", "plot", "report", "error", "cores")
 VARIED_ONLY = ("sample", "seed", "cluster")
-NOT_VARIED = ("live", "midi", "explain", "price", "plot", "trace", "error", "report", *LIVE_ONLY)
-NOT_REPLAYED = ("patch", "live", "seconds", "samplerate", "gain", "midi", "vary", *LIVE_ONLY, *NOT_LIVE[1:])
+NOT_VARIED = ("live", "midi", "voices", "explain", "price", "plot", "trace", "error", "report", *LIVE_ONLY)
+NOT_REPLAYED = ("patch", "live", "seconds", "samplerate", "gain", "midi", "voices", "vary", *LIVE_ONLY, *NOT_LIVE[1:])
 
 
 def misplaced(args: argparse.Namespace) -> list[tuple[str, str]]:
     """Arguments that what is asked for takes no notice of."""
-    given = [name for name, value in vars(args).items() if value not in (None, False)]
+    given = [name for name, value in vars(args).items() if value not in (None, False, USUAL.get(name))]
     if args.replay:
         wrong = dict.fromkeys(NOT_REPLAYED + VARIED_ONLY, "the log says it all; give -o OUT.wav")
     elif args.vary:
@@ -213,6 +216,8 @@ def misplaced(args: argparse.Namespace) -> list[tuple[str, str]]:
         wrong |= dict.fromkeys(("output", "trace", "price", "error"), "not for --explain, which renders nothing")
     elif args.price and args.report is None and not args.replay:
         wrong |= dict.fromkeys(("output", "trace", "error"), "not for --price, which writes no sound")
+    if not args.midi and not args.vary and not args.replay:
+        wrong["voices"] = "for --midi; give that too"
     if not args.vary and not args.replay:
         wrong |= dict.fromkeys(VARIED_ONLY, "for --vary; give that too")
     return [(f"--{name}" if name != "patch" else "PATCH", wrong[name]) for name in given if name in wrong]

@@ -30,12 +30,14 @@ Renderer = Callable[[list[Task]], Answers]
 
 @dataclass
 class Outcome:
-    """How far a sweep has come: of its points, how many are done, were done before, or failed."""
+    """How far a sweep has come: of its points, how many are done, were done before, or failed; and how many sounds
+    of other settings, that were in the folder, are no more."""
 
     points: int
     done: int = 0
     before: int = 0
     failed: int = 0
+    replaced: int = 0
     interrupted: bool = False
 
     @property
@@ -94,7 +96,9 @@ def sweep(
     for part in [*folder.glob(".[0-9][0-9][0-9][0-9]*.wav.*.part"), *folder.glob(".index.csv.*.part")]:  # of one killed
         part.unlink(missing_ok=True)
     header = index.columns(paths)
-    rows = {n: row for n, row in index.read(path).items() if n in tasks and _stands(row, begun[n], folder)}
+    held = index.read(path)
+    rows = {n: row for n, row in held.items() if n in tasks and _stands(row, begun[n], folder)}
+    others = {n for n, row in held.items() if n not in rows and row["status"] == "done"}
     index.write(path, header, rows)
     outcome = Outcome(len(plan.points), done=len(rows), before=len(rows))
     rate = options["samplerate"]
@@ -104,6 +108,7 @@ def sweep(
         if found.audio is not None:
             peak = 0.0 if found.cells["silent"] else float(abs(found.audio).max())
             audio, cells["gain_db"] = amplified(found.audio, peak, gain)
+            outcome.replaced += number in others and (folder / name).exists()
             save_audio(folder / name, audio, rate, subtype)
         told = begun[number] | cells
         told |= {"file": name if found.audio is not None else "", "status": found.error or "done"}

@@ -147,6 +147,8 @@ def varied(told: dict[str, Any]) -> None:
     """How a sweep went, and where its sounds are."""
     done, points, failed = told["done"], told["points"], told["failed"]
     before = f", {told['before']} of them before" if told["before"] else ""
+    if told["replaced"]:
+        print(f"{told['replaced']} sounds of other settings were replaced", file=sys.stderr)
     if told["interrupted"]:
         print(f"interrupted; {done} of {points} done; run the same command to go on", file=sys.stderr)
         return

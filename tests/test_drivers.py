@@ -244,6 +244,9 @@ def test_wrong_arguments_are_said(words, what):
 def test_what_is_for_live_sound_alone_is_said():
     done = run(PIANO, "--record", "r.wav")
     assert done.returncode == 2 and "--record: for --live; give that too" in done.stderr
+    done = run(PIANO, "--block", "64", "--callback", "python", "--voices", "2")
+    assert done.returncode == 2 and done.stderr.count("for --live; give that too") == 2
+    assert "--voices: for --midi; give that too" in done.stderr
     done = run(PIANO, "--replay", "log.json")
     assert done.returncode == 2 and "PATCH: the log says it all" in done.stderr
     done = run("--replay", "no.json")

@@ -277,7 +277,9 @@ def test_only_what_is_missing_changed_or_failed_is_rendered_again(tmp_path):
     again, given = swept(tmp_path, NEAR, BELL)
     assert (again.before, given) == (2, [2, 3, 4, 6])
     assert (tmp_path / "index.csv").read_bytes() == before
-    assert len(swept(tmp_path, NEAR, BELL, gain=3.0)[1]) == 6
+    assert again.replaced == 0
+    louder, given = swept(tmp_path, NEAR, BELL, gain=3.0)
+    assert (louder.replaced, len(given)) == (3, 6)
     assert len(swept(tmp_path, NEAR, BELL, order=4)[1]) == 6
     other = tmp_path / "p.toml"
     other.write_text(Path(MARBLE).read_text("utf-8").replace("gravity = 9.81", "gravity = 9.82"), "utf-8")

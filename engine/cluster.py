@@ -6,6 +6,7 @@ written here. What a worker was about when it is killed is given to another.
 
 import itertools
 import logging
+import sys
 from concurrent.futures import CancelledError
 from typing import Any
 
@@ -32,6 +33,7 @@ def _answers(client: Any, tasks: list[Task]) -> Answers:
 
     waiting = iter(tasks)
     under_way: dict[Any, int] = {}
+    without = False
     while True:
         room = AHEAD * max(1, sum(client.nthreads().values()))
         for task in itertools.islice(waiting, max(0, room - len(under_way))):
@@ -44,10 +46,19 @@ def _answers(client: Any, tasks: list[Task]) -> Answers:
         try:
             finished = wait(list(under_way), LOOK, "FIRST_COMPLETED").done
         except TimeoutError:
+            without = _said(client, without)
             yield None
             continue
         for future in finished:
             yield under_way.pop(future), _answer(future)
+
+
+def _said(client: Any, before: bool) -> bool:
+    """Whether all workers are gone; that they are is said once."""
+    without = not client.nthreads()
+    if without and not before:
+        print("all workers are gone; waiting for others (Ctrl-C ends it, the same command goes on)", file=sys.stderr)
+    return without
 
 
 def _client(address: str) -> Any:

@@ -376,38 +376,53 @@ def free_port() -> int:
         return int(found.getsockname()[1])
 
 
-@pytest.mark.hard
-def test_workers_of_a_cluster_render_the_same_and_one_may_be_killed(tmp_path):
-    """A scheduler and two workers, in folders of their own; one is killed half-way. Nothing is lost or done twice."""
+@pytest.fixture
+def cluster(tmp_path):
+    """The address of a scheduler; a function that starts a worker, in a folder of its own; and one that starts a
+    sweep there, as a program of its own."""
     address = f"tcp://127.0.0.1:{free_port()}"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     quiet = {"env": environment, "cwd": tmp_path, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    dask = [sys.executable, "-m", "dask"]
-    started = [
-        subprocess.Popen(
-            [*dask, "scheduler", "--host", "127.0.0.1", "--port", address.rpartition(":")[2], "--no-dashboard"], **quiet
-        )
-    ]
+    started: list[subprocess.Popen] = []
+
+    def dask(*words):
+        started.append(subprocess.Popen([sys.executable, "-m", "dask", *words, "--no-dashboard"], **quiet))
+        return started[-1]
+
+    def worker(name):
+        plain = ["--nthreads", "1", "--no-nanny", "--host", "127.0.0.1"]
+        return dask("worker", address, *plain, "--local-directory", str(tmp_path / name))
+
+    def sweep(*words):
+        command = [sys.executable, str(ROOT / "render.py"), *words, "--cluster", address]
+        started.append(subprocess.Popen(command, stderr=subprocess.PIPE, text=True))
+        return started[-1]
+
+    dask("scheduler", "--host", "127.0.0.1", "--port", address.rpartition(":")[2])
+    yield worker, sweep
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+def come_to(folder, points, run):
+    """Wait until so many points of a sweep are in its index, or it is over."""
+    until(lambda: run.poll() is not None or ((folder / "index.csv").exists() and len(rows(folder)) >= points), 60.0)
+
+
+@pytest.mark.hard
+def test_workers_of_a_cluster_render_the_same_and_one_may_be_killed(tmp_path, cluster):
+    """A scheduler and two workers, in folders of their own; one is killed half-way. Nothing is lost or done twice."""
+    worker, sweep = cluster
     many = "body.marble.displacement=1e-4..1e-3:log:40"
-    words = [MARBLE, "--vary", many, "--seconds", "2", "-o", str(tmp_path / "a"), "--cluster", address]
-    try:
-        for name in ("one", "two"):
-            worker = ["worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", "127.0.0.1"]
-            worker += ["--local-directory", str(tmp_path / name)]
-            started.append(subprocess.Popen([*dask, *worker], **quiet))
-        time.sleep(3.0)
-        run = subprocess.Popen([sys.executable, str(ROOT / "render.py"), *words], stderr=subprocess.PIPE, text=True)
-        started.append(run)
-        index_file = tmp_path / "a" / "index.csv"
-        until(lambda: run.poll() is not None or (index_file.exists() and len(rows(tmp_path / "a")) >= 5), 60.0)
-        started[2].kill()
-        assert len(rows(tmp_path / "a")) < 40
-        _, said = run.communicate(timeout=60)
-        assert (run.returncode, said) == (0, "")
-    finally:
-        for process in started:
-            process.kill()
-            process.wait()
+    _, second = worker("one"), worker("two")
+    time.sleep(3.0)
+    run = sweep(MARBLE, "--vary", many, "--seconds", "2", "-o", str(tmp_path / "a"))
+    come_to(tmp_path / "a", 5, run)
+    second.kill()
+    assert len(rows(tmp_path / "a")) < 40
+    _, said = run.communicate(timeout=60)
+    assert (run.returncode, said) == (0, "")
     plain = dict.fromkeys(("scheme", "order", "substeps", "tolerance", "oversample", "precision"))
     swept(tmp_path / "b", many, seconds=2.0, **plain)
     assert (tmp_path / "a" / "index.csv").read_bytes() == (tmp_path / "b" / "index.csv").read_bytes()
@@ -417,7 +432,24 @@ def test_workers_of_a_cluster_render_the_same_and_one_may_be_killed(tmp_path):
 
 
 @pytest.mark.hard
-def test_where_there_is_no_scheduler_it_is_said(tmp_path, capsys):
+def test_when_all_workers_are_gone_it_is_said_and_others_may_come(tmp_path, cluster):
+    worker, sweep = cluster
+    first = worker("one")
+    many = "body.marble.displacement=1e-4..1e-3:log:60"
+    run = sweep(MARBLE, "--vary", many, "--seconds", "5", "-o", str(tmp_path / "a"))
+    come_to(tmp_path / "a", 3, run)
+    first.kill()
+    assert len(rows(tmp_path / "a")) < 60
+    assert "all workers are gone; waiting for others" in run.stderr.readline()
+    worker("two")
+    _, said = run.communicate(timeout=60)
+    assert (run.returncode, said) == (0, "")
+    assert len(rows(tmp_path / "a")) == 60
+
+
+@pytest.mark.hard
+def test_where_there_is_no_scheduler_it_is_said(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("engine.cluster.PATIENCE", 1)
     begin = time.perf_counter()
     words = ["--vary", NEAR, "-o", str(tmp_path / "a"), "--cluster", f"127.0.0.1:{free_port()}"]
     assert cli.main([MARBLE, *words]) == 1

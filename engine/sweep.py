@@ -3,13 +3,8 @@
 A sweep that is stopped at any time goes on when it is started again: what is done is not done twice.
 """
 
-import multiprocessing
 import os
-import signal
-import threading
 from collections.abc import Callable
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -20,7 +15,8 @@ from engine import index
 from engine.index import Cell, Row
 from engine.machine import sources
 from engine.patch import PatchError
-from engine.point import LOOK, Answers, Found, Task, rendered
+from engine.point import Answers, Found, Task
+from engine.processes import here
 from engine.save import amplified, save_audio
 from engine.vary import Plan, Point
 
@@ -161,66 +157,3 @@ def _stands(row: Row, begun: dict[str, Cell], folder: Path) -> bool:
     """Whether a row tells of this very point, and its sound is there."""
     same = row["status"] == "done" and row["fingerprint"] == begun["fingerprint"]
     return same and bool(row["file"]) and (folder / row["file"]).is_file()
-
-
-def here(tasks: list[Task], cores: int) -> Answers:
-    """Render on this machine, each point by one of several processes."""
-    left = {task.number: task for task in tasks}
-    while left:
-        sent: set[int] = set()
-        try:
-            yield from _pooled(left, cores, sent)
-        except BrokenProcessPool:  # one of those sent has brought its process down: each is tried alone
-            suspects = {number: left.pop(number) for number in sent}
-            while suspects:
-                sent = set()
-                try:
-                    yield from _pooled(suspects, 1, sent)
-                except BrokenProcessPool:
-                    for number in sent:
-                        del suspects[number]
-                        yield number, Found(None, {}, "its process was killed; is there memory enough?")
-
-
-def _pooled(left: dict[int, Task], cores: int, sent: set[int]) -> Answers:
-    """Answers of one set of processes; what is answered leaves `left` and `sent`.
-
-    The first point is rendered alone, until one is done: then what most need is compiled. After that one
-    more than there are processes is sent, so that none waits for us.
-    """
-    others = set(multiprocessing.active_children())
-    spawn = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(min(cores, len(left)), spawn, _obey)
-    under_way: dict[Future[Found], int] = {}
-    waiting, room = iter(list(left.values())), 1
-    try:
-        while left:
-            while len(under_way) < room and (task := next(waiting, None)) is not None:
-                under_way[pool.submit(rendered, task)] = task.number
-                sent.add(task.number)
-            finished, _ = wait(under_way, LOOK, FIRST_COMPLETED)
-            for future in finished:
-                found, number = future.result(), under_way.pop(future)
-                room = cores + (cores > 1) if found.audio is not None else room
-                sent.discard(number)
-                del left[number]
-                yield number, found
-            if not finished:
-                yield None
-    finally:
-        pool.shutdown(wait=not left, cancel_futures=True)
-        for process in set(multiprocessing.active_children()) - others:  # those in the midst of a point
-            process.terminate()
-
-
-def _obey() -> None:
-    """In a process of the pool: Ctrl-C is the parent's to answer, and without it there is nothing to do."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-
-    def follow() -> None:
-        if parent is not None:
-            parent.join()
-            os._exit(1)
-
-    threading.Thread(target=follow, daemon=True).start()

@@ -27,7 +27,7 @@ FLOORS = [
     ["offline"],
     ["params", "silence"],
     ["explain", "price", "tell", "arguments", "player", "point"],
-    ["vary", "cluster"],
+    ["vary", "cluster", "processes"],
     ["sound", "reload", "midi", "replay", "sweep", "page", "commands"],
     ["once"],
     ["cli", "live"],
@@ -52,6 +52,7 @@ KERNELS = [
 WITHOUT_NUMBA = ["accuracy", "parts", "measured", "references", "scene", "patch", "bodies", "spots", "waveform", "draw"]
 WITHOUT_NUMBA += ["save", "feedback", "machine", "measures", "features", "index", "point", "vary", "sweep", "cluster"]
 WITHOUT_NUMBA += ["describe", "params", "silence", "commands", "arguments", "tell", "page", "once", "cli", "__init__"]
+WITHOUT_NUMBA += ["processes"]
 
 
 def imports(name: str) -> set[str]:

@@ -1,6 +1,7 @@
 """Variations of a patch: axes, points, and sweeps that can be stopped at any time."""
 
 import csv
+import dataclasses
 import json
 import math
 import os
@@ -22,7 +23,8 @@ from conftest import ROOT
 import engine
 from engine import cli, index, vary
 from engine.point import Task, rendered
-from engine.sweep import here, sweep
+from engine.processes import here
+from engine.sweep import sweep
 
 MARBLE = str(ROOT / "patches" / "marble_on_a_bell.toml")
 PIANO = str(ROOT / "patches" / "piano_c4.toml")
@@ -352,22 +354,59 @@ def until(reached, patience: float = 30.0) -> None:
         time.sleep(0.02)
 
 
+def marbles(count: int, seconds: float) -> list[Task]:
+    """The points of a sweep."""
+    made = plan(f"body.marble.displacement=1e-4..1e-3:log:{count}")
+    options = {"seconds": seconds, "samplerate": 44_100}
+    return [Task(n, made.scene(p).model_dump(exclude_unset=True), options) for n, p in enumerate(made.points, 1)]
+
+
+def workers() -> list[psutil.Process]:
+    """Those of this process that render."""
+    return [c for c in psutil.Process().children() if "spawn_main" in " ".join(c.cmdline())]
+
+
 @pytest.mark.hard
-def test_a_process_that_is_killed_loses_no_point():
-    made = plan("body.marble.displacement=1e-4..1e-3:log:30")
-    tasks = [
-        Task(n, made.scene(point).model_dump(exclude_unset=True), {"seconds": 0.5, "samplerate": 44_100})
-        for n, point in enumerate(made.points, 1)
-    ]
+@pytest.mark.parametrize("seconds", [0.5, 20.0])
+def test_a_process_that_is_killed_loses_no_point(seconds):
+    """While it renders; or in the midst of a long answer, that waits to be read."""
     found = []
-    for answer in here(tasks, 2):
+    for answer in here(marbles(30 if seconds < 1 else 5, seconds), 2):
         if answer is not None:
             found.append(answer)
-            if len(found) == 5:
-                workers = [c for c in psutil.Process().children() if "spawn_main" in " ".join(c.cmdline())]
-                workers[-1].kill()
-    assert sorted(number for number, _ in found) == list(range(1, 31))
+            if len(found) == 3:
+                time.sleep(0.0 if seconds < 1 else 3.0)
+                workers()[-1].kill()
+    assert sorted(number for number, _ in found) == list(range(1, 31 if seconds < 1 else 6))
     assert all(answer.audio is not None for _, answer in found)
+
+
+@pytest.mark.hard
+def test_who_is_stopped_in_the_midst_of_an_answer_ends():
+    answers = here(marbles(5, 20.0), 2)
+    while next(answers) is None:
+        pass
+    next(answers)
+    time.sleep(3.0)  # more than one point takes
+    held = workers()
+    answers.close()
+    assert held and not psutil.wait_procs(held, timeout=2)[1]
+
+
+class Deadly:
+    """Whoever unpickles this is no more."""
+
+    def __reduce__(self):
+        return os._exit, (9,)
+
+
+@pytest.mark.hard
+def test_a_point_that_kills_its_process_fails_by_itself():
+    first, second, third = marbles(3, 0.5)
+    deadly = dataclasses.replace(second, options=second.options | {"seconds": Deadly()})
+    found = dict(answer for answer in here([first, deadly, third], 2) if answer is not None)
+    assert found[1].audio is not None and found[3].audio is not None
+    assert found[2].audio is None and "its process was killed" in found[2].error
 
 
 def free_port() -> int:

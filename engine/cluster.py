@@ -46,14 +46,14 @@ def _answers(client: Any, tasks: list[Task]) -> Answers:
         try:
             finished = wait(list(under_way), LOOK, "FIRST_COMPLETED").done
         except TimeoutError:
-            without = _said(client, without)
+            without = _deserted(client, without)
             yield None
             continue
         for future in finished:
             yield under_way.pop(future), _answer(future)
 
 
-def _said(client: Any, before: bool) -> bool:
+def _deserted(client: Any, before: bool) -> bool:
     """Whether all workers are gone; that they are is said once."""
     without = not client.nthreads()
     if without and not before:

@@ -98,5 +98,6 @@ def _work(pipe: Connection) -> None:
             os._exit(1)
 
     threading.Thread(target=follow, daemon=True).start()
-    while True:
-        pipe.send(rendered(pipe.recv()))
+    with suppress(EOFError, OSError):  # the parent's end is closed
+        while True:
+            pipe.send(rendered(pipe.recv()))

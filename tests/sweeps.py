@@ -1,0 +1,52 @@
+"""What tests of variations and of sweeps share: axes and plans of a patch, and sweeps in this process."""
+
+import csv
+import math
+import tomllib
+from pathlib import Path
+
+from conftest import ROOT
+
+import engine
+from engine import vary
+from engine.point import rendered
+from engine.sweep import sweep
+
+MARBLE = str(ROOT / "patches" / "marble_on_a_bell.toml")
+SECONDS = 0.02  # of a sound, in which a marble close to the bell strikes it
+
+
+def axis(text: str, patch: str = MARBLE, sampling: bool = False) -> vary.Axis:
+    return vary.axis(text, engine.load(patch), tomllib.loads(Path(patch).read_text("utf-8")), sampling)
+
+
+def plan(*texts: str, patch: str = MARBLE) -> vary.Plan:
+    axes = [axis(text, patch) for text in texts]
+    return vary.Plan(patch, tomllib.loads(Path(patch).read_text("utf-8")), axes, vary.points(axes))
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    with open(folder / "index.csv", newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+class Alone:
+    """Renders in this process, and keeps the numbers of what it was given; Ctrl-C comes after `most` answers."""
+
+    def __init__(self, most: float = math.inf) -> None:
+        self.given: list[int] = []
+        self.most = most
+
+    def __call__(self, tasks):
+        for task in tasks:
+            if len(self.given) == self.most:
+                raise KeyboardInterrupt
+            self.given.append(task.number)
+            yield task.number, rendered(task)
+
+
+def swept(folder: Path, *texts: str, most: float = math.inf, patch: str = MARBLE, gain=None, **options):
+    """The outcome of a sweep, and the numbers of the points that were rendered."""
+    alone = Alone(most)
+    told = {"seconds": SECONDS, "samplerate": 44_100} | options
+    return sweep(plan(*texts, patch=patch), folder, alone, told, gain), alone.given

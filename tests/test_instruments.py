@@ -216,6 +216,12 @@ def test_the_fretted_string_sounds_from_its_fret():
     assert begin + end == pytest.approx(5.4, abs=0.05)
 
 
+def test_the_open_guitar_string_dies_at_the_rate_of_its_source():
+    """NESS means 120 dB by T60: its 15 s for the low partials are 6 ln 10/15 = 0.92 1/s."""
+    _, decay = partial(heard("guitar_frets").between(6.6, 8.0), 81.4519)
+    assert decay == pytest.approx(6 * math.log(10) / 15.0, rel=0.02)
+
+
 def test_the_bass_slaps_its_frets():
     """A soft pluck stays clear of them but for a touch, a hard one does not; the thumb drives the string down."""
     bass = heard("bass_frets")

@@ -11,7 +11,7 @@ import numpy as np
 
 from engine import coupled, energy, rest, score, solve
 from engine.accuracy import Accuracy
-from engine.bodies import TooMany, modal, string_stiffness
+from engine.bodies import TooDamped, TooMany, modal, string_stiffness
 from engine.compliance import compliances
 from engine.laws import law_of
 from engine.layout import Layout, Point
@@ -45,6 +45,7 @@ from engine.waveform import table
 
 QUANTITIES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION, "force": FORCE}
 MOST_CONTACTS = 512  # in an island; its coupled solve takes time of their third power
+FORCE_AT_START = 1e12  # N
 HIGHEST = 0.49  # of the sample rate; what vibrates faster would come out at another frequency
 
 
@@ -117,6 +118,7 @@ def build(
         silence=10 ** (accuracy.silence / 20),
     )
     state = _state(layout, model)
+    _refuse_deep(layout, model, state)
     if accuracy.precision == "float32":
         model, state = single(model), single(state)
     return Built(aligned(model), aligned(state), layout)
@@ -131,6 +133,9 @@ def _lay_out(scene: Scene, samplerate: float, scheme: str, live: bool) -> Layout
             own = modal(body, highest)
         except TooMany as error:
             faults.append((f"body[{i}]", f"{error}; give modes = the number to build"))
+            continue
+        except TooDamped as error:
+            faults.append((f"body[{i}].support", f"{error}; less of it, or decay rates of the body (sigma0, t60)"))
             continue
         if own.omega.size == 0:
             what = f"has no mode below {highest:g} Hz, {HIGHEST} of the sample rate"
@@ -202,7 +207,9 @@ def _modes(
     h = 1.0 / samplerate
     if accuracy.order > 2 and sigma.max(initial=0.0) * h > MOST_BACK:
         what = f"order {accuracy.order} has steps back in time, in which heavy damping would create energy; "
-        what += f"decay rates up to {MOST_BACK * samplerate:.4g} 1/s ({sigma.max():.4g} here), or order = 2 and substeps"
+        what += (
+            f"decay rates up to {MOST_BACK * samplerate:.4g} 1/s ({sigma.max():.4g} here), or order = 2 and substeps"
+        )
         raise BuildError([("accuracy.order", what)])
     heavy = heavily_damped(omega, sigma, h) & (accuracy.scheme == "exact" and accuracy.order == 2)
     kick, drift, keep, drag, dragged = np.empty((5, omega.size))
@@ -271,6 +278,7 @@ def _force(layout: Layout, modes: Modes, samplerate: float) -> Force | None:
         begin=np.cumsum([0] + [t.values.size for t in tables]).astype(np.int64),
         table=np.concatenate([t.values for t in tables]),
         after=np.array([t.after for t in tables]),
+        scale=np.ones(len(tables)),
     )
 
 
@@ -346,6 +354,22 @@ def _state(layout: Layout, model: Model) -> State:
         regimes=np.zeros((count, 6), np.int64),
         contacts=np.zeros(count, np.int64),
     )
+
+
+def _refuse_deep(layout: Layout, model: Model, state: State) -> None:
+    """Refuse contacts that begin deeper than any force could have brought them."""
+    if model.contact is None:
+        return
+    faults = []
+    for place, (k, _) in enumerate(layout.spot):
+        depth, exponent = float(state.compression[place]), float(state.exponent[place])
+        with np.errstate(over="ignore"):
+            force = float(state.unit[place]) * (exponent + 1) * np.float64(max(depth, 0.0)) ** exponent
+        if force > FORCE_AT_START:
+            what = f"begins {depth:.3g} m deep, where it pushes with {force:.1e} N"
+            faults.append((f"contact[{k}]", f"{what}; at most {FORCE_AT_START:g} N; mind the signs of gap and side"))
+    if faults:
+        raise BuildError(faults[:1] if len({f for f, _ in faults}) == 1 else faults)
 
 
 def _refined(modes: int, contacts: int, islands: int) -> Refined:

@@ -205,7 +205,7 @@ def noted(scene: "Scene", numbers: dict[str, float | None], args: argparse.Names
     rate, output = int(numbers["samplerate"] or 44_100), output_of(args)
     try:
         with feedback(args.json) as progress:
-            audio, player = midi.render(scene, args.midi, rate, numbers["seconds"], int(args.voices), progress)
+            audio, player, played = midi.render(scene, args.midi, rate, numbers["seconds"], int(args.voices), progress)
         audio, gain = amplified(audio, float(abs(audio).max()), numbers["gain"])
         save_audio(output, audio, rate, args.subtype)
     except (midi.MidiError, BuildError) as error:
@@ -219,8 +219,11 @@ def noted(scene: "Scene", numbers: dict[str, float | None], args: argparse.Names
     now = player.meter()
     if args.json:
         stats = {"patch": args.patch, "output": str(output), "seconds": len(audio) / rate, "gain_db": gain, "live": now}
+        stats["notes"] = played
         print(json.dumps(finite(stats)))
     else:
+        for body, notes in played.items():
+            print(f"{body} plays {notes}")
         print(f"{len(audio) / rate:g} s, {player.voices} voices, energy error {now['energy_error']:.1e}\n{output}")
     return 0
 

@@ -23,7 +23,12 @@ class Scene(Part):
 
     title: str = Field(default="", description="what it is")
     seconds: float = Field(default=2.0, gt=0.0, le=SECONDS, description="how long it sounds, s")
-    gravity: float = Field(default=0.0, ge=-1e6, le=1e6, description="gravity on masses and oscillators, m/s²")
+    gravity: float = Field(
+        default=0.0,
+        ge=-1e4,
+        le=1e4,
+        description="downward acceleration of masses and oscillators, m/s²: with 9.81 their weight is -9.81 N/kg",
+    )
     accuracy: Accuracy = Field(default=Accuracy(), description="how exactly it is computed")
     body: list[Body] = Field(min_length=1, description="the bodies")
     contact: list[Contact] = Field(default=[], description="where bodies collide")
@@ -118,3 +123,14 @@ def _channels(path: Path) -> int:
     import soundfile
 
     return int(soundfile.info(str(path)).channels)
+
+
+def joined(scene: Scene, name: str) -> set[str]:
+    """The bodies that contacts join with one, and it."""
+    found, size = {name}, 0
+    while size < len(found):
+        size = len(found)
+        for contact in scene.contact:
+            if contact.on is not None and found & {contact.body, contact.on}:
+                found |= {contact.body, contact.on}
+    return found

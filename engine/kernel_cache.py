@@ -13,13 +13,14 @@ import pickle
 import sys
 from functools import lru_cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import llvmlite
 import llvmlite.binding
 import numba
 import numpy as np
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCacheLocator
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.codegen import get_host_cpu_features
 from numba.core.serialize import dumps
 
@@ -90,7 +91,7 @@ class _Results(CompileResultCacheImpl):
 
     def __init__(self, function: Any) -> None:
         self._lineno = function.__code__.co_firstlineno
-        self._locator = InTreeCacheLocator(function, function.__code__.co_filename)  # named in warnings
+        self._locator = SimpleNamespace(_py_file=function.__code__.co_filename)  # named in warnings
 
 
 class KernelCache(FunctionCache):

@@ -47,6 +47,8 @@ def folder(name: str = "") -> Path:
         try:
             base = place()
             base.parent.mkdir(parents=True, exist_ok=True)
+            if shared and not _keeps(base.parent):
+                raise OSError(f"{base.parent} lets other users rename what is in it")
             _private(base, shared)
             if name:
                 _private(base / name, shared)
@@ -94,6 +96,12 @@ def _private(path: Path, shared: bool) -> None:
         raise OSError(f"{path} belongs to another user")
     if not _trusted(status):
         raise OSError(f"{path} can be written to by other users")
+
+
+def _keeps(path: Path) -> bool:
+    """Whether what this user has in a folder stays there, whoever else can write to it."""
+    status = os.stat(path)
+    return not hasattr(os, "geteuid") or bool(status.st_mode & stat.S_ISVTX) or not status.st_mode & 0o022
 
 
 def _owned(status: os.stat_result) -> bool:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from engine.scene import Scene
 
 COMMANDS = {
+    "cache": commands.cache,
     "check": commands.check,
     "new": commands.new,
     "params": commands.params,

@@ -36,11 +36,11 @@ from engine.model import (
     aligned,
     single,
 )
-from engine.modes import MOST_BACK, TABLES, damped_table, heavily_damped
 from engine.parts import Body, Change, String
 from engine.scene import Scene
 from engine.spots import places
 from engine.stages import loss_of, refinement
+from engine.tables import MOST_BACK, TABLES, damped_table, heavily_damped
 from engine.waveform import table
 
 QUANTITIES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION, "force": FORCE}
@@ -215,8 +215,9 @@ def _modes(
     kick, drift, keep, drag, dragged = np.empty((5, omega.size))
     kick[~heavy], drift[~heavy] = TABLES[accuracy.scheme](omega[~heavy], sigma[~heavy], h)
     keep[~heavy], drag[~heavy], dragged[~heavy] = np.exp(-sigma[~heavy] * h), 1.0, 0.0
-    own = damped_table(omega[heavy], sigma[heavy], h)
-    kick[heavy], drift[heavy], keep[heavy], drag[heavy], dragged[heavy] = own
+    if heavy.any():
+        own = damped_table(omega[heavy], sigma[heavy], h)
+        kick[heavy], drift[heavy], keep[heavy], drag[heavy], dragged[heavy] = own
     loss = loss_of(keep) if np.any(keep < 1.0) else None
     return Modes(kick, drift), loss, Loss(drag, dragged) if heavy.any() else None
 

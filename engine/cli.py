@@ -11,7 +11,7 @@ from engine import commands
 from engine.arguments import dial_of, misplaced, output_of, parser, plot_of, settings, unwritable
 from engine.commands import read, report
 from engine.feedback import feedback, finite
-from engine.save import amplified, clipped, reason, save_audio
+from engine.save import amplified, clipped, lowered, reason, save_audio
 
 if TYPE_CHECKING:
     from engine.scene import Scene
@@ -202,12 +202,13 @@ def noted(scene: "Scene", numbers: dict[str, float | None], args: argparse.Names
     """Render the notes of a MIDI file."""
     from engine import midi
     from engine.build import BuildError
+    from engine.doubts import doubts
 
     rate, output = int(numbers["samplerate"] or 44_100), output_of(args)
     try:
         with feedback(args.json) as progress:
             audio, player, played = midi.render(scene, args.midi, rate, numbers["seconds"], int(args.voices), progress)
-        audio, gain = amplified(audio, float(abs(audio).max()), numbers["gain"])
+        audio, gain = amplified(audio, float(abs(audio).max()), numbers["gain"], args.subtype)
         save_audio(output, audio, rate, args.subtype)
     except (midi.MidiError, BuildError) as error:
         print(f"render.py: {error}", file=sys.stderr)
@@ -217,14 +218,19 @@ def noted(scene: "Scene", numbers: dict[str, float | None], args: argparse.Names
         return 1
     if cut := clipped(output, audio, gain, args.subtype):
         print(f"{output}: {cut}", file=sys.stderr)
+    for warning in lowered(output, gain, numbers["gain"]):
+        print(warning, file=sys.stderr)
     now = player.meter()
+    reasons = doubts(now["newton"], {"error_max": now["energy_error"]}, not now["not_finite"])
     if args.json:
         stats = {"patch": args.patch, "output": str(output), "seconds": len(audio) / rate, "gain_db": gain, "live": now}
-        stats["notes"] = played
+        stats |= {"notes": played, "trusted": not reasons, "reasons": reasons}
         print(json.dumps(finite(stats)))
     else:
         for body, notes in played.items():
             print(f"{body} plays {notes}")
+        for why in reasons:
+            print(f"NOT TO BE TRUSTED: {why}")
         print(f"{len(audio) / rate:g} s, {player.voices} voices, energy error {now['energy_error']:.1e}\n{output}")
     return 0
 

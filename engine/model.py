@@ -190,7 +190,7 @@ class Model(NamedTuple):
     modes: Modes
     spring: Spring | None
     loss: Loss | None
-    drag: Loss | None  # in the drift, of heavily damped modes (engine.modes.damped_table)
+    drag: Loss | None  # in the drift, of heavily damped modes (engine.tables.damped_table)
     gravity: Gravity | None
     force: Force | None
     contact: Contact | None

@@ -10,6 +10,7 @@ import numpy as np
 
 from engine import rest, solve
 from engine.build import build
+from engine.doubts import built_doubts, doubts, warnings
 from engine.layout import Layout
 from engine.model import Model, State, Trace
 from engine.parts import SECONDS
@@ -114,6 +115,10 @@ def render(
         "accuracy": asked.model_dump(),
         **found,
     }
+    precision = asked.precision
+    reasons = built_doubts(scene.model_copy(update={"accuracy": asked}), layout, model)
+    reasons += doubts(found["newton"], found["energy"], bool(np.isfinite(audio).all()), precision)
+    stats |= {"trusted": not reasons, "reasons": reasons, "warnings": warnings(scene)}
     return Take(audio, samplerate, stats, _named(kept_frames, layout, fine) if kept_frames is not None else None)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from engine.arguments import dial_of, error_of, output_of, plot_of, report_of
 from engine.feedback import feedback
-from engine.save import amplified, clipped, reason, replaced, save_audio, save_trace
+from engine.save import amplified, clipped, lowered, reason, replaced, save_audio, save_trace
 
 if TYPE_CHECKING:
     import numpy as np
@@ -57,12 +57,14 @@ def rendering(scene: "Scene", numbers: Numbers, args: argparse.Namespace) -> Ren
             **dial,
         )
     output, silent = output_of(args), why(scene, take.stats)
-    audio, gain = amplified(take.audio, 0.0 if silent else float(take.stats["peak"]), numbers["gain"])
+    audio, gain = amplified(take.audio, 0.0 if silent else float(take.stats["peak"]), numbers["gain"], args.subtype)
     cut = clipped(output, audio, gain, args.subtype)
     told = {"patch": args.patch, "output": str(output), "peak": float(abs(audio).max()), "gain_db": gain}
     told |= {"silent": silent, "clipped": cut.count if cut else 0} | ({"chosen": chosen} if chosen else {})
     stats, title = take.stats | told, scene.title or Path(args.patch).stem
     warnings = [f"{args.patch}: silent; {silent}"] if silent else []
+    warnings += [f"{args.patch}: {warning}" for warning in take.stats["warnings"]]
+    warnings += lowered(output, gain, numbers["gain"])
     warnings += [f"{output}: {cut}"] if cut else []
     made = Rendering(title, take, audio, stats, price, None, warnings)
     return made if text is None else replace(made, page=paged(scene, text, made, args))

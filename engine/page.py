@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 SHORT = 3.0  # s; what is longer is embedded as Ogg Vorbis, a tenth of the size
 PLAYED = (8_000, 48_000)  # Hz, rates that every browser plays
-ALARMS = ("FAILED", "TOO SLOW")  # rows of the summary
+ALARMS = ("NOT TO BE TRUSTED", "TOO SLOW")  # rows of the summary
 PIECE = 1 << 16  # frames; libsndfile's Vorbis encoder has no stack for very many at once
 # nothing is loaded from anywhere, and no script runs, whatever a patch has written into it
 POLICY = "default-src 'none'; img-src data:; media-src data:; style-src 'unsafe-inline'"

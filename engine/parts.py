@@ -30,7 +30,7 @@ Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 def hardest(exponent: float) -> float:
     """The largest stiffness of a contact of that exponent, N/m^α. Beyond, one step of rounding of a compression is
     more force than any sound has, and no energy can be kept account of."""
-    return HARDEST * 1e3**exponent
+    return float(HARDEST * 1e3**exponent)
 
 
 def _number(value: Any) -> bool:

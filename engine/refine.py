@@ -1,7 +1,7 @@
 """Refinement: a sample in several stages, where contact is possible (DESIGN sec. 2).
 
 A stage is a step of another length, forwards or backwards, without loss; half the loss of the sample
-comes before the first stage and half after the last. Heavily damped modes (engine.modes.damped_table) lose in
+comes before the first stage and half after the last. Heavily damped modes (engine.tables.damped_table) lose in
 each stage instead, for all lengths are then positive. Each stage conserves energy, and so does their
 product, whose order is that of the lengths (engine.accuracy). Out of contact the `exact` table needs no
 stages: it is a flow, and one step of it is their product.

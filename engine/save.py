@@ -12,17 +12,30 @@ if TYPE_CHECKING:
     import numpy as np
 
 LOUDNESS = -1.0  # dBFS, peak of a normalised file
+LARGEST = 3e38, 1e308  # that single and double precision hold
 SILENCE = 1e-30  # a smaller peak is not worth normalising
 SUBTYPES = ("FLOAT", "PCM_24", "PCM_16", "DOUBLE")
 
 
-def amplified(audio: "np.ndarray", peak: float, gain: float | None) -> "tuple[np.ndarray, float]":
-    """The audio at the level of the file, and its gain in dB; normalised if none is given."""
+def amplified(
+    audio: "np.ndarray", peak: float, gain: float | None, subtype: str | None = None
+) -> "tuple[np.ndarray, float]":
+    """The audio at the level of the file, and its gain in dB; normalised if none is given, and no larger than what a
+    file of floating point holds."""
     import numpy as np
 
     if gain is None:
         gain = LOUDNESS - 20 * math.log10(peak) if peak > SILENCE else 0.0
+    elif peak > 0.0:
+        gain = min(gain, math.floor(20 * (math.log10(LARGEST[subtype == "DOUBLE"]) - math.log10(peak))))
     return np.asarray(audio * 10 ** (gain / 20)), gain
+
+
+def lowered(output: Path, gain: float, asked: float | None) -> list[str]:
+    """That a gain was lowered to what a file holds, if it was."""
+    if asked is None or gain >= asked:
+        return []
+    return [f"{output}: --gain {asked:g} is more than its numbers hold; {gain:g} dB instead"]
 
 
 def save_audio(output: Path, audio: "np.ndarray", samplerate: int, subtype: str | None) -> None:

@@ -6,8 +6,8 @@ from engine.accuracy import Accuracy, stages
 from engine.compliance import compliances
 from engine.layout import Layout, Point
 from engine.model import DampedStages, Loss, Modes, Refinement, Rows
-from engine.modes import damped_table, heavily_damped, stage_table
 from engine.spots import places
+from engine.tables import damped_table, heavily_damped, stage_table
 
 
 def refinement(layout: Layout, modes: Modes, accuracy: Accuracy, samplerate: float) -> Refinement | None:

@@ -53,8 +53,8 @@ def summed(stats: dict[str, Any]) -> dict[str, str]:
             f"{chosen['error']:.1e} over the first {chosen['horizon'] * 1e3:.0f} ms, {chosen['bands_db']:.2f} dB of the"
             f" worst band, {chosen['ns_per_sample']:.0f} ns per sample"
         )
-    if failed := newton["unconverged"]:
-        rows["FAILED"] = f"{failed} contact solves; at those samples the motion was turned back, and no energy added"
+    if not stats["trusted"]:
+        rows["NOT TO BE TRUSTED"] = "; ".join(stats["reasons"])
     if stats["real_time_factor"] < 1.0:
         big = stats["islands"]["largest"]
         rows["TOO SLOW"] = (

@@ -18,14 +18,14 @@ FLOORS = [
     ["references", "spots", "waveform"],
     ["accuracy", "measures", "features", "laws", "scene", "bodies", "baselines", "save", "feedback", "machine"],
     ["model", "others", "draw", "solve", "patch", "index", "describe"],
-    ["modes", "rounds", "coupled", "islands", "layout"],
+    ["modes", "tables", "rounds", "coupled", "islands", "layout"],
     ["force", "contact", "compliance", "voices"],
     ["energy"],
     ["events"],
     ["rest", "step"],
     ["refine", "stages"],
     ["block", "score", "deck"],
-    ["build", "runner", "post"],
+    ["build", "runner", "post", "doubts"],
     ["offline"],
     ["params", "silence"],
     ["explain", "price", "tell", "arguments", "player", "point"],
@@ -54,7 +54,7 @@ KERNELS = [
 WITHOUT_NUMBA = ["accuracy", "parts", "measured", "references", "scene", "patch", "bodies", "spots", "waveform", "draw"]
 WITHOUT_NUMBA += ["save", "feedback", "machine", "measures", "features", "index", "point", "vary", "sweep", "cluster"]
 WITHOUT_NUMBA += ["describe", "params", "silence", "commands", "arguments", "tell", "page", "once", "cli", "__init__"]
-WITHOUT_NUMBA += ["processes", "kernel_files"]
+WITHOUT_NUMBA += ["processes", "kernel_files", "doubts"]
 
 
 def imports(name: str) -> set[str]:

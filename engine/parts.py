@@ -8,9 +8,14 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
+from engine.wording import shown
+
 SECONDS = 3_600.0  # longest render
 CHANNELS = 16
-POINTS = 256  # of one contact
+POINTS = 256  # of a bridge, or of frets
+PLACES = 512  # in a list
+SUPPORTS = 256  # of a body
+SHEET = 1_000  # modes of a membrane or a plate that does not say how many
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=64)]
 Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -22,7 +27,8 @@ NotNegative = Annotated[float, Field(ge=0.0, le=1e6)]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
-def _number(value: Any) -> bool:
+def number(value: Any) -> bool:
+    """Whether a value is a number."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
@@ -31,10 +37,12 @@ def _places(value: Any) -> Any:
     if value is None:
         return None
     items = value if isinstance(value, list) else [value]
+    if len(items) > PLACES:
+        raise PydanticCustomError("scene", "{count} places; at most {most}", {"count": len(items), "most": PLACES})
     items = [x for item in items for x in (item if isinstance(item, list) else [item])]
-    if not items or not all(isinstance(x, str) or (_number(x) and 0.0 <= x <= 1.0) for x in items):
+    if not items or not all(isinstance(x, str) or (number(x) and 0.0 <= x <= 1.0) for x in items):
         what = "{value} is no place on a body; a fraction of its length from 0 to 1, [x, y] fractions, a point's name, "
-        raise PydanticCustomError("scene", what + "or a list of these", {"value": str(value)})
+        raise PydanticCustomError("scene", what + "or a list of these", {"value": shown(value)})
     return value
 
 
@@ -43,9 +51,11 @@ def _floats(value: Any) -> Any:
     if value is None:
         return None
     items = value if isinstance(value, list) else [value]
-    if not items or not all(_number(x) and abs(x) <= 1e6 for x in items):
-        shown = f'"{value}"' if isinstance(value, str) else str(value)
-        raise PydanticCustomError("scene", "{value} is no position; a number in m, or a list of them", {"value": shown})
+    if len(items) > PLACES:
+        raise PydanticCustomError("scene", "{count} positions; at most {most}", {"count": len(items), "most": PLACES})
+    if not items or not all(number(x) and abs(x) <= 1e6 for x in items):
+        what = "{value} is no position; a number in m, or a list of them"
+        raise PydanticCustomError("scene", what, {"value": shown(value)})
     return value
 
 
@@ -54,7 +64,7 @@ _FRACTION = {"type": "number", "minimum": 0.0, "maximum": 1.0}
 _PAIR = {"type": "array", "items": _FRACTION, "minItems": 2, "maxItems": 2}
 _PLACE: list[dict[str, Any]] = [_FRACTION, {"type": "string"}, _PAIR]
 _METRES = {"type": "number", "minimum": -1e6, "maximum": 1e6}
-_SOME = {"type": "array", "minItems": 1}
+_SOME = {"type": "array", "minItems": 1, "maxItems": PLACES}
 Places = Annotated[
     Any, AfterValidator(_places), WithJsonSchema({"anyOf": [*_PLACE, _SOME | {"items": {"anyOf": _PLACE}}]})
 ]
@@ -118,7 +128,9 @@ class _Spread(_Body):
         le=20_000,
         description="how many to build, the lowest; if absent, all below 0.49 of the sample rate",
     )
-    support: list[Support] = Field(default=[], description="springs and dampers that hold it to the ground")
+    support: list[Support] = Field(
+        default=[], max_length=SUPPORTS, description="springs and dampers that hold it to the ground"
+    )
     sigma0: float = Field(default=0.0, ge=0.0, le=1e6, description="decay rate of all modes, 1/s")
     sigma1: float = Field(default=0.0, ge=0.0, le=1e6, description="decay rate per wave number, m/s")
     sigma3: float = Field(default=0.0, ge=0.0, le=1e6, description="decay rate per wave number³, m³/s")
@@ -169,6 +181,12 @@ class Bar(_Line):
 
 
 class _Sheet(_Spread):
+    modes: int | None = Field(
+        default=None,
+        ge=1,
+        le=20_000,
+        description=f"how many to build, the lowest; if absent, those below 0.49 of the sample rate, {SHEET} at most",
+    )
     density: float = Field(gt=0.0, le=1e9, description="mass per area, kg/m²")
     frequency: float | None = Field(default=None, gt=0.0, le=1e6, description="frequency of the first partial, Hz")
 

@@ -65,7 +65,7 @@ def step(model, contact, force, refinement, state, frame, touching, ledger):
 @jit
 def coasting_step(model, state, ledger):
     """One step in which no force can act. Returns as `step`."""
-    lost = coast(model.modes, model.spring, model.loss, model.gravity, state.carry, state.q, state.p)
+    lost = coast(model.modes, model.spring, model.loss, model.drag, model.gravity, state.carry, state.q, state.p)
     if ledger is not None:
         book(state.account, DISSIPATED, lost)
     return False, ZERO
@@ -101,7 +101,7 @@ def wake(model, loose, state, frame, slept):
     see whether anything is due."""
     last = frame + slept - 1
     if flies(model.gravity, loose, state):
-        fly(model.modes, model.spring, model.loss, model.gravity, loose, state, slept)
+        fly(model.modes, model.spring, model.loss, model.drag, model.gravity, loose, state, slept)
         if last % RESYNC == 0:
             look_around(model, state, last, NO, NO)
     elif state.asleep[UNTIL] == last + 1:

@@ -36,11 +36,11 @@ from engine.model import (
     aligned,
     single,
 )
-from engine.modes import TABLES
+from engine.modes import MOST_BACK, TABLES, damped_table, heavily_damped
 from engine.parts import Body, Change, String
 from engine.scene import Scene
 from engine.spots import places
-from engine.stages import refinement
+from engine.stages import loss_of, refinement
 from engine.waveform import table
 
 QUANTITIES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION, "force": FORCE}
@@ -84,7 +84,7 @@ def build(
     accuracy = accuracy or scene.accuracy
     layout = _lay_out(scene, samplerate, accuracy.scheme, room > 0)
     omega, sigma = layout.gather("omega"), layout.gather("sigma")
-    modes = Modes(*TABLES[accuracy.scheme](omega, sigma, 1.0 / samplerate))
+    modes, loss, drag = _modes(omega, sigma, samplerate, accuracy)
     contact, contact_loss, coupling = _contact(layout, modes, samplerate, accuracy, general)
     if contact_loss is not None and accuracy.order > 2:
         what = f"order {accuracy.order} has steps back in time, in which contact loss would create energy"
@@ -101,7 +101,8 @@ def build(
         islands=islands,
         modes=modes,
         spring=Spring(omega**2, modes.kick * omega**2) if omega.any() else None,
-        loss=_loss(sigma, samplerate),
+        loss=loss,
+        drag=drag,
         gravity=_gravity(layout),
         force=force,
         contact=contact,
@@ -194,11 +195,23 @@ def _loose(layout: Layout, omega: np.ndarray) -> Loose | None:
     return Loose(free - np.repeat(layout.islands.mode[:-1], np.diff(begin)), begin, heard)
 
 
-def _loss(sigma: np.ndarray, samplerate: float) -> Loss | None:
-    if not sigma.any():
-        return None
-    keep = np.exp(-sigma / samplerate)
-    return Loss(keep, 0.5 * (1 - keep) * (1 + keep))  # of the rounded d: the two must agree, or the ledger drifts
+def _modes(
+    omega: np.ndarray, sigma: np.ndarray, samplerate: float, accuracy: Accuracy
+) -> tuple[Modes, Loss | None, Loss | None]:
+    """The core of each mode, its loss at both ends of a step, and that of heavily damped modes in the drift."""
+    h = 1.0 / samplerate
+    if accuracy.order > 2 and sigma.max(initial=0.0) * h > MOST_BACK:
+        what = f"order {accuracy.order} has steps back in time, in which heavy damping would create energy; "
+        what += f"decay rates up to {MOST_BACK * samplerate:.4g} 1/s ({sigma.max():.4g} here), or order = 2 and substeps"
+        raise BuildError([("accuracy.order", what)])
+    heavy = heavily_damped(omega, sigma, h) & (accuracy.scheme == "exact" and accuracy.order == 2)
+    kick, drift, keep, drag, dragged = np.empty((5, omega.size))
+    kick[~heavy], drift[~heavy] = TABLES[accuracy.scheme](omega[~heavy], sigma[~heavy], h)
+    keep[~heavy], drag[~heavy], dragged[~heavy] = np.exp(-sigma[~heavy] * h), 1.0, 0.0
+    own = damped_table(omega[heavy], sigma[heavy], h)
+    kick[heavy], drift[heavy], keep[heavy], drag[heavy], dragged[heavy] = own
+    loss = loss_of(keep) if np.any(keep < 1.0) else None
+    return Modes(kick, drift), loss, Loss(drag, dragged) if heavy.any() else None
 
 
 def _gravity(layout: Layout) -> Gravity | None:

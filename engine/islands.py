@@ -15,6 +15,7 @@ from engine.model import (
     Contact,
     ContactLoss,
     Coupling,
+    DampedStages,
     Events,
     Force,
     Gravity,
@@ -115,6 +116,16 @@ def _cut_contact(contact, state, a, b):
 
 
 @jit
+def cut_damped(x, m0, m1):
+    """The loss in stages of the modes m0:m1."""
+    if x is None:
+        return None
+    return DampedStages(
+        cut(x.ends, m0, m1), columns(x.keep, m0), columns(x.lost, m0), columns(x.drag_keep, m0), columns(x.drag_lost, m0)
+    )
+
+
+@jit
 def cut_refinement(x, i, m0, m1, k0):
     """The refinement of island i, whose modes and contacts begin at m0 and k0."""
     if x is None:
@@ -139,6 +150,7 @@ def cut_refinement(x, i, m0, m1, k0):
         view(x.begin, i, i + 1),
         view(x.curve, m0, m1),
         view(x.sag, m0, m1),
+        cut_damped(x.damped, m0, m1),
     )
 
 
@@ -168,6 +180,7 @@ def cut_model(model, state, i):
         cut(model.modes, m0, m1),
         cut(model.spring, m0, m1),
         cut(model.loss, m0, m1),
+        cut(model.drag, m0, m1),
         cut(model.gravity, m0, m1),
         cut(model.force, of.force[i], of.force[i + 1]),
         cut_contact(model.contact, state, k0, k1),

@@ -63,6 +63,16 @@ class Loss(NamedTuple):
     lost: np.ndarray  # (1 - d²)/2 [modes]
 
 
+class DampedStages(NamedTuple):
+    """Loss of a refined sample with heavily damped modes, which lose in each stage; the others at its ends."""
+
+    ends: Loss
+    keep: np.ndarray  # [kinds, modes], in each half-step of loss of a stage
+    lost: np.ndarray
+    drag_keep: np.ndarray  # [kinds, modes], in its drift
+    drag_lost: np.ndarray
+
+
 class Gravity(NamedTuple):
     """Weight of each mode."""
 
@@ -129,6 +139,7 @@ class Refinement(NamedTuple):
     begin: np.ndarray  # int [islands], where the island's matrix begins
     curve: np.ndarray  # [modes]: how far a mode strays from its chord within a sample, per amplitude
     sag: np.ndarray  # [modes], √kg·m: and how far by its weight
+    damped: DampedStages | None
 
 
 class Events(NamedTuple):
@@ -178,6 +189,7 @@ class Model(NamedTuple):
     modes: Modes
     spring: Spring | None
     loss: Loss | None
+    drag: Loss | None  # in the drift, of heavily damped modes (engine.modes.damped_table)
     gravity: Gravity | None
     force: Force | None
     contact: Contact | None

@@ -21,6 +21,7 @@ CHUNK = 16_384  # samples between two looks at the clock and at Ctrl-C
 # what a scene may call for, and the slot of the Model that holds it
 EFFECTS = {
     "loss": "loss",
+    "heavy damping": "drag",
     "restoring force": "spring",
     "gravity": "gravity",
     "external force": "force",

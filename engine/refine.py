@@ -1,7 +1,8 @@
 """Refinement: a sample in several stages, where contact is possible (DESIGN sec. 2).
 
 A stage is a step of another length, forwards or backwards, without loss; half the loss of the sample
-comes before the first stage and half after the last. Each stage conserves energy, and so does their
+comes before the first stage and half after the last. Heavily damped modes (engine.modes.damped_table) lose in
+each stage instead, for all lengths are then positive. Each stage conserves energy, and so does their
 product, whose order is that of the lengths (engine.accuracy). Out of contact the `exact` table needs no
 stages: it is a flow, and one step of it is their product.
 """
@@ -11,7 +12,7 @@ import math
 from engine.contact import free_moves
 from engine.force import idle
 from engine.jit import NO, ZERO, jit, outlined
-from engine.model import Contact, ContactLoss, Coupling, Force, Model, Modes, Rows, Spring
+from engine.model import Contact, ContactLoss, Coupling, Force, Loss, Model, Modes, Rows, Spring
 from engine.modes import bound, first_half, lose_all, second_half
 from engine.step import advance
 
@@ -60,6 +61,23 @@ def stage_contact(contact, tables, s, count):
 
 
 @jit
+def loss_at_ends(loss, damped):
+    """The loss before the first stage and after the last."""
+    if damped is None:
+        return loss
+    return damped.ends
+
+
+@jit
+def stage_damping(damped, s, count):
+    """The half-steps of loss of heavily damped modes in stage s, and their drag."""
+    if damped is None:
+        return None, None
+    loss = Loss(damped.keep[s][0:count], damped.lost[s][0:count])
+    return loss, Loss(damped.drag_keep[s][0:count], damped.drag_lost[s][0:count])
+
+
+@jit
 def stage_loss(contact_loss, tables, s, count):
     """Contact loss of stage s."""
     if contact_loss is None:
@@ -78,12 +96,14 @@ def stage_coupling(coupling, tables, s):
 @jit
 def stage(model, contact, tables, s, modes, contacts):
     """The model of an island with the tables of a stage of kind s."""
+    loss, drag = stage_damping(tables.damped, s, modes)
     return Model(
         model.samplerate,
         None,
         Modes(tables.kick[s][0:modes], tables.drift[s][0:modes]),
         stage_spring(model.spring, tables, s, modes),
-        None,
+        loss,
+        drag,
         model.gravity,
         stage_force(model.force, tables, s),
         stage_contact(contact, tables, s, contacts),
@@ -160,7 +180,7 @@ def fly_by(model, contact, tables, state):
     """A step on which nothing acts, if that is what it is. Returns whether, and the energy lost."""
     if state.refined.known[0] == 0:
         take_margins(model, contact, tables, state)
-    modes, spring, loss, gravity = model.modes, model.spring, model.loss, model.gravity
+    modes, spring, loss, drag, gravity = model.modes, model.spring, model.loss, model.drag, model.gravity
     keep(state)
     lost = first_half(modes, spring, loss, gravity, state.carry, state.q, state.p)
     free_moves(contact, model.partner, state)
@@ -169,7 +189,7 @@ def fly_by(model, contact, tables, state):
         return False, 0.0
     for k in range(contact.barrier.shape[0]):
         state.compression[k] += state.free_move[k]
-    lost += second_half(modes, spring, loss, gravity, state.carry, state.q, state.p)
+    lost += second_half(modes, spring, loss, drag, gravity, state.carry, state.q, state.p)
     return True, lost
 
 
@@ -203,7 +223,8 @@ def in_stages(model, contact, force, tables, state, frame):
     for k in range(contacts):
         impulse[k] = 0.0
     touched, evaluations, work = NO, ZERO, 0.0
-    lost = lose_all(model.loss, state.p)
+    ends = loss_at_ends(model.loss, tables.damped)
+    lost = lose_all(ends, state.p)
     for i in range(tables.sequence.shape[0]):
         s = tables.sequence[i]
         own = stage(model, contact, tables, s, modes, contacts)
@@ -220,4 +241,4 @@ def in_stages(model, contact, force, tables, state, frame):
         work += done
     for k in range(contacts):
         state.contact_force[k] = impulse[k]
-    return touched, evaluations, lost + lose_all(model.loss, state.p), work
+    return touched, evaluations, lost + lose_all(ends, state.p), work

@@ -78,7 +78,7 @@ def weighs(gravity, m):
 
 
 @outlined
-def fly(modes, spring, loss, gravity, loose, state, count):
+def fly(modes, spring, loss, drag, gravity, loose, state, count):
     """Let free masses fly on for so many samples."""
     if loose is not None:
         for j in range(loose.mode.shape[0]):
@@ -86,7 +86,9 @@ def fly(modes, spring, loss, gravity, loose, state, count):
             lost = 0.0
             for _ in range(count):
                 half, one = open_mode(modes, spring, loss, gravity, state.carry, m, state.q[m], state.p[m])
-                state.q[m], state.p[m], two = close_mode(modes, spring, loss, gravity, state.carry, m, state.q[m], half)
+                state.q[m], state.p[m], two = close_mode(
+                    modes, spring, loss, drag, gravity, state.carry, m, state.q[m], half
+                )
                 lost += one + two
             book(state.account, DISSIPATED, lost)
 

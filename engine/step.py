@@ -22,6 +22,16 @@ def settle_up(coupling, state, excess):
 
 
 @jit
+def drift_on(model, drag, state, failed):
+    """The second half of a step without the half-step of loss. Returns the energy lost to drag, J."""
+    modes, spring, gravity = model.modes, model.spring, model.gravity
+    if drag is not None:
+        if not failed:
+            return second_half(modes, spring, None, drag, gravity, state.carry, state.q, state.p)
+    return second_half(modes, spring, None, None, gravity, state.carry, state.q, state.p)
+
+
+@jit
 def advance(model, contact, force, state, frame):
     """A step with contacts and external forces.
 
@@ -29,23 +39,25 @@ def advance(model, contact, force, state, frame):
     work supplied, J.
     """
     modes, spring, loss, gravity, partner = model.modes, model.spring, model.loss, model.gravity, model.partner
+    failed = False
     lost = first_half(modes, spring, loss, gravity, state.carry, state.q, state.p)
     push(force, frame, state.p)
     lost_in_contact, count, how, excess = touch(contact, partner, model.contact_loss, model.coupling, state)
     touching = how != FREE
     if how == FAILED:
+        failed = True
         turn_back(modes, state.q, state.p)
         let_go(contact, state)
         work = 0.0
     else:
         work = supply(force, frame, state.p)
     if touching or force is not None:  # their second half-kick comes before the loss
-        second_half(modes, spring, None, gravity, state.carry, state.q, state.p)
+        lost += drift_on(model, model.drag, state, failed)
         push(force, frame, state.p)
         if touching:
             spring_back(contact, partner, state)
             lost_in_contact += settle_up(model.coupling, state, excess)
         lost += lose_all(loss, state.p)
     else:
-        lost += second_half(modes, spring, loss, gravity, state.carry, state.q, state.p)
+        lost += second_half(modes, spring, loss, model.drag, gravity, state.carry, state.q, state.p)
     return touching, count, lost + lost_in_contact, work

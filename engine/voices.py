@@ -70,7 +70,7 @@ def copies(to: tuple[Model, Layout], of: tuple[Model, Layout], voice: int) -> np
     return np.array(found, np.int64).reshape(-1, 3)
 
 
-NOTHING = np.zeros(20_000)
+NOTHING, ONES = np.zeros(20_000), np.ones(20_000)
 
 
 def _pairs(to: tuple[Model, Layout], of: tuple[Model, Layout], voice: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -80,9 +80,13 @@ def _pairs(to: tuple[Model, Layout], of: tuple[Model, Layout], voice: int) -> It
     for b in range(bodies):
         here, there = wide.place_of(voice * bodies + b), narrow.place_of(b)
         count = min(here.stop - here.start, there.stop - there.start)
-        for slot in ("modes", "spring", "loss"):
+        for slot in ("modes", "spring", "loss", "drag"):
             ours, theirs = getattr(poly, slot), getattr(single, slot)
-            for a, x in zip(ours or (), theirs or (), strict=False):
+            if theirs is not None and ours is None:
+                raise ValueError(f"the voices have no room for its {slot}")
+            if theirs is None and ours is not None:
+                theirs = type(ours)(*((ONES, NOTHING) if slot in ("loss", "drag") else (NOTHING,) * len(ours)))
+            for a, x in zip(ours or (), theirs or (), strict=True):
                 yield a[here.start : here.start + count], x[there.start : there.start + count]
     for i in range(islands):
         n = voice * islands + i

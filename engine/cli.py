@@ -101,7 +101,7 @@ def replay(args: argparse.Namespace) -> int:
 
 def render(args: argparse.Namespace) -> int:
     """Render as the arguments say."""
-    from engine.patch import Fault
+    from engine.patch import Fault, located
 
     scene, faults = read(args.patch)
     numbers, wrong = settings(args)
@@ -130,7 +130,7 @@ def render(args: argparse.Namespace) -> int:
         made = once.rendering(scene, numbers, args)
         beside = once.write(made, args)
     except BuildError as error:
-        report([Fault(args.patch, None, path, what) for path, what in error.faults])
+        report(located(args.patch, error.faults))
         return 2
     except MemoryError:
         says = "not enough memory for so many samples; give fewer --seconds, or no --trace, --plot or --report"
@@ -181,7 +181,7 @@ def played(scene: "Scene", args: argparse.Namespace, gain: float | None) -> int:
     """Play a patch."""
     from engine import live
     from engine.build import BuildError
-    from engine.patch import Fault
+    from engine.patch import located
     from engine.sound import SoundError
 
     try:
@@ -193,7 +193,7 @@ def played(scene: "Scene", args: argparse.Namespace, gain: float | None) -> int:
         print(f"render.py: cannot write what was played ({reason(error)})", file=sys.stderr)
         return 1
     except BuildError as error:
-        report([Fault(args.patch, None, path, what) for path, what in error.faults])
+        report(located(args.patch, error.faults))
         return 2
 
 

@@ -34,6 +34,14 @@ def _at_once(path: str, flags: int) -> int:
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
+def there(path: Path) -> bool:
+    """Whether anything has that name; nothing has one that is too long, or no name at all."""
+    try:
+        return path.exists()
+    except (OSError, ValueError):
+        return False
+
+
 def is_folder(path: Path) -> bool:
     """Whether a path leads to a folder; also where it is no path at all, or may not be looked at."""
     try:

@@ -121,7 +121,11 @@ def cut_damped(x, m0, m1):
     if x is None:
         return None
     return DampedStages(
-        cut(x.ends, m0, m1), columns(x.keep, m0), columns(x.lost, m0), columns(x.drag_keep, m0), columns(x.drag_lost, m0)
+        cut(x.ends, m0, m1),
+        columns(x.keep, m0),
+        columns(x.lost, m0),
+        columns(x.drag_keep, m0),
+        columns(x.drag_lost, m0),
     )
 
 

@@ -15,6 +15,7 @@ from pydantic.fields import FieldInfo
 
 from engine.files import MB, NoFile, content, is_folder
 from engine.lines import TooDeep, Where, line_of, locate, statements
+from engine.save import reason
 from engine.scene import MANY, Scene
 from engine.wording import one_line, shown
 
@@ -110,7 +111,8 @@ def _told(file: str, text: str, errors: list[Any]) -> list[Fault]:
             more = f"at least {MANY}" if len(errors) >= MANY else len(errors) - n
             return [*faults, Fault(file, None, "", f"and {more} more faults; these are the first")]
         where = _resolve(error)[0]
-        if error["type"] == "missing" and where[-1] in map(_meant, unknown.get(where[:-1], ())[:MOST_FAULTS]):
+        near = unknown.get(where[:-1], [])[:MOST_FAULTS] if error["type"] == "missing" else []
+        if any(_meant(other) == where[-1] for other in near):
             continue  # it is there, misspelt
         faults.append(_fault(file, line, error))
     return faults
@@ -141,7 +143,7 @@ def _unread(path: Path, error: OSError | NoFile) -> str:
         return "is a folder; " + (
             f"give one of its patches, such as {there[0]}" if there else "give a patch, a .toml file"
         )
-    what = "no such file" if isinstance(error, FileNotFoundError) else (error.strerror or str(error)).lower()
+    what = "no such file" if isinstance(error, FileNotFoundError) else reason(error)
     named = {patch.stem: patch for patch in reversed(there)}  # the nearest folder comes first
     near = difflib.get_close_matches(path.stem[:NAME], named, 1, 0.7)
     if near:

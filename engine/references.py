@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeGuard
 
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
@@ -150,7 +150,7 @@ def _decay(here: Where, body: dict[str, Any]) -> Faults:
         yield fault((*here, "t60_at"), at, "frequencies without two times", "give t60 = [s, s]")
 
 
-def _numbers(value: Any) -> bool:
+def _numbers(value: Any) -> TypeGuard[list[float]]:
     return isinstance(value, list) and bool(value) and all(number(x) and 0 < x < math.inf for x in value)
 
 

@@ -18,6 +18,7 @@ from engine.lines import Where
 from engine.measured import read
 from engine.parts import SECONDS, Body, Contact, Event, Force, Part, Pickup, Samples
 from engine.references import fault, references, tables
+from engine.save import reason
 from engine.wording import one_line
 
 SAMPLERATES = (4_000, 768_000)  # Hz
@@ -134,8 +135,7 @@ def _unread(where: Where, file: str, sort: str, error: Exception, right: str) ->
         return fault(
             where, file, f"no such file: {one_line(str(error.filename), PATH)}", "a path relative to the patch"
         )
-    why = (error.strerror or str(error)).lower() if isinstance(error, OSError) else str(error)
-    return fault(where, file, f"cannot be read as {sort} ({one_line(why, PATH)})", right)
+    return fault(where, file, f"cannot be read as {sort} ({one_line(reason(error), PATH)})", right)
 
 
 def _channels(path: Path) -> int:

@@ -18,6 +18,7 @@ FLOORS = [
     ["accuracy", "measures", "features", "laws", "scene", "bodies", "baselines", "save", "feedback", "machine"],
     ["model", "others", "draw", "solve", "patch", "index", "describe"],
     ["modes", "rounds", "coupled", "islands", "layout"],
+    ["limits"],
     ["force", "contact", "compliance", "voices"],
     ["energy"],
     ["events"],
@@ -53,7 +54,7 @@ KERNELS = [
 WITHOUT_NUMBA = ["accuracy", "parts", "measured", "references", "scene", "patch", "bodies", "spots", "waveform", "draw"]
 WITHOUT_NUMBA += ["save", "feedback", "machine", "measures", "features", "index", "point", "vary", "sweep", "cluster"]
 WITHOUT_NUMBA += ["describe", "params", "silence", "commands", "arguments", "tell", "page", "once", "cli", "__init__"]
-WITHOUT_NUMBA += ["processes", "wording", "files", "lines"]
+WITHOUT_NUMBA += ["processes", "wording", "files", "lines", "limits"]
 
 
 def imports(name: str) -> set[str]:

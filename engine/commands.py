@@ -36,10 +36,9 @@ def check(words: list[str]) -> int:
             faults = unbuilt(path, scene)
         faulty = faulty or bool(faults)
         if scene is not None and not faults:
-            parts = (len(scene.body), len(scene.contact), len(scene.force), len(scene.pickup))
-            print(
-                f"{one_line(path, PATH)}: good; bodies {parts[0]}, contacts {parts[1]}, forces {parts[2]}, pickups {parts[3]}"
-            )
+            parts = {"bodies": scene.body, "contacts": scene.contact, "forces": scene.force, "pickups": scene.pickup}
+            told = ", ".join(f"{name} {len(tables)}" for name, tables in parts.items())
+            print(f"{one_line(path, PATH)}: good; {told}")
         report(faults)
     return 2 if faulty else 0
 

@@ -131,9 +131,8 @@ def _length(path: str, force: Force | PluckAgain, samplerate: float, seconds: fl
     try:
         return steps(force, samplerate, seconds)
     except (OSError, RuntimeError, TypeError) as error:  # its file was there when the patch was read
-        raise BuildError(
-            [(f"{path}.file", f"cannot be read as audio ({reason(error)}); a WAV, FLAC or OGG file")]
-        ) from None
+        what = f"cannot be read as audio ({reason(error)}); a WAV, FLAC or OGG file"
+        raise BuildError([(f"{path}.file", what)]) from None
 
 
 def _roomy(path: str, shapes: int) -> None:

@@ -301,7 +301,7 @@ def _supported(body: String | Bar | Membrane | Plate, highest: float) -> Spread:
     square, vectors = np.linalg.eigh(stiffness)
     held = np.sqrt(np.maximum(square, 0.0))[:count]
     vectors = vectors[:, :count][:, held < highest]
-    rate = 0.5 * np.einsum("ij,ij->j", vectors, damping @ vectors)
+    rate = np.maximum(0.5 * np.einsum("ij,ij->j", vectors, damping @ vectors), 0.0)  # but for rounding, it is
     return held[held < highest], rate, lambda place: vectors.T @ shape(place)
 
 

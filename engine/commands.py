@@ -139,7 +139,7 @@ def new(words: list[str]) -> int:
     like, path = args.like or FIRST, Path(args.name)
     path = path if path.suffix == ".toml" or not path.name else path.with_name(path.name + ".toml")
     faults = []
-    if args.name in ("", "..") or not Path(args.name).name:
+    if args.name in ("", "..") or not Path(args.name).name or "\0" in args.name:
         faults.append(Fault("render.py", None, "NAME", f'"{args.name}" names no file; a word, such as mine'))
         path = Path("none.toml")
     if like not in templates:

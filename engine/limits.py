@@ -70,8 +70,10 @@ def _unfit(body: Body, own: ModalBody, samplerate: float, scheme: str) -> str:
         return f"{what}; a lower frequency, or a higher --samplerate"
     if not _mass(body) >= LIGHTEST:
         return f"weighs {_mass(body):.3g} kg; at least {LIGHTEST:g}"
-    worst = float(np.max(np.where(np.isnan(own.sigma), math.inf, own.sigma)))
-    if not 0.0 <= float(np.min(own.sigma)) <= worst <= DECAY:
+    if not np.all(own.sigma >= 0.0):
+        return "a mode of it would grow, or its decay is not a number; other decay rates"
+    worst = float(np.max(own.sigma))
+    if worst > DECAY:
         return f"a mode of it decays at {worst:.3g} 1/s; at most {DECAY:g}: less loss, or fewer modes"
     fastest = math.sqrt(max(0.0, float(np.max(own.omega**2 - own.sigma**2)))) / (2 * math.pi)
     if scheme == "exact" and fastest > highest:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from engine.files import MB, content
+from engine.parts import MEASURED
 from engine.wording import listed, shown
 
 LARGEST = 16 * MB  # of a file: a thousand modes at a thousand places
@@ -21,6 +22,8 @@ def read(path: Path) -> dict[str, Any]:
     rows = _rows(path)
     if len(rows) < 2:
         raise ValueError("it needs a header and at least one mode")
+    if len(rows[0]) > MEASURED:
+        raise ValueError(f"it has {len(rows[0])} columns; at most {MEASURED}")
     header = [name.strip() for name in rows[0]]
     if "frequency" not in header:
         raise ValueError(f"no column frequency; its columns are {listed(header)}")

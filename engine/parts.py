@@ -15,6 +15,7 @@ CHANNELS = 16
 POINTS = 256  # of a bridge, or of frets
 PLACES = 512  # in a list
 SUPPORTS = 256  # of a body
+MEASURED = 10_000  # points of a body whose modes are measured
 SHEET = 1_000  # modes of a membrane or a plate that does not say how many
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=64)]
@@ -221,7 +222,9 @@ class Modes(_Body):
     sigma: list[NotNegative] | None = Field(default=None, description="decay rates, 1/s")
     t60: list[Positive] | None = Field(default=None, description="times to fall by 60 dB, s; instead of sigma")
     points: dict[Name, list[Annotated[float, Field(ge=-1e9, le=1e9)]]] | None = Field(
-        default=None, description="mass-normalised mode shapes by point, 1/√kg: a list of one number per mode"
+        default=None,
+        max_length=MEASURED,
+        description="mass-normalised mode shapes by point, 1/√kg: a list of one number per mode",
     )
 
 

@@ -284,7 +284,10 @@ def _supported(body: String | Bar | Membrane | Plate, highest: float) -> Spread:
     for light damping (Fletcher & Rossing, sec. 4.5).
     """
     build = _SPREAD[type(body)]
-    count = build(body, highest)[0].size
+    free = build(body, highest)
+    count = free[0].size
+    if count == 0:
+        return free
     if count > WIDEST:
         raise TooMany(f"has {count} modes, and supports; with these at most {WIDEST}")
     wide = max(count, min(4 * count, WIDEST))

@@ -157,7 +157,7 @@ def new(words: list[str]) -> int:
         with replaced(path) as part:
             part.write_text(_directive(path) + templates[like], "utf-8")
     except OSError as error:
-        print(f"render.py: cannot write {path} ({reason(error)})", file=sys.stderr)
+        print(f"render.py: cannot write {one_line(str(path), PATH)} ({reason(error)})", file=sys.stderr)
         return 1
     print(f"{path}: like {like}" + ("" if args.like else f"; --like also knows {_others(templates, like)}"))
     print(f"  {_program()} check {path}\n  {_program()} {path}")

@@ -293,7 +293,10 @@ def _describe(error: Any, where: Where, models: dict[str, type[BaseModel]], fiel
         return f"{told} is not a list; write {key} = [ … ]: {_meaning(field)}"
     if kind in ("too_short", "too_long"):
         wanted = context.get("min_length" if kind == "too_short" else "max_length")
-        return f"{len(value)} in the list, at {'least' if kind == 'too_short' else 'most'} {wanted}; {_meaning(field)}"
+        kept = "table" if isinstance(value, dict) else "list"
+        return (
+            f"{len(value)} in the {kept}, at {'least' if kind == 'too_short' else 'most'} {wanted}; {_meaning(field)}"
+        )
     if kind.endswith(("_type", "_parsing")):
         wanted = {"float_type": "a number", "int_type": "a whole number", "string_type": 'text in "quotes"'}.get(
             kind, kind.removesuffix("_type")

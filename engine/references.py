@@ -214,7 +214,7 @@ def _place(where: Where, table: dict[str, Any], body: dict[str, Any] | None, sin
         if not fits:
             yield fault(where, at, f"{shown(item)} is no place on {shown(body['name'])}", right)
             return
-        if given(body, "radius") and math.hypot(2 * item[0] - 1, 2 * item[1] - 1) > 1:
+        if kind in SHEETS and given(body, "radius") and math.hypot(2 * item[0] - 1, 2 * item[1] - 1) > 1:
             outside = f"{shown(item)} lies outside the circle of {shown(body['name'])}"
             yield fault(where, at, outside, "[x, y] are fractions of the square around it, with [0.5, 0.5] its middle")
             return
@@ -287,9 +287,14 @@ def _profile(here: Where, contact: dict[str, Any], own: dict[str, Any] | None, p
         return
     count = frets["count"] if given(frets, "count") else len(frets["at"]) if isinstance(frets["at"], list) else 0
     height = frets.get("height")
-    if isinstance(height, list) and len(height) not in (2, count):
-        right = f"{count}, or 2 for a straight row"
+    row = isinstance(height, list) and len(height) == 2 and number(count) and count > 2
+    if isinstance(height, list) and len(height) != count and not row:
+        right = f"{count}, or 2 for a straight row of more"
         yield fault((*here, "frets", "height"), height, f"{len(height)} heights for {count} frets", right)
+    at = frets.get("at")
+    if row and isinstance(at, list) and at[0] == at[-1]:
+        right = "give a height for each"
+        yield fault((*here, "frets", "height"), height, "no straight row: it begins and ends at one place", right)
 
 
 def _bridge(where: Where, bridge: dict[str, Any], own: dict[str, Any]) -> Faults:

@@ -26,7 +26,12 @@ def table(force: Force | PluckAgain, samplerate: float, seconds: float = math.in
     Edges of constant and pulse count by the part of the step they cover, which keeps the
     impulse exact wherever they fall.
     """
-    last = _last(samplerate, seconds)
+    with np.errstate(over="ignore"):  # of a pulse that is no time at all
+        return _table(force, samplerate, _last(samplerate, seconds))
+
+
+def _table(force: Force | PluckAgain, samplerate: float, last: int) -> Table:
+    """The table of a force up to a step."""
     if isinstance(force, Constant):
         start = int(force.start * samplerate)
         return Table(start, force.amplitude * np.array([start + 1 - force.start * samplerate]), force.amplitude)

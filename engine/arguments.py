@@ -18,6 +18,7 @@ COMMANDS = """commands (render.py COMMAND --help tells more):
   params PATCH  list the numbers of a patch, with units and ranges
   reference     every key of a patch, as in docs/patches.md
   schema        the JSON Schema of a patch, for editors
+  cache         where compiled kernels are kept, how large they are; --clear deletes them
 """
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from engine.contact import forget, out_of_reach, refill, resync, separated, stored
 from engine.energy import DISSIPATED, SUPPLIED, book, enter, kinetic_and_potential
-from engine.events import keep_score, quiet
+from engine.events import finish_score, keep_score, quiet
 from engine.force import idle
 from engine.held import let
 from engine.islands import cut_model, cut_state
@@ -207,6 +207,7 @@ def sound(model, state, part, frames, out, ledger, trace):
                 touching, count = step(
                     island, island.contact, island.force, island.refinement, own, frame, touched, ledger
                 )
+                finish_score(island.events, own, frame)
                 look_around(island, own, frame, touching, touched)
                 if trace is not None:
                     own.evaluations[0] = count  # kept for the row of the sample that the step ends at

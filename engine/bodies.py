@@ -17,6 +17,7 @@ from engine.spots import places
 TO_60_DB = 3 * math.log(10)  # σ·T60: e^(-σ·T60) = 10^-3
 MOST = 20_000  # modes of one body
 WIDEST = 2_000  # modes among which those of a supported body are found
+COUPLED = 0.05  # of the distance of two modes, what a damper may couple them by: decay rates are then right to 1 %
 
 
 class ModalBody(NamedTuple):
@@ -34,11 +35,15 @@ class TooMany(ValueError):
     """More modes below the highest frequency than can be built."""
 
 
+class TooDamped(ValueError):
+    """Dampers of supports that couple the modes of their body more than can be left out."""
+
+
 def modal(body: Body, highest: float = math.inf) -> ModalBody:
     """Modes of a body, those of bodies with many only up to `highest` (Hz).
 
-    Raises TooMany if those are more than 20 000 and the body does not limit them; ArithmeticError or ValueError
-    if its numbers are beyond what can be computed with.
+    Raises TooMany if those are more than 20 000 and the body does not limit them, TooDamped if its supports
+    damp it too much; ArithmeticError or other ValueErrors if its numbers are beyond what can be computed with.
     """
     if isinstance(body, Mass | Oscillator):
         return _lumped(body)
@@ -281,7 +286,8 @@ def _supported(body: String | Bar | Membrane | Plate, highest: float) -> Spread:
     times as many free modes, for a spring bends the body more sharply than its lowest modes can.
 
     Dampers take the diagonal of Σ r·ΦΦᵀ in those modes: what they couple is left out, as is usual
-    for light damping (Fletcher & Rossing, sec. 4.5).
+    for light damping (Fletcher & Rossing, sec. 4.5). Raises TooDamped where it is not light: on a string
+    from about a sixth of its impedance √(Tμ) on.
     """
     build = _SPREAD[type(body)]
     free = build(body, highest)
@@ -292,7 +298,7 @@ def _supported(body: String | Bar | Membrane | Plate, highest: float) -> Spread:
         raise TooMany(f"has {count} modes, and supports; with these at most {WIDEST}")
     wide = max(count, min(4 * count, WIDEST))
     omega, sigma, shape = build(body.model_copy(update={"modes": wide}), math.inf)
-    stiffness, damping = np.diag(omega**2), np.diag(2 * sigma)
+    stiffness, damping = np.diag(omega**2), np.zeros((omega.size, omega.size))
     for support in body.support:
         at = places(support.at, body)
         for place in at:
@@ -304,8 +310,21 @@ def _supported(body: String | Bar | Membrane | Plate, highest: float) -> Spread:
     square, vectors = np.linalg.eigh(stiffness)
     held = np.sqrt(np.maximum(square, 0.0))[:count]
     vectors = vectors[:, :count][:, held < highest]
-    rate = np.maximum(0.5 * np.einsum("ij,ij->j", vectors, damping @ vectors), 0.0)  # but for rounding, it is
+    damping = vectors.T @ damping @ vectors
+    _refuse_coupled(body, held[held < highest], damping)
+    rate = np.einsum("ij,i,ij->j", vectors, sigma, vectors) + 0.5 * np.diag(damping)
+    rate = np.maximum(rate, 0.0)  # but for rounding, it is
     return held[held < highest], rate, lambda place: vectors.T @ shape(place)
+
+
+def _refuse_coupled(body: String | Bar | Membrane | Plate, omega: np.ndarray, damping: np.ndarray) -> None:
+    """Refuse dampers that couple modes, whose damping matrix is given, by more than a share of their distance."""
+    apart = np.maximum(np.abs(omega[:, None] - omega), 1e-300)
+    np.fill_diagonal(apart, np.inf)
+    worst = float(np.max(np.abs(damping) / (2 * apart), initial=0.0))
+    if worst > COUPLED:
+        most = max(s.damping for s in body.support)
+        raise TooDamped(f"damping of {most:g} kg/s is too much: right up to {most * COUPLED / worst:.2g} kg/s here")
 
 
 _SPREAD: dict[type, Callable[[Any, float], Spread]] = {

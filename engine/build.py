@@ -45,6 +45,7 @@ from engine.stages import loss_of, refinement
 from engine.waveform import Table, table
 
 QUANTITIES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION, "force": FORCE}
+FORCE_AT_START = 1e12  # N
 
 
 class Built(NamedTuple):
@@ -114,6 +115,7 @@ def build(
         silence=10 ** (accuracy.silence / 20),
     )
     state = _state(layout, model)
+    _refuse_deep(layout, model, state)
     if accuracy.precision == "float32":
         model, state = single(model), single(state)
     return Built(aligned(model), aligned(state), layout)
@@ -238,6 +240,7 @@ def _force(layout: Layout, modes: Modes, samplerate: float, seconds: float) -> F
         begin=np.cumsum([0] + [t.values.size for t in tables]).astype(np.int64),
         table=np.concatenate([t.values for t in tables]),
         after=np.array([t.after for t in tables]),
+        scale=np.ones(len(tables)),
     )
 
 
@@ -323,6 +326,22 @@ def _state(layout: Layout, model: Model) -> State:
         regimes=np.zeros((count, 6), np.int64),
         contacts=np.zeros(count, np.int64),
     )
+
+
+def _refuse_deep(layout: Layout, model: Model, state: State) -> None:
+    """Refuse contacts that begin deeper than any force could have brought them."""
+    if model.contact is None:
+        return
+    faults = []
+    for place, (k, _) in enumerate(layout.spot):
+        depth, exponent = float(state.compression[place]), float(state.exponent[place])
+        with np.errstate(over="ignore"):
+            force = float(state.unit[place]) * (exponent + 1) * np.float64(max(depth, 0.0)) ** exponent
+        if force > FORCE_AT_START:
+            what = f"begins {depth:.3g} m deep, where it pushes with {force:.1e} N"
+            faults.append((f"contact[{k}]", f"{what}; at most {FORCE_AT_START:g} N; mind the signs of gap and side"))
+    if faults:
+        raise BuildError(faults[:1] if len({f for f, _ in faults}) == 1 else faults)
 
 
 def _refined(modes: int, contacts: int, islands: int) -> Refined:

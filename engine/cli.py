@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from engine.scene import Scene
 
 COMMANDS = {
+    "cache": commands.cache,
     "check": commands.check,
     "new": commands.new,
     "params": commands.params,
@@ -199,17 +200,21 @@ def played(scene: "Scene", args: argparse.Namespace, gain: float | None) -> int:
 
 def noted(scene: "Scene", numbers: dict[str, float | None], args: argparse.Namespace) -> int:
     """Render the notes of a MIDI file."""
-    from engine import midi
+    from engine import limits, midi
     from engine.build import BuildError
+    from engine.patch import located
 
     rate, output = int(numbers["samplerate"] or 44_100), output_of(args)
     try:
         with feedback(args.json) as progress:
-            audio, player = midi.render(scene, args.midi, rate, numbers["seconds"], int(args.voices), progress)
+            audio, player, played = midi.render(scene, args.midi, rate, numbers["seconds"], int(args.voices), progress)
         audio, gain = amplified(audio, float(abs(audio).max()), numbers["gain"])
         save_audio(output, audio, rate, args.subtype)
-    except (midi.MidiError, BuildError) as error:
+    except midi.MidiError as error:
         print(f"render.py: {error}", file=sys.stderr)
+        return 2
+    except BuildError as error:
+        report(located(args.patch, error.faults))
         return 2
     except (OSError, RuntimeError) as error:
         print(f"render.py: cannot write {output} ({reason(error)})", file=sys.stderr)
@@ -219,8 +224,11 @@ def noted(scene: "Scene", numbers: dict[str, float | None], args: argparse.Names
     now = player.meter()
     if args.json:
         stats = {"patch": args.patch, "output": str(output), "seconds": len(audio) / rate, "gain_db": gain, "live": now}
+        stats["notes"] = played
         print(json.dumps(finite(stats)))
     else:
+        for body, notes in played.items():
+            print(f"{body} plays {notes}")
         print(f"{len(audio) / rate:g} s, {player.voices} voices, energy error {now['energy_error']:.1e}\n{output}")
     return 0
 

@@ -1,10 +1,11 @@
-"""What the command line does besides rendering: check, describe and start patches."""
+"""What the command line does besides rendering: check, describe and start patches, and the cache."""
 
 import argparse
 import difflib
 import json
 import os
 import sys
+from collections.abc import Sized
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,7 +37,12 @@ def check(words: list[str]) -> int:
             faults = unbuilt(path, scene)
         faulty = faulty or bool(faults)
         if scene is not None and not faults:
-            parts = {"bodies": scene.body, "contacts": scene.contact, "forces": scene.force, "pickups": scene.pickup}
+            parts: dict[str, Sized] = {
+                "bodies": scene.body,
+                "contacts": scene.contact,
+                "forces": scene.force,
+                "pickups": scene.pickup,
+            }
             told = ", ".join(f"{name} {len(tables)}" for name, tables in parts.items())
             print(f"{one_line(path, PATH)}: good; {told}")
         report(faults)
@@ -161,6 +167,40 @@ def new(words: list[str]) -> int:
         return 1
     print(f"{path}: like {like}" + ("" if args.like else f"; --like also knows {_others(templates, like)}"))
     print(f"  {_program()} check {path}\n  {_program()} {path}")
+    return 0
+
+
+def cache(words: list[str]) -> int:
+    """Tell where compiled kernels are kept, and delete them."""
+    from engine import kernel_files
+
+    parse = Parser(prog="render.py cache", description="Tell where compiled kernels are kept, and how large they are.")
+    parse.add_argument("--clear", action="store_true", help="delete them; a render compiles again what it needs")
+    parse.add_argument("--json", action="store_true", help="print the same as one JSON object")
+    args = parse.parse_args(words)
+    try:
+        limit = kernel_files.limit()
+        base = kernel_files.folder()
+    except ValueError as error:
+        print(f"render.py: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"render.py: compiled kernels are not kept ({error})", file=sys.stderr)
+        return 1
+    before = kernel_files.files(base)
+    left = kernel_files.clear(base) if args.clear else before
+    kernels, size = kernel_files.count(left)
+    deleted = kernel_files.count(before)[0] - kernels
+    told = {"folder": str(base), "kernels": kernels, "bytes": size, "limit_bytes": limit, "deleted": deleted}
+    if args.json:
+        print(json.dumps(finite(told)))
+    elif args.clear:
+        print(f"{base}: {deleted} kernels deleted")
+    else:
+        print(f"{base}: {kernels} kernels, {size / 1e6:.1f} MB; at most {limit / 1e6:g} MB")
+    if args.clear and left:
+        print(f"render.py: {len(left)} files in {base} cannot be deleted", file=sys.stderr)
+        return 1
     return 0
 
 

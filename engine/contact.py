@@ -10,7 +10,7 @@ import numpy as np
 
 from engine.coupled import LIMIT, coupled
 from engine.jit import ZERO, jit, outlined
-from engine.laws import gain, potential
+from engine.laws import elastic, gain, potential
 from engine.modes import bound, energy_of_motion, kick, project, project_drift
 from engine.rounds import END, ETA, FORCE, MISS, respond
 from engine.solve import CAPPED, FAILED, FREE, NEWTON, contact_loss, scalar
@@ -18,6 +18,7 @@ from engine.solve import CAPPED, FAILED, FREE, NEWTON, contact_loss, scalar
 UNCAPPED = LIMIT + 1
 UNTOUCHED = np.int64(FREE)
 
+CANCELLED = 100.0  # times compression and step: what B·f may be before moves are measured instead
 BUDGET = 16  # line searches that the capped solves of an island may spend between two refills
 
 
@@ -63,9 +64,11 @@ def settle(contact, damping, state, k, eta, b, f, response, miss):
     """
     lost = 0.0
     s = state.compression[k]
+    miss -= contact.beneath[k] * f
     if damping is not None:
         lost = loss_of_step(contact, damping, k, s, b, eta, response)
-    residue = state.residue[k] + (miss - contact.beneath[k] * f)
+        lost += (f - elastic(contact.law, k, b)) * miss  # where bodies move beyond the step, the force works on
+    residue = state.residue[k] + miss
     if 2.0 * abs(eta) < b:
         end = s + (eta + residue)
         residue = (eta + residue) - (end - s)
@@ -75,6 +78,32 @@ def settle(contact, damping, state, k, eta, b, f, response, miss):
     state.compression[k] = end
     state.contact_force[k] = f
     return lost
+
+
+@jit
+def cancels(contact, k, s, eta, f):
+    """Whether forces all but cancel at contact k: of what a force moves by itself, B·f, so little is left that
+    the rest is rounding."""
+    return contact.compliance[k] * f > CANCELLED * (abs(s) + abs(eta))
+
+
+@outlined
+def measured_miss(contact, partner, state, k, eta, f):
+    """How far the bodies move at contact k beyond the step η, m, from the momenta they have by now; `free_move` is
+    then the whole move."""
+    move = project_drift(contact.rows, k, state.p)
+    if partner is not None:
+        move += project_drift(partner, k, state.p)
+    state.free_move[k] = move
+    return (move - eta) + contact.beneath[k] * f  # the last is taken off in `settle`
+
+
+@outlined
+def created(contact, state, k, s, lost, f):
+    """Energy that contact k has gained since its compression was s, and lost, beyond the work of its force on what
+    moves, J."""
+    end = state.compression[k]
+    return gain(contact.law, k, s, end, end - s) + lost - f * state.free_move[k]
 
 
 @jit
@@ -106,8 +135,15 @@ def solve_one(contact, partner, damping, state, k):
     if how == FAILED:
         return 0.0, count, how, 0.0
     push_apart(contact, partner, state, k, f)
-    miss = (state.free_move[k] - eta) - contact.compliance[k] * f
-    return settle(contact, damping, state, k, eta, b, f, f, miss), count, how, 0.0
+    s, excess = state.compression[k], 0.0
+    if cancels(contact, k, s, eta, f):
+        miss = measured_miss(contact, partner, state, k, eta, f)
+        lost = settle(contact, damping, state, k, eta, b, f, f, miss)
+        excess = created(contact, state, k, s, lost, f)
+    else:
+        miss = (state.free_move[k] - eta) - contact.compliance[k] * f
+        lost = settle(contact, damping, state, k, eta, b, f, f, miss)
+    return lost, count, how, excess
 
 
 @outlined
@@ -141,12 +177,25 @@ def solve_many(contact, partner, damping, coupling, state):
     if how == FAILED:
         return lost, count, how, 0.0
     for k in range(n):
+        state.contact_force[k] = vectors[FORCE, k]
+    spring_back(contact, partner, state)
+    measured = False
+    for k in range(n):
+        measured = measured or cancels(contact, k, s[k], vectors[ETA, k], vectors[FORCE, k])
+    if measured:
+        excess = 0.0
+        for k in range(n):
+            vectors[MISS, k] = measured_miss(contact, partner, state, k, vectors[ETA, k], vectors[FORCE, k])
+    for k in range(n):
+        begin = s[k]
         eta, b, f = vectors[ETA, k], vectors[END, k], vectors[FORCE, k]
         response = f  # the force of the law, which that of an unfinished solve is not
         if how == CAPPED and damping is not None:
             response = respond(law, damping, k, s[k], eta)[0]
-        lost += settle(contact, damping, state, k, eta, b, f, response, vectors[MISS, k])
-    spring_back(contact, partner, state)
+        own = settle(contact, damping, state, k, eta, b, f, response, vectors[MISS, k])
+        lost += own
+        if measured:
+            excess += created(contact, state, k, begin, own, f)
     return lost, count, how, excess
 
 

@@ -16,12 +16,12 @@ from engine.native import clock, floats, ints, invoke, publish, singles, watch
 # the desk: whole numbers and addresses, set once …
 BLOCK, POST, MODEL, STATE, PARTS, CHANNELS, SIZE, ROOMS, OUTS, LEDGERS, MIX = range(11)
 EVENTS, VALUES, SLOTS, RECORD, KEPT, GAUGE, FADE, RATE, TIMES, TIMED = range(11, 21)
-MODELS, LEVELS, LOWEST, ORDER, CHANGES, CHANGED, SPARE = range(21, 28)
+MODELS, LEVELS, LOWEST, ORDER, CHANGES, CHANGED, SPARE, TUNINGS = range(21, 29)
 # … what Python changes: events put in so far, a wish to stop, the desk that takes over
-PUT, STOP, NEXT, LEAVE = range(28, 32)
+PUT, STOP, NEXT, LEAVE = range(29, 33)
 # … and what the audio thread does
-END, TAKEN, FRAME, DONE, LIMITED, GAPS, CALLS, LEVEL, STEPS, CALM, RECORDED, WRONG = range(32, 44)
-DESK = 44
+END, TAKEN, FRAME, DONE, LIMITED, GAPS, CALLS, LEVEL, STEPS, CALM, RECORDED, WRONG, WAITING = range(33, 46)
+DESK = 46
 # gauges: numbers
 GAIN, ENVELOPE, PEAK, WORST, BUSY, FIRST_BALANCE, ENERGY, ERROR, NEAR, FAR = range(10)
 GAUGES = 10
@@ -93,18 +93,46 @@ def steer(desk, gauge, frames, share):
 
 
 @jit
-def waits(desk):
-    """How many frames the next event has to wait for its turn; -1 if there is none."""
-    if desk[TAKEN] == watch(desk, PUT):
-        return -1
-    event = ints(desk[EVENTS] + 8 * EVENT * (desk[TAKEN] % desk[SLOTS]), EVENT)
-    return max(0, event[LENGTH] - desk[FRAME]) if event[KIND] == TUNE else 0
+def waiting(desk, n):
+    """The tuning that waits at place n for its frame."""
+    return ints(desk[TUNINGS] + 8 * EVENT * n, EVENT)
+
+
+@jit
+def put_off(desk, event):
+    """Let a tuning wait for its frame, behind those of sooner frames and of the same."""
+    n = desk[WAITING]
+    while n > 0 and waiting(desk, n - 1)[TOOK] > event[TOOK]:
+        later, sooner = waiting(desk, n), waiting(desk, n - 1)
+        for i in range(EVENT):
+            later[i] = sooner[i]
+        n -= 1
+    own = waiting(desk, n)
+    for i in range(EVENT):
+        own[i] = event[i]
+    desk[WAITING] += 1
+
+
+@jit
+def tune_due(desk):
+    """Do the tunings whose frame has come."""
+    due = 0
+    while due < desk[WAITING] and waiting(desk, due)[TOOK] <= desk[FRAME]:
+        tune(desk, waiting(desk, due))
+        due += 1
+    if due > 0:
+        desk[WAITING] -= due
+        for n in range(desk[WAITING]):
+            own, later = waiting(desk, n), waiting(desk, n + due)
+            for i in range(EVENT):
+                own[i] = later[i]
 
 
 @jit
 def take_events(desk):
-    """Hand the events that have been put in to the scene, and note when."""
-    while waits(desk) == 0:
+    """Hand the events that have been put in to the scene, and note when; tunings wait for their frame. Returns how
+    many frames may be computed until the next tuning."""
+    while desk[TAKEN] != watch(desk, PUT) and desk[WAITING] < desk[SLOTS]:
         slot = desk[TAKEN] % desk[SLOTS]
         place, value = desk[EVENTS] + 8 * EVENT * slot, desk[VALUES] + 8 * VALUE * slot
         event = ints(place, EVENT)
@@ -112,10 +140,13 @@ def take_events(desk):
         if event[KIND] == QUALITY:
             play_at(desk, event[FIRST])
         elif event[KIND] == TUNE:
-            tune(desk, event)
+            event[TOOK] = max(event[LENGTH], desk[FRAME])
+            put_off(desk, event)
         else:
             invoke(desk[POST], (desk[MODEL], desk[STATE], place, value, desk[FRAME]))
         publish(desk, TAKEN, desk[TAKEN] + 1)
+    tune_due(desk)
+    return waiting(desk, 0)[TOOK] - desk[FRAME] if desk[WAITING] > 0 else desk[SIZE]
 
 
 @jit
@@ -173,7 +204,6 @@ def put_out(desk, gauge, out, frames):
 def run(desk, out, frames):
     """Play so many frames, no more than are computed at once, into `out`: single precision, channels interleaved."""
     gauge = floats(desk[GAUGE], GAUGES)
-    take_events(desk)
     mix(desk, gauge, frames)
     put_out(desk, gauge, out, frames)
     publish(desk, FRAME, desk[FRAME] + frames)
@@ -215,9 +245,10 @@ def perform_all(top, output, frames):
     """As `perform`, any number of frames, to an address."""
     done = 0
     while done < frames:
-        count, rest = min(frames - done, top[SIZE]), waits(taken_over(top))
-        if rest > 0:
-            count = min(count, rest)
+        desk = taken_over(top)
+        count, following = min(frames - done, top[SIZE], take_events(desk)), watch(desk, NEXT)
+        if following != 0:
+            count = min(count, take_events(ints(following, DESK)))
         perform(top, singles(output + 4 * done * top[CHANNELS], count * top[CHANNELS]), count)
         done += count
 

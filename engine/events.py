@@ -12,10 +12,12 @@ from engine.jit import jit, outlined
 
 # what an event does, and to what
 STRIKE = 0  # mode `first` gets q = a, p = b
-DAMP = 1  # modes first:last lose the share 1 - a² of their kinetic energy at each step
+DAMP = 1  # modes first:last keep the share a of their momenta in each step, half of it at either end
 STIFFEN = 2  # the stiffness of contacts first:last glides to a times what the model says
 MOVE = 3  # the barriers of contacts first:last glide to a beyond where the model has them
 BEND = 4  # the exponents of contacts first:last glide to a
+LIFT = 5  # what damps modes first:last ends, and what was to damp them for good does not begin
+FOREVER = 1 << 60  # when an event ends that stays for good
 NEVER = 1 << 61  # when an event begins that has not come yet: room for those of a player
 
 
@@ -73,13 +75,22 @@ def shift(rows, r, m, change):
 
 
 @outlined
-def damp(state, first, last, keep):
-    """Take from the momenta of some modes; returns the energy lost."""
-    lost = 0.0
+def damp(state, first, last, share):
+    """Take from the momenta of some modes, at one end of a step in which they keep a share; returns the energy lost."""
+    lost, keep = 0.0, math.sqrt(share)
     for m in range(first, last):
         lost += 0.5 * state.p[m] * state.p[m] * (1.0 - keep) * (1.0 + keep)
         state.p[m] *= keep
     return lost
+
+
+@outlined
+def lift(events, following, j, frame):
+    """Let event j lift the dampers of its modes."""
+    for i in range(following[0], events.kind.shape[0]):
+        same = events.kind[i] == DAMP and events.first[i] < events.last[j] and events.first[j] < events.last[i]
+        if same and (i < j or events.end[i] >= FOREVER):
+            events.end[i] = min(events.end[i], frame)
 
 
 @jit
@@ -116,6 +127,8 @@ def happen(model, state, j, frame):
     events = model.events
     if events.kind[j] == STRIKE:
         strike(model, state, events.first[j], events.a[j], events.b[j])
+    elif events.kind[j] == LIFT:
+        lift(events, state.next_event, j, frame)
     else:
         turn(model.contact, events, state, j, frame)
 
@@ -144,8 +157,24 @@ def run_events(model, state, frame):
             book(state.account, SUPPLIED, held(model, state) - before)
             state.clear[0] = 0
             forget(state.refined)
-    while following[0] < following[1] and events.end[following[0]] <= frame + 1:
+    while following[0] < following[1] and events.end[following[0]] <= frame:
         following[0] += 1
+
+
+@outlined
+def damp_on(events, state, frame):
+    """The second half of all damping in this step."""
+    for j in range(state.next_event[0], state.next_event[1]):
+        if events.kind[j] == DAMP and frame < events.end[j]:
+            book(state.account, DISSIPATED, damp(state, events.first[j], events.last[j], events.a[j]))
+
+
+@jit
+def finish_score(events, state, frame):
+    """What the score says for the end of this step."""
+    if events is not None:
+        if state.next_event[0] < state.next_event[1]:
+            damp_on(events, state, frame)
 
 
 @jit

@@ -11,7 +11,7 @@ def strength(force, j, frame):
     if n < 0:
         return 0.0
     at = force.begin[j] + n
-    return force.table[at] if at < force.begin[j + 1] else force.after[j]
+    return force.scale[j] * (force.table[at] if at < force.begin[j + 1] else force.after[j])
 
 
 @jit

@@ -51,7 +51,12 @@ _CUT: dict[type, Any] = {
     Loss: lambda x, a, b: Loss(view(x.keep, a, b), view(x.lost, a, b)),
     Gravity: lambda x, a, b: Gravity(view(x.weight, a, b)),
     Force: lambda x, a, b: Force(
-        cut(x.rows, a, b), view(x.start, a, b), view(x.begin, a, b + 1), whole(x.table), view(x.after, a, b)
+        cut(x.rows, a, b),
+        view(x.start, a, b),
+        view(x.begin, a, b + 1),
+        whole(x.table),
+        view(x.after, a, b),
+        view(x.scale, a, b),
     ),
     ContactLoss: lambda x, a, b: ContactLoss(view(x.rate, a, b)),
     Coupling: lambda x, a, b: Coupling(view(x.begin, a, b + 1), view(x.matrix, x.begin[a], x.begin[b])),

@@ -186,6 +186,14 @@ def _span(law, k, a, b, d):
 
 
 @jit
+def elastic(law, k, s):
+    """Force f(s) = kc·[s]₊^α, N."""
+    if s <= 0.0:
+        return 0.0
+    return law.unit[k] * (exponent(law, k) + 1.0) * power(law, k, s)
+
+
+@jit
 def potential(law, k, s):
     """Stored energy V(s) = kc·[s]₊^(α+1)/(α+1), in joule."""
     if s <= 0.0:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from engine.bodies import ModalBody, TooMany, line_density, modal, string_stiffness
+from engine.bodies import ModalBody, TooDamped, TooMany, line_density, modal, string_stiffness
 from engine.layout import Layout
 from engine.parts import Bar, Body, Force, Mass, Membrane, Modes, Oscillator, PluckAgain, String
 from engine.save import reason
@@ -43,6 +43,9 @@ def bodies(scene: Scene, samplerate: float, scheme: str) -> list[ModalBody]:
             own = modal(body, HIGHEST * samplerate)
         except TooMany as error:
             faults.append((path, f"{error}; give modes = the number to build"))
+            continue
+        except TooDamped as error:
+            faults.append((f"{path}.support", f"{error}; less of it, or decay rates of the body (sigma0, t60)"))
             continue
         except (ArithmeticError, ValueError):
             faults.append((path, "its numbers are too large or too small to compute with; nearer to those of a body"))

@@ -124,7 +124,8 @@ def play(args: argparse.Namespace, scene: Scene, gain: float | None, dial: dict[
             player = desk.ready(scene)
             compiled, wait = args.callback != "python", latency(args.latency)
             stream = sound.stream(player, args.device, int(args.block), wait, compiled)
-            notes = midi.source(args.midi, midi.Keys(player)) if args.midi else None
+            keyed = midi.Keys(player) if args.midi else None
+            notes = midi.source(args.midi, keyed) if keyed else None
         except (sound.SoundError, midi.MidiError, TooHeavy) as error:
             print(f"render.py: {error}", file=sys.stderr)
             return 1
@@ -144,7 +145,7 @@ def play(args: argparse.Namespace, scene: Scene, gain: float | None, dial: dict[
             sys.stderr.flush()
             os._exit(1)  # PortAudio would wait for a device that does not answer
         stream.close()
-        tell(watch.player if watch is not None else player, args)
+        tell(watch.player if watch is not None else player, args, midi.told_of(keyed) if keyed else {})
         if wish != "next":
             return 130 if wish == "interrupted" else 0
         path, scene = following(path)
@@ -303,13 +304,15 @@ def line_of(now: dict[str, Any], block: int) -> str:
     return "  ".join(parts) + (f"  limited {now['limited']}" if now["limited"] else "")
 
 
-def tell(player: Player, args: argparse.Namespace) -> None:
-    """What there is to be said at the end."""
+def tell(player: Player, args: argparse.Namespace, played: dict[str, str]) -> None:
+    """What there is to be said at the end. played: which body played which notes."""
     now = player.meter()
     keep_log(player, args)
     if args.json:
-        print(json.dumps({"patch": args.patch, "live": finite(now)}))
+        print(json.dumps({"patch": args.patch, "live": finite(now), "notes": played}))
         return
+    for body, notes in played.items():
+        print(f"{body} plays {notes}")
     print(line_of(now | {"peak": 0.0}, int(args.block)).replace("  silent  ", "  "))
     said = {
         "dropouts": f"dropouts: try --block {2 * int(args.block)}, or --latency high",

@@ -1,7 +1,8 @@
 """MIDI: notes from a file or a port, played by the voices of a scene.
 
-The pitch of a note is that of the bodies that are heard; its velocity the speed of the hammers; the pedal keeps the
-dampers away. mido is imported when asked for.
+A note sounds the body of the patch whose pitch is nearest, with what contacts join to it, tuned to the note; its
+velocity is the speed of the hammers, or the strength of the pluck; the pedal keeps the dampers away. mido is imported
+when asked for.
 """
 
 import math
@@ -12,13 +13,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from engine import deck
 from engine.bodies import modal
+from engine.parts import Mass
 from engine.player import Player
 from engine.save import reason
-from engine.scene import Scene
-from engine.voices import thrown
+from engine.scene import Scene, joined
+from engine.voices import plucks, strikers, thrown
 
-LEAD = 0.05  # s before the first note
+LEAD = 0.05  # s before the first note of a file that is played live: what comes first fades in
 TAIL = 3.0  # s after the last
 AHEAD = 0.2  # s, by which notes of a file are told before they sound
 ORDINARY = 64  # velocity of a note at which hammers are as fast as the patch has them …
@@ -35,6 +38,19 @@ Source = Callable[[], bool]  # tells what has to be told, and whether all is ove
 
 class MidiError(RuntimeError):
     """What stands against playing notes, and what would be right."""
+
+
+class Sounding(NamedTuple):
+    """A body that notes can sound."""
+
+    body: str
+    frequency: float  # of its lowest mode, Hz
+    hammers: list[str]  # that are thrown at it
+    plucked: bool
+
+    def ratio(self, note: int) -> float:
+        """Of the frequency of a note to its own."""
+        return frequency(note) / self.frequency
 
 
 class Note(NamedTuple):
@@ -67,8 +83,8 @@ def note_of(message: Any, seconds: float) -> Note | None:
 
 
 def notes_of(path: Path) -> list[Note]:
-    """The notes of a .mid file, all tracks together. Raises MidiError."""
-    mido, found, seconds = library(), [], LEAD
+    """The notes of a .mid file, all tracks together; the file begins at 0. Raises MidiError."""
+    mido, found, seconds = library(), [], 0.0
     try:
         for message in mido.MidiFile(path):
             seconds += message.time
@@ -95,15 +111,38 @@ def port(name: str) -> Any:
     return mido.open_input(chosen[0])
 
 
-def pitch(scene: Scene) -> float:
-    """Lowest frequency of the body that is heard first, Hz. Raises MidiError if there is nothing to tune or to hit."""
-    body = next(b for b in scene.body if b.name == scene.pickup[0].body)
-    omega = modal(body, 20_000.0).omega
-    if not omega.size or not omega.min() > 0.0:
-        raise MidiError(f"{body.name} has no pitch that could be tuned; notes need a body that vibrates")
-    if not thrown(scene):
-        raise MidiError("the patch has no hammer; notes need a mass or an oscillator that is thrown")
-    return float(omega.min()) / (2 * math.pi)
+def sounding(scene: Scene) -> list[Sounding]:
+    """The bodies that notes can sound: those that vibrate, are struck or plucked, and are heard or in contact with what
+    is. Raises MidiError if there are none."""
+    heard, found = {p.body for p in scene.pickup}, []
+    hammers = thrown(scene)
+    for body in scene.body:
+        name = body.name
+        if isinstance(body, Mass) or name in hammers or not joined(scene, name) & heard:
+            continue
+        omega = modal(body, 20_000.0).omega
+        struck, plucked = strikers(scene, name), bool(plucks(scene, name))
+        if omega.size and omega.min() > 0.0 and (struck or plucked):
+            found.append(Sounding(name, float(omega.min()) / (2 * math.pi), struck, plucked))
+    if not found:
+        first = scene.pickup[0].body
+        if next(b for b in scene.body if b.name == first).kind == "mass":
+            raise MidiError(f"{first} has no pitch that could be tuned; notes need a body that vibrates")
+        raise MidiError("nothing that vibrates is struck or plucked; notes need a thrown hammer or a pluck")
+    return found
+
+
+def nearest(bodies: list[Sounding], note: int) -> Sounding:
+    """The body whose pitch is nearest to a note; of two alike, the first."""
+    return min(bodies, key=lambda b: abs(math.log(b.ratio(note))))
+
+
+NAMES = ["C", "C#", "D", "D#", "E", "F", "F#", "G", "G#", "A", "A#", "B"]
+
+
+def name_of(note: int) -> str:
+    """Of a key, as 60 is C4."""
+    return f"{NAMES[note % 12]}{note // 12 - 1}"
 
 
 def frequency(note: int) -> float:
@@ -116,7 +155,8 @@ class Keys:
 
     def __init__(self, player: Player) -> None:
         self.player = player
-        self.base = pitch(player.patch)
+        self.bodies = sounding(player.patch)
+        self.played: dict[int, Sounding] = {}  # by key
         self.stolen = self.refused = 0
         self._note: list[int | None] = [None] * player.voices  # that a voice has
         self._since = [-1] * player.voices  # frame
@@ -140,7 +180,7 @@ class Keys:
             self._strike(note, frame)
 
     def _strike(self, note: Note, frame: int) -> None:
-        voice = self._voice(note.number)
+        voice, body = self._voice(note.number), nearest(self.bodies, note.number)
         frame = max(frame, self.player.frame)
         if self._note[voice] != note.number:
             if self._energy(voice) > ALIVE * self._most[voice] > 0.0:
@@ -149,15 +189,18 @@ class Keys:
                 frame = begin + self._samples(STOLEN)
                 self._damp(voice, STOLEN, begin)
             try:
-                self.player.tune(voice, frequency(note.number) / self.base, frame)
+                self.player.tune(voice, body.ratio(note.number), frame, body=body.body)
             except ValueError:  # above what the sample rate carries, or below what there is room for
                 self.refused += 1
                 return
         self._note[voice], self._since[voice] = note.number, frame
         self._down.add(note.number)
+        self.played[note.number] = body
         share = (note.value / ORDINARY) ** STEEPER
-        for hammer, speed in thrown(self.player.patch).items():
-            self.player.strike(f"{hammer}_{voice}", speed * share, frame=frame)
+        for hammer in body.hammers:
+            self.player.strike(f"{hammer}_{voice}", thrown(self.player.patch)[hammer] * share, frame=frame)
+        if body.plucked:
+            self.player.pluck(f"{body.body}_{voice}", share, frame)
 
     def _voice(self, number: int) -> int:
         """The voice for a note: the one that has it; else of those whose keys are up, or of all, the quieter ones among
@@ -198,8 +241,9 @@ class Keys:
 class File:
     """The notes of a file, told to keys as their time comes near."""
 
-    def __init__(self, keys: Keys, notes: list[Note]) -> None:
-        self.keys, self.notes, self._next = keys, notes, 0
+    def __init__(self, keys: Keys, notes: list[Note], lead: float = 0.0) -> None:
+        self.keys, self._next = keys, 0
+        self.notes = [note._replace(seconds=note.seconds + lead) for note in notes]
 
     @property
     def end(self) -> float:
@@ -219,7 +263,7 @@ class File:
 def source(text: str, keys: Keys) -> Source:
     """What has to be called often for the notes of a file or a port to be played. Raises MidiError."""
     if Path(text).suffix.lower() in (".mid", ".midi"):
-        return File(keys, notes_of(Path(text))).look
+        return File(keys, notes_of(Path(text)), LEAD).look
     opened = port(text)
 
     def look() -> bool:
@@ -234,19 +278,22 @@ def source(text: str, keys: Keys) -> Source:
 def lowest(text: str, scene: Scene) -> float:
     """Ratio of the lowest pitch that will be played: that of a file's lowest note; for a port, two octaves down."""
     if Path(text).suffix.lower() in (".mid", ".midi"):
-        notes = [note.number for note in notes_of(Path(text)) if note.kind == "on"]
-        return min(1.0, frequency(min(notes)) / pitch(scene))
+        bodies = sounding(scene)
+        notes = {note.number for note in notes_of(Path(text)) if note.kind == "on"}
+        return min(1.0, *(nearest(bodies, note).ratio(note) for note in notes))
     return 0.25
 
 
 def render(
     scene: Scene, text: str, samplerate: int, seconds: float | None, voices: int, progress: Any = None
-) -> tuple[np.ndarray, Player]:
-    """What the notes of a file sound like, in SI units [frames, channels]; and the player, for what it can tell.
-    Raises MidiError."""
+) -> tuple[np.ndarray, Player, dict[str, str]]:
+    """What the notes of a file sound like, in SI units [frames, channels]; the player, for what it can tell; and which
+    body played which notes. Raises MidiError."""
     notes = notes_of(Path(text))
     player = Player(scene, samplerate, math.inf, QUIET, voices, lowest(text, scene))
-    told = File(Keys(player), notes)
+    player.desk[deck.FADE] = 0  # a file begins with its first note
+    keys = Keys(player)
+    told = File(keys, notes)
     frames = round((seconds or told.end) * samplerate)
     out, block = np.zeros((frames, player.channels), np.float32), round(AHEAD * samplerate / 2)
     for begin in range(0, frames, block):
@@ -254,4 +301,13 @@ def render(
         player.play(out[begin : begin + block])
         if progress is not None:
             progress(min(1.0, (begin + block) / frames))
-    return out / QUIET, player
+    return out / QUIET, player, told_of(keys)
+
+
+def told_of(keys: Keys) -> dict[str, str]:
+    """Which notes each body has played: those in its own octave by name, with how far they are from its pitch."""
+    found: dict[str, list[str]] = {}
+    for number, body in sorted(keys.played.items()):
+        cents = 1200 * math.log2(body.ratio(number))
+        found.setdefault(body.body, []).append(name_of(number) + (f" ({cents:+.0f} c)" if abs(cents) >= 0.5 else ""))
+    return {body: ", ".join(notes) for body, notes in found.items()}

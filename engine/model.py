@@ -87,6 +87,7 @@ class Force(NamedTuple):
     begin: np.ndarray  # int [forces + 1], its slice of `table`
     table: np.ndarray  # N
     after: np.ndarray  # [forces], N, for steps past its table
+    scale: np.ndarray  # [forces], factor; events change it
 
 
 class Contact(NamedTuple):

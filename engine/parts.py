@@ -17,15 +17,26 @@ PLACES = 512  # in a list
 SUPPORTS = 256  # of a body
 MEASURED = 10_000  # points of a body whose modes are measured
 SHEET = 1_000  # modes of a membrane or a plate that does not say how many
+STEEPEST = 12.0  # exponent
+HARDEST = 1e11  # N, at 1 mm of compression: ten thousand times what steel balls give
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=64)]
 Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
-Stiffness = Annotated[float, Field(ge=0.0, le=1e60)]
-Exponent = Annotated[float, Field(ge=1.0, le=30.0)]
+Displacement = Annotated[float, Field(ge=-1e3, le=1e3)]
+Speed = Annotated[float, Field(ge=-1e4, le=1e4)]
+Newtons = Annotated[float, Field(ge=-1e6, le=1e6)]
+Stiffness = Annotated[float, Field(ge=0.0, le=HARDEST * 1e3**STEEPEST)]  # and at most what `hardest` says
+Exponent = Annotated[float, Field(ge=1.0, le=STEEPEST)]
 Seconds = Annotated[float, Field(ge=0.0, le=SECONDS)]
 Positive = Annotated[float, Field(gt=0.0, le=1e6)]
 NotNegative = Annotated[float, Field(ge=0.0, le=1e6)]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+def hardest(exponent: float) -> float:
+    """The largest stiffness of a contact of that exponent, N/m^α. Beyond, one step of rounding of a compression is
+    more force than any sound has, and no energy can be kept account of."""
+    return HARDEST * float(1e3**exponent)
 
 
 def number(value: Any) -> bool:
@@ -86,10 +97,10 @@ class _Body(Part):
 
 
 class _Lumped(_Body):
-    mass: float = Field(ge=1e-15, le=1e15, description="mass, kg")
+    mass: float = Field(ge=1e-12, le=1e9, description="mass, kg")
     damping: float = Field(default=0.0, ge=0.0, le=1e6, description="viscous damping γ, 1/s: force -mass·γ·velocity")
-    displacement: Metres = Field(default=0.0, description="displacement at time 0, m")
-    velocity: Metres = Field(default=0.0, description="velocity at time 0, m/s")
+    displacement: Displacement = Field(default=0.0, description="displacement at time 0, m")
+    velocity: Speed = Field(default=0.0, description="velocity at time 0, m/s")
 
 
 class Mass(_Lumped):
@@ -278,9 +289,9 @@ class Contact(Part):
     side: Literal["above", "below"] = Field(
         default="above", description="where the barrier, or the other body, lies seen from the body"
     )
-    stiffness: Stiffness = Field(description="stiffness kc, N/m^exponent")
+    stiffness: Stiffness = Field(description="stiffness kc, N/m^exponent; at 1 mm of compression at most 1e11 N")
     exponent: Exponent = Field(description="exponent α of the power law, at least 1")
-    loss: float = Field(default=0.0, ge=0.0, le=1e12, description="Hunt-Crossley loss μ, s/m")
+    loss: float = Field(default=0.0, ge=0.0, le=1e9, description="Hunt-Crossley loss μ, s/m")
 
 
 # --- forces and events
@@ -290,7 +301,7 @@ class _Force(Part):
     body: Name = Field(description="the body it acts on")
     at: Places = Field(default=None, description="where on it")
     start: Seconds = Field(default=0.0, description="when it begins, s")
-    amplitude: float = Field(ge=-1e12, le=1e12, description="force at its largest, N; positive pushes upwards")
+    amplitude: Newtons = Field(description="force at its largest, N; positive pushes upwards")
 
 
 class Constant(_Force):
@@ -341,8 +352,8 @@ class Strike(_Event):
 
     kind: Literal["strike"]
     body: Name = Field(description="the hammer")
-    velocity: Metres = Field(description="velocity, m/s")
-    displacement: Metres | None = Field(default=None, description="displacement, m; that at time 0 if absent")
+    velocity: Speed = Field(description="velocity, m/s")
+    displacement: Displacement | None = Field(default=None, description="displacement, m; that at time 0 if absent")
 
 
 class PluckAgain(_Event):
@@ -351,7 +362,7 @@ class PluckAgain(_Event):
     kind: Literal["pluck"]
     body: Name = Field(description="the body it acts on")
     at: Places = Field(default=None, description="where on it")
-    amplitude: float = Field(ge=-1e12, le=1e12, description="force at its largest, N")
+    amplitude: Newtons = Field(description="force at its largest, N")
     duration: float = Field(gt=0.0, le=SECONDS, description="how long it rises, s")
     release: float = Field(default=0.0, ge=0.0, le=SECONDS, description="how long it takes to let go, s")
 

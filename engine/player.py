@@ -21,17 +21,18 @@ from pydantic import ValidationError
 from engine import deck, energy, post, score
 from engine.block import block
 from engine.build import BuildError, base, build
+from engine.events import LIFT, NEVER
 from engine.held import Held
 from engine.jit import pointer
 from engine.laws import Power
 from engine.model import Model, Room, aligned
 from engine.offline import newton
 from engine.params import knobs
-from engine.parts import Change, Damp, Mass, Oscillator, Pluck, PluckAgain, Strike
+from engine.parts import Change, Constant, Damp, Mass, Oscillator, Pluck, PluckAgain, Samples, Strike
 from engine.rest import UNTIL
-from engine.scene import Scene
+from engine.scene import Scene, joined
 from engine.stages import refinement
-from engine.voices import copies, polyphonic, thrown, tuned
+from engine.voices import copies, polyphonic, thrown, touched, tuned
 
 FADE = 0.005  # s
 CROSSFADE = 0.02  # s
@@ -75,14 +76,16 @@ class Player:
         if scene.accuracy.oversample > 1:
             raise BuildError([("accuracy.oversample", "live sound is not oversampled; order, substeps, or render it")])
         self.patch, self.voices, self.lowest, self.general = scene, voices, lowest, general
-        self._tunings: dict[tuple[int, float], tuple[np.ndarray, Model]] = {}
-        self._pitch = [lowest] * voices
+        self._tunings: dict[tuple[int, float, str | None], tuple[np.ndarray, Model]] = {}
+        self._pitch: list[tuple[float, str | None]] = [(lowest, None)] * voices
         if voices:
             plain = scene.accuracy.but(order=2, substeps=1, precision="float64")  # a voice is tuned table by table
             scene = polyphonic(tuned(scene, lowest), voices).model_copy(update={"accuracy": plain})
         self.scene, self.samplerate, self.gain = scene, samplerate, gain
         self.channels = max(p.channel for p in scene.pickup)
         self.model, self.state, self.layout = build(scene, samplerate, room=ROOM, general=general)
+        if voices and self.model.force is not None:
+            self.model.force.start[:] = NEVER  # until it is plucked
         parts = self.model.islands.part.size - 1
         rooms = [Room(np.zeros((SIZE, self.channels)), np.zeros((SIZE, energy.COLUMNS)), None) for _ in range(parts)]
         levels = self._levels()
@@ -93,6 +96,7 @@ class Player:
         self._changes = np.zeros((SLOTS, 2), np.int64)
         places = [Held(room) for room in rooms]
         self._events = np.zeros((SLOTS, deck.EVENT), np.int64)
+        self._tunes = np.zeros((SLOTS, deck.EVENT), np.int64)  # that wait for their frame
         self._values = np.zeros((SLOTS, deck.VALUE))
         self._mix = np.zeros((SIZE, self.channels))
         self._record = np.zeros((round(KEPT * samplerate), self.channels), np.float32)
@@ -122,6 +126,7 @@ class Player:
             EVENTS=self._events.ctypes.data,
             VALUES=self._values.ctypes.data,
             SLOTS=SLOTS,
+            TUNINGS=self._tunes.ctypes.data,
             RECORD=self._record.ctypes.data,
             KEPT=len(self._record),
             SPARE=self._spare.ctypes.data,
@@ -216,7 +221,8 @@ class Player:
     def strike(
         self, body: str | None = None, velocity: float | None = None, displacement: float | None = None, frame: int = 0
     ) -> None:
-        """Throw a hammer, again; every hammer of the scene, and every pluck under [[force]], if none is named.
+        """Throw a hammer, again; every hammer of the scene, and every pluck under [[force]], if none is named. It lifts
+        the dampers of what it touches, as a key does.
 
         velocity, displacement: m/s and m; as at time 0 if None
         frame: when, at the earliest
@@ -225,18 +231,40 @@ class Player:
         if body is None:
             for name in self.hammers:
                 self.strike(name, velocity, displacement, frame)
-            for j, number in enumerate(self.layout.force):
-                force = self.layout.forces[number]
-                if isinstance(force, Pluck):
-                    island = self.layout.island[self.layout.number[force.body]]
-                    self._put(("pluck", j), (post.PLUCK, island, j, j + 1, frame, 1, 0.0, 0.0))
+            for name in dict.fromkeys(f.body for f in self.layout.forces if isinstance(f, Pluck)):
+                self.pluck(name, frame=frame)
             return
         hammer = self._body(body)
         if not isinstance(hammer, Mass | Oscillator):
             raise KeyError(f"{body} is no hammer; a mass or an oscillator is: {', '.join(self.hammers) or 'none here'}")
+        for name in touched(self.scene, body):
+            self.lift(name, frame)
         speed = self.speed(body) if velocity is None else velocity
         told = Strike(kind="strike", time=0.0, body=body, velocity=speed, displacement=displacement)
         self._tell(("strike", body), told, frame)
+
+    def pluck(self, body: str, scale: float = 1.0, frame: int = 0) -> None:
+        """Pluck a body again, by its forces that are over after a while, so many times as strong; and lift its dampers.
+        Raises KeyError if there is none such, ValueError if `scale` is not above 0."""
+        if not 0.0 < scale <= 1e6:
+            raise ValueError(f"scale = {scale:g} is out of range; more than 0, at most 1e6")
+        self._body(body)
+        forces = [(j, self.layout.forces[number]) for j, number in enumerate(self.layout.force)]
+        chosen = [j for j, force in forces if force.body == body and not isinstance(force, Constant | Samples)]
+        if not chosen:
+            others = dict.fromkeys(f.body for _, f in forces if not isinstance(f, Constant | Samples))
+            raise KeyError(f"nothing plucks {body}; of those that are plucked there are {', '.join(others) or 'none'}")
+        self.lift(body, frame)
+        island = self.layout.island[self.layout.number[body]]
+        for j in chosen:
+            self._put(("pluck", j), (post.PLUCK, island, j, j + 1, frame, 1, scale, 0.0))
+
+    def lift(self, body: str, frame: int = 0) -> None:
+        """Lift the dampers of a body; one that is to come down for good, by the score, stays up."""
+        self._body(body)
+        number = self.layout.number[body]
+        modes, island = self.layout.modes_of(number), self.layout.island[number]
+        self._put(("lift", body), (LIFT, island, modes.start, modes.stop, frame, 1, 0.0, 0.0))
 
     def damp(self, body: str | None = None, sigma: float = MUTE[0], seconds: float = MUTE[1], frame: int = 0) -> None:
         """Damp a body for a while, or all that vibrate. sigma: extra decay rate, 1/s."""
@@ -258,38 +286,51 @@ class Player:
             raise ValueError(f"{what} = {value:g} is out of range; {error.errors()[0]['msg']}") from None
         self._tell((what, value), told, frame)
 
-    def tune(self, voice: int, ratio: float, frame: int = 0, seconds: float = 0.0) -> None:
+    def tune(self, voice: int, ratio: float, frame: int = 0, seconds: float = 0.0, body: str | None = None) -> None:
         """Give a voice another pitch at a frame, at once or gliding there in steps; what that does to its energy is
-        booked. To prepare a step takes some milliseconds, and a glide begins when all are. Events told later, whatever
-        they are for, wait until it is over. Raises IndexError without such a voice, ValueError below the lowest pitch,
+        booked. To prepare a step takes some milliseconds, and a glide begins when all are.
+
+        ratio: of the frequencies to those of the patch
+        body:  tune this body of the patch and what contacts join with it; else all that is heard
+        Raises IndexError without such a voice, KeyError without such a body, ValueError below the lowest pitch,
         BuildError (a ValueError) if it would vibrate too fast; nothing has changed then."""
         if not 0 <= voice < self.voices:
             raise IndexError(f"no voice {voice}; there are {self.voices}")
         if ratio < self.lowest:  # it would have modes for which there is no room
             raise ValueError(f"ratio = {ratio:g} is out of range; at least {self.lowest:g}, the lowest it was made for")
         if len(self._tunings) > STAIRS and self.desk[deck.TAKEN] == self.desk[deck.PUT]:
-            self._tunings.clear()  # none of them is waited for
-        before = self._pitch[voice]
+            if self.desk[deck.WAITING] == 0:  # none of them is waited for
+                self._tunings.clear()
+        if body is not None and all(b.name != body for b in self.patch.body):
+            raise KeyError(f"no body {body}; there are {', '.join(b.name for b in self.patch.body)}")
+        before, what = self._pitch[voice]
+        before = before if what == body else ratio  # from another body, nothing can glide
         cents = 1200.0 * abs(math.log2(ratio / before))
         steps = max(1, math.ceil(min(STAIRS, seconds / STAIR, cents / FINE)))
         ratios = [before * (ratio / before) ** (n / steps) for n in range(1, steps)] + [ratio]
-        tables = [self._table(voice, one) for one in ratios]
+        tables = [self._table(voice, one, body) for one in ratios]
         if seconds > 0.0:
             frame = max(frame, self.frame)
         islands = (len(self.state.asleep)) // self.voices
         for n, (one, table) in enumerate(zip(ratios, tables, strict=True), 1):
             there = frame + round(n * seconds / steps * self.samplerate)
             row = (deck.TUNE, voice * islands, len(table), islands, table.ctypes.data, there, 0.0, 0.0)
-            self._put(("tune", voice, one), row)
-        self._pitch[voice] = ratio
+            self._put(("tune", voice, one, *([] if body is None else [body])), row)
+        self._pitch[voice] = ratio, body
 
-    def _table(self, voice: int, ratio: float) -> np.ndarray:
+    def _table(self, voice: int, ratio: float, body: str | None) -> np.ndarray:
         """What has to be copied for a voice to have a pitch; kept, for the audio thread reads it."""
-        if (voice, ratio) not in self._tunings:
-            single = polyphonic(tuned(self.patch, ratio), 1).model_copy(update={"accuracy": self.scene.accuracy})
+        key = voice, ratio, body
+        if key not in self._tunings:
+            scene = tuned(self.patch, ratio)
+            if body is not None:
+                heard = {p.body for p in self.patch.pickup}
+                names = (joined(self.patch, body) & heard) | {body}
+                scene = tuned(tuned(self.patch, self.lowest, heard - names), ratio, names)
+            single = polyphonic(scene, 1).model_copy(update={"accuracy": self.scene.accuracy})
             model, _, layout = build(single, self.samplerate, room=ROOM, general=self.general)
-            self._tunings[voice, ratio] = copies((self.model, self.layout), (model, layout), voice), model
-        return self._tunings[voice, ratio][0]
+            self._tunings[key] = copies((self.model, self.layout), (model, layout), voice), model
+        return self._tunings[key][0]
 
     @property
     def hammers(self) -> list[str]:

@@ -32,7 +32,7 @@ def add(model, state, event, value, frame):
     if event[KIND] == WEIGH:
         weigh(model, state, n, event[FIRST])
     elif event[KIND] == PLUCK:
-        again(model.force, event[FIRST], start)
+        again(model.force, event[FIRST], start, value[0])
     elif model.events is not None:
         following = state.next_event[n]
         begin, end = model.islands.event[n], model.islands.event[n + 1]
@@ -136,11 +136,11 @@ def hush(model, state, count, frame):
 
 
 @jit
-def again(force, j, start):
-    """Let external force j begin anew."""
+def again(force, j, start, scale):
+    """Let external force j begin anew, so many times as strong; logs of old have 0 there."""
     if force is not None:
-        if force.start[j] <= start:  # one that is still to come is left alone
-            force.start[j] = start
+        if force.start[j] <= start or force.start[j] >= NEVER:  # one that is still to come is left alone
+            force.start[j], force.scale[j] = start, scale if scale > 0.0 else 1.0
 
 
 @jit

@@ -8,7 +8,7 @@ from typing import Any, TypeGuard
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from engine.lines import Where
-from engine.parts import number
+from engine.parts import HARDEST, STEEPEST, hardest, number
 from engine.wording import listed, shown
 
 Faults = Iterator[InitErrorDetails]
@@ -233,6 +233,7 @@ def _contact(here: Where, contact: dict[str, Any], bodies: dict[str, Any]) -> Fa
     if on and barrier:
         right = "a contact between two bodies has a gap, not a barrier"
         yield fault((*here, "barrier"), contact["barrier"], "on and barrier given", right)
+    yield from _hard((*here, "stiffness"), contact.get("stiffness"), contact.get("exponent"))
     if profile:
         yield from _profile(here, contact, own, profile)
         return
@@ -256,6 +257,14 @@ def _contact(here: Where, contact: dict[str, Any], bodies: dict[str, Any]) -> Fa
         if isinstance(value, list) and len(value) != max(count, several):
             right = "as many as places, or one number for all"
             yield fault((*here, key), value, f"{len(value)} numbers for {max(count, several)} place(s)", right)
+
+
+def _hard(where: Where, stiffness: Any, exponent: Any) -> Faults:
+    """No contact is harder than the engine can keep account of."""
+    if number(stiffness) and number(exponent) and 1.0 <= exponent <= STEEPEST:
+        if stiffness > hardest(exponent):
+            right = f"at most {hardest(exponent):.3g} N/m^{exponent:g}, {HARDEST:g} N at 1 mm"
+            yield fault(where, stiffness, f"{stiffness:g} is harder than anything", right)
 
 
 def _same_place(contact: dict[str, Any], body: dict[str, Any] | None) -> bool:
@@ -317,6 +326,9 @@ def _event(here: Where, event: dict[str, Any], bodies: dict[str, Any], contacts:
     if not any(given(event, key) for key in ("stiffness", "exponent", "barrier", "gap")):
         yield fault(here, event, "nothing changes", "give a new stiffness, exponent, barrier or gap")
     contact = contacts.get(str(event.get("contact")), {})
+    stiffness, exponent = (event.get(key, contact.get(key)) for key in ("stiffness", "exponent"))
+    key = "stiffness" if given(event, "stiffness") else "exponent"
+    yield from _hard((*here, key), stiffness, exponent)
     for key, wrong in (("barrier", given(contact, "on")), ("gap", bool(contact) and not given(contact, "on"))):
         if given(event, key) and wrong:
             right = f"{shown(event['contact'])} has a {'gap' if key == 'barrier' else 'barrier'}"

@@ -41,7 +41,7 @@ def stage_force(force, tables, s):
     if force is None:
         return None
     rows = stage_rows(force.rows, tables.force_kick[s], tables.force_drift[s])
-    return Force(rows, force.start, force.begin, force.table, force.after)
+    return Force(rows, force.start, force.begin, force.table, force.after, force.scale)
 
 
 @jit

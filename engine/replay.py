@@ -7,7 +7,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from engine import deck, post
-from engine.events import BEND, DAMP, MOVE, STIFFEN, STRIKE
+from engine.events import BEND, DAMP, LIFT, MOVE, STIFFEN, STRIKE
+from engine.parts import STEEPEST
 from engine.player import LARGEST, Player
 from engine.scene import SAMPLERATES, Scene
 
@@ -56,8 +57,8 @@ def replay(told: dict[str, Any]) -> np.ndarray:
             raise ValueError("its events are not in the order of their frames")
         player.play(out[at : event.frame])
         at = event.frame
-        if event.why[:1] == ["tune"] and len(event.why) == 3:
-            player.tune(int(event.why[1]), float(event.why[2]))
+        if event.why[:1] == ["tune"] and len(event.why) in (3, 4):
+            player.tune(int(event.why[1]), float(event.why[2]), body=event.why[3] if event.why[3:] else None)
         else:
             deck.put_in(player.desk.ctypes.data, *sound_row(player, event.row))
     player.play(out[at:])
@@ -69,7 +70,7 @@ def sound_row(player: Player, row: list[int | float]) -> tuple[Any, ...]:
     kind, island, first, last, start, length = (int(number) for number in row[:6])
     model = player.model
     count = model.islands.mode.size - 1
-    sizes = {STRIKE: model.islands.mode, DAMP: model.islands.mode}
+    sizes = dict.fromkeys((STRIKE, DAMP, LIFT), model.islands.mode)
     sizes |= dict.fromkeys((STIFFEN, MOVE, BEND), model.islands.contact)
     if kind == deck.QUALITY:
         good = 0 <= first <= player.desk[deck.LOWEST]
@@ -79,7 +80,7 @@ def sound_row(player: Player, row: list[int | float]) -> tuple[Any, ...]:
         good = kind in sizes and 0 <= island < count
         good = good and 0 <= first < last <= sizes[kind][island + 1] - sizes[kind][island]
     if kind == BEND:
-        good = good and 1.0 <= row[6] <= 30.0
+        good = good and 1.0 <= row[6] <= STEEPEST
     if not good or not all(math.isfinite(number) for number in row) or not 0 <= start <= LARGEST:
         raise ValueError(f"it has an event that cannot be: {row}")
     return kind, island, first, last, start, max(0, length), float(row[6]), float(row[7])

@@ -33,7 +33,12 @@ class Scene(Part):
 
     title: str = Field(default="", description="what it is")
     seconds: float = Field(default=2.0, gt=0.0, le=SECONDS, description="how long it sounds, s")
-    gravity: float = Field(default=0.0, ge=-1e6, le=1e6, description="gravity on masses and oscillators, m/s²")
+    gravity: float = Field(
+        default=0.0,
+        ge=-1e4,
+        le=1e4,
+        description="downward acceleration of masses and oscillators, m/s²: with 9.81 their weight is -9.81 N/kg",
+    )
     accuracy: Accuracy = Field(default=Accuracy(), description="how exactly it is computed")
     body: list[Body] = Field(min_length=1, max_length=TABLES, description="the bodies")
     contact: list[Contact] = Field(default=[], max_length=TABLES, description="where bodies collide")
@@ -150,3 +155,14 @@ def _channels(path: Path) -> int:
         low, high = SAMPLERATES
         raise ValueError(f"its sample rate is {found.samplerate} Hz, not {low} to {high}")
     return int(found.channels)
+
+
+def joined(scene: Scene, name: str) -> set[str]:
+    """The bodies that contacts join with one, and it."""
+    found, size = {name}, 0
+    while size < len(found):
+        size = len(found)
+        for contact in scene.contact:
+            if contact.on is not None and found & {contact.body, contact.on}:
+                found |= {contact.body, contact.on}
+    return found

@@ -5,12 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from engine.events import BEND, DAMP, MOVE, NEVER, STIFFEN, STRIKE
+from engine.events import BEND, DAMP, FOREVER, MOVE, NEVER, STIFFEN, STRIKE
 from engine.layout import Layout
 from engine.model import Events
 from engine.parts import Change, Damp, Event, Strike
 
-FOREVER = 1 << 60
 Row = tuple[int, int, int, int, int, int, float, float]  # island, start, end, kind, first, last, a, b
 
 

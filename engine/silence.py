@@ -8,7 +8,7 @@ import numpy as np
 from engine.bodies import modal
 from engine.parts import Change, Contact, Force, Mass, Membrane, Modes, Oscillator, Pickup, Plate, PluckAgain, Strike
 from engine.save import SILENCE
-from engine.scene import Scene
+from engine.scene import Scene, joined
 
 LOWEST = 8  # modes are looked at: where none of them moves, none does
 NODE = 1e-9  # a shape this much smaller than elsewhere is rounding
@@ -100,11 +100,11 @@ def _unheard(scene: Scene, pickup: Pickup, moved: list[str], stats: dict[str, An
     name = pickup.body
     if at_node:
         return f'the pickup on "{name}" is at {pickup.at}, where it never moves; another place'
-    joined = _joined(scene, name)
-    contacts = [c for c in scene.contact if c.body in joined and c.stiffness > 0.0]
+    reached = joined(scene, name)
+    contacts = [c for c in scene.contact if c.body in reached and c.stiffness > 0.0]
     if pickup.quantity == "force" and not any(name in (c.body, c.on) for c in contacts):
         return f'nothing touches "{name}", whose contact forces are heard; another quantity, or a [[contact]]'
-    if moved and not joined & set(moved):
+    if moved and not reached & set(moved):
         others = ", ".join(f'"{n}"' for n in dict.fromkeys(moved))
         return f'"{name}" is heard, and what moves ({others}) has no contact with it; add a [[contact]] between them'
     touched = any(n for regime, n in stats["newton"]["regimes"].items() if regime != "free")
@@ -112,16 +112,6 @@ def _unheard(scene: Scene, pickup: Pickup, moved: list[str], stats: dict[str, An
         first = next((c for c in contacts if {c.body, c.on} & set(moved)), contacts[0])
         return "no contact ever closes: " + _apart(scene, first, moved, stats["seconds"])
     return "no pickup moves; another place or quantity"
-
-
-def _joined(scene: Scene, name: str) -> set[str]:
-    """The bodies that contacts join with one, and it."""
-    found = {name}
-    for _ in scene.contact:
-        for contact in scene.contact:
-            if contact.on is not None and found & {contact.body, contact.on}:
-                found |= {contact.body, contact.on}
-    return found
 
 
 def _apart(scene: Scene, contact: Contact, moved: list[str], seconds: float) -> str:

@@ -64,7 +64,10 @@ def loss_of(keep: np.ndarray) -> Loss:
 def _damp(
     tables: list[Modes], heavy: np.ndarray, omega: np.ndarray, sigma: np.ndarray, lengths: list[float], h: float
 ) -> DampedStages:
-    """Give heavily damped modes stages of their own, with their loss in them. lengths: of the stages, as shares of a sample of h seconds."""
+    """Give heavily damped modes stages of their own, with their loss in them.
+
+    lengths: of the stages, as shares of a sample of h seconds
+    """
     keep, drag = np.ones((2, len(tables), omega.size))
     dragged = np.zeros((len(tables), omega.size))
     for n, (table, length) in enumerate(zip(tables, lengths, strict=True)):

@@ -8,11 +8,9 @@ from engine.solve import FAILED, FREE
 
 
 @jit
-def settle_up(coupling, state, excess):
+def settle_up(state, excess):
     """At the end of a step, the motion pays for the energy that an unfinished contact solve created,
     or is given what it took; what cannot be paid at once is owed. Returns the energy lost, J."""
-    if coupling is None:
-        return 0.0
     owed = state.debt[0] + excess
     if owed == 0.0:
         return 0.0
@@ -56,7 +54,7 @@ def advance(model, contact, force, state, frame):
         push(force, frame, state.p)
         if touching:
             spring_back(contact, partner, state)
-            lost_in_contact += settle_up(model.coupling, state, excess)
+            lost_in_contact += settle_up(state, excess)
         lost += lose_all(loss, state.p)
     else:
         lost += second_half(modes, spring, loss, model.drag, gravity, state.carry, state.q, state.p)

@@ -7,7 +7,22 @@ import numpy as np
 
 from engine.layout import Layout
 from engine.model import Model, Rows
-from engine.parts import Bar, Body, Mass, Membrane, Modes, Oscillator, Plate, Strike, String
+from engine.parts import (
+    Bar,
+    Body,
+    Force,
+    HalfSine,
+    Mass,
+    Membrane,
+    Modes,
+    Oscillator,
+    Plate,
+    Pluck,
+    PluckAgain,
+    Pulse,
+    Strike,
+    String,
+)
 from engine.scene import Scene
 
 # what makes a body's pitch, and how it goes with the ratio of frequencies
@@ -21,10 +36,10 @@ PITCH: dict[type, dict[str, int]] = {
 }
 
 
-def tuned(scene: Scene, ratio: float) -> Scene:
-    """The scene with the bodies that are heard at another pitch."""
-    heard = {p.body for p in scene.pickup}
-    return scene.model_copy(update={"body": [_tuned(b, ratio) if b.name in heard else b for b in scene.body]})
+def tuned(scene: Scene, ratio: float, names: set[str] | None = None) -> Scene:
+    """The scene with some bodies at another pitch: those named, or else those that are heard."""
+    chosen = {p.body for p in scene.pickup} if names is None else names
+    return scene.model_copy(update={"body": [_tuned(b, ratio) if b.name in chosen else b for b in scene.body]})
 
 
 def _tuned(body: Body, ratio: float) -> Any:
@@ -39,9 +54,10 @@ def _tuned(body: Body, ratio: float) -> Any:
 
 
 def polyphonic(scene: Scene, voices: int) -> Scene:
-    """So many copies of a scene beside each other, all at rest: no score, no force, hammers that wait to be thrown.
+    """So many copies of a scene beside each other, all at rest: no score, plucks and hammers that wait to be told.
     Copy n of body `b` is `b_n`; contacts likewise."""
-    parts: dict[str, list[Any]] = {"body": [], "contact": [], "pickup": []}
+    parts: dict[str, list[Any]] = {"body": [], "contact": [], "pickup": [], "force": []}
+    waiting = [f.model_copy(update={"start": 0.0}) for b in scene.body for f in plucks(scene, b.name)]
     for n in range(voices):
         for body in scene.body:
             still = {"velocity": 0.0} if isinstance(body, Mass | Oscillator) else {}
@@ -50,7 +66,27 @@ def polyphonic(scene: Scene, voices: int) -> Scene:
             names = {key: f"{name}_{n}" for key in ("name", "body", "on") if (name := getattr(contact, key))}
             parts["contact"].append(contact.model_copy(update=names))
         parts["pickup"] += [p.model_copy(update={"body": f"{p.body}_{n}"}) for p in scene.pickup]
-    return scene.model_copy(update=parts | {"force": [], "event": []})
+        parts["force"] += [f.model_copy(update={"body": f"{f.body}_{n}"}) for f in waiting]
+    return scene.model_copy(update=parts | {"event": []})
+
+
+def plucks(scene: Scene, name: str) -> list[Force]:
+    """The forces that pluck or strike a body and are then over; if there is none, the first pluck of the score."""
+    found: list[Force] = [f for f in scene.force if f.body == name and isinstance(f, Pluck | Pulse | HalfSine)]
+    again = [e for e in scene.event if isinstance(e, PluckAgain) and e.body == name]
+    return found or [Pluck(kind="pluck", **e.model_dump(exclude={"kind", "time"})) for e in again[:1]]
+
+
+def strikers(scene: Scene, name: str) -> list[str]:
+    """The hammers that are thrown at a body."""
+    ends = [{c.body, c.on} for c in scene.contact if name in (c.body, c.on)]
+    return [hammer for hammer in thrown(scene) if hammer != name and any(hammer in both for both in ends)]
+
+
+def touched(scene: Scene, hammer: str) -> list[str]:
+    """The bodies that a hammer is in contact with."""
+    ends = [(c.body, c.on) for c in scene.contact if c.on is not None and hammer in (c.body, c.on)]
+    return list(dict.fromkeys(str(b if a == hammer else a) for a, b in ends))
 
 
 def thrown(scene: Scene) -> dict[str, float]:
@@ -90,7 +126,7 @@ def _pairs(to: tuple[Model, Layout], of: tuple[Model, Layout], voice: int) -> It
                 yield a[here.start : here.start + count], x[there.start : there.start + count]
     for i in range(islands):
         n = voice * islands + i
-        for kind in ("contact", "pickup", "body"):
+        for kind in ("contact", "force", "pickup", "body"):
             ours, theirs = (getattr(model.islands, kind) for model in (poly, single))
             for a, x in zip(_all_rows(poly, kind), _all_rows(single, kind), strict=True):
                 for r in range(theirs[i + 1] - theirs[i]):
@@ -109,6 +145,8 @@ def _all_rows(model: Model, kind: str) -> list[Rows]:
     if kind == "contact":
         ends = [model.contact.rows if model.contact is not None else None, model.partner]
         return [rows for rows in ends if rows is not None]
+    if kind == "force":
+        return [model.force.rows] if model.force is not None else []
     return [model.pickups.rows if kind == "pickup" else model.bodies]
 
 

@@ -41,11 +41,11 @@ def pedal(value):
 
 def test_notes_have_their_pitch_and_time(tmp_path):
     path = written(tmp_path / "two.mid", (on(57), 0), (off(57), 960), (on(64, 90), 480), (off(64), 960))
-    audio, player = midi.render(engine.load(PIANO), str(path), RATE, None, 4)
-    assert len(audio) == round((midi.LEAD + 2.5 + midi.TAIL) * RATE)
-    first = round(midi.LEAD * RATE)
-    assert not audio[: first - 1].any() and audio[first + 100 : first + 500].any()
-    for begin, note in ((midi.LEAD, 57), (midi.LEAD + 1.5, 64)):
+    audio, player, played = midi.render(engine.load(PIANO), str(path), RATE, None, 4)
+    assert len(audio) == round((2.5 + midi.TAIL) * RATE)
+    assert played == {"string": "A3 (-300 c), E4 (+400 c)"}
+    assert not audio[0].any() and audio[100:500].any()
+    for begin, note in ((0.0, 57), (1.5, 64)):
         part = audio[round((begin + 0.05) * RATE) :][:RATE]
         partials = np.abs(np.fft.rfft(part[:, 0] * np.hanning(len(part))))
         wanted = midi.frequency(note)
@@ -53,6 +53,70 @@ def test_notes_have_their_pitch_and_time(tmp_path):
         assert near.start + int(np.argmax(partials[near])) == pytest.approx(wanted, abs=1.5)
     assert player.meter()["energy_error"] <= 1e-12
     assert strongest(audio.astype(float)) > 0.0
+
+
+MARIMBA = {"c": 48, "g": 55, "a": 57, "c_high": 60, "e_high": 64}
+
+
+def fundamental(audio: np.ndarray, hertz: float) -> tuple[float, float]:
+    """Where the partial nearest to a frequency is, Hz, and its amplitude, from a second of sound."""
+    part = audio[round(0.05 * RATE) :][:RATE]
+    t, window = np.arange(len(part)) / RATE, np.hanning(len(part))
+
+    def level(f):
+        return abs(np.sum(part * window * np.exp(-2j * np.pi * f * t)))
+
+    near = hertz * 2 ** (np.linspace(-5, 5, 201) / 1200)
+    found = max(near, key=level)
+    return float(found), float(level(found))
+
+
+@pytest.mark.parametrize("note", [60, 51, 72])
+def test_a_note_sounds_one_body(tmp_path, note):
+    """The nearest in pitch, tuned to the note to a cent; the other bars' fundamentals stay below -40 dB."""
+    path = written(tmp_path / "one.mid", (on(note), 0), (off(note), 1920))
+    audio, _, played = midi.render(engine.load(ROOT / "patches" / "marimba.toml"), str(path), RATE, 1.2, 2)
+    mono = audio.sum(axis=1)
+    pitch, loud = fundamental(mono, midi.frequency(note))
+    assert abs(1200 * math.log2(pitch / midi.frequency(note))) < 1.0
+    name = min(MARIMBA, key=lambda bar: abs(MARIMBA[bar] - note))
+    others = [other for bar, other in MARIMBA.items() if bar != name]
+    assert all(fundamental(mono, midi.frequency(other))[1] < 0.01 * loud for other in others)
+    away = 100 * (note - MARIMBA[name])
+    assert played == {name: midi.name_of(note) + (f" ({away:+d} c)" if away else "")}
+
+
+def test_plucked_bodies_sound_too(tmp_path):
+    """Two strings, one plucked by a force, one by the score: the nearest is, harder for a harder key."""
+    string = {"kind": "string", "length": 0.6, "mass": 4e-3, "sigma0": 1.0, "modes": 20}
+    pluck = {"kind": "pluck", "at": 0.2, "amplitude": 1.0, "duration": 1e-3}
+    harp = engine.Scene.model_validate(
+        {
+            "body": [string | {"name": "low", "frequency": 220.0}, string | {"name": "high", "frequency": 440.0}],
+            "force": [pluck | {"body": "low", "start": 0.1}],
+            "event": [pluck | {"body": "high", "time": 0.5}],
+            "pickup": [{"body": "low", "at": 0.4}, {"body": "high", "at": 0.4}],
+        }
+    )
+    for note, name in ((58, "low"), (67, "high")):
+        peaks = []
+        for velocity in (40, 80):
+            path = written(tmp_path / "one.mid", (on(note, velocity), 0), (off(note), 1920))
+            audio, _, played = midi.render(harp, str(path), RATE, 1.2, 2)
+            pitch, _ = fundamental(audio[:, 0], midi.frequency(note))
+            assert abs(1200 * math.log2(pitch / midi.frequency(note))) < 1.0
+            assert list(played) == [name]
+            peaks.append(np.abs(audio).max())
+        assert 2.0 * peaks[0] < peaks[1]
+
+
+def test_a_key_lifts_its_damper(tmp_path):
+    """Struck again while it is being damped, a note rings as at first."""
+    again = written(tmp_path / "again.mid", (on(60), 0), (off(60), 480), (on(60), 96), (off(60), 1920))
+    once = written(tmp_path / "once.mid", (on(60), 576), (off(60), 1920))
+    sounds = [midi.render(engine.load(PIANO), str(path), RATE, 1.5, 1)[0] for path in (again, once)]
+    late = [float(np.sqrt(np.mean(audio[round(1.1 * RATE) :] ** 2))) for audio in sounds]
+    assert abs(20 * math.log10(late[0] / late[1])) < 1.0
 
 
 def test_harder_is_louder(tmp_path):
@@ -67,7 +131,7 @@ def test_dampers_and_the_pedal(tmp_path):
     """A key let go is damped, unless the pedal is down; then when the pedal is let go."""
 
     def level(name, *messages):
-        audio, _ = midi.render(engine.load(PIANO), str(written(tmp_path / name, *messages)), RATE, 3.0, 2)
+        audio, *_ = midi.render(engine.load(PIANO), str(written(tmp_path / name, *messages)), RATE, 3.0, 2)
         return [float(np.sqrt(np.mean(audio[round(t * RATE) :][: RATE // 5] ** 2))) for t in (0.3, 1.2, 2.5)]
 
     held = level("held.mid", (on(60), 0), (off(60), 5000))

@@ -206,6 +206,7 @@ def noted(scene: "Scene", numbers: dict[str, float | None], args: argparse.Names
 
     rate, output = int(numbers["samplerate"] or 44_100), output_of(args)
     try:
+        limits.bodies(scene, rate, scene.accuracy.scheme)
         with feedback(args.json) as progress:
             audio, player, played = midi.render(scene, args.midi, rate, numbers["seconds"], int(args.voices), progress)
         audio, gain = amplified(audio, float(abs(audio).max()), numbers["gain"])

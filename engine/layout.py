@@ -132,7 +132,8 @@ class Layout:
             return 0.0
         shape, omega = self.shape(point), self.modal[self.number[point.body]].omega
         moved = shape != 0.0
-        return math.inf if np.any(omega[moved] == 0.0) else float(np.sum((shape[moved] / omega[moved]) ** 2))
+        with np.errstate(over="ignore"):  # of a mode that is slower than anything
+            return math.inf if np.any(omega[moved] == 0.0) else float(np.sum((shape[moved] / omega[moved]) ** 2))
 
     def _pressed(self, k: int) -> float:
         """Energy that contact k holds at time 0, J."""

@@ -17,6 +17,7 @@ from engine.spots import places
 TO_60_DB = 3 * math.log(10)  # σ·T60: e^(-σ·T60) = 10^-3
 MOST = 20_000  # modes of one body
 WIDEST = 2_000  # modes among which those of a supported body are found
+SLOWEST = 1e-150  # rad/s; below, the square underflows, and a body that hardly turns back would stand still
 COUPLED = 0.05  # of the distance of two modes, what a damper may couple them by: decay rates are then right to 1 %
 
 
@@ -52,7 +53,7 @@ def modal(body: Body, highest: float = math.inf) -> ModalBody:
             spread = _SPREAD[type(body)](body, 2 * math.pi * highest)
         else:
             spread = _supported(body, 2 * math.pi * highest)
-    omega, sigma, shape = spread
+    omega, sigma, shape = np.where(spread[0] > SLOWEST, spread[0], 0.0), *spread[1:]
     still = np.zeros(omega.size)
     return ModalBody(omega, sigma, shape, still, still, still)
 
@@ -77,8 +78,10 @@ def angular_frequency(body: Mass | Oscillator) -> float:
     if not isinstance(body, Oscillator):
         return 0.0
     if body.frequency is not None:
-        return 2 * math.pi * body.frequency
-    return math.sqrt((body.stiffness or 0.0) / body.mass)
+        omega = 2 * math.pi * body.frequency
+    else:
+        omega = math.sqrt((body.stiffness or 0.0) / body.mass)
+    return omega if omega > SLOWEST else 0.0
 
 
 Spread = tuple[np.ndarray, np.ndarray, Callable[[Any], np.ndarray]]

@@ -217,11 +217,13 @@ def _run(
         _perturb(model, state, perturbed)
     runner = Runner(model, state)
     frames = max(1, round(seconds * samplerate))
-    out = np.zeros((frames * accuracy.oversample, max(p.channel for p in scene.pickup)))
-    runner.block(out)
+    fine = frames * accuracy.oversample
+    out = np.zeros((fine + offline.beyond(accuracy.oversample), max(p.channel for p in scene.pickup)))
+    runner.block(out[:fine])
     stats = offline.statistics(runner)
     if accuracy.oversample > 1:
-        out = offline.filtered_down(out, samplerate * accuracy.oversample, samplerate, frames)
+        runner.block(out[fine:])
+        out = offline.decimated(out, accuracy.oversample, frames)
     forces, velocities = columns
     return Run(out[:, :forces], out[:, forces:velocities], out[:, velocities:], stats)
 

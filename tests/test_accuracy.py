@@ -181,3 +181,13 @@ def test_the_patch_says_how_exactly_and_an_argument_outweighs_it():
     assert engine.render(told, seconds=0.02, order=2).stats["accuracy"]["order"] == 2
     with pytest.raises(ValueError, match="order = 3 is out of range"):
         engine.render(told, seconds=0.02, order=3)
+
+
+@pytest.mark.parametrize("oversample", [2, 3, 5, 7, 8, 32])
+def test_oversampling_is_right_to_the_last_sample(oversample):
+    """A free oscillator keeps its sine to 1e-9 at any factor, from a few milliseconds after its start to the end."""
+    tone = scene([oscillator(frequency=3000.0, velocity=1.0)], seconds=0.05)
+    audio = engine.render(tone, oversample=oversample).audio[:, 0]
+    wanted = np.cos(2 * np.pi * 3000.0 * np.arange(len(audio)) / 44_100)
+    assert len(audio) == 2205
+    assert np.max(np.abs(audio - wanted)[200:]) <= 1e-9

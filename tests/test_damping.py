@@ -12,6 +12,7 @@ from engine.build import BuildError
 RATES = (8_000, 44_100, 192_000)
 DAMPINGS = (0.0, 1e-6, 1e-3, 1.0, 60.0, 1e3, 1e4, 1e5, 1e6)  # γ, 1/s
 SECONDS = 0.05
+RATE = 44_100
 
 
 def moved(gamma: float, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -101,3 +102,27 @@ def test_a_damped_oscillator_moves_as_the_closed_form(frequency, sigma, samplera
 def test_heavy_damping_is_refused_where_steps_go_back_in_time():
     with pytest.raises(BuildError, match=r"decay rates up to 6615 1/s \(1e\+04 here\)"):
         engine.render(scene([mass(damping=2e4)]), seconds=0.01, order=4)
+
+
+@pytest.mark.parametrize("frequency, sigma", [(262.0, 10.0), (262.0, 1e3), (2620.0, 1e3), (262.0, 1e4)])
+def test_a_damper_of_the_score_damps_as_a_loss_of_the_body(frequency, sigma):
+    """Let down on a vibration at its peak: the closed form of a damped oscillator is met as well, but for a term of
+    second order in the step."""
+    omega, errors = 2 * math.pi * frequency, []
+    damper = {"time": 0.0, "kind": "damp", "body": "body", "sigma": sigma}
+    for own, score in ((2 * sigma, []), (0.0, [damper])):
+        body = oscillator(frequency=frequency, displacement=1e-3, damping=own)
+        take = engine.render(scene([body], event=score), seconds=0.02, trace=True)
+        slow, t = np.sqrt(complex(sigma**2 - omega**2)), take.trace["time"]
+        late, fast = omega**2 / (sigma + slow), sigma + slow
+        wanted = 1e-3 * np.real((fast * np.exp(-late * t) - late * np.exp(-fast * t)) / (fast - late))
+        errors.append(np.max(np.abs(take.trace["displacement"][:, 0] - wanted)) / 1e-3)
+        assert take.stats["energy"]["error_max"] <= 1e-12
+    assert errors[1] <= 1.1 * errors[0] + (sigma / RATE) ** 2 / 4
+
+
+@pytest.mark.parametrize("frequency", [0.0, 1e-300, 1e-160, 1e-152])
+def test_what_hardly_turns_back_flies_on(frequency):
+    """A frequency whose square underflows is none."""
+    take = engine.render(scene([oscillator(frequency=frequency, velocity=1.0)]), seconds=0.01, trace=True)
+    assert take.trace["displacement"][-1, 0] == pytest.approx(take.trace["time"][-1], rel=1e-12)

@@ -29,7 +29,7 @@ from engine.runner import Runner
 from engine.waveform import table
 
 ODD = sorted((ROOT / "tests" / "bad_patches").glob("*.toml"))
-AT_ONCE = 5.0  # s, on a machine that does much else: most take a hundredth of one
+AT_ONCE = 8.0  # s, on a machine that does much else: most take a hundredth of one
 MASS = '[[body]]\nname = "b"\nkind = "mass"\nmass = 1.0\nvelocity = 1.0\n[[pickup]]\nbody = "b"\n'
 STRING = '[[body]]\nname = "s"\nkind = "string"\nlength = 1.0\ndensity = 1e-3\ntension = 50.0\n'
 HEARD = '[[pickup]]\nbody = "s"\nat = 0.5\n'
@@ -60,7 +60,7 @@ LARGE = {
         STRING + HEARD + CONTACT + "barrier = 0.0\nat = [" + "0.1," * 99_999 + "]\n",
         "99999 places; at most 512",
     ),
-    "keys": (many(60_000, "a% = 1\n") + MASS, ":1 a0: unknown key; known here"),
+    "keys": (many(30_000, "a% = 1\n") + MASS, ":1 a0: unknown key; known here"),
     "key": ("a" * 900_000 + " = 1\n" + MASS, ":1 " + "a" * 77 + "...: unknown key"),
     "text": ('x = "' + "a\\n" * 300_000 + '"\n' + MASS, ":1 x: unknown key"),
     "bodies": (many(20_000, '[[body]]\nname = "a%"\nkind = "x"\n'), ":1 body: 20000 in the list"),

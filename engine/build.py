@@ -181,7 +181,7 @@ def _modes(
     if heavy.any():
         own = damped_table(omega[heavy], sigma[heavy], h)
         kick[heavy], drift[heavy], keep[heavy], drag[heavy], dragged[heavy] = own
-    loss = loss_of(keep) if np.any(keep < 1.0) else None
+    loss = loss_of(keep) if sigma.any() else None
     return Modes(kick, drift), loss, Loss(drag, dragged) if heavy.any() else None
 
 

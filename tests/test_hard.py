@@ -394,7 +394,9 @@ def test_a_failed_solve_is_passive_and_counted(path, fault, monkeypatch):
         return fault(build(*arguments))
 
     monkeypatch.setattr(offline, "build", faulty)
-    take = engine.render(engine.load(path), seconds=0.5)
+    take = engine.render(
+        engine.load(path), seconds=3.0 if path.stem == "bass_frets" else 0.5
+    )  # its first pluck is soft
     assert np.isfinite(take.audio).all()
     failed = take.stats["newton"]["unconverged"]
     assert failed == take.stats["newton"]["regimes"]["failed"]

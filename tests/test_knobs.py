@@ -101,7 +101,7 @@ def test_a_long_glide_arrives_and_a_refused_one_changes_nothing(monkeypatch):
     player.play(out)
     events = player.log()["events"]
     assert all(e["frame"] is not None for e in events)
-    assert [e["why"] for e in events if e["frame"] == 0] == [["lift", "string_0"], ["strike", "hammer_0"]]
+    assert [e["why"] for e in events if e["frame"] == 0] == [["strike", "hammer_0"]]
     assert events[-1]["why"] == ["tune", 0, 0.7] and events[-1]["frame"] == 5 * 44_100
     before, table = len(events), player._table
 

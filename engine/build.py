@@ -60,18 +60,19 @@ def build(
     scene: Scene,
     samplerate: float,
     accuracy: Accuracy | None = None,
+    seconds: float = math.inf,
+    *,
     apart: bool = False,
     room: int = 0,
     general: bool = False,
-    seconds: float = math.inf,
 ) -> Built:
     """Model, State and Layout of a scene at a sample rate (Hz).
 
     accuracy: the scene's own if None
+    seconds:  how long it will sound; what forces do later is left out
     apart:    make each island a part of its own, however small (engine.explain measures them)
     room:     for how many events that the scene does not name to leave room (engine.player)
     general:  exponents will be changed, beyond what the score says
-    seconds:  how long it will sound; what forces do later is left out
     Raises BuildError if a body vibrates too fast for the sample rate, if the accuracy asked for has
     steps back in time and a contact has loss, or if there is no room for so much (engine.limits).
     """

@@ -16,7 +16,7 @@ from engine.waveform import steps
 
 HIGHEST = 0.49  # of the sample rate; what vibrates faster would come out at another frequency
 DECAY = 1e9  # 1/s; what decays faster has lost all in a thousandth of a step
-MOST_MODES = 100_000  # of all bodies
+MOST_MODES = 250_000  # of all bodies
 MOST_POINTS = 20_000  # of all contacts
 MOST_CONTACTS = 512  # in an island; its coupled solve takes time of their third power
 MOST_SHAPES = 1 << 24  # numbers: a mode's shape at a place that something acts at or listens to

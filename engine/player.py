@@ -239,8 +239,8 @@ class Player:
             raise KeyError(f"{body} is no hammer; a mass or an oscillator is: {', '.join(self.hammers) or 'none here'}")
         speed = self.speed(body) if velocity is None else velocity
         told = Strike(kind="strike", time=0.0, body=body, velocity=speed, displacement=displacement)
-        for island, start, end, _, *rest in score.rows_of(self.layout, told, base(self.layout), self.samplerate):
-            self._put(("strike", body), (THROW, island, *rest[:2], frame, end - start, *rest[2:]))
+        for island, _, _, _, first, last, a, b in score.rows_of(self.layout, told, base(self.layout), self.samplerate):
+            self._put(("strike", body), (THROW, island, first, last, frame, 1, a, b))
 
     def pluck(self, body: str, scale: float = 1.0, frame: int = 0) -> None:
         """Pluck a body again, by its forces that are over after a while, so many times as strong; and lift its dampers.

@@ -29,7 +29,7 @@ from engine.runner import Runner
 from engine.waveform import table
 
 ODD = sorted((ROOT / "tests" / "bad_patches").glob("*.toml"))
-AT_ONCE = 8.0  # s, on a machine that does much else: most take a hundredth of one
+AT_ONCE = 8.0  # s of processor time: most take a hundredth of one
 MASS = '[[body]]\nname = "b"\nkind = "mass"\nmass = 1.0\nvelocity = 1.0\n[[pickup]]\nbody = "b"\n'
 STRING = '[[body]]\nname = "s"\nkind = "string"\nlength = 1.0\ndensity = 1e-3\ntension = 50.0\n'
 HEARD = '[[pickup]]\nbody = "s"\nat = 0.5\n'
@@ -82,9 +82,9 @@ LARGE = {
 
 def told(words: list[str], capsys: pytest.CaptureFixture[str], code: int = 2) -> list[str]:
     """What a command says on standard error, at once."""
-    begin = time.perf_counter()
+    begin = time.process_time()
     assert cli.main(words) == code, capsys.readouterr()
-    assert time.perf_counter() - begin < AT_ONCE
+    assert time.process_time() - begin < AT_ONCE
     lines = capsys.readouterr().err.splitlines()
     assert all(len(line) < 1000 and line.isprintable() for line in lines) and len(lines) <= patch.MOST_FAULTS + 1
     return lines
@@ -95,9 +95,9 @@ def test_check_and_render_agree(path, tmp_path, capsys):
     """The first line of each patch says what is said of it."""
     wanted = path.read_text("utf-8").partition("\n")[0].removeprefix("# ") or ": empty"
     good = wanted == "good"
-    begin = time.perf_counter()
+    begin = time.process_time()
     code, checked = cli.main(["check", str(path)]), capsys.readouterr()
-    assert time.perf_counter() - begin < AT_ONCE
+    assert time.process_time() - begin < AT_ONCE
     assert code == (0 if good else 2) and not (good and checked.err), checked
     assert good or any(wanted in line for line in checked.err.splitlines()), checked.err
     out = tmp_path / "a.wav"
@@ -243,9 +243,9 @@ def test_lines_are_those_that_reading_bit_by_bit_finds(text):
     ['"' + '\\"' * 300_000, '"""' + '""\\' * 200_000, "a" * 900_000, "[[" * 300_000, "='" * 300_000, "\n" * 600_000],
 )
 def test_what_is_no_toml_is_looked_through_at_once(text):
-    begin = time.perf_counter()
+    begin = time.process_time()
     assert len(list(statements(text))) <= 1
-    assert time.perf_counter() - begin < AT_ONCE
+    assert time.process_time() - begin < AT_ONCE
 
 
 # --- what a render needs, and no more
@@ -307,9 +307,9 @@ def test_a_sheet_that_says_nothing_of_its_modes_has_the_lowest_thousand(shape):
 def test_a_drum_of_all_its_modes_is_built_soon():
     body = {"name": "s", "kind": "membrane", "density": 0.2, "frequency": 0.1, "radius": 1.0, "modes": 20_000}
     data = {"body": [body | {"name": f"s{i}"} for i in range(4)], "pickup": [{"body": "s0", "at": [0.5, 0.5]}]}
-    begin = time.perf_counter()
+    begin = time.process_time()
     build(engine.Scene.model_validate(data), 44_100)
-    assert time.perf_counter() - begin < 2 * AT_ONCE
+    assert time.process_time() - begin < 2 * AT_ONCE
 
 
 def test_many_bodies_that_touch_are_built_soon():
@@ -318,9 +318,9 @@ def test_many_bodies_that_touch_are_built_soon():
     body = [{"name": f"b{i}", "kind": "mass", "mass": 1.0, "velocity": 1.0} for i in range(count)]
     law = {"stiffness": 1e6, "exponent": 1.5}
     contact = [law | {"body": f"b{i}", "on": f"b{i + 1}", "gap": 1.0} for i in range(count - 1) if i % 400]
-    begin = time.perf_counter()
+    begin = time.process_time()
     build(engine.Scene.model_validate({"body": body, "contact": contact, "pickup": [{"body": "b0"}]}), 44_100)
-    assert time.perf_counter() - begin < 2 * AT_ONCE
+    assert time.process_time() - begin < 2 * AT_ONCE
 
 
 @pytest.mark.parametrize("frequency", [5e-324, 1e-160, 1e-20])

@@ -21,7 +21,7 @@ MOST_POINTS = 20_000  # of all contacts
 MOST_CONTACTS = 512  # in an island; its coupled solve takes time of their third power
 MOST_SHAPES = 1 << 24  # numbers: a mode's shape at a place that something acts at or listens to
 MOST_STEPS = 1 << 28  # of the tables of all forces: 2 GB
-LIGHTEST = 1e-15  # kg
+LIGHTEST = 1e-12  # kg, as of masses
 
 
 class BuildError(ValueError):

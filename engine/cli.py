@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from engine import commands
-from engine.arguments import dial_of, misplaced, output_of, parser, plot_of, settings, unwritable
+from engine.arguments import dial_of, misplaced, output_of, parser, plot_of, settings, unheld, unwritable
 from engine.commands import read, report
 from engine.feedback import feedback, finite
 from engine.save import amplified, clipped, lowered, reason, save_audio
@@ -107,6 +107,8 @@ def render(args: argparse.Namespace) -> int:
     scene, faults = read(args.patch)
     numbers, wrong = settings(args)
     wrong += [*unwritable(args), *misplaced(args)]
+    if scene is not None and not wrong and not (args.live and args.samplerate is None):  # which is the device's own
+        wrong += unheld(args, int(numbers["samplerate"] or 44_100), max(p.channel for p in scene.pickup))
     faults += [Fault("render.py", None, option, what) for option, what in wrong]
     if args.live:
         from engine import live
@@ -171,7 +173,7 @@ def varied(args: argparse.Namespace) -> int:
         with feedback(args.json) as progress:
             outcome = sweep.asked(plan, folder, numbers, dial_of(args), args.subtype, args.cluster, progress)
     except (OSError, RuntimeError) as error:
-        why = f"cannot write to {folder} ({error})" if isinstance(error, OSError) else error
+        why = f"cannot write to {folder} ({reason(error)})" if isinstance(error, OSError) else error
         print(f"render.py: {why}", file=sys.stderr)
         return 1
     print(json.dumps(outcome.told(folder))) if args.json else tell.varied(outcome.told(folder))

@@ -22,6 +22,7 @@ PIECE = 4096  # samples timed at once
 SOLVERS = {0: "none", 1: "scalar"}
 WHY = {
     "loss": "no body loses energy",
+    "heavy damping": "no body loses much within a step",
     "restoring force": "no body has one",
     "gravity": "there is none, or it moves nothing",
     "external force": "no force of any strength acts",

@@ -75,27 +75,30 @@ def devices() -> int:
 def replay(args: argparse.Namespace) -> int:
     """Render what was played live."""
     from engine.patch import Fault
+    from engine.replay import read as opened
     from engine.replay import replay as again
 
     faults = [Fault("render.py", None, option, what) for option, what in [*unwritable(args), *misplaced(args)]]
     output = output_of(args)
     try:
-        log = json.loads(Path(args.replay).read_text("utf-8"))
+        log = opened(Path(args.replay))
+        wrong = unheld(args, log.samplerate, max(p.channel for p in log.made().pickup))
+        faults += [Fault("render.py", None, option, what) for option, what in wrong]
         if not faults:
             with feedback(args.json):
                 audio = again(log)
-    except (OSError, ValueError, TypeError, IndexError, MemoryError) as error:
+    except (OSError, ValueError, RecursionError, MemoryError) as error:
         why = reason(error).splitlines()[0] if str(error) else "too long"
         faults.append(Fault(args.replay, None, "", f"cannot be read as a log ({why}); one that --log wrote"))
     if faults:
         report(faults)
         return 2
     try:
-        save_audio(output, audio, log["samplerate"], args.subtype)
+        save_audio(output, audio, log.samplerate, args.subtype)
     except (OSError, RuntimeError) as error:
         print(f"render.py: cannot write {output} ({reason(error)})", file=sys.stderr)
         return 1
-    stats = {"output": str(output), "samplerate": log["samplerate"], "seconds": len(audio) / log["samplerate"]}
+    stats = {"output": str(output), "samplerate": log.samplerate, "seconds": len(audio) / log.samplerate}
     print(json.dumps(stats) if args.json else output)
     return 0
 
@@ -215,6 +218,9 @@ def noted(scene: "Scene", numbers: dict[str, float | None], args: argparse.Names
     except (midi.MidiError, BuildError) as error:
         print(f"render.py: {error}", file=sys.stderr)
         return 2
+    except MemoryError:
+        print("render.py: not enough memory for so many samples; give fewer --seconds or --voices", file=sys.stderr)
+        return 1
     except (OSError, RuntimeError) as error:
         print(f"render.py: cannot write {output} ({reason(error)})", file=sys.stderr)
         return 1

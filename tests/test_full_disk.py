@@ -48,7 +48,7 @@ def test_a_file_is_as_libsndfile_writes_it(tmp_path, name):
     save_audio(tmp_path / name, NOISE, 44_100, None)
     found, rate = soundfile.read(tmp_path / name, always_2d=True)
     assert rate == 44_100 and found.shape == NOISE.shape
-    assert np.abs(found - NOISE).max() < (1e-7 if name == "a.wav" else 0.1)
+    assert np.abs(found - NOISE).max() < (1e-7 if name == "a.wav" else 0.5)
 
 
 def test_a_sweep_says_which_file_and_goes_on(tmp_path, monkeypatch):

@@ -3,6 +3,8 @@
 import dataclasses
 import json
 import os
+import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -217,13 +219,14 @@ def cluster(tmp_path):
     quiet = {"env": environment, "cwd": tmp_path, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     started: list[subprocess.Popen] = []
 
-    def dask(*words):
-        started.append(subprocess.Popen([sys.executable, "-m", "dask", *words, "--no-dashboard"], **quiet))
+    def dask(*words, engine=ROOT):
+        told = quiet | {"env": environment | {"PYTHONPATH": str(engine)}}
+        started.append(subprocess.Popen([sys.executable, "-m", "dask", *words, "--no-dashboard"], **told))
         return started[-1]
 
-    def worker(name):
+    def worker(name, engine=ROOT):
         plain = ["--nthreads", "1", "--no-nanny", "--host", "127.0.0.1"]
-        return dask("worker", address, *plain, "--local-directory", str(tmp_path / name))
+        return dask("worker", address, *plain, "--local-directory", str(tmp_path / name), engine=engine)
 
     def sweep(*words):
         command = [sys.executable, str(ROOT / "render.py"), *words, "--cluster", address]
@@ -277,6 +280,30 @@ def test_when_all_workers_are_gone_it_is_said_and_others_may_come(tmp_path, clus
     _, said = run.communicate(timeout=60)
     assert (run.returncode, said) == (0, "")
     assert len(rows(tmp_path / "a")) == 60
+
+
+@pytest.mark.hard
+def test_workers_of_another_engine_are_left_out(tmp_path, cluster):
+    """Alone, they end the sweep; beside one of this engine, that renders all points."""
+    worker, sweep = cluster
+    other = tmp_path / "elsewhere"
+    shutil.copytree(ROOT / "engine", other / "engine", ignore=shutil.ignore_patterns("__pycache__"))
+    (other / "engine" / "features.py").open("a").write("\n# another\n")
+    worker("other", other)
+    time.sleep(3.0)
+    words = [MARBLE, "--vary", NEAR, "--seconds", "0.1", "-o", str(tmp_path / "a")]
+    run = sweep(*words)
+    _, said = run.communicate(timeout=60)
+    assert run.returncode == 1 and "Traceback" not in said
+    assert "no worker can be given points; left out, for they have another engine than this one (" in said
+    assert said.count("\n") == 1 and re.search(r"tcp://127.0.0.1:\d+ \([0-9a-f]{12}\)$", said)
+    assert rows(tmp_path / "a") == []
+    worker("one")
+    time.sleep(3.0)
+    run = sweep(*words)
+    _, said = run.communicate(timeout=60)
+    assert run.returncode == 0 and said.startswith("left out, for they have another engine")
+    assert [row["status"] for row in rows(tmp_path / "a")] == ["done"] * 3
 
 
 @pytest.mark.hard

@@ -48,7 +48,7 @@ def explain(
     Raises BuildError as `engine.build.build` does. Times are in ns per sample, on one core, with the
     energies measured, as in a render; accuracy as there.
     """
-    model, state, layout = build(scene, samplerate, scene.accuracy.but(**accuracy), apart=True)
+    model, state, layout = build(scene, samplerate, scene.accuracy.but(**accuracy), apart=True, seconds=seconds)
     channels = max(p.channel for p in scene.pickup)
     mean, busiest = _costs(model, state, round(seconds * samplerate), channels, compiled)
     return {

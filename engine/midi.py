@@ -16,6 +16,7 @@ import numpy as np
 
 from engine import deck
 from engine.bodies import modal
+from engine.files import NoFile, content
 from engine.parts import SECONDS, Mass
 from engine.player import Player
 from engine.save import reason
@@ -106,13 +107,9 @@ def opened(path: Path) -> Any:
     """A .mid file as mido has it. Raises MidiError if it is none, or none that could be played."""
     mido = library()
     try:
-        if path.exists() and not path.is_file():
-            raise MidiError(f"{path} is no file; give the name of a .mid file")
-        if (size := path.stat().st_size) > LARGEST:
-            raise MidiError(f"{path} has {size / 1e6:.3g} MB; at most {LARGEST / 1e6:g}")
-        file = mido.MidiFile(file=io.BytesIO(path.read_bytes()))
-    except MidiError:
-        raise
+        file = mido.MidiFile(file=io.BytesIO(content(path, LARGEST)))
+    except NoFile as error:
+        raise MidiError(f"{path} {error}; give a .mid file") from error
     except Exception as error:
         raise unreadable(path, error) from error
     if file.type not in (0, 1):

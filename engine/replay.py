@@ -9,7 +9,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from engine import deck, post
-from engine.events import BEND, DAMP, LIFT, MOVE, STIFFEN, STRIKE
+from engine.events import BEND, DAMP, LIFT, MOVE, STIFFEN, STRIKE, THROW
+from engine.files import content
 from engine.parts import STEEPEST
 from engine.player import LARGEST, Player
 from engine.scene import SAMPLERATES, Scene
@@ -54,12 +55,8 @@ class Log(BaseModel):
 
 def read(path: Path) -> Log:
     """A log from its file. Raises OSError or ValueError if it is none."""
-    if path.exists() and not path.is_file():
-        raise ValueError("it is no file")
-    if (size := path.stat().st_size) > LONGEST:
-        raise ValueError(f"it has {size / 1e6:.3g} MB; at most {LONGEST / 1e6:g}")
     try:
-        told = json.loads(path.read_text("utf-8"), parse_constant=_none)
+        told = json.loads(content(path, LONGEST).decode(), parse_constant=_none)
         return Log.model_validate(told)
     except RecursionError:
         raise ValueError("its brackets are nested too deeply") from None
@@ -109,7 +106,7 @@ def sound_row(player: Player, row: list[int | float]) -> tuple[Any, ...]:
     kind, island, first, last, start, length = (int(number) for number in row[:6])
     model = player.model
     count = model.islands.mode.size - 1
-    sizes = dict.fromkeys((STRIKE, DAMP, LIFT), model.islands.mode)
+    sizes = dict.fromkeys((STRIKE, DAMP, LIFT, THROW), model.islands.mode)
     sizes |= dict.fromkeys((STIFFEN, MOVE, BEND), model.islands.contact)
     if kind == deck.QUALITY:
         good = 0 <= first <= player.desk[deck.LOWEST]

@@ -17,8 +17,8 @@ from pydantic import BaseModel
 
 from engine.arguments import unheard
 from engine.index import foreign
+from engine.lines import Where
 from engine.patch import PatchError, nearest, validated
-from engine.references import Where
 from engine.scene import Scene
 
 MOST = 100_000  # points; more are a mistake

@@ -165,19 +165,21 @@ def test_an_impossible_rate_names_the_patch(tmp_path, capsys):
     text = (ROOT / "patches" / "repelled_oscillator.toml").read_text()
     (tmp_path / "p.toml").write_text(text.replace("frequency = 440.0", "frequency = 44000.0"))
     assert cli.main([str(tmp_path / "p.toml"), "-o", str(tmp_path / "a.wav")]) == 2
-    assert "p.toml body[0]: vibrates at 44000 Hz" in capsys.readouterr().err
+    assert "p.toml:7 body[0]: vibrates at 44000 Hz" in capsys.readouterr().err
 
 
 def test_help_answers_at_once():
     """Without Numba, NumPy or pydantic, all of which take longer to import."""
-    times = []
-    for _ in range(5):
+    helped, bare = [], []
+    for _ in range(7):  # in turns, for the machine may be busy at times
         begin = time.perf_counter()
         done = run("--help")
-        times.append(time.perf_counter() - begin)
+        between = time.perf_counter()
+        subprocess.run([sys.executable, "-c", "import argparse"], capture_output=True, check=True)
+        helped, bare = [*helped, between - begin], [*bare, time.perf_counter() - between]
         assert done.returncode == 0
         assert "--samplerate" in done.stdout
-    assert min(times) < 0.3
+    assert min(helped) < 4 * min(bare) + 0.1
     code = "import sys; from engine import cli; cli.parser(); print({'numba', 'numpy', 'pydantic'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"

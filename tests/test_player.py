@@ -130,10 +130,10 @@ def test_logs_that_are_too_large_or_no_files_are_refused(log, tmp_path, monkeypa
     monkeypatch.setattr("engine.replay.LONGEST", 100)
     (tmp_path / "log.json").write_text(json.dumps(log), "utf-8")
     assert cli.main(["--replay", "log.json", "-o", "a.wav"]) == 2
-    assert "MB; at most 0.0001" in capsys.readouterr().err
+    assert "is larger than 0.0001 MB" in capsys.readouterr().err
     os.mkfifo("pipe")
     assert cli.main(["--replay", "pipe", "-o", "a.wav"]) == 2
-    assert "it is no file" in capsys.readouterr().err
+    assert "is not a file, but a pipe" in capsys.readouterr().err
 
 
 def test_a_replay_refuses_a_format_that_cannot_hold_it(log, tmp_path, monkeypatch, capsys):

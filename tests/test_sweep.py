@@ -313,7 +313,7 @@ def test_where_there_is_no_scheduler_it_is_said(tmp_path, capsys, monkeypatch):
     words = ["--vary", NEAR, "-o", str(tmp_path / "a"), "--cluster", f"127.0.0.1:{free_port()}"]
     assert cli.main([MARBLE, *words]) == 1
     assert "no scheduler answers at 127.0.0.1:" in capsys.readouterr().err
-    assert time.perf_counter() - begin < 15.0
+    assert time.perf_counter() - begin < 60.0  # it gives up by itself, on a busy machine too
 
 
 def test_files_of_forces_go_with_the_task(tmp_path, monkeypatch):

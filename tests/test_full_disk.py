@@ -74,6 +74,7 @@ def test_a_sweep_says_which_file_and_goes_on(tmp_path, monkeypatch):
 @unix
 def test_a_sweep_of_too_little_room_on_the_command_line(tmp_path):
     """One line, exit code 1, and the next run goes on."""
+    swept(tmp_path / "compiled", NEAR)  # for there is no room to keep kernels
     words = [MARBLE, "--vary", NEAR, "--cores", "1", "-o", "a", "--seconds", "0.2"]
     run = limited(f"from engine import cli; sys.exit(cli.main({words}))", tmp_path)
     assert run.returncode == 1

@@ -6,6 +6,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn
 
+from engine import formats
 from engine.files import is_folder
 from engine.save import LOUDNESS, SUBTYPES, subtype_of, writable
 from engine.wording import one_line
@@ -231,15 +232,27 @@ KINDS = {"--report": ("page", (".html", ".htm")), "--plot": ("picture", (".png",
 KINDS["--log"] = ("log", (".json",))
 
 
+def sound_of(args: argparse.Namespace) -> tuple[str, Path | None]:
+    """The sound to be written, if one is, and the option that names it."""
+    if args.live:
+        return "--record", Path(args.record) if args.record else None
+    return "--output", output_of(args) if args.report is not None or not (args.explain or args.price) else None
+
+
+def unheld(args: argparse.Namespace, samplerate: int, channels: int) -> list[tuple[str, str]]:
+    """What of the sound the file to be written cannot hold."""
+    option, output = sound_of(args)
+    what = formats.unheld(output, samplerate, channels) if output is not None else ""
+    return [(option, what)] if what else []
+
+
 def unwritable(args: argparse.Namespace) -> list[tuple[str, str]]:
     """What is wrong with the files to be written."""
-    output, report, option = output_of(args), report_of(args), "--output"
+    option, sound = sound_of(args)
     if args.live:
-        targets = {"--record": args.record, "--log": args.log}
-        output, option = Path(args.record) if args.record else Path("none.wav"), "--record"
+        targets = {"--record": sound, "--log": args.log}
     else:
-        sound = output if args.report is not None or not (args.explain or args.price) else None
-        targets = {"--output": sound, "--trace": args.trace, "--plot": plot_of(args), "--report": report}
+        targets = {"--output": sound, "--trace": args.trace, "--plot": plot_of(args), "--report": report_of(args)}
     wrong = []
     paths = {option: Path(text) for option, text in targets.items() if text}
     for name, path in paths.items():
@@ -255,7 +268,7 @@ def unwritable(args: argparse.Namespace) -> list[tuple[str, str]]:
             wrong.append((name, f"{where} cannot be written to; write elsewhere: {name} FOLDER/{path.name}"))
         if sum(path.absolute() == other.absolute() for other in paths.values()) > 1:
             wrong.append((name, f"{path} is to be written twice; give two names"))
-    return wrong + unheard(output, args.subtype, option)
+    return wrong + unheard(sound or (Path("none.wav") if args.live else output_of(args)), args.subtype, option)
 
 
 def unheard(output: Path, subtype: str | None, option: str) -> list[tuple[str, str]]:
@@ -268,6 +281,8 @@ def unheard(output: Path, subtype: str | None, option: str) -> list[tuple[str, s
     if subtype is not None and subtype not in SUBTYPES:
         return [("--subtype", f'unknown sample format "{subtype}"; {", ".join(SUBTYPES)}')]
     if not soundfile.check_format(kind, subtype_of(output, subtype)):
+        if subtype is None:
+            return [("--subtype", f"{kind} files do not say what they hold; give --subtype FLOAT, or write a .wav")]
         return [("--subtype", f"{kind} files cannot hold {subtype}; write a .wav")]
     return []
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from engine import commands
-from engine.arguments import dial_of, misplaced, output_of, parser, plot_of, settings, unwritable
+from engine.arguments import dial_of, misplaced, output_of, parser, plot_of, settings, unheld, unwritable
 from engine.commands import read, report
 from engine.feedback import feedback, finite
 from engine.save import amplified, clipped, lowered, reason, save_audio
@@ -75,27 +75,30 @@ def devices() -> int:
 def replay(args: argparse.Namespace) -> int:
     """Render what was played live."""
     from engine.patch import Fault
+    from engine.replay import read as opened
     from engine.replay import replay as again
 
     faults = [Fault("render.py", None, option, what) for option, what in [*unwritable(args), *misplaced(args)]]
     output = output_of(args)
     try:
-        log = json.loads(Path(args.replay).read_text("utf-8"))
+        log = opened(Path(args.replay))
+        wrong = unheld(args, log.samplerate, max(p.channel for p in log.made().pickup))
+        faults += [Fault("render.py", None, option, what) for option, what in wrong]
         if not faults:
             with feedback(args.json):
                 audio = again(log)
-    except (OSError, ValueError, TypeError, IndexError, MemoryError) as error:
+    except (OSError, ValueError, RecursionError, MemoryError) as error:
         why = reason(error).splitlines()[0] if str(error) else "too long"
         faults.append(Fault(args.replay, None, "", f"cannot be read as a log ({why}); one that --log wrote"))
     if faults:
         report(faults)
         return 2
     try:
-        save_audio(output, audio, log["samplerate"], args.subtype)
+        save_audio(output, audio, log.samplerate, args.subtype)
     except (OSError, RuntimeError) as error:
         print(f"render.py: cannot write {output} ({reason(error)})", file=sys.stderr)
         return 1
-    stats = {"output": str(output), "samplerate": log["samplerate"], "seconds": len(audio) / log["samplerate"]}
+    stats = {"output": str(output), "samplerate": log.samplerate, "seconds": len(audio) / log.samplerate}
     print(json.dumps(stats) if args.json else output)
     return 0
 
@@ -107,6 +110,8 @@ def render(args: argparse.Namespace) -> int:
     scene, faults = read(args.patch)
     numbers, wrong = settings(args)
     wrong += [*unwritable(args), *misplaced(args)]
+    if scene is not None and not wrong and not (args.live and args.samplerate is None):  # which is the device's own
+        wrong += unheld(args, int(numbers["samplerate"] or 44_100), max(p.channel for p in scene.pickup))
     faults += [Fault("render.py", None, option, what) for option, what in wrong]
     if args.live:
         from engine import live
@@ -171,7 +176,7 @@ def varied(args: argparse.Namespace) -> int:
         with feedback(args.json) as progress:
             outcome = sweep.asked(plan, folder, numbers, dial_of(args), args.subtype, args.cluster, progress)
     except (OSError, RuntimeError) as error:
-        why = f"cannot write to {folder} ({error})" if isinstance(error, OSError) else error
+        why = f"cannot write to {folder} ({reason(error)})" if isinstance(error, OSError) else error
         print(f"render.py: {why}", file=sys.stderr)
         return 1
     print(json.dumps(outcome.told(folder))) if args.json else tell.varied(outcome.told(folder))
@@ -218,6 +223,9 @@ def noted(scene: "Scene", numbers: dict[str, float | None], args: argparse.Names
     except BuildError as error:
         report(located(args.patch, error.faults))
         return 2
+    except MemoryError:
+        print("render.py: not enough memory for so many samples; give fewer --seconds or --voices", file=sys.stderr)
+        return 1
     except (OSError, RuntimeError) as error:
         print(f"render.py: cannot write {output} ({reason(error)})", file=sys.stderr)
         return 1

@@ -1,15 +1,17 @@
 """Points of a sweep rendered by the workers of a Dask scheduler.
 
-Workers need the same version of the engine, and no shared disk: a task holds all that it takes, and the files are
-written here. What a worker was about when it is killed is given to another.
+Workers need the same version of the engine, and are asked for it; they need no shared disk: a task holds all that it
+takes, and the files are written here. What a worker was about when it is killed is given to another.
 """
 
-import itertools
 import logging
 import sys
+import time
+from collections import deque
 from concurrent.futures import CancelledError
 from typing import Any
 
+from engine.machine import sources
 from engine.point import LOOK, Answers, Found, Task, rendered
 
 PATIENCE = 8  # s, to reach a scheduler
@@ -28,34 +30,82 @@ def there(tasks: list[Task], address: str) -> Answers:
                 raise RuntimeError(gone) from None
 
 
+class Workers:
+    """Those workers of a scheduler that have this very engine; of the others it is said, once, that they have not."""
+
+    def __init__(self, client: Any) -> None:
+        self.client, self.own = client, sources()
+        self.engines: dict[str, str] = {}  # by address, of all that were asked
+        self.unsaid: list[str] = []  # of another engine
+
+    def look(self) -> dict[str, int]:
+        """Threads by address, of the workers that are there now and may be given points."""
+        threads: dict[str, int] = self.client.nthreads()
+        new = [address for address in threads if address not in self.engines]
+        self.engines |= self._asked(new) if new else {}
+        self.unsaid += [address for address in new if self.engines[address] != self.own]
+        good = {address: n for address, n in threads.items() if self.engines[address] == self.own}
+        if self.unsaid and good:
+            print(f"{self._named(self.unsaid)}; start them with the sources of this one", file=sys.stderr)
+            self.unsaid = []
+        return good
+
+    def refusal(self) -> str:
+        """That none has this engine."""
+        return f"no worker can be given points; {self._named(list(self.engines))}"
+
+    def _named(self, addresses: list[str]) -> str:
+        told = ", ".join(f"{address} ({self.engines[address] or 'none'})" for address in sorted(addresses))
+        return f"left out, for they have another engine than this one ({self.own}): {told}"
+
+    def _asked(self, addresses: list[str]) -> dict[str, str]:
+        """The engines of workers; nothing for one that has none, or none that can say."""
+        found = self.client.run(sources, workers=addresses, on_error="return")
+        return {a: found[a] if isinstance(found.get(a), str) else "" for a in addresses}
+
+
 def _answers(client: Any, tasks: list[Task]) -> Answers:
     from distributed import wait
 
-    waiting = iter(tasks)
-    under_way: dict[Any, int] = {}
+    waiting, workers = deque(tasks), Workers(client)
+    under_way: dict[Any, tuple[Task, set[str]]] = {}  # who may render it
     without = False
+    if not workers.look():
+        raise RuntimeError(workers.refusal())
     while True:
-        room = AHEAD * max(1, sum(client.nthreads().values()))
-        for task in itertools.islice(waiting, max(0, room - len(under_way))):
+        threads = workers.look()
+        for future in [f for f, (_, given) in under_way.items() if threads and not given & set(threads)]:
+            waiting.appendleft(under_way.pop(future)[0])  # all that it was given to are gone, and others came
+            future.cancel()
+        room = AHEAD * max(1, sum(threads.values())) - len(under_way)
+        for _ in range(min(room, len(waiting)) if threads else 0):
+            task = waiting.popleft()
             try:
-                under_way[client.submit(rendered, task.complete(), pure=False)] = task.number
+                told = client.submit(rendered, task.complete(), pure=False, workers=list(threads))
+                under_way[told] = task, set(threads)
             except FileNotFoundError as error:  # that was there when all began
                 yield task.number, Found(None, {}, str(error))
-        if not under_way:
+        if not under_way and not waiting:
             return
+        without = _deserted(threads, without)
         try:
-            finished = wait(list(under_way), LOOK, "FIRST_COMPLETED").done
+            finished = wait(list(under_way), LOOK, "FIRST_COMPLETED").done if under_way else _none()
         except TimeoutError:
-            without = _deserted(client, without)
             yield None
             continue
         for future in finished:
-            yield under_way.pop(future), _answer(future)
+            yield under_way.pop(future)[0].number, _answer(future)
 
 
-def _deserted(client: Any, before: bool) -> bool:
+def _none() -> set[Any]:
+    """Nothing, after a while."""
+    time.sleep(LOOK)
+    raise TimeoutError
+
+
+def _deserted(threads: dict[str, int], before: bool) -> bool:
     """Whether all workers are gone; that they are is said once."""
-    without = not client.nthreads()
+    without = not threads
     if without and not before:
         print("all workers are gone; waiting for others (Ctrl-C ends it, the same command goes on)", file=sys.stderr)
     return without

@@ -141,6 +141,9 @@ def price(found: dict[str, Any], title: str, path: Path) -> None:
 
 def prices(axes: Any, found: dict[str, Any]) -> None:
     """Error against time, ours and that of other methods; those that failed along the top."""
+    if not found["rows"]:
+        axes.set_axis_off()
+        return
     known = all(math.isfinite(row["error"]) for row in found["rows"])
     key, scale, what = ("error", "log", "relative error") if known else ("bands_db", "linear", "third-octave bands, dB")
     methods: dict[str, list[dict[str, Any]]] = {}

@@ -16,6 +16,7 @@ import numpy as np
 
 from engine import deck, midi, sound
 from engine.feedback import feedback, finite
+from engine.formats import unheld
 from engine.patch import Fault
 from engine.player import Player
 from engine.reload import Watch
@@ -226,6 +227,8 @@ def recording(args: argparse.Namespace, player: Player) -> Iterator[Any]:
     import soundfile
 
     target = Path(args.record)
+    if what := unheld(target, player.samplerate, player.channels):
+        raise sound.SoundError(f"--record: {what}")
     kind, subtype = target.suffix.lstrip(".").upper(), subtype_of(target, args.subtype)
     with (
         replaced(target) as path,

@@ -3,6 +3,7 @@
 import hashlib
 import os
 import platform
+from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -18,6 +19,7 @@ def machine() -> dict[str, str]:
     return found
 
 
+@lru_cache  # as they were when they were read, not as they are edited since
 def sources() -> str:
     """A few digits that tell these sources of the engine from any others."""
     files = sorted(Path(__file__).parent.glob("*.py"))

@@ -5,6 +5,7 @@ velocity is the speed of the hammers, or the strength of the pluck; the pedal ke
 when asked for.
 """
 
+import io
 import math
 from collections.abc import Callable
 from functools import cached_property
@@ -15,7 +16,8 @@ import numpy as np
 
 from engine import deck
 from engine.bodies import modal
-from engine.parts import Mass
+from engine.files import NoFile, content
+from engine.parts import SECONDS, Mass
 from engine.player import Player
 from engine.save import reason
 from engine.scene import Scene, joined
@@ -30,6 +32,8 @@ OFF = 25.0, 0.5  # damper of a key let go: decay rate, 1/s, and how long, s
 STOLEN = 1500.0, 0.006  # damper of a voice that another note needs
 PEDAL = 64  # controller
 QUIET = 1e-6  # gain of a render: single precision is as exact at any, and no limiter is to act
+LARGEST, MESSAGES = 16_000_000, 1_000_000  # bytes of a file, and how many messages it has at most
+LONGEST = 36_000.0  # s
 ALIVE = 1e-8  # of the largest energy a voice has had: with more, it still sounds
 
 
@@ -84,17 +88,44 @@ def note_of(message: Any, seconds: float) -> Note | None:
 
 def notes_of(path: Path) -> list[Note]:
     """The notes of a .mid file, all tracks together; the file begins at 0. Raises MidiError."""
-    mido, found, seconds = library(), [], 0.0
+    file, found, seconds = opened(path), [], 0.0
     try:
-        for message in mido.MidiFile(path):
+        for message in file:
             seconds += message.time
             if note := note_of(message, seconds):
                 found.append(note)
-    except (OSError, EOFError, ValueError, KeyError, IndexError) as error:
-        raise MidiError(f"{path} cannot be read as MIDI ({reason(error)})") from error
+    except Exception as error:  # whatever mido stumbles over
+        raise unreadable(path, error) from error
+    if not 0.0 <= seconds <= LONGEST:
+        raise MidiError(f"{path} lasts {seconds / 3600:.3g} hours; at most {LONGEST / 3600:g}")
     if not any(note.kind == "on" for note in found):
         raise MidiError(f"{path} has no notes")
     return found
+
+
+def opened(path: Path) -> Any:
+    """A .mid file as mido has it. Raises MidiError if it is none, or none that could be played."""
+    mido = library()
+    try:
+        file = mido.MidiFile(file=io.BytesIO(content(path, LARGEST)))
+    except NoFile as error:
+        raise MidiError(f"{path} {error}; give a .mid file") from error
+    except Exception as error:
+        raise unreadable(path, error) from error
+    if file.type not in (0, 1):
+        raise MidiError(f"{path} is of type {file.type}, whose tracks are pieces of their own; save it as type 0 or 1")
+    if file.ticks_per_beat <= 0:
+        how = "counts frames of film (SMPTE)" if file.ticks_per_beat < 0 else "has 0 ticks a beat"
+        raise MidiError(f"{path} {how}; save it with ticks per beat, such as 480")
+    if (count := sum(map(len, file.tracks))) > MESSAGES:
+        raise MidiError(f"{path} has {count} messages; at most {MESSAGES}")
+    return file
+
+
+def unreadable(path: Path, error: Exception) -> MidiError:
+    """That a file is no MIDI, in a line."""
+    why = " ".join(reason(error).split()) or type(error).__name__
+    return MidiError(f"{path} cannot be read as MIDI ({why[:200]})")
 
 
 def port(name: str) -> Any:
@@ -294,6 +325,8 @@ def render(
     player.desk[deck.FADE] = 0  # a file begins with its first note
     keys = Keys(player)
     told = File(keys, notes)
+    if seconds is None and told.end > SECONDS:
+        raise MidiError(f"{text} lasts {told.end:.0f} s; at most {SECONDS:g}, such as --seconds {SECONDS:g} of it")
     frames = round((seconds or told.end) * samplerate)
     out, block = np.zeros((frames, player.channels), np.float32), round(AHEAD * samplerate / 2)
     for begin in range(0, frames, block):

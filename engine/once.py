@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from engine.scene import Scene
 
 Numbers = dict[str, float | None]  # those among the arguments
+TOLD = ("setting", "error", "bands_db", "ns_per_sample")  # of the setting that is chosen
 
 
 @dataclass(frozen=True)
@@ -135,6 +136,8 @@ def affordable(
 
     amount, decibels = error_of(args.error)
     found = measured(scene, None, numbers, args)
+    asked = {"asked": args.error, "horizon": found["horizon"], "unmeasured": found["unmeasured"]}
+    if found["unmeasured"]:
+        return dial, dict.fromkeys(TOLD) | asked | {"met": False}
     row, met = choose(found, amount, decibels)
-    told = {key: row[key] for key in ("setting", "error", "bands_db", "ns_per_sample")}
-    return dial | row["changes"], told | {"asked": args.error, "met": met, "horizon": found["horizon"]}
+    return dial | row["changes"], {key: row[key] for key in TOLD} | asked | {"met": met}

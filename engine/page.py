@@ -182,8 +182,11 @@ def pictures(take: "Take", stats: dict[str, Any]) -> Iterator[str]:
 
 def price(found: dict[str, Any]) -> Iterator[str]:
     """What accuracy costs."""
-    verdict, held = found["verdict"], tell.against(found)
+    verdict = found["verdict"]
     yield f"<h2>What accuracy costs</h2><p>{escape(verdict[0].upper() + verdict[1:])}.</p>"
+    if found["unmeasured"]:
+        return
+    held = tell.against(found)
     yield picture(draw.inline(draw.prices, found, 5.0), "Error against time per sample: this engine and other methods.")
     yield f"<p class=soft>{escape(held[0].upper() + held[1:])}. A star: nothing else beats it in both.</p>"
     yield from table(((f"{setting} {star}", *others) for star, setting, *others in tell.prices(found)), wide=True)

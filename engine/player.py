@@ -12,8 +12,9 @@ gives the same samples, bit for bit.
 
 import json
 import math
+import operator
 import threading
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from pydantic import ValidationError
@@ -28,7 +29,7 @@ from engine.laws import Power
 from engine.model import Model, Room, aligned
 from engine.offline import newton
 from engine.params import knobs
-from engine.parts import Change, Constant, Damp, Mass, Oscillator, Pluck, PluckAgain, Samples, Strike
+from engine.parts import SECONDS, Change, Constant, Damp, Mass, Oscillator, Pluck, PluckAgain, Samples, Strike
 from engine.rest import UNTIL
 from engine.scene import Scene, joined
 from engine.stages import refinement
@@ -48,6 +49,8 @@ NEAR, FAR = 0.8, 0.4  # of its deadline: a block that takes more lowers the qual
 MUTE = 40.0, 0.4  # decay rate, 1/s, and how long, s
 FOREVER = 1 << 60
 LARGEST = 1 << 40  # frames that are played if a scene goes on and on
+
+E = TypeVar("E", Strike, Damp, Change)
 
 
 class Player:
@@ -238,14 +241,14 @@ class Player:
         if not isinstance(hammer, Mass | Oscillator):
             raise KeyError(f"{body} is no hammer; a mass or an oscillator is: {', '.join(self.hammers) or 'none here'}")
         speed = self.speed(body) if velocity is None else velocity
-        told = Strike(kind="strike", time=0.0, body=body, velocity=speed, displacement=displacement)
+        told = event(Strike, kind="strike", body=body, velocity=speed, displacement=displacement)
         for island, _, _, _, first, last, a, b in score.rows_of(self.layout, told, base(self.layout), self.samplerate):
             self._put(("strike", body), (THROW, island, first, last, frame, 1, a, b))
 
     def pluck(self, body: str, scale: float = 1.0, frame: int = 0) -> None:
         """Pluck a body again, by its forces that are over after a while, so many times as strong; and lift its dampers.
         Raises KeyError if there is none such, ValueError if `scale` is not above 0."""
-        if not 0.0 < scale <= 1e6:
+        if not 0.0 < real("scale", scale) <= 1e6:
             raise ValueError(f"scale = {scale:g} is out of range; more than 0, at most 1e6")
         self._body(body)
         forces = [(j, self.layout.forces[number]) for j, number in enumerate(self.layout.force)]
@@ -270,7 +273,8 @@ class Player:
         names = [body] if body is not None else [b.name for b in self.scene.body if not isinstance(b, Mass)]
         for name in names:
             self._body(name)
-            self._tell(("damp", name), Damp(kind="damp", time=0.0, body=name, sigma=sigma, duration=seconds), frame)
+            told = event(Damp, kind="damp", body=name, sigma=sigma, duration=real("seconds", seconds))
+            self._tell(("damp", name), told, frame)
 
     def set(self, what: str, value: float, seconds: float = GLIDE, frame: int = 0) -> None:
         """Turn a knob: `contact.NAME.stiffness`, `.exponent`, `.barrier` or `.gap`. The value glides, and what that
@@ -278,11 +282,8 @@ class Player:
         if what not in self.knobs:
             raise KeyError(f"no knob {what}; there are {', '.join(self.knobs) or 'none: give a contact a name'}")
         _, name, key = what.split(".")
-        asked = {"kind": "change", "time": 0.0, "contact": name, "duration": seconds, key: value}
-        try:
-            told = Change.model_validate(asked)
-        except ValidationError as error:
-            raise ValueError(f"{what} = {value:g} is out of range; {error.errors()[0]['msg']}") from None
+        value = real(what, value)
+        told = event(Change, what, kind="change", contact=name, duration=real("seconds", seconds), **{key: value})
         self._tell((what, value), told, frame)
 
     def tune(self, voice: int, ratio: float, frame: int = 0, seconds: float = 0.0, body: str | None = None) -> None:
@@ -293,10 +294,14 @@ class Player:
         body:  tune this body of the patch and what contacts join with it; else all that is heard
         Raises IndexError without such a voice, KeyError without such a body, ValueError below the lowest pitch,
         BuildError (a ValueError) if it would vibrate too fast; nothing has changed then."""
+        voice, ratio, seconds = whole("voice", voice), real("ratio", ratio), real("seconds", seconds)
         if not 0 <= voice < self.voices:
             raise IndexError(f"no voice {voice}; there are {self.voices}")
-        if ratio < self.lowest:  # it would have modes for which there is no room
+        if not self.lowest <= ratio < math.inf:  # it would have modes for which there is no room
             raise ValueError(f"ratio = {ratio:g} is out of range; at least {self.lowest:g}, the lowest it was made for")
+        if not 0.0 <= seconds <= SECONDS:
+            raise ValueError(f"seconds = {seconds:g} is out of range; 0 to {SECONDS:g}")
+        frame = frame_of(frame)
         if len(self._tunings) > STAIRS and self.desk[deck.TAKEN] == self.desk[deck.PUT]:
             if self.desk[deck.WAITING] == 0:  # none of them is waited for
                 self._tunings.clear()
@@ -360,6 +365,7 @@ class Player:
 
     def _put(self, why: tuple[Any, ...], row: tuple[int, int, int, int, int, int, float, float]) -> None:
         """Put an event into the ring. While that is full, all one could do is wait: it is dropped, and that is said."""
+        row = (*row[:4], frame_of(row[4]) if row[0] != deck.TUNE else row[4], *row[5:])
         with self._lock:  # one at a time writes to the ring
             number = int(self.desk[deck.PUT])
             if deck.put_in(self.desk.ctypes.data, *row):
@@ -426,3 +432,42 @@ class Player:
             "voices": self.voices,
             "sounding": int(np.sum(awake.reshape(self.voices or 1, -1).any(axis=1))),
         }
+
+
+def event(of: type[E], what: str | None = None, **told: Any) -> E:
+    """An event of now. Raises ValueError, in a line, if a number is out of range. what: whose name is said."""
+    try:
+        return of.model_validate({"time": 0.0} | told)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        name, value = str(fault["loc"][-1]), fault["input"]
+        name = "seconds" if name == "duration" else what if what and what.endswith(f".{name}") else name
+        shown = f"{value:g}" if isinstance(value, int | float) and abs(value) < LARGEST**8 else repr(value)
+        raise ValueError(f"{name} = {shown} is out of range; {fault['msg']}") from None
+
+
+def real(name: str, value: float) -> float:
+    """A number. Raises TypeError if it is none, ValueError if it is too large for one."""
+    try:
+        if isinstance(value, str | bytes):
+            raise TypeError
+        return float(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} = {value!r} is no number; give one, such as 1.0") from None
+    except OverflowError:
+        raise ValueError(f"{name} is out of range; it has more digits than a number holds") from None
+
+
+def whole(name: str, value: int) -> int:
+    """A whole number. Raises TypeError if it is none."""
+    try:
+        return operator.index(value)
+    except TypeError:
+        raise TypeError(f"{name} = {value!r} is no whole number; give one, such as 0") from None
+
+
+def frame_of(value: int) -> int:
+    """When something is to be done. Raises TypeError or ValueError if that is no frame."""
+    if not 0 <= whole("frame", value) <= LARGEST:
+        raise ValueError(f"frame is out of range; 0, which is at once, to {LARGEST}")
+    return operator.index(value)

@@ -13,7 +13,7 @@ import numpy as np
 
 from engine import offline
 from engine.accuracy import Accuracy
-from engine.build import build
+from engine.build import BuildError, build
 from engine.events import STRIKE
 from engine.measures import band_error, decay_error, detuning, first_contact, horizon, impulse, rebound, trajectory
 from engine.model import Model, State
@@ -21,6 +21,7 @@ from engine.others import others
 from engine.parts import CHANNELS, Mass, Oscillator
 from engine.runner import Runner, timed
 from engine.scene import Scene
+from engine.silence import why
 
 SECONDS = 0.5  # of a scene, unless told otherwise
 PERTURBATION = 1e-9
@@ -50,9 +51,8 @@ LOSSLESS = [(2, 1), (2, 2), (2, 4), (2, 16), (4, 1), (4, 2), (4, 4)]
 LOSSY = [(2, 1), (2, 2), (2, 4), (2, 8), (2, 16)]
 
 
-def ladder(scene: Scene) -> list[Setting]:
-    """The settings a scene is tried at, coarse to fine."""
-    lossy = any(contact.loss > 0.0 for contact in scene.contact)
+def ladder(lossy: bool) -> list[Setting]:
+    """The settings a scene is tried at, coarse to fine. lossy: with no order above 2."""
     rungs = [Setting("fdh", {"scheme": "fdh", "order": 2, "substeps": 1})]
     for order, substeps in LOSSY if lossy else LOSSLESS:
         rungs.append(Setting(f"order {order}, {substeps} ×", {"order": order, "substeps": substeps}))
@@ -71,7 +71,8 @@ def price(
 
     seconds: how much of the scene; half a second, or all of a shorter one, if None
     Returns {"seconds", "horizon" (s), "predictable" (s, by the perturbation alone), "reference", "disagreement",
-    "spread_db", "first_contact_ms", "rebound" (m/s), "rows": [...], "others": [...] (engine.others), "verdict"}; a row
+    "spread_db", "first_contact_ms", "rebound" (m/s), "rows": [...], "others": [...] (engine.others), "unmeasured",
+    "verdict"}; where the scene is silent, "unmeasured" says why, and there are no rows, and no other numbers. A row
     has "setting", "changes", "error" (relative, before the horizon; infinite if that is 0), "bands_db", "decay_db",
     "cents", "first_contact_ms", "rebound", "impulse", "ns_per_sample", "real_time_factor", "newton", "energy_error",
     "front". Raises BuildError as `engine.build.build`.
@@ -79,7 +80,8 @@ def price(
     seconds = min(scene.seconds, SECONDS) if seconds is None else seconds
     base = scene.accuracy.but(scheme="exact", oversample=1, precision="float64", silence=-np.inf, iterations=200)
     told, columns = _with_contacts(scene)
-    rungs = ladder(scene)
+    lossy = _lossy(scene, samplerate, base)
+    rungs = ladder(lossy)
     steps = len(rungs) + 4
     done = 0
 
@@ -94,8 +96,11 @@ def price(
         tick()
         return found
 
-    runs = [at(rung.changes) for rung in rungs]
-    reference, name, frames, disagreement, perturbed = _reference(scene, runs, at, samplerate)
+    first = at(rungs[1].changes)  # one plain step
+    if reason := _unmeasured(scene, first, seconds, samplerate):
+        return _nothing(seconds, samplerate, reason)
+    runs = [first if rung is rungs[1] else at(rung.changes) for rung in rungs]
+    reference, name, frames, disagreement, perturbed = _reference(lossy, runs, at, samplerate)
     rows = []
     for rung, run in zip(rungs, runs, strict=True):
         oversampled = rung.changes.get("oversample", 1) > 1  # the filter rings, also where there is no contact
@@ -132,6 +137,7 @@ def price(
         "rebound": _rebound(reference),
         "rows": rows,
         "others": others(scene, reference.audio[:, 0], samplerate, frames),
+        "unmeasured": None,
     }
     return found | {"verdict": verdict(found)}
 
@@ -145,16 +151,16 @@ def verdict(found: dict[str, Any]) -> str:
         return "nothing pays: the motion is chaotic from the start, and all settings are equally right"
     if found["horizon"] == 0.0:
         return "cannot be told: contact is so stiff that the finest references disagree from the start"
-    if best["error"] * PAYS > plain["error"]:
+    if best["error"] * PAYS >= plain["error"]:
         return "nothing pays: every setting errs about as much (stiff contact, or none)"
     dear = best["ns_per_sample"] / plain["ns_per_sample"]
-    gain = plain["error"] / best["error"]
+    less = f"{plain['error'] / best['error']:.3g} times less" if best["error"] > 0.0 else "not at all, and so less"
     if found["horizon"] < found["seconds"]:
         why = "the motion is chaotic" if found["predictable"] < found["seconds"] else "the references disagree"
         chaos = f" up to {found['horizon'] * 1e3:.0f} ms; beyond, {why} and nothing can be told"
     else:
         chaos = ""
-    return f"{best['setting']} errs {gain:.3g} times less than one plain step, for {dear:.2g} times its time{chaos}"
+    return f"{best['setting']} errs {less} than one plain step, for {dear:.2g} times its time{chaos}"
 
 
 def choose(found: dict[str, Any], error: float, decibels: bool) -> tuple[dict[str, Any], bool]:
@@ -164,6 +170,35 @@ def choose(found: dict[str, Any], error: float, decibels: bool) -> tuple[dict[st
     if good:
         return min(good, key=lambda row: row["ns_per_sample"]), True
     return min(found["rows"], key=lambda row: row[key]), False
+
+
+def _lossy(scene: Scene, samplerate: int, base: Accuracy) -> bool:
+    """Whether order 2 alone is possible: where contact has loss, or bodies are heavily damped."""
+    if any(contact.loss > 0.0 for contact in scene.contact):
+        return True
+    build(scene, samplerate, base.but(order=2, substeps=1))
+    try:
+        for order, substeps in ((4, 1), (6, 4)):
+            build(scene, samplerate, base.but(order=order, substeps=substeps))
+    except BuildError:
+        return True
+    return False
+
+
+def _unmeasured(scene: Scene, run: Run, seconds: float, samplerate: int) -> str | None:
+    """Why there is nothing of which an error could be taken, if there is not."""
+    if len(run.audio) < 2:
+        return "it has one sample; give more seconds"
+    heard = {"seconds": seconds, "samplerate": samplerate, "peak": float(np.abs(run.audio).max())}
+    silent = why(scene, run.stats | heard)
+    return f"silent; {silent}" if silent else None
+
+
+def _nothing(seconds: float, samplerate: int, reason: str) -> dict[str, Any]:
+    """What is found of a scene that gives nothing to measure."""
+    numbers = ("horizon", "predictable", "reference", "disagreement", "spread_db", "first_contact_ms", "rebound")
+    found: dict[str, Any] = {"seconds": seconds, "samplerate": samplerate, "rows": [], "others": []}
+    return found | dict.fromkeys(numbers) | {"unmeasured": reason, "verdict": f"nothing can be measured: {reason}"}
 
 
 def _with_contacts(scene: Scene) -> tuple[Scene, tuple[int, int]]:
@@ -188,11 +223,10 @@ def _rebound(run: Run) -> float:
 
 
 def _reference(
-    scene: Scene, runs: list[Run], at: Callable[..., Run], samplerate: int
+    lossy: bool, runs: list[Run], at: Callable[..., Run], samplerate: int
 ) -> tuple[Run, str, int, float, Run]:
     """The finest run, its name, how many samples of it are sure, how far the one before is from it in these,
     and the same run begun a little off."""
-    lossy = any(contact.loss > 0.0 for contact in scene.contact)
     order, counts = (2, (32, 64)) if lossy else (6, (4, 8, 16))
     before = runs[-3]  # the finest of the ladder
     for substeps in counts:

@@ -1,16 +1,24 @@
 """A log of what was played, and the same samples made of it again."""
 
+import json
 import math
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from engine import deck, post
 from engine.events import BEND, DAMP, LIFT, MOVE, STIFFEN, STRIKE, THROW
+from engine.files import content
 from engine.parts import STEEPEST
 from engine.player import LARGEST, Player
 from engine.scene import SAMPLERATES, Scene
+
+LONGEST = 64_000_000  # bytes of a log
+HOURS = 10  # that a log tells of at most
+Whole = Annotated[int, Field(ge=-(1 << 62), le=1 << 62)]  # that the audio thread can hold
+Real = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class Event(BaseModel):
@@ -20,7 +28,7 @@ class Event(BaseModel):
 
     frame: int | None = Field(ge=0, le=LARGEST)
     why: list[Any]
-    row: list[int | float] = Field(min_length=8, max_length=8)
+    row: list[Whole | Real] = Field(min_length=8, max_length=8)
 
 
 class Log(BaseModel):
@@ -40,14 +48,42 @@ class Log(BaseModel):
     general: bool = False
     events: list[Event]
 
+    def made(self) -> Scene:
+        """The scene that was played."""
+        return Scene.model_validate(self.scene)
 
-def replay(told: dict[str, Any]) -> np.ndarray:
+
+def read(path: Path) -> Log:
+    """A log from its file. Raises OSError or ValueError if it is none."""
+    try:
+        told = json.loads(content(path, LONGEST).decode(), parse_constant=_none)
+        return Log.model_validate(told)
+    except RecursionError:
+        raise ValueError("its brackets are nested too deeply") from None
+    except ValidationError as error:
+        fault = error.errors()[0]
+        raise ValueError(f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}") from None
+
+
+def _none(name: str) -> Any:
+    raise ValueError(f"{name} is no number of JSON")
+
+
+def replay(told: dict[str, Any] | Log) -> np.ndarray:
     """What was played, from its log: single precision [frames, channels], the same bit for bit. Raises ValueError
     (pydantic's, or BuildError) if the log is none."""
-    log = Log.model_validate(told)
-    player = Player(
-        Scene.model_validate(log.scene), log.samplerate, math.inf, log.gain, log.voices, log.lowest, log.general
-    )
+    log = told if isinstance(told, Log) else Log.model_validate(told)
+    if log.frames > HOURS * 3600 * log.samplerate:
+        raise ValueError(f"it has {log.frames} frames; at most {HOURS} hours")
+    try:
+        return _played(log)
+    except (LookupError, ArithmeticError, TypeError, RecursionError) as error:
+        raise ValueError(f"it tells of what cannot be: {error}") from error
+
+
+def _played(log: Log) -> np.ndarray:
+    """What was played."""
+    player = Player(log.made(), log.samplerate, math.inf, log.gain, log.voices, log.lowest, log.general)
     player.desk[deck.END], player.desk[deck.FADE], player.desk[deck.LEAVE] = log.end, log.fade, log.leave
     out, at = np.zeros((min(log.frames, log.end), player.channels), np.float32), 0
     for event in log.events:
@@ -81,6 +117,7 @@ def sound_row(player: Player, row: list[int | float]) -> tuple[Any, ...]:
         good = good and 0 <= first < last <= sizes[kind][island + 1] - sizes[kind][island]
     if kind == BEND:
         good = good and 1.0 <= row[6] <= STEEPEST
+    good = good and all(abs(number) <= 1 << 62 for number in row[:6])
     if not good or not all(math.isfinite(number) for number in row) or not 0 <= start <= LARGEST:
         raise ValueError(f"it has an event that cannot be: {row}")
     return kind, island, first, last, start, max(0, length), float(row[6]), float(row[7])

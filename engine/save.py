@@ -1,12 +1,15 @@
 """Files of a render: each is written beside its target, then renamed, so that none is ever half-written."""
 
+import io
 import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from engine.formats import unheld
 
 if TYPE_CHECKING:
     import numpy as np
@@ -43,8 +46,32 @@ def save_audio(output: Path, audio: "np.ndarray", samplerate: int, subtype: str 
     import soundfile
 
     kind = output.suffix.lstrip(".").upper()
-    with replaced(output) as path:
-        soundfile.write(path, audio, samplerate, format=kind, subtype=subtype_of(output, subtype))
+    if what := unheld(output, samplerate, audio.shape[1] if audio.ndim > 1 else 1):
+        raise RuntimeError(what)
+    with replaced(output) as path, Written(path, "w+") as file:
+        try:
+            soundfile.write(file, audio, samplerate, format=kind, subtype=subtype_of(output, subtype))
+        except (RuntimeError, AssertionError):
+            if file.fault is None:
+                raise
+        if file.fault is not None:
+            raise file.fault
+
+
+class Written(io.FileIO):
+    """A file that keeps what went wrong: on a full disk, libsndfile goes on writing OGG and MP3, and does not tell."""
+
+    fault: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        """Write all of it."""
+        done = 0
+        try:
+            while done < len(data):
+                done += super().write(data[done:])
+        except OSError as error:
+            self.fault = error
+        return done
 
 
 def save_trace(output: Path, trace: "dict[str, np.ndarray]") -> None:

@@ -4,8 +4,8 @@ A sweep that is stopped at any time goes on when it is started again: what is do
 """
 
 import os
-from collections.abc import Callable
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -17,7 +17,8 @@ from engine.machine import sources
 from engine.patch import PatchError
 from engine.point import Answers, Found, Task
 from engine.processes import here
-from engine.save import amplified, save_audio
+from engine.save import amplified, reason, save_audio
+from engine.scene import Scene
 from engine.vary import Plan, Point
 
 Progress = Callable[[float], None]
@@ -26,20 +27,21 @@ Renderer = Callable[[list[Task]], Answers]
 
 @dataclass
 class Outcome:
-    """How far a sweep has come: of its points, how many are done, were done before, or failed; and how many sounds
-    of other settings, that were in the folder, are no more."""
+    """How far a sweep has come: of its points, how many are done, were done before, or failed; how many sounds of
+    other settings, that were in the folder, are no more; and how many of its own are gone again at the end."""
 
     points: int
     done: int = 0
     before: int = 0
     failed: int = 0
     replaced: int = 0
+    gone: int = 0
     interrupted: bool = False
 
     @property
     def code(self) -> int:
         """Of the command line: 0 if all are done."""
-        return 130 if self.interrupted else 1 if self.failed else 0
+        return 130 if self.interrupted else 1 if self.failed or self.gone else 0
 
     def told(self, folder: Path) -> dict[str, Any]:
         """What is said of it."""
@@ -93,29 +95,36 @@ def sweep(
         part.unlink(missing_ok=True)
     header = index.columns(paths)
     held = index.read(path)
-    rows = {n: row for n, row in held.items() if n in tasks and _stands(row, begun[n], folder)}
+    rows = {n: row for n, row in held.items() if n in tasks and _stands(row, begun[n], folder, tasks[n])}
     others = {n for n, row in held.items() if n not in rows and row["status"] == "done"}
-    index.write(path, header, rows)
+    _write(path, header, rows)
     outcome = Outcome(len(plan.points), done=len(rows), before=len(rows))
     rate = options["samplerate"]
 
     def enter(number: int, found: Found) -> None:
-        name, cells = f"{number:04d}.wav", dict(found.cells)
+        name, cells = index.sound(number), dict(found.cells)
         if found.audio is not None:
             peak = 0.0 if found.cells["silent"] else float(abs(found.audio).max())
             audio, cells["gain_db"] = amplified(found.audio, peak, gain)
             outcome.replaced += number in others and (folder / name).exists()
-            save_audio(folder / name, audio, rate, subtype)
+            try:
+                save_audio(folder / name, audio, rate, subtype)
+            except (OSError, RuntimeError) as error:
+                raise _unwritten(folder / name, error) from error
         told = begun[number] | cells
         told |= {"file": name if found.audio is not None else "", "status": found.error or "done"}
         rows[number] = {column: index.shown(told.get(column)) for column in header}
-        file.write(index.line(rows[number].values()))
-        file.flush()
+        try:
+            line = index.line(rows[number].values()).encode()
+            while line:  # a disk that is nearly full takes a part of it
+                line = line[os.write(file, line) :]
+        except OSError as error:
+            raise _unwritten(path, error) from error
         outcome.done += found.audio is not None
         outcome.failed += found.audio is None
 
     try:
-        with open(path, "a", encoding="utf-8", newline="") as file:
+        with opened(path) as file:
             for number, found in answers.items():
                 enter(number, found)
             left = [task for n, task in tasks.items() if n not in rows]
@@ -126,8 +135,24 @@ def sweep(
                     progress(len(rows) / outcome.points)
     except KeyboardInterrupt:
         outcome.interrupted = True
-    index.write(path, header, rows)
+    for number in [n for n, row in rows.items() if row["status"] == "done" and not (folder / row["file"]).is_file()]:
+        del rows[number]
+        outcome.gone, outcome.done = outcome.gone + 1, outcome.done - 1
+    _write(path, header, rows)
     return outcome
+
+
+def _write(path: Path, header: list[str], rows: dict[int, Row]) -> None:
+    """Write the index anew. Raises RuntimeError, which says what stands against it."""
+    try:
+        index.write(path, header, rows)
+    except OSError as error:
+        raise _unwritten(path, error) from error
+
+
+def _unwritten(path: Path, error: Exception) -> RuntimeError:
+    """That a file could not be written, and how to go on."""
+    return RuntimeError(f"cannot write {path} ({reason(error)}); when it can be, the same command goes on")
 
 
 def _tasks(
@@ -153,7 +178,27 @@ def _named(plan: Plan, point: Point) -> dict[str, Cell]:
     return {axis.path: str(value) for axis, value in zip(plan.axes, point, strict=True)}
 
 
-def _stands(row: Row, begun: dict[str, Cell], folder: Path) -> bool:
-    """Whether a row tells of this very point, and its sound is there."""
+def _stands(row: Row, begun: dict[str, Cell], folder: Path, task: Task) -> bool:
+    """Whether a row tells of this very point, and its sound is there, whole as far as its header and length tell."""
     same = row["status"] == "done" and row["fingerprint"] == begun["fingerprint"]
-    return same and bool(row["file"]) and (folder / row["file"]).is_file()
+    path, rate = folder / row["file"], task.options["samplerate"]
+    if not same or not row["file"] or not path.is_file():
+        return False
+    import soundfile
+
+    seconds = task.options["seconds"] or task.document.get("seconds") or Scene.model_fields["seconds"].default
+    try:
+        held = soundfile.info(str(path))
+    except (OSError, RuntimeError):
+        return False
+    return bool((held.frames, held.samplerate) == (max(1, round(seconds * rate)), rate))
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[int]:
+    """A file to add lines to; each is there at once, and nothing is left to be written when it is closed."""
+    file = os.open(path, os.O_WRONLY | os.O_APPEND)
+    try:
+        yield file
+    finally:
+        os.close(file)

@@ -47,7 +47,10 @@ def summed(stats: dict[str, Any]) -> dict[str, str]:
         "left out": ", ".join(stats["effects"]["left_out"]) or "none",
         "time": f"{activity['free']:.1%} free, {activity['contact']:.1%} in contact, {activity['asleep']:.1%} asleep",
     }
-    if chosen := stats.get("chosen"):
+    chosen = stats.get("chosen")
+    if chosen and chosen["unmeasured"]:
+        rows["error asked for"] = f"{chosen['asked']}: nothing can be measured ({chosen['unmeasured']})"
+    elif chosen:
         how = "the cheapest that does" if chosen["met"] else "NO SETTING DOES; this errs least"
         rows["error asked for"] = f"{chosen['asked']}: {chosen['setting']}, {how}"
         rows["error measured"] = (
@@ -116,6 +119,9 @@ def columns(rows: list[tuple[str, ...]]) -> None:
 
 def priced(found: dict[str, Any]) -> None:
     """Error against time, setting by setting (engine.price)."""
+    if found["unmeasured"]:
+        print(found["verdict"])
+        return
     print(against(found))
     columns(prices(found))
     print("* nothing else is both nearer and faster")
@@ -170,6 +176,8 @@ def varied(told: dict[str, Any]) -> None:
     if told["interrupted"]:
         print(f"interrupted; {done} of {points} done; run the same command to go on", file=sys.stderr)
         return
+    if told["gone"]:
+        print(f"{told['gone']} sounds are gone again; run the same command for them", file=sys.stderr)
     if failed:
         print(f"{failed} of {points} failed; the column status of {told['index']} says why", file=sys.stderr)
     print(f"{done} of {points} done{before}\n{told['index']}")

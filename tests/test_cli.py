@@ -170,14 +170,16 @@ def test_an_impossible_rate_names_the_patch(tmp_path, capsys):
 
 def test_help_answers_at_once():
     """Without Numba, NumPy or pydantic, all of which take longer to import."""
-    times = []
-    for _ in range(5):
+    helped, bare = [], []
+    for _ in range(7):  # in turns, for the machine may be busy at times
         begin = time.perf_counter()
         done = run("--help")
-        times.append(time.perf_counter() - begin)
+        between = time.perf_counter()
+        subprocess.run([sys.executable, "-c", "import argparse"], capture_output=True, check=True)
+        helped, bare = [*helped, between - begin], [*bare, time.perf_counter() - between]
         assert done.returncode == 0
         assert "--samplerate" in done.stdout
-    assert min(times) < 0.3
+    assert min(helped) < 4 * min(bare) + 0.1
     code = "import sys; from engine import cli; cli.parser(); print({'numba', 'numpy', 'pydantic'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"

@@ -1,6 +1,7 @@
 """Notes: each sounds at its pitch and time, voices are shared, and nothing clicks."""
 
 import math
+import os
 import sys
 import types
 
@@ -259,3 +260,57 @@ def test_a_voice_of_a_string_over_a_fret_is_as_if_built_at_its_pitch(tmp_path):
     player.strike("hammer_2")
     player.play(heard[0])
     assert heard[0].any() and player.meter()["energy_error"] <= 1e-12
+
+
+NO_NOTES = {
+    "type 2": (
+        b"MThd\0\0\0\6\0\2\0\1\0\x60",
+        "is of type 2, whose tracks are pieces of their own; save it as type 0 or 1",
+    ),
+    "no ticks": (b"MThd\0\0\0\6\0\1\0\1\0\0", "has 0 ticks a beat"),
+    "film": (b"MThd\0\0\0\6\0\1\0\1\xe7\x28", "counts frames of film (SMPTE)"),
+    "short header": (b"MThd\0\0\0\2\0\1", "cannot be read as MIDI"),
+    "long header": (b"MThd\xff\xff\xff\xff\0\1", "cannot be read as MIDI"),
+}
+
+
+@pytest.mark.parametrize("name", NO_NOTES)
+def test_a_file_that_is_none_is_refused_in_a_line(tmp_path, name):
+    head, says = NO_NOTES[name]
+    track = bytes([0, 0x90, 60, 64, 96, 0x80, 60, 0, 0, 0xFF, 0x2F, 0])
+    (tmp_path / "a.mid").write_bytes(head + b"MTrk" + len(track).to_bytes(4, "big") + track)
+    with pytest.raises(midi.MidiError, match=r"a\.mid .*") as found:
+        midi.notes_of(tmp_path / "a.mid")
+    assert says in str(found.value) and "\n" not in str(found.value)
+
+
+def test_files_that_are_too_much_are_refused(tmp_path, monkeypatch, capsys):
+    """In time, messages or bytes; what lasts longer than a render may is played in part."""
+    path = tmp_path / "a.mid"
+    written(path, (on(60), 0), (off(60), 480 * 2 * 40_000))
+    with pytest.raises(midi.MidiError, match=r"lasts 11\.1 hours; at most 10"):
+        midi.notes_of(path)
+    written(path, (on(60), 0), (off(60), 480 * 2 * 7200))
+    words = [str(PIANO), "--midi", str(path), "-o", str(tmp_path / "a.wav")]
+    assert cli.main(words) == 2
+    assert "lasts 7203 s; at most 3600, such as --seconds 3600 of it" in capsys.readouterr().err
+    monkeypatch.setattr(midi, "MESSAGES", 3)
+    with pytest.raises(midi.MidiError, match="has 4 messages; at most 3"):
+        midi.notes_of(path)
+    monkeypatch.setattr(midi, "LARGEST", 10)
+    with pytest.raises(midi.MidiError, match=r"is larger than 1e-05 MB; give a \.mid file"):
+        midi.notes_of(path)
+    os.mkfifo(tmp_path / "pipe.mid")
+    with pytest.raises(midi.MidiError, match="is not a file, but a pipe"):
+        midi.notes_of(tmp_path / "pipe.mid")
+
+
+def test_no_memory_for_so_many_samples_is_said(tmp_path, monkeypatch, capsys):
+    path = written(tmp_path / "a.mid", (on(60), 0), (off(60), 480))
+
+    def render(*told):
+        raise MemoryError
+
+    monkeypatch.setattr(midi, "render", render)
+    assert cli.main([str(PIANO), "--midi", str(path), "-o", str(tmp_path / "a.wav")]) == 1
+    assert "not enough memory" in capsys.readouterr().err

@@ -154,3 +154,63 @@ def test_price_and_error_on_the_command_line(tmp_path, monkeypatch, capsys):
     assert "NO SETTING DOES" in capsys.readouterr().out
     assert cli.main([str(PATCH), "--error", "loud", "-o", "out.wav"]) == 2
     assert '"loud" is no error; a share as 1e-4, or decibels as 0.1dB' in capsys.readouterr().err
+
+
+STILL = {"name": "m", "kind": "oscillator", "mass": 1.0, "frequency": 440.0}
+WALL = {"body": "m", "barrier": 0.01, "stiffness": 1e8, "exponent": 2.0}
+LATE = {"kind": "constant", "body": "m", "amplitude": 1.0, "start": 5.0}
+SILENT = {
+    "at rest": ({"body": [STILL]}, "nothing moves at the start"),
+    "at rest near a wall": ({"body": [STILL], "contact": [WALL]}, "nothing moves at the start"),
+    "pushed too late": ({"body": [STILL], "force": [LATE]}, "nothing happens before 5 s"),
+    "without gain": ({"body": [STILL | {"velocity": 1.0}], "pickup": [{"body": "m", "gain": 0.0}]}, "gain = 0"),
+    "hardly anything": ({"body": [STILL | {"velocity": 1e-200}], "contact": [WALL]}, ""),
+}
+
+
+@pytest.mark.parametrize("name", SILENT)
+def test_of_silence_nothing_is_measured(name):
+    parts, says = SILENT[name]
+    told = engine.Scene.model_validate({"seconds": 0.05, "pickup": [{"body": "m"}]} | parts)
+    found = price(told)
+    assert found["verdict"].startswith("nothing can be measured: silent; ")
+    assert says in found["verdict"] and found["rows"] == []
+
+
+@pytest.mark.parametrize("seconds", [1e-6, 2.3e-5, 5e-5, 1e-4])
+def test_the_price_of_a_few_samples(seconds):
+    found = price(engine.load(PATCH), seconds=seconds)
+    assert found["verdict"].startswith("nothing")
+    if seconds < 3e-5:
+        assert found["verdict"] == "nothing can be measured: it has one sample; give more seconds"
+
+
+def test_motion_that_is_lost_at_once_has_a_price():
+    """Heavy damping leaves order 2 alone; and where no setting errs, none pays."""
+    body = {"name": "m", "kind": "oscillator", "mass": 1.0, "frequency": 440.0, "velocity": 1.0, "damping": 1e6}
+    told = engine.Scene.model_validate({"seconds": 0.01, "body": [body], "contact": [WALL], "pickup": [{"body": "m"}]})
+    found = price(told)
+    assert all(row["changes"].get("order", 2) == 2 for row in found["rows"])
+    assert found["verdict"]
+    free = engine.Scene.model_validate({"body": [STILL | {"velocity": 1.0}], "pickup": [{"body": "m"}]})
+    assert price(free, seconds=0.01)["verdict"].startswith("nothing pays")
+
+
+def test_silence_on_the_command_line(tmp_path, monkeypatch, capsys):
+    """--price says why there is no table; --error renders as the patch says, and tells that nothing was chosen."""
+    monkeypatch.chdir(tmp_path)
+    body = '[[body]]\nname = "m"\nkind = "oscillator"\nmass = 1.0\nfrequency = 440.0\n'
+    (tmp_path / "p.toml").write_text(f'seconds = 0.05\n{body}[[pickup]]\nbody = "m"\n', "utf-8")
+    assert cli.main(["p.toml", "--price", "--plot", "p.png"]) == 0
+    assert capsys.readouterr().out.startswith("nothing can be measured: silent; nothing moves at the start")
+    assert (tmp_path / "p.png").exists()
+    assert cli.main(["p.toml", "--price", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["price"]
+    assert told["unmeasured"].startswith("silent; ") and told["rows"] == [] and told["horizon"] is None
+    assert cli.main(["p.toml", "--error", "1e-3"]) == 0
+    assert "1e-3: nothing can be measured (silent; " in capsys.readouterr().out
+    assert cli.main(["p.toml", "--error", "1e-3", "--json"]) == 0
+    chosen = json.loads(capsys.readouterr().out)["chosen"]
+    assert (chosen["setting"], chosen["met"]) == (None, False) and chosen["unmeasured"].startswith("silent; ")
+    assert cli.main(["p.toml", "--price", "--report", "p.html"]) == 0
+    assert "Nothing can be measured" in (tmp_path / "p.html").read_text("utf-8")

@@ -14,7 +14,7 @@ from conftest import ROOT
 FLOORS = [
     ["kernel_files", "wording", "files", "lines"],
     ["kernel_cache"],
-    ["jit", "vector", "held", "native", "parts", "measured"],
+    ["jit", "vector", "held", "native", "parts", "measured", "formats"],
     ["references", "spots", "waveform"],
     ["accuracy", "measures", "features", "laws", "scene", "bodies", "baselines", "save", "feedback", "machine"],
     ["model", "others", "draw", "solve", "patch", "index", "describe"],
@@ -55,7 +55,7 @@ KERNELS = [
 WITHOUT_NUMBA = ["accuracy", "parts", "measured", "references", "scene", "patch", "bodies", "spots", "waveform", "draw"]
 WITHOUT_NUMBA += ["save", "feedback", "machine", "measures", "features", "index", "point", "vary", "sweep", "cluster"]
 WITHOUT_NUMBA += ["describe", "params", "silence", "commands", "arguments", "tell", "page", "once", "cli", "__init__"]
-WITHOUT_NUMBA += ["processes", "wording", "files", "lines", "limits", "kernel_files", "doubts"]
+WITHOUT_NUMBA += ["processes", "wording", "files", "lines", "limits", "kernel_files", "doubts", "formats"]
 
 
 def imports(name: str) -> set[str]:

@@ -61,7 +61,7 @@ def test_a_full_disk_keeps_what_was_written(tmp_path, capsys, kind):
     """Under its name, as a file that can be played; one line says so, at once and once."""
     path = tmp_path / f"a.{kind}"
     made = recorded(path, 0)
-    limited(made, 200_001)
+    limited(made, 100_001)
     for _ in range(120):
         made.write(NOISE)
     assert not made.whole
@@ -70,7 +70,7 @@ def test_a_full_disk_keeps_what_was_written(tmp_path, capsys, kind):
     made.close()
     assert capsys.readouterr().err == "" and [p.name for p in tmp_path.iterdir()] == [path.name]
     heard = soundfile.read(path, dtype="float32")[0]
-    assert len(heard) > 20_000
+    assert len(heard) > 9000
     if kind not in ("ogg", "mp3"):  # 16 bits at least
         wanted = np.concatenate([NOISE] * 120)[: len(heard)]
         assert np.abs(heard - wanted).max() <= 2**-15

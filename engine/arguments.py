@@ -6,8 +6,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn
 
+from engine.files import is_folder
 from engine.save import LOUDNESS, SUBTYPES, absolute, subtype_of, writable
+from engine.wording import one_line
 
+LONGEST = 400  # characters of a message
 EXAMPLE = "patches/repelled_oscillator.toml"
 COMMANDS = """commands (render.py COMMAND --help tells more):
   new NAME      start a patch from a template
@@ -28,7 +31,7 @@ class Parser(argparse.ArgumentParser):
         unknown = message.partition("unrecognized arguments: ")[2].partition(" ")[0].partition("=")[0]
         near = difflib.get_close_matches(unknown, self._option_string_actions, 1, 0.6)
         right = f"did you mean {near[0]}?" if near else f"{self.prog} --help tells all"
-        self.exit(2, f"{self.prog}: {message}; {right}\n")
+        self.exit(2, f"{self.prog}: {one_line(message, LONGEST)}; {right}\n")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -244,9 +247,9 @@ def unwritable(args: argparse.Namespace) -> list[tuple[str, str]]:
         what, endings = KINDS.get(name, ("", ()))
         if endings and path.suffix.lower() not in endings:
             wrong.append((name, f'"{path.name}" names no {what}; end it in {endings[0]}'))
-        elif not path.parent.is_dir():
+        elif not is_folder(path.parent):
             wrong.append((name, f"no such folder: {path.parent}; make it, or write elsewhere"))
-        elif path.is_dir():
+        elif is_folder(path):
             wrong.append((name, f"{path} is a folder; give the name of a file, such as {path / 'sound.wav'}"))
         elif not writable(path.parent):
             where = "the folder you are in" if path.parent == Path() else path.parent

@@ -6,11 +6,12 @@ A shape is in 1/√kg: a force F at a place drives mode m with Φ_m·F, and the 
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from engine.parts import Bar, Body, Mass, Membrane, Modes, Oscillator, Plate, String
+from engine.parts import SHEET, Bar, Body, Mass, Membrane, Modes, Oscillator, Plate, String
 from engine.spots import places
 
 TO_60_DB = 3 * math.log(10)  # σ·T60: e^(-σ·T60) = 10^-3
@@ -43,14 +44,15 @@ def modal(body: Body, highest: float = math.inf) -> ModalBody:
     """Modes of a body, those of bodies with many only up to `highest` (Hz).
 
     Raises TooMany if those are more than 20 000 and the body does not limit them, TooDamped if its supports
-    damp it too much.
+    damp it too much; ArithmeticError or other ValueErrors if its numbers are beyond what can be computed with.
     """
     if isinstance(body, Mass | Oscillator):
         return _lumped(body)
-    if isinstance(body, Modes) or not body.support:
-        spread = _SPREAD[type(body)](body, 2 * math.pi * highest)
-    else:
-        spread = _supported(body, 2 * math.pi * highest)
+    with np.errstate(all="ignore"):  # what is not finite is refused in the end (engine.limits)
+        if isinstance(body, Modes) or not body.support:
+            spread = _SPREAD[type(body)](body, 2 * math.pi * highest)
+        else:
+            spread = _supported(body, 2 * math.pi * highest)
     omega, sigma, shape = np.where(spread[0] > SLOWEST, spread[0], 0.0), *spread[1:]
     still = np.zeros(omega.size)
     return ModalBody(omega, sigma, shape, still, still, still)
@@ -208,18 +210,12 @@ def _membrane(body: Membrane, highest: float) -> Spread:
         return _rectangle(body, body.size, _speed(body, body.tension, lowest), 1, highest)
     from scipy.special import jn_zeros, jv
 
+    modes = body.modes or SHEET
     radius = body.radius or 1.0
     speed = _speed(body, body.tension, float(jn_zeros(0, 1)[0]) / radius)
-    top = min(highest * radius / speed, 2 * math.sqrt(body.modes or MOST) + 10)  # Weyl: about z²/4 zeros below z
-    found: list[tuple[float, int, float]] = []
-    for m in range(int(top) + 1):
-        zeros = jn_zeros(m, max(1, int(top / math.pi) + 1))
-        for zero in zeros[zeros < top]:
-            found += [(float(zero), m, 0.0)] + ([(float(zero), m, math.pi / 2)] if m else [])
-    found.sort()
-    if body.modes is None and len(found) > MOST:
-        raise TooMany(f"has more than {MOST} modes below {highest / 2 / math.pi:.0f} Hz")
-    zero, order, turn = np.array(found[: body.modes]).reshape(-1, 3).T
+    top = min(highest * radius / speed, 2 * math.sqrt(modes) + 10)  # Weyl: about z²/4 zeros below z
+    found = [zero for zero in _drum(math.ceil(top)) if zero[0] < top]
+    zero, order, turn = np.array(found[:modes]).reshape(-1, 3).T
     area = math.pi * radius**2 * np.where(order == 0, 1.0, 0.5)
     scale = 1 / (np.sqrt(body.density * area) * np.abs(jv(order + 1, zero)))
 
@@ -229,6 +225,20 @@ def _membrane(body: Membrane, highest: float) -> Spread:
 
     omega = speed * zero / radius
     return omega, decay(body, omega, zero / radius), shape
+
+
+@lru_cache(8)
+def _drum(top: int) -> list[tuple[float, int, float]]:
+    """Zeros below `top` of the Bessel functions J_m, with m and the turn of each shape, 0 and, but for m = 0, a
+    quarter; the lowest first."""
+    from scipy.special import jn_zeros
+
+    found: list[tuple[float, int, float]] = []
+    for m in range(top + 1):
+        zeros = jn_zeros(m, int((top - m) / math.pi) + 2)  # the first is beyond m, the next ones π apart and more
+        for zero in zeros[zeros < top].tolist():
+            found += [(zero, m, 0.0)] + ([(zero, m, math.pi / 2)] if m else [])
+    return sorted(found)
 
 
 def _speed(body: Membrane | Plate, stiffness: float | None, lowest: float) -> float:
@@ -245,19 +255,16 @@ def _plate(body: Plate, highest: float) -> Spread:
 def _rectangle(body: Membrane | Plate, size: list[float], speed: float, power: int, highest: float) -> Spread:
     """ω = speed·β^power; shapes sin(mπx)·sin(nπy), with modal mass ρab/4; the lowest modes first."""
     a, b = size
+    modes = body.modes or SHEET
     # Weyl's law: about ab·β²/4π - (a + b)·β/2π modes lie below β
-    enough = (a + b + math.sqrt((a + b) ** 2 + 4 * math.pi * a * b * (body.modes or MOST))) / (a * b) + math.pi / min(
-        size
-    )
+    enough = (a + b + math.sqrt((a + b) ** 2 + 4 * math.pi * a * b * modes)) / (a * b) + math.pi / min(size)
     top = min((highest / speed) ** (1 / power), enough)
-    along, across = (np.arange(1.0, top * side / math.pi + 1) for side in size)
+    along, across = (np.arange(1.0, min(top * side / math.pi, modes) + 1) for side in size)
     m, n = (grid.ravel() for grid in np.meshgrid(along, across, indexing="ij"))
     beta = np.hypot(m * math.pi / a, n * math.pi / b)
     order = np.argsort(beta, kind="stable")
     order = order[beta[order] < top]
-    if body.modes is None and order.size > MOST:
-        raise TooMany(f"has more than {MOST} modes below {highest / 2 / math.pi:.0f} Hz")
-    order = order[: body.modes]
+    order = order[:modes]
     m, n, beta = m[order], n[order], beta[order]
     scale = 2 / math.sqrt(body.density * a * b)
     omega = speed * beta**power
@@ -286,7 +293,12 @@ def _supported(body: String | Bar | Membrane | Plate, highest: float) -> Spread:
     from about a sixth of its impedance √(Tμ) on.
     """
     build = _SPREAD[type(body)]
-    count = build(body, highest)[0].size
+    free = build(body, highest)
+    count = free[0].size
+    if count == 0:
+        return free
+    if count > WIDEST:
+        raise TooMany(f"has {count} modes, and supports; with these at most {WIDEST}")
     wide = max(count, min(4 * count, WIDEST))
     omega, sigma, shape = build(body.model_copy(update={"modes": wide}), math.inf)
     stiffness, damping = np.diag(omega**2), np.zeros((omega.size, omega.size))
@@ -296,12 +308,15 @@ def _supported(body: String | Bar | Membrane | Plate, highest: float) -> Spread:
             own = shape(place)
             stiffness += np.outer(own, own) * (support.stiffness / len(at))
             damping += np.outer(own, own) * (support.damping / len(at))
+    if not np.all(np.isfinite(stiffness)):
+        raise FloatingPointError
     square, vectors = np.linalg.eigh(stiffness)
     held = np.sqrt(np.maximum(square, 0.0))[:count]
     vectors = vectors[:, :count][:, held < highest]
     damping = vectors.T @ damping @ vectors
     _refuse_coupled(body, held[held < highest], damping)
     rate = np.einsum("ij,i,ij->j", vectors, sigma, vectors) + 0.5 * np.diag(damping)
+    rate = np.maximum(rate, 0.0)  # but for rounding, it is
     return held[held < highest], rate, lambda place: vectors.T @ shape(place)
 
 

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from engine import coupled, energy, rest, score, solve
+from engine import coupled, energy, limits, rest, score, solve
 from engine.accuracy import Accuracy
-from engine.bodies import TooDamped, TooMany, modal, string_stiffness
 from engine.compliance import compliances
 from engine.laws import law_of
 from engine.layout import Layout, Point
+from engine.limits import BuildError as BuildError
 from engine.model import (
     ACCELERATION,
     DISPLACEMENT,
@@ -36,25 +36,16 @@ from engine.model import (
     aligned,
     single,
 )
-from engine.parts import Body, Change, String
+from engine.parts import Body, Change
+from engine.save import reason
 from engine.scene import Scene
 from engine.spots import places
 from engine.stages import loss_of, refinement
 from engine.tables import MOST_BACK, TABLES, damped_table, heavily_damped
-from engine.waveform import table
+from engine.waveform import Table, table
 
 QUANTITIES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "acceleration": ACCELERATION, "force": FORCE}
-MOST_CONTACTS = 512  # in an island; its coupled solve takes time of their third power
 FORCE_AT_START = 1e12  # N
-HIGHEST = 0.49  # of the sample rate; what vibrates faster would come out at another frequency
-
-
-class BuildError(ValueError):
-    """A valid scene that cannot be built as asked; `faults` lists (path, what) pairs."""
-
-    def __init__(self, faults: list[tuple[str, str]]) -> None:
-        super().__init__("\n".join(f"{path}: {what}" for path, what in faults))
-        self.faults = faults
 
 
 class Built(NamedTuple):
@@ -72,6 +63,7 @@ def build(
     apart: bool = False,
     room: int = 0,
     general: bool = False,
+    seconds: float = math.inf,
 ) -> Built:
     """Model, State and Layout of a scene at a sample rate (Hz).
 
@@ -79,11 +71,16 @@ def build(
     apart:    make each island a part of its own, however small (engine.explain measures them)
     room:     for how many events that the scene does not name to leave room (engine.player)
     general:  exponents will be changed, beyond what the score says
-    Raises BuildError if a body vibrates too fast for the sample rate, or if the accuracy asked for has
-    steps back in time and a contact has loss.
+    seconds:  how long it will sound; what forces do later is left out
+    Raises BuildError if a body vibrates too fast for the sample rate, if the accuracy asked for has
+    steps back in time and a contact has loss, or if there is no room for so much (engine.limits).
     """
     accuracy = accuracy or scene.accuracy
-    layout = _lay_out(scene, samplerate, accuracy.scheme, room > 0)
+    modal = limits.bodies(scene, samplerate, accuracy.scheme)
+    limits.sizes(scene, modal)
+    limits.forces(scene, samplerate, seconds)
+    layout = Layout(scene, modal, live=room > 0)
+    limits.islands(layout)
     omega, sigma = layout.gather("omega"), layout.gather("sigma")
     modes, loss, drag = _modes(omega, sigma, samplerate, accuracy)
     contact, contact_loss, coupling = _contact(layout, modes, samplerate, accuracy, general)
@@ -95,7 +92,7 @@ def build(
     islands = layout.islands._replace(event=begins)
     if apart:
         islands = islands._replace(part=np.arange(begins.size))
-    force = _force(layout, modes, samplerate)
+    force = _force(layout, modes, samplerate, seconds)
     partner = layout.rows(partners, modes) if any(p.body is not None for p in partners) else None
     model = Model(
         samplerate=float(samplerate),
@@ -113,7 +110,7 @@ def build(
         refinement=refinement(layout, modes, accuracy, samplerate) if accuracy.refined else None,
         events=events,
         pickups=_pickups(layout, modes),
-        bodies=layout.rows([_watched(layout, b) for b in layout.body], modes),
+        bodies=layout.rows(_watched(layout), modes),
         loose=_loose(layout, omega),
         silence=10 ** (accuracy.silence / 20),
     )
@@ -124,55 +121,21 @@ def build(
     return Built(aligned(model), aligned(state), layout)
 
 
-def _lay_out(scene: Scene, samplerate: float, scheme: str, live: bool) -> Layout:
-    """The scene's layout, or what stands against building it at this sample rate."""
-    faults = []
-    highest = HIGHEST * samplerate
-    for i, body in enumerate(scene.body):
-        try:
-            own = modal(body, highest)
-        except TooMany as error:
-            faults.append((f"body[{i}]", f"{error}; give modes = the number to build"))
-            continue
-        except TooDamped as error:
-            faults.append((f"body[{i}].support", f"{error}; less of it, or decay rates of the body (sigma0, t60)"))
-            continue
-        if own.omega.size == 0:
-            what = f"has no mode below {highest:g} Hz, {HIGHEST} of the sample rate"
-            faults.append((f"body[{i}]", f"{what}; a lower frequency, or a higher --samplerate"))
-        fastest = math.sqrt(max(0.0, float(np.max(own.omega**2 - own.sigma**2, initial=0.0)))) / (2 * math.pi)
-        if scheme == "exact" and fastest > highest:
-            what = f"vibrates at {fastest:g} Hz, above {HIGHEST} of the sample rate of {samplerate:g} Hz"
-            faults.append((f"body[{i}]", f"{what}; render with --samplerate {math.ceil(fastest / HIGHEST)} or more"))
-        if isinstance(body, String) and string_stiffness(body)[0] <= 0.0:
-            what = f"its bending stiffness alone makes it vibrate faster than {body.frequency:g} Hz"
-            faults.append((f"body[{i}].frequency", f"{what}; a higher frequency, or less bending"))
-    if faults:
-        raise BuildError(faults)
-    layout = Layout(scene, highest, live)
-    contacts = np.diff(layout.islands.contact)
-    if contacts.max() > MOST_CONTACTS:
-        n = int(np.argmax(contacts))
-        names = [b.name for b in scene.body if layout.island[layout.number[b.name]] == n]
-        what = f"{contacts.max()} points of contact join {', '.join(names[:4])}{' …' if len(names) > 4 else ''}"
-        raise BuildError([("contact", f"{what}; at most {MOST_CONTACTS} in an island")])
-    return layout
-
-
-def _watched(layout: Layout, number: int) -> Point:
-    """Where a body is traced: at its first pickup, or else its first contact, or else its first force."""
-    scene, name = layout.scene, layout.scene.body[number].name
+def _watched(layout: Layout) -> list[Point]:
+    """Where each body is traced: at its first pickup, or else its first contact, or else its first force."""
+    scene, found = layout.scene, dict[str, Point]()
     for pickup in scene.pickup:
-        if pickup.body == name and pickup.quantity != "force":
-            return Point(name, _one(pickup.at, scene.body[number]), 1.0)
+        if pickup.quantity != "force" and pickup.body not in found:
+            found[pickup.body] = _point(layout, pickup)
     for k, spot in layout.spot:
         for point in layout.ends(k, spot):
-            if point.body == name:
-                return Point(name, point.place, 1.0)
+            if point.body is not None and point.body not in found:
+                found[point.body] = Point(point.body, point.place, 1.0)
     for force in layout.forces:
-        if force.body == name:
-            return Point(name, _one(force.at, scene.body[number]), 1.0)
-    return Point(None, None, 0.0)  # nothing touches it
+        if force.body not in found:
+            found[force.body] = _point(layout, force)
+    nowhere = Point(None, None, 0.0)  # nothing touches it
+    return [found.get(scene.body[b].name, nowhere) for b in layout.body]
 
 
 def _point(layout: Layout, part: Any) -> Point:
@@ -218,7 +181,7 @@ def _modes(
     if heavy.any():
         own = damped_table(omega[heavy], sigma[heavy], h)
         kick[heavy], drift[heavy], keep[heavy], drag[heavy], dragged[heavy] = own
-    loss = loss_of(keep) if np.any(keep < 1.0) else None
+    loss = loss_of(keep) if sigma.any() else None
     return Modes(kick, drift), loss, Loss(drag, dragged) if heavy.any() else None
 
 
@@ -229,12 +192,11 @@ def _gravity(layout: Layout) -> Gravity | None:
 
 def base(layout: Layout) -> np.ndarray:
     """Stiffness of each point of contact, N/m^α; where it is 0 at first, what an event first makes it."""
-    found = []
-    for k, spot in layout.spot:
-        name = layout.scene.contact[k].name
-        later = (e.stiffness for e in layout.scene.event if isinstance(e, Change) and e.contact == name)
-        found.append(spot.stiffness or next(s for s in later if s))
-    return np.array(found)
+    later: dict[str | None, float] = {}
+    for event in layout.scene.event:
+        if isinstance(event, Change) and event.stiffness:
+            later.setdefault(event.contact, event.stiffness)
+    return np.array([spot.stiffness or later[layout.scene.contact[k].name] for k, spot in layout.spot])
 
 
 def _contact(
@@ -268,11 +230,11 @@ def _contact(
     )
 
 
-def _force(layout: Layout, modes: Modes, samplerate: float) -> Force | None:
+def _force(layout: Layout, modes: Modes, samplerate: float, seconds: float) -> Force | None:
     if not layout.force:
         return None
     chosen = [layout.forces[j] for j in layout.force]
-    tables = [table(force, samplerate) for force in chosen]
+    tables = [_table(layout.scene, force, samplerate, seconds) for force in chosen]
     return Force(
         rows=layout.rows([_point(layout, force) for force in chosen], modes),
         start=np.array([t.start for t in tables], dtype=np.int64),
@@ -283,16 +245,26 @@ def _force(layout: Layout, modes: Modes, samplerate: float) -> Force | None:
     )
 
 
+def _table(scene: Scene, force: Any, samplerate: float, seconds: float) -> Table:
+    """The table of a force. Raises BuildError if its file cannot be read to its end."""
+    try:
+        return table(force, samplerate, seconds)
+    except (OSError, RuntimeError, TypeError, ValueError) as error:  # it was there when the patch was read
+        path = f"force[{scene.force.index(force)}].file"
+        raise BuildError([(path, f"cannot be read as audio ({reason(error)}); a WAV, FLAC or OGG file")]) from None
+
+
 def _pickups(layout: Layout, modes: Modes) -> Pickups:
     """A pickup of quantity force lists the contacts of its body, with the sign of their push on it."""
     chosen = [layout.scene.pickup[p] for p in layout.pickup]
     begin, contact, sign = [0], [], []
     for pickup in chosen:
-        first = int(layout.islands.contact[layout.island[layout.number[pickup.body]]])
-        for place, (k, spot) in enumerate(layout.spot):
+        island = layout.island[layout.number[pickup.body]]
+        own = slice(*layout.islands.contact[island : island + 2]) if pickup.quantity == "force" else slice(0)
+        for place, (k, spot) in enumerate(layout.spot[own]):
             for point in layout.ends(k, spot):
-                if pickup.quantity == "force" and point.body == pickup.body:
-                    contact.append(place - first)
+                if point.body == pickup.body:
+                    contact.append(place)
                     sign.append(-point.factor)
         begin.append(len(contact))
     return Pickups(

@@ -110,7 +110,7 @@ def replay(args: argparse.Namespace) -> int:
 
 def render(args: argparse.Namespace) -> int:
     """Render as the arguments say."""
-    from engine.patch import Fault
+    from engine.patch import Fault, located
 
     scene, faults = read(args.patch)
     numbers, wrong = settings(args)
@@ -139,7 +139,7 @@ def render(args: argparse.Namespace) -> int:
         made = once.rendering(scene, numbers, args)
         beside = once.write(made, args)
     except BuildError as error:
-        report([Fault(args.patch, None, path, what) for path, what in error.faults])
+        report(located(args.patch, error.faults))
         return 2
     except MemoryError:
         says = "not enough memory for so many samples; give fewer --seconds, or no --trace, --plot or --report"
@@ -190,7 +190,7 @@ def played(scene: "Scene", args: argparse.Namespace, gain: float | None) -> int:
     """Play a patch."""
     from engine import live
     from engine.build import BuildError
-    from engine.patch import Fault
+    from engine.patch import located
     from engine.sound import SoundError
 
     try:
@@ -202,24 +202,29 @@ def played(scene: "Scene", args: argparse.Namespace, gain: float | None) -> int:
         print(f"render.py: cannot write what was played ({reason(error)})", file=sys.stderr)
         return 1
     except BuildError as error:
-        report([Fault(args.patch, None, path, what) for path, what in error.faults])
+        report(located(args.patch, error.faults))
         return 2
 
 
 def noted(scene: "Scene", numbers: dict[str, float | None], args: argparse.Namespace) -> int:
     """Render the notes of a MIDI file."""
-    from engine import midi
+    from engine import limits, midi
     from engine.build import BuildError
     from engine.doubts import doubts
+    from engine.patch import located
 
     rate, output = int(numbers["samplerate"] or 44_100), output_of(args)
     try:
+        limits.bodies(scene, rate, scene.accuracy.scheme)
         with feedback(args.json) as progress:
             audio, player, played = midi.render(scene, args.midi, rate, numbers["seconds"], int(args.voices), progress)
         audio, gain = amplified(audio, float(abs(audio).max()), numbers["gain"], args.subtype)
         save_audio(output, audio, rate, args.subtype)
-    except (midi.MidiError, BuildError) as error:
+    except midi.MidiError as error:
         print(f"render.py: {error}", file=sys.stderr)
+        return 2
+    except BuildError as error:
+        report(located(args.patch, error.faults))
         return 2
     except (OSError, RuntimeError) as error:
         print(f"render.py: cannot write {output} ({reason(error)})", file=sys.stderr)

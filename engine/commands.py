@@ -5,12 +5,15 @@ import difflib
 import json
 import os
 import sys
+from collections.abc import Sized
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from engine.arguments import Parser
 from engine.feedback import finite
+from engine.files import is_folder, there
+from engine.wording import one_line
 
 if TYPE_CHECKING:
     from engine.patch import Fault
@@ -19,19 +22,29 @@ if TYPE_CHECKING:
 TEMPLATES = Path(__file__).parent / "templates"
 SCHEMA = Path(__file__).parent.parent / "patches" / "patch.schema.json"
 FIRST = "hammer"
+RATE = 44_100  # Hz, if no other is asked for
+PATH, LONGEST = 400, 20  # characters of a path that is told, and of a word that may be a command
 
 
 def check(words: list[str]) -> int:
-    """Validate patches without rendering."""
+    """Validate patches without rendering: they are read, and built as a render would."""
     parse = Parser(prog="render.py check", description="Validate patches without rendering.")
     parse.add_argument("patch", nargs="+", metavar="PATCH")
     faulty = False
     for path in parse.parse_args(words).patch:
         scene, faults = read(path)
-        faulty = faulty or bool(faults)
         if scene is not None:
-            parts = (len(scene.body), len(scene.contact), len(scene.force), len(scene.pickup))
-            print(f"{path}: good; bodies {parts[0]}, contacts {parts[1]}, forces {parts[2]}, pickups {parts[3]}")
+            faults = unbuilt(path, scene)
+        faulty = faulty or bool(faults)
+        if scene is not None and not faults:
+            parts: dict[str, Sized] = {
+                "bodies": scene.body,
+                "contacts": scene.contact,
+                "forces": scene.force,
+                "pickups": scene.pickup,
+            }
+            told = ", ".join(f"{name} {len(tables)}" for name, tables in parts.items())
+            print(f"{one_line(path, PATH)}: good; {told}")
         report(faults)
     return 2 if faulty else 0
 
@@ -44,6 +57,21 @@ def read(path: str) -> "tuple[Scene | None, list[Fault]]":
         return load(path), []
     except PatchError as error:
         return None, error.faults
+
+
+def unbuilt(path: str, scene: "Scene") -> "list[Fault]":
+    """What stands against rendering a patch at the usual sample rate."""
+    from engine import limits
+    from engine.build import BuildError, build
+    from engine.patch import located
+
+    rate = RATE * scene.accuracy.oversample
+    try:
+        limits.forces(scene, rate, scene.seconds)
+        build(scene, rate, seconds=0.0)  # with its forces, but not the tables of hours
+    except BuildError as error:
+        return located(path, error.faults)
+    return []
 
 
 def report(faults: "list[Fault]") -> None:
@@ -59,7 +87,8 @@ def schema(words: list[str]) -> int:
     Parser(
         prog="render.py schema", description="Print the JSON Schema of a patch, by which editors complete and check."
     ).parse_args(words)
-    print(json.dumps(described(), indent=1, ensure_ascii=False))
+    readable = (sys.stdout.encoding or "utf-8").lower().replace("-", "") == "utf8"
+    print(json.dumps(described(), indent=1, ensure_ascii=not readable))
     return 0
 
 
@@ -90,7 +119,7 @@ def params(words: list[str]) -> int:
         return 2
     found = numbers(scene)
     if args.json:
-        print(json.dumps(finite({"patch": args.patch, "params": [asdict(p) for p in found]}), ensure_ascii=False))
+        print(json.dumps(finite({"patch": args.patch, "params": [asdict(p) for p in found]})))
         return 0
     rows: list[tuple[str, ...]] = [("path", "value", "unit", "range", "live", "meaning")]
     rows += [(p.path, short(p.value), p.unit, p.range, "knob" if p.live else "", p.meaning) for p in found]
@@ -117,16 +146,16 @@ def new(words: list[str]) -> int:
     like, path = args.like or FIRST, Path(args.name)
     path = path if path.suffix == ".toml" or not path.name else path.with_name(path.name + ".toml")
     faults = []
-    if args.name in ("", "..") or not Path(args.name).name:
+    if args.name in ("", "..") or not Path(args.name).name or "\0" in args.name:
         faults.append(Fault("render.py", None, "NAME", f'"{args.name}" names no file; a word, such as mine'))
         path = Path("none.toml")
     if like not in templates:
         near = difflib.get_close_matches(like, templates, 1, 0.5)
         right = f'did you mean "{near[0]}"?' if near else ""
         faults.append(Fault("render.py", None, "--like", f'no template "{like}"; {right or ", ".join(templates)}'))
-    if path.exists():
+    if there(path):
         faults.append(Fault(str(path), None, "", "exists; give another NAME"))
-    elif not path.parent.is_dir():
+    elif not is_folder(path.parent):
         faults.append(Fault(str(path), None, "", f"no such folder: {path.parent}; make it, or write elsewhere"))
     if faults:
         report(faults)
@@ -135,7 +164,7 @@ def new(words: list[str]) -> int:
         with replaced(path) as part:
             part.write_text(_directive(path) + templates[like], "utf-8")
     except OSError as error:
-        print(f"render.py: cannot write {path} ({reason(error)})", file=sys.stderr)
+        print(f"render.py: cannot write {one_line(str(path), PATH)} ({reason(error)})", file=sys.stderr)
         return 1
     print(f"{path}: like {like}" + ("" if args.like else f"; --like also knows {_others(templates, like)}"))
     print(f"  {_program()} check {path}\n  {_program()} {path}")
@@ -200,6 +229,6 @@ def _directive(path: Path) -> str:
 
 def misspelt(word: str, commands: list[str]) -> str | None:
     """The command that was meant by a word that names no file."""
-    if word in commands or word.startswith("-") or not word.isalpha() or Path(word).exists():
+    if word in commands or not word.isalpha() or len(word) > LONGEST or Path(word).exists():
         return None
     return next(iter(difflib.get_close_matches(word, commands, 1, 0.6)), None)

@@ -129,7 +129,7 @@ def limits(node: dict[str, Any]) -> str:
     if node.get("type") == "array":
         least, most = node.get("minItems", 0), node.get("maxItems")
         count = "list" if most is None and least < 2 else f"list of {least} to {most}"
-        count = f"list of {most}" if least == most else count
+        count = f"list of {most}" if least == most else f"list of at most {most}" if most and not least else count
         inner = "" if "$ref" in node["items"] else limits(node["items"])
         return f"{count}, each {inner}" if inner else count
     if options := node.get("anyOf"):  # a place; or a number, or a list of them

@@ -109,7 +109,8 @@ def built_doubts(scene: Scene, layout: Any, model: Any) -> list[str]:
         contact = scene.contact[k]
         body = next(b for b in scene.body if b.name == contact.body)
         pressed = isinstance(body, Mass) and contact.on is None and body.damping > rate and scene.gravity != 0.0
-        if pressed and model.contact.compliance[place] * _slope(spot.stiffness, contact, body, scene.gravity) > 1.0:
+        give = model.contact.compliance if model.refinement is None else model.refinement.compliance.max(axis=0)
+        if pressed and give[place] * _slope(spot.stiffness, contact, body, scene.gravity) > 1.0:
             steps = "a higher sample rate, or substeps"
             found.append(f'"{body.name}" is damped within a step, and pressed on a stop too hard for it; {steps}')
     return list(dict.fromkeys(found))

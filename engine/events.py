@@ -17,6 +17,7 @@ STIFFEN = 2  # the stiffness of contacts first:last glides to a times what the m
 MOVE = 3  # the barriers of contacts first:last glide to a beyond where the model has them
 BEND = 4  # the exponents of contacts first:last glide to a
 LIFT = 5  # what damps modes first:last ends, and what was to damp them for good does not begin
+THROW = 6  # as STRIKE, and what damps the bodies that mode `first` has contacts with is lifted, as a key does
 FOREVER = 1 << 60  # when an event ends that stays for good
 NEVER = 1 << 61  # when an event begins that has not come yet: room for those of a player
 
@@ -85,12 +86,24 @@ def damp(state, first, last, share):
 
 
 @outlined
-def lift(events, following, j, frame):
-    """Let event j lift the dampers of its modes."""
+def lift(events, following, j, first, last, frame):
+    """Let event j lift the dampers of modes first:last."""
     for i in range(following[0], events.kind.shape[0]):
-        same = events.kind[i] == DAMP and events.first[i] < events.last[j] and events.first[j] < events.last[i]
+        same = events.kind[i] == DAMP and events.first[i] < last and first < events.last[i]
         if same and (i < j or events.end[i] >= FOREVER):
             events.end[i] = min(events.end[i], frame)
+
+
+@jit
+def lift_touched(model, partner, state, j, frame):
+    """Let event j lift the dampers of what its mode has contacts with."""
+    if partner is not None:
+        rows, m = model.contact.rows, model.events.first[j]
+        for k in range(rows.first.shape[0]):
+            if rows.first[k] <= m and m < rows.last[k]:
+                lift(model.events, state.next_event, j, partner.first[k], partner.last[k], frame)
+            elif partner.first[k] <= m and m < partner.last[k]:
+                lift(model.events, state.next_event, j, rows.first[k], rows.last[k], frame)
 
 
 @jit
@@ -125,10 +138,12 @@ def turn(contact, events, state, j, frame):
 def happen(model, state, j, frame):
     """Let event j, which is not damping, act at the start of this step."""
     events = model.events
-    if events.kind[j] == STRIKE:
+    if events.kind[j] == STRIKE or events.kind[j] == THROW:
         strike(model, state, events.first[j], events.a[j], events.b[j])
+        if events.kind[j] == THROW:
+            lift_touched(model, model.partner, state, j, frame)
     elif events.kind[j] == LIFT:
-        lift(events, state.next_event, j, frame)
+        lift(events, state.next_event, j, events.first[j], events.last[j], frame)
     else:
         turn(model.contact, events, state, j, frame)
 

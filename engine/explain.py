@@ -22,6 +22,7 @@ PIECE = 4096  # samples timed at once
 SOLVERS = {0: "none", 1: "scalar"}
 WHY = {
     "loss": "no body loses energy",
+    "heavy damping": "no body loses much within a step",
     "restoring force": "no body has one",
     "gravity": "there is none, or it moves nothing",
     "external force": "no force of any strength acts",
@@ -47,7 +48,7 @@ def explain(
     Raises BuildError as `engine.build.build` does. Times are in ns per sample, on one core, with the
     energies measured, as in a render; accuracy as there.
     """
-    model, state, layout = build(scene, samplerate, scene.accuracy.but(**accuracy), apart=True)
+    model, state, layout = build(scene, samplerate, scene.accuracy.but(**accuracy), apart=True, seconds=seconds)
     channels = max(p.channel for p in scene.pickup)
     mean, busiest = _costs(model, state, round(seconds * samplerate), channels, compiled)
     return {

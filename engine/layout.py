@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from engine.bodies import ModalBody, modal
+from engine.bodies import ModalBody
 from engine.model import Islands, Modes, Rows
 from engine.parts import Change, Contact, Force, PluckAgain, Strike
 from engine.scene import Scene
@@ -33,21 +33,21 @@ class Layout:
     Contacts of no stiffness, now or by an event, or that cannot close, and forces of no amplitude amount
     to absence: they join nothing, and are not built.
 
-    scene:   what to lay out
-    highest: Hz; what vibrates faster is not built
-    live:    events may come that the scene does not name, so that every contact could close
+    scene: what to lay out
+    modal: its bodies as modes
+    live:  events may come that the scene does not name, so that every contact could close
     """
 
-    def __init__(self, scene: Scene, highest: float = math.inf, live: bool = False) -> None:
-        self.scene = scene
-        self.modal: list[ModalBody] = [modal(b, highest) for b in scene.body]
+    def __init__(self, scene: Scene, modal: list[ModalBody], live: bool = False) -> None:
+        self.scene, self.modal = scene, modal
         self.number = {body.name: i for i, body in enumerate(scene.body)}
         stiff = {e.contact for e in scene.event if isinstance(e, Change) and e.stiffness}
         contacts = [k for k, c in enumerate(scene.contact) if c.stiffness > 0.0 or c.name in stiff]
         self.forces: list[Force | PluckAgain] = [f for f in scene.force if f.amplitude != 0.0]
         self.forces += [e for e in scene.event if isinstance(e, PluckAgain) and e.amplitude != 0.0]
         self.island = self._join(contacts)
-        contacts = [k for k in contacts if live or self._can_close(k, contacts)]
+        reach = {} if live else self._reaches(contacts)
+        contacts = [k for k in contacts if live or self._can_close(k, reach)]
         self.island = self._join(contacts)
         self.body = self._ordered(range(len(scene.body)), [b.name for b in scene.body])
         touching = self._ordered(contacts, [c.body for c in scene.contact])
@@ -80,29 +80,43 @@ class Layout:
             if contact.on is not None:
                 a, b = find(self.number[contact.body]), find(self.number[contact.on])
                 root[max(a, b)] = min(a, b)
-        found = sorted({find(i) for i in range(len(root))})
-        return [found.index(find(i)) for i in range(len(root))]
+        number = {first: n for n, first in enumerate(sorted({find(i) for i in range(len(root))}))}
+        return [number[find(i)] for i in range(len(root))]
 
-    def _can_close(self, k: int, contacts: Iterable[int]) -> bool:
+    def _reaches(self, contacts: Iterable[int]) -> dict[int, float]:
+        """√2E of each island that has contacts, from the energy it holds at time 0, √J; infinite if it is driven."""
+        scene, found = self.scene, dict[int, float]()
+        inside: dict[int, list[int]] = {}
+        for b in range(len(scene.body)):
+            inside.setdefault(self.island[b], []).append(b)
+        joined: dict[int, list[int]] = {}
+        for k in contacts:
+            joined.setdefault(self.island[self.number[scene.contact[k].body]], []).append(k)
+        driven = {f.body for f in self.forces} | {e.body for e in scene.event if isinstance(e, Strike)}
+        changed = {e.contact for e in scene.event if isinstance(e, Change)}
+        for island, own in joined.items():
+            weighs = scene.gravity != 0.0 and any(self.modal[b].weight.any() for b in inside[island])
+            pushed = any(scene.body[b].name in driven for b in inside[island])
+            if weighs or pushed or any(scene.contact[j].name in changed for j in own):
+                found[island] = math.inf
+                continue
+            energy = sum(
+                float(np.sum(m.p**2 + (m.omega * m.q) ** 2)) / 2 for m in map(self.modal.__getitem__, inside[island])
+            )
+            found[island] = math.sqrt(2 * (energy + sum(self._pressed(j) for j in own)))
+        return found
+
+    def _can_close(self, k: int, reaches: dict[int, float]) -> bool:
         """Whether the energy of its island could ever close contact k.
 
         A displacement Φq of energy E is at most √(2E·Σ Φ²/ω²), by Cauchy and Schwarz; both schemes
         keep to that, for they conserve E. What drives an island can close all its contacts.
         """
-        scene, island = self.scene, self.island[self.number[self.scene.contact[k].body]]
-        inside = [b for b, body in enumerate(scene.body) if self.island[b] == island]
-        names = {scene.body[b].name for b in inside}
-        joined = [j for j in contacts if scene.contact[j].body in names]
-        driven = {f.body for f in self.forces} | {e.body for e in scene.event if isinstance(e, Strike)}
-        changed = {e.contact for e in scene.event if isinstance(e, Change)}
-        weighs = scene.gravity != 0.0 and any(self.modal[b].weight.any() for b in inside)
-        if weighs or driven & names or any(scene.contact[j].name in changed for j in joined):
+        reach = reaches[self.island[self.number[self.scene.contact[k].body]]]
+        if reach == math.inf:
             return True
-        energy = sum(float(np.sum(m.p**2 + (m.omega * m.q) ** 2)) / 2 for m in (self.modal[b] for b in inside))
-        energy += sum(self._pressed(j) for j in joined)
-        reach = math.sqrt(2 * energy)
-        for spot in self.spots(scene.contact[k]):
-            soft = math.sqrt(sum(self._compliance(point) for point in self.ends(k, spot))) if energy else 0.0
+        for spot in self.spots(self.scene.contact[k]):
+            soft = math.sqrt(sum(self._compliance(point) for point in self.ends(k, spot))) if reach else 0.0
             if not reach * soft * (1 + 1e-9) <= self.barrier(k, spot):
                 return True
         return False
@@ -118,7 +132,8 @@ class Layout:
             return 0.0
         shape, omega = self.shape(point), self.modal[self.number[point.body]].omega
         moved = shape != 0.0
-        return math.inf if np.any(omega[moved] == 0.0) else float(np.sum((shape[moved] / omega[moved]) ** 2))
+        with np.errstate(over="ignore"):  # of a mode that is slower than anything
+            return math.inf if np.any(omega[moved] == 0.0) else float(np.sum((shape[moved] / omega[moved]) ** 2))
 
     def _pressed(self, k: int) -> float:
         """Energy that contact k holds at time 0, J."""

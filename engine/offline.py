@@ -82,7 +82,7 @@ def render(
     if cores is not None and cores < 1:
         raise ValueError(f"cores = {cores} is out of range; at least 1")
     asked = scene.accuracy.but(**accuracy)
-    model, state, layout = build(scene, samplerate * asked.oversample, asked)
+    model, state, layout = build(scene, samplerate * asked.oversample, asked, seconds=seconds)
     runner = Runner(model, state, cores or os.cpu_count() or 1)
     frames = max(1, round(seconds * samplerate)) * asked.oversample
     audio = np.zeros((frames + beyond(asked.oversample), max(p.channel for p in scene.pickup)))

@@ -8,11 +8,17 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
+from engine.wording import shown
+
 SECONDS = 3_600.0  # longest render
 CHANNELS = 16
-POINTS = 256  # of one contact
+POINTS = 256  # of a bridge, or of frets
+PLACES = 512  # in a list
+SUPPORTS = 256  # of a body
+MEASURED = 10_000  # points of a body whose modes are measured
+SHEET = 1_000  # modes of a membrane or a plate that does not say how many
 STEEPEST = 12.0  # exponent
-HARDEST = 1e11  # N, at 1 mm of compression: ten thousand times what steel balls give
+HARDEST = 1e15  # N, at 1 mm of compression: far beyond any material
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=64)]
 Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -33,7 +39,8 @@ def hardest(exponent: float) -> float:
     return float(HARDEST * 1e3**exponent)
 
 
-def _number(value: Any) -> bool:
+def number(value: Any) -> bool:
+    """Whether a value is a number."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
@@ -42,10 +49,12 @@ def _places(value: Any) -> Any:
     if value is None:
         return None
     items = value if isinstance(value, list) else [value]
+    if len(items) > PLACES:
+        raise PydanticCustomError("scene", "{count} places; at most {most}", {"count": len(items), "most": PLACES})
     items = [x for item in items for x in (item if isinstance(item, list) else [item])]
-    if not items or not all(isinstance(x, str) or (_number(x) and 0.0 <= x <= 1.0) for x in items):
+    if not items or not all(isinstance(x, str) or (number(x) and 0.0 <= x <= 1.0) for x in items):
         what = "{value} is no place on a body; a fraction of its length from 0 to 1, [x, y] fractions, a point's name, "
-        raise PydanticCustomError("scene", what + "or a list of these", {"value": str(value)})
+        raise PydanticCustomError("scene", what + "or a list of these", {"value": shown(value)})
     return value
 
 
@@ -54,9 +63,11 @@ def _floats(value: Any) -> Any:
     if value is None:
         return None
     items = value if isinstance(value, list) else [value]
-    if not items or not all(_number(x) and abs(x) <= 1e6 for x in items):
-        shown = f'"{value}"' if isinstance(value, str) else str(value)
-        raise PydanticCustomError("scene", "{value} is no position; a number in m, or a list of them", {"value": shown})
+    if len(items) > PLACES:
+        raise PydanticCustomError("scene", "{count} positions; at most {most}", {"count": len(items), "most": PLACES})
+    if not items or not all(number(x) and abs(x) <= 1e6 for x in items):
+        what = "{value} is no position; a number in m, or a list of them"
+        raise PydanticCustomError("scene", what, {"value": shown(value)})
     return value
 
 
@@ -65,7 +76,7 @@ _FRACTION = {"type": "number", "minimum": 0.0, "maximum": 1.0}
 _PAIR = {"type": "array", "items": _FRACTION, "minItems": 2, "maxItems": 2}
 _PLACE: list[dict[str, Any]] = [_FRACTION, {"type": "string"}, _PAIR]
 _METRES = {"type": "number", "minimum": -1e6, "maximum": 1e6}
-_SOME = {"type": "array", "minItems": 1}
+_SOME = {"type": "array", "minItems": 1, "maxItems": PLACES}
 Places = Annotated[
     Any, AfterValidator(_places), WithJsonSchema({"anyOf": [*_PLACE, _SOME | {"items": {"anyOf": _PLACE}}]})
 ]
@@ -129,7 +140,9 @@ class _Spread(_Body):
         le=20_000,
         description="how many to build, the lowest; if absent, all below 0.49 of the sample rate",
     )
-    support: list[Support] = Field(default=[], description="springs and dampers that hold it to the ground")
+    support: list[Support] = Field(
+        default=[], max_length=SUPPORTS, description="springs and dampers that hold it to the ground"
+    )
     sigma0: float = Field(default=0.0, ge=0.0, le=1e6, description="decay rate of all modes, 1/s")
     sigma1: float = Field(default=0.0, ge=0.0, le=1e6, description="decay rate per wave number, m/s")
     sigma3: float = Field(default=0.0, ge=0.0, le=1e6, description="decay rate per wave number³, m³/s")
@@ -180,6 +193,12 @@ class Bar(_Line):
 
 
 class _Sheet(_Spread):
+    modes: int | None = Field(
+        default=None,
+        ge=1,
+        le=20_000,
+        description=f"how many to build, the lowest; if absent, those below 0.49 of the sample rate, {SHEET} at most",
+    )
     density: float = Field(gt=0.0, le=1e9, description="mass per area, kg/m²")
     frequency: float | None = Field(default=None, gt=0.0, le=1e6, description="frequency of the first partial, Hz")
 
@@ -214,7 +233,9 @@ class Modes(_Body):
     sigma: list[NotNegative] | None = Field(default=None, description="decay rates, 1/s")
     t60: list[Positive] | None = Field(default=None, description="times to fall by 60 dB, s; instead of sigma")
     points: dict[Name, list[Annotated[float, Field(ge=-1e9, le=1e9)]]] | None = Field(
-        default=None, description="mass-normalised mode shapes by point, 1/√kg: a list of one number per mode"
+        default=None,
+        max_length=MEASURED,
+        description="mass-normalised mode shapes by point, 1/√kg: a list of one number per mode",
     )
 
 
@@ -268,7 +289,7 @@ class Contact(Part):
     side: Literal["above", "below"] = Field(
         default="above", description="where the barrier, or the other body, lies seen from the body"
     )
-    stiffness: Stiffness = Field(description="stiffness kc, N/m^exponent; at 1 mm of compression at most 1e11 N")
+    stiffness: Stiffness = Field(description="stiffness kc, N/m^exponent; at 1 mm of compression at most 1e15 N")
     exponent: Exponent = Field(description="exponent α of the power law, at least 1")
     loss: float = Field(default=0.0, ge=0.0, le=1e9, description="Hunt-Crossley loss μ, s/m")
 

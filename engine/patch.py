@@ -6,7 +6,6 @@ import re
 import tomllib
 import types
 import typing
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,10 +13,17 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from engine.references import Where
-from engine.scene import Scene
+from engine.files import MB, NoFile, content, is_folder
+from engine.lines import TooDeep, Where, line_of, locate, statements
+from engine.save import reason
+from engine.scene import MANY, Scene
+from engine.wording import one_line, shown
 
 SHIPPED = Path(__file__).parent.parent / "patches"  # beside render.py
+LARGEST = 1 * MB  # of a patch; what is larger takes seconds to read
+MOST_FAULTS = 50  # told
+FILE, WHAT, NAME = 400, 500, 80  # characters of a fault: of the file, of what is wrong, of a key
+DIGITS = 4_000  # of a number; Python reads some more
 
 
 @dataclass(frozen=True)
@@ -30,12 +36,14 @@ class Fault:
     what: str
 
     def __str__(self) -> str:
-        where = self.file if self.line is None else f"{self.file}:{self.line}"
-        return f"{where} {self.path}: {self.what}" if self.path else f"{where}: {self.what}"
+        file = one_line(self.file, FILE)
+        where = file if self.line is None else f"{file}:{self.line}"
+        what = one_line(self.what, WHAT)
+        return f"{where} {self.path}: {what}" if self.path else f"{where}: {what}"
 
 
 class PatchError(ValueError):
-    """A patch that cannot be used; `faults` lists all that is wrong with it."""
+    """A patch that cannot be used; `faults` lists what is wrong with it: all of it, or the first of very much."""
 
     def __init__(self, faults: list[Fault]) -> None:
         super().__init__("\n".join(map(str, faults)))
@@ -46,21 +54,39 @@ def load(path: str | Path) -> Scene:
     """Read a patch file. Raises PatchError, which lists every fault at once."""
     path = Path(path)
     file = str(path)
-    try:
-        text = path.read_bytes().decode("utf-8-sig")  # Windows puts a mark there
-    except OSError as error:
-        raise PatchError([Fault(file, None, "", _unread(path, error))]) from None
-    except UnicodeDecodeError:
-        text = "\0"
+    text = text_of(path)
     if "\0" in text:
         raise PatchError([Fault(file, None, "", "not a text file; a patch is TOML in UTF-8")])
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise PatchError([_syntax_fault(file, text, error)]) from None
+    data = _parsed(file, text)
     if not data:
         raise PatchError([Fault(file, None, "", "empty; render.py new NAME writes a patch to begin with")])
     return validated(data, path.parent, file, text)
+
+
+def text_of(path: Path) -> str:
+    """The text of a patch file; NUL if it is none. Raises PatchError."""
+    try:
+        return content(path, LARGEST).decode("utf-8-sig")  # Windows puts a mark there
+    except UnicodeDecodeError:
+        return "\0"
+    except (OSError, NoFile) as error:
+        raise PatchError([Fault(str(path), None, "", _unread(path, error))]) from None
+
+
+def _parsed(file: str, text: str) -> dict[str, Any]:
+    """A text as tables. Raises PatchError, if it is no TOML, or such as Python's reader stumbles over."""
+    try:
+        for _ in statements(text):  # which raises TooDeep
+            pass
+        return tomllib.loads(text)
+    except TooDeep as error:
+        raise PatchError([Fault(file, error.line, "", f"{error}; a patch needs three")]) from None
+    except tomllib.TOMLDecodeError as error:
+        raise PatchError([_syntax_fault(file, text, error)]) from None
+    except ValueError:  # of int(), about which line it says nothing
+        long = (number.start() for number in re.finditer("[0-9_]++", text) if len(number[0]) > DIGITS)
+        line = text.count("\n", 0, next(long, 0)) + 1
+        raise PatchError([Fault(file, line, "", f"a number of over {DIGITS} digits; as 1e9, for instance")]) from None
 
 
 def validated(data: dict[str, Any], folder: Path, file: str, text: str) -> Scene:
@@ -68,24 +94,58 @@ def validated(data: dict[str, Any], folder: Path, file: str, text: str) -> Scene
     try:
         return Scene.model_validate(data, context={"folder": folder})
     except ValidationError as error:
-        lines = locate(text)
-        errors = error.errors(include_url=False)
-        meant = {(*_resolve(e)[0][:-1], _meant(e)) for e in errors if e["type"] == "extra_forbidden"}
-        faults = [_fault(file, lines, e) for e in errors if e["type"] != "missing" or _resolve(e)[0] not in meant]
-        raise PatchError(sorted(faults, key=lambda f: f.line or 0)) from None
+        raise PatchError(_told(file, text, error.errors(include_url=False))) from None
 
 
-def _unread(path: Path, error: OSError) -> str:
+def _told(file: str, text: str, errors: list[Any]) -> list[Fault]:
+    """Faults of a patch in the order of its lines: the first of them, and how many more there are."""
+    lines = locate(text)
+    ordered = sorted(((line_of(lines, _where(e)), e) for e in errors), key=lambda pair: pair[0])
+    unknown: dict[Where, list[Any]] = {}
+    for _, error in ordered:
+        if error["type"] == "extra_forbidden":
+            unknown.setdefault(_resolve(error)[0][:-1], []).append(error)
+    faults: list[Fault] = []
+    for n, (line, error) in enumerate(ordered):
+        if len(faults) == MOST_FAULTS:
+            more = f"at least {MANY}" if len(errors) >= MANY else len(errors) - n
+            return [*faults, Fault(file, None, "", f"and {more} more faults; these are the first")]
+        where = _resolve(error)[0]
+        near = unknown.get(where[:-1], [])[:MOST_FAULTS] if error["type"] == "missing" else []
+        if any(_meant(other) == where[-1] for other in near):
+            continue  # it is there, misspelt
+        faults.append(_fault(file, line, error))
+    return faults
+
+
+def located(path: str, found: list[tuple[str, str]]) -> list[Fault]:
+    """What stands against building a patch, by its paths, with the lines of the file."""
+    try:
+        lines = locate(text_of(Path(path)))
+    except (PatchError, ValueError):  # it is no longer what it was
+        return [Fault(path, None, where, what) for where, what in found]
+    return [
+        Fault(
+            path, line_of(lines, tuple(int(p) if p.isdecimal() else p for p in re.findall(r"\w+", where))), where, what
+        )
+        for where, what in found
+    ]
+
+
+def _unread(path: Path, error: OSError | NoFile) -> str:
     """Why a file cannot be read, and which was meant: one that is there and has a name like it."""
-    folders = [path] if path.is_dir() else [path.parent, path.parent / "patches", Path("patches"), SHIPPED]
-    there = [patch for folder in folders for patch in sorted(folder.glob("*.toml"))]
-    if path.is_dir():
+    folder = is_folder(path)
+    if isinstance(error, NoFile) and not folder:
+        return f"{error}; give a patch, a .toml file of at most {LARGEST / MB:g} MB"
+    folders = [path] if folder else [path.parent, path.parent / "patches", Path("patches"), SHIPPED]
+    there = [patch for place in folders if is_folder(place) for patch in sorted(place.glob("*.toml"))]
+    if folder:
         return "is a folder; " + (
             f"give one of its patches, such as {there[0]}" if there else "give a patch, a .toml file"
         )
-    what = "no such file" if isinstance(error, FileNotFoundError) else (error.strerror or str(error)).lower()
+    what = "no such file" if isinstance(error, FileNotFoundError) else reason(error)
     named = {patch.stem: patch for patch in reversed(there)}  # the nearest folder comes first
-    near = difflib.get_close_matches(path.stem, named, 1, 0.7)
+    near = difflib.get_close_matches(path.stem[:NAME], named, 1, 0.7)
     if near:
         return f"{what}; did you mean {_brief(named[near[0]])}?"
     return f"{what}; give the path of a patch" + (f", such as {_brief(there[0])}" if there else ", a .toml file")
@@ -95,7 +155,7 @@ def _brief(path: Path) -> str:
     """A path from here, if it is shorter so."""
     try:
         return min(os.path.relpath(path), str(path), key=len)
-    except ValueError:  # on another drive
+    except (OSError, ValueError):  # this folder is gone, or on another drive
         return str(path)
 
 
@@ -117,68 +177,16 @@ def _syntax_fault(file: str, text: str, error: tomllib.TOMLDecodeError) -> Fault
     return Fault(file, line, "", f"not valid TOML{column} ({what}); {right}")
 
 
-def locate(text: str) -> dict[Where, int]:
-    """Line of every key and table of a valid TOML text, by path: ("body", 0, "mass") → 7."""
-    rows = text.splitlines()
-    lines: dict[Where, int] = {(): 1}
-    table: Where = ()
-    counts: dict[Where, int] = {}
-    i = 0
-    while i < len(rows):
-        for end in range(i + 1, len(rows) + 1):  # a statement ends where it first parses
-            try:
-                statement = tomllib.loads("\n".join(rows[i:end]))
-                break
-            except tomllib.TOMLDecodeError:
-                continue
-        else:
-            return lines
-        if rows[i].lstrip().startswith("["):
-            table = _open_table(statement, counts)
-            lines.setdefault(table, i + 1)
-            if isinstance(table[-1], int):  # the first of an array stands for it
-                lines.setdefault(table[:-1], i + 1)
-        else:
-            for path in _paths(statement):
-                lines.setdefault(table + path, i + 1)
-        i = end
-    return lines
-
-
-def _open_table(statement: dict[str, Any], counts: dict[Where, int]) -> Where:
-    """The path a header opens; arrays of tables are counted."""
-    path: Where = ()
-    value: Any = statement
-    while isinstance(value, dict) and value:
-        key, value = next(iter(value.items()))
-        path += (key,)
-        if isinstance(value, list):  # [[array]]
-            counts[path] = counts.get(path, -1) + 1
-            value = value[0]
-        if path in counts:
-            path += (counts[path],)
-    return path
-
-
-def _paths(value: Any) -> Iterator[Where]:
-    """All paths within a value."""
-    items: Any = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    for key, inner in items:
-        yield (key,)
-        yield from ((key, *rest) for rest in _paths(inner))
-
-
-def _fault(file: str, lines: dict[Where, int], error: Any) -> Fault:
+def _fault(file: str, line: int, error: Any) -> Fault:
     """A pydantic error as one line."""
-    where, models, field = _resolve(error)
-    what = _describe(error, where, models, field)
-    if error["type"] == "union_tag_invalid":
-        where += ("kind",)
-    at = where
-    while at not in lines:
-        at = at[:-1]
-    text = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in where).lstrip(".")
-    return Fault(file, lines[at], text, what)
+    text = "".join(f"[{p}]" if isinstance(p, int) else f".{one_line(p, NAME)}" for p in _where(error)).lstrip(".")
+    return Fault(file, line, text, _describe(error, *_resolve(error)))
+
+
+def _where(error: Any) -> Where:
+    """The path of the key that is wrong."""
+    where = _resolve(error)[0]
+    return (*where, "kind") if error["type"] == "union_tag_invalid" else where
 
 
 def wrong_value(model: type[BaseModel], key: str, value: Any) -> str:
@@ -225,12 +233,12 @@ def _meant(error: Any) -> str:
     """The known key that an unknown one most resembles, or nothing."""
     where, models, _ = _resolve(error)
     known = [k for m in models.values() for k in m.model_fields]
-    return next(iter(difflib.get_close_matches(str(where[-1]), known, 1, 0.6)), "")
+    return next(iter(difflib.get_close_matches(str(where[-1])[:NAME], known, 1, 0.6)), "")
 
 
 def nearest(word: str, known: list[str], before: str = "", after: str = "") -> str:
     """What may have been meant by an unknown word, with what stands around it; or all that is known."""
-    near = difflib.get_close_matches(word, known, 1, 0.6)
+    near = difflib.get_close_matches(word[:NAME], known, 1, 0.6)
     return f'did you mean "{before}{near[0]}{after}"?' if near else "known here: " + ", ".join(known)
 
 
@@ -249,10 +257,8 @@ def _meaning(field: FieldInfo | None) -> str:
 def _describe(error: Any, where: Where, models: dict[str, type[BaseModel]], field: FieldInfo | None) -> str:
     """What is wrong, and what would be right."""
     kind, value, context = error["type"], error["input"], error.get("ctx", {})
-    key = str(where[-1]) if where else ""
-    shown = f'"{value}"' if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else f"{value}"
-    if len(shown) > 60:
-        shown = shown[:57] + "..."
+    key = one_line(str(where[-1]), NAME) if where else ""
+    told = shown(value)
     if kind == "scene":
         return str(error["msg"])
     if kind == "extra_forbidden":
@@ -265,31 +271,35 @@ def _describe(error: Any, where: Where, models: dict[str, type[BaseModel]], fiel
     if kind == "union_tag_not_found":
         return f"kind missing; one of {', '.join(models)}"
     if kind == "union_tag_invalid":
-        return f'unknown kind "{context.get("tag")}"; {nearest(str(context.get("tag")), list(models))}'
+        tag = str(context.get("tag"))
+        return f"unknown kind {shown(tag)}; {nearest(tag, list(models))}"
     if kind == "literal_error":
-        return f"{shown} is not known; expected {context.get('expected')}"
+        return f"{told} is not known; expected {context.get('expected')}"
     if kind == "finite_number":
-        return f"{shown} is not a finite number; {_meaning(field)}"
+        return f"{told} is not a finite number; {_meaning(field)}"
     if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
-        return f"{shown} is out of range; {_meaning(field)}"
+        return f"{told} is out of range; {_meaning(field)}"
     if kind == "string_pattern_mismatch":
-        return f"{shown} is not a name; a letter, then letters, digits, _ or -"
+        return f"{told} is not a name; a letter, then letters, digits, _ or -"
     if kind in ("model_type", "model_attributes_type", "list_type", "dict_type") and len(where) < 3:
         listed = field is None or typing.get_origin(field.annotation) is list
         header = f"[[{where[0]}]]" if listed and where else f"[{key}]"
-        return f"{shown} is not a table; write {header}" if where else "not a table of keys"
+        return f"{told} is not a table; write {header}" if where else "not a table of keys"
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         inner = _models(field.annotation).values() if field else ()
         needed = [k for m in inner for k, f in m.model_fields.items() if f.is_required()] or ["name"]
-        return f"{shown} is not a table; write {key} = {{ {', '.join(f'{k} = …' for k in needed)} }}"
+        return f"{told} is not a table; write {key} = {{ {', '.join(f'{k} = …' for k in needed)} }}"
     if kind == "list_type":
-        return f"{shown} is not a list; write {key} = [ … ]: {_meaning(field)}"
+        return f"{told} is not a list; write {key} = [ … ]: {_meaning(field)}"
     if kind in ("too_short", "too_long"):
         wanted = context.get("min_length" if kind == "too_short" else "max_length")
-        return f"{len(value)} in the list, at {'least' if kind == 'too_short' else 'most'} {wanted}; {_meaning(field)}"
+        kept = "table" if isinstance(value, dict) else "list"
+        return (
+            f"{len(value)} in the {kept}, at {'least' if kind == 'too_short' else 'most'} {wanted}; {_meaning(field)}"
+        )
     if kind.endswith(("_type", "_parsing")):
         wanted = {"float_type": "a number", "int_type": "a whole number", "string_type": 'text in "quotes"'}.get(
             kind, kind.removesuffix("_type")
         )
-        return f"{shown} is not {wanted}; {_meaning(field)}"
+        return f"{told} is not {wanted}; {_meaning(field)}"
     return f"{error['msg']}; {_meaning(field)}"

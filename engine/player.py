@@ -21,7 +21,7 @@ from pydantic import ValidationError
 from engine import deck, energy, post, score
 from engine.block import block
 from engine.build import BuildError, base, build
-from engine.events import LIFT, NEVER
+from engine.events import LIFT, NEVER, THROW
 from engine.held import Held
 from engine.jit import pointer
 from engine.laws import Power
@@ -32,7 +32,7 @@ from engine.parts import Change, Constant, Damp, Mass, Oscillator, Pluck, PluckA
 from engine.rest import UNTIL
 from engine.scene import Scene, joined
 from engine.stages import refinement
-from engine.voices import copies, polyphonic, thrown, touched, tuned
+from engine.voices import copies, polyphonic, thrown, tuned
 
 FADE = 0.005  # s
 CROSSFADE = 0.02  # s
@@ -237,11 +237,10 @@ class Player:
         hammer = self._body(body)
         if not isinstance(hammer, Mass | Oscillator):
             raise KeyError(f"{body} is no hammer; a mass or an oscillator is: {', '.join(self.hammers) or 'none here'}")
-        for name in touched(self.scene, body):
-            self.lift(name, frame)
         speed = self.speed(body) if velocity is None else velocity
         told = Strike(kind="strike", time=0.0, body=body, velocity=speed, displacement=displacement)
-        self._tell(("strike", body), told, frame)
+        for island, start, end, _, *rest in score.rows_of(self.layout, told, base(self.layout), self.samplerate):
+            self._put(("strike", body), (THROW, island, *rest[:2], frame, end - start, *rest[2:]))
 
     def pluck(self, body: str, scale: float = 1.0, frame: int = 0) -> None:
         """Pluck a body again, by its forces that are over after a while, so many times as strong; and lift its dampers.

@@ -212,7 +212,7 @@ def _run(
     scene: Scene, seconds: float, samplerate: int, accuracy: Accuracy, columns: tuple[int, int], perturbed: float
 ) -> Run:
     """A run, begun a little off."""
-    model, state, _ = build(scene, samplerate * accuracy.oversample, accuracy)
+    model, state, _ = build(scene, samplerate * accuracy.oversample, accuracy, seconds=seconds)
     if perturbed:
         _perturb(model, state, perturbed)
     runner = Runner(model, state)
@@ -246,7 +246,7 @@ def _cost(scene: Scene, seconds: float, samplerate: int, accuracy: Accuracy) -> 
     out = np.zeros((frames * accuracy.oversample, max(p.channel for p in scene.pickup)))
     best = np.inf
     for _ in range(TIMED):
-        model, state, _ = build(scene, samplerate * accuracy.oversample, accuracy)
+        model, state, _ = build(scene, samplerate * accuracy.oversample, accuracy, seconds=seconds)
         runner = Runner(model, state)
         call = min(timed(runner, out[:0]) for _ in range(CALLS))
         best = min(best, timed(runner, out) - call)

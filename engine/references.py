@@ -3,13 +3,14 @@
 import math
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeGuard
 
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from engine.parts import HARDEST, STEEPEST, hardest
+from engine.lines import Where
+from engine.parts import HARDEST, STEEPEST, hardest, number
+from engine.wording import listed, shown
 
-Where = tuple[str | int, ...]
 Faults = Iterator[InitErrorDetails]
 
 LUMPED = ("mass", "oscillator")
@@ -84,7 +85,7 @@ def references(data: dict[str, Any]) -> Faults:
     end = data.get("seconds", 2.0)
     for i, event in tables(data, "event"):
         time = event.get("time")
-        if isinstance(time, int | float) and isinstance(end, int | float) and time >= end:
+        if number(time) and number(end) and time >= end:
             yield fault(("event", i, "time"), time, "after the end", f"before {end:g} s, or more seconds")
         yield from _event(("event", i), event, bodies, contacts)
     for key in ("force", "event", "pickup"):
@@ -99,15 +100,14 @@ def _taken(data: dict[str, Any], key: str) -> Faults:
     for i, table in tables(data, key):
         name = table.get("name")
         if isinstance(name, str) and name in seen:
-            yield fault((key, i, "name"), name, f'the name "{name}" is taken', f"give each {key} its own name")
+            yield fault((key, i, "name"), name, f"the name {shown(name)} is taken", f"give each {key} its own name")
         elif isinstance(name, str):
             seen.add(name)
 
 
 def _named(where: Where, name: Any, known: dict[str, Any], what: str, several: str) -> Faults:
     if isinstance(name, str) and name not in known:
-        listed = ", ".join(f'"{n}"' for n in known) or "none"
-        yield fault(where, name, f'no {what} is named "{name}"', f"the {several} are {listed}")
+        yield fault(where, name, f"no {what} is named {shown(name)}", f"the {several} are {listed(known)}")
 
 
 def _body(here: Where, body: dict[str, Any]) -> Faults:
@@ -134,7 +134,7 @@ def _decay(here: Where, body: dict[str, Any]) -> Faults:
     others = [k for k in ("sigma0", "sigma1", "sigma3", "b3") if body.get(k)]
     if times and others:
         yield fault((*here, "t60"), times, f"t60 and {others[0]} given", "give decay rates or times, not both")
-    if times is None or not _numbers(times) or (at is not None and not _numbers(at)):
+    if not _numbers(times) or (at is not None and not _numbers(at)):
         return
     if len(times) == 2 and at is None:
         yield fault((*here, "t60"), times, "two times without frequencies", "give t60_at = [Hz, Hz]")
@@ -143,15 +143,15 @@ def _decay(here: Where, body: dict[str, Any]) -> Faults:
         if a >= b or short > long:
             right = "the higher frequency second, and its time not the longer: else some mode would never decay"
             yield fault((*here, "t60"), times, f"{long:g} s at {a:g} Hz and {short:g} s at {b:g} Hz", right)
-        elif short < long * a**2 / b**2:
-            right = f"the second time at least {long * a**2 / b**2:.3g} s"
+        elif short < long * (a / b) ** 2:
+            right = f"the second time at least {long * (a / b) ** 2:.3g} s"
             yield fault((*here, "t60"), times, "modes below the first frequency would grow", right)
     elif at is not None:
         yield fault((*here, "t60_at"), at, "frequencies without two times", "give t60 = [s, s]")
 
 
-def _numbers(value: Any) -> bool:
-    return isinstance(value, list) and bool(value) and all(isinstance(x, int | float) and x > 0 for x in value)
+def _numbers(value: Any) -> TypeGuard[list[float]]:
+    return isinstance(value, list) and bool(value) and all(number(x) and 0 < x < math.inf for x in value)
 
 
 def _lists(here: Where, body: dict[str, Any]) -> Faults:
@@ -190,34 +190,32 @@ def _place(where: Where, table: dict[str, Any], body: dict[str, Any] | None, sin
     at = table.get(key)
     if kind in LUMPED:
         if at is not None:
-            yield fault(where, at, f'"{body["name"]}" is a {kind}, which has no places', "leave it out")
+            yield fault(where, at, f"{shown(body['name'])} is a {kind}, which has no places", "leave it out")
         return
     points = body.get("points")
-    named = ", ".join(f'"{p}"' for p in points) if isinstance(points, dict) and points else "none"
     right = {
-        "modes": f"one of its points: {named}",
+        "modes": f"one of its points: {listed(points if isinstance(points, dict) else {})}",
         "membrane": f"[x, y], fractions of {'the square around it' if given(body, 'radius') else 'its sides'}",
         "plate": "[x, y], fractions of its sides",
     }.get(str(kind), "a fraction of its length, 0 to 1")
     if at is None:
-        yield fault(where[:-1], table, f'no place on "{body["name"]}"', f"give {key} = {right}")
+        yield fault(where[:-1], table, f"no place on {shown(body['name'])}", f"give {key} = {right}")
         return
     items = at if isinstance(at, list) and count_places(table, key, body) == len(at) and not _pair(at, kind) else [at]
     if single and len(items) > 1:
         yield fault(where, at, "several places", f"give one: {right}")
     for item in items:
         if kind in SHEETS:
-            fits = isinstance(item, list) and len(item) == 2 and all(isinstance(x, int | float) for x in item)
+            fits = isinstance(item, list) and len(item) == 2 and all(map(number, item))
         elif kind == "modes":
-            fits = isinstance(points, dict) and item in points
+            fits = isinstance(points, dict) and isinstance(item, str) and item in points
         else:
-            fits = isinstance(item, int | float)
+            fits = number(item)
         if not fits:
-            shown = f'"{item}"' if isinstance(item, str) else item
-            yield fault(where, at, f'{shown} is no place on "{body["name"]}"', right)
+            yield fault(where, at, f"{shown(item)} is no place on {shown(body['name'])}", right)
             return
-        if given(body, "radius") and math.hypot(2 * item[0] - 1, 2 * item[1] - 1) > 1:
-            outside = f'{item} lies outside the circle of "{body["name"]}"'
+        if kind in SHEETS and given(body, "radius") and math.hypot(2 * item[0] - 1, 2 * item[1] - 1) > 1:
+            outside = f"{shown(item)} lies outside the circle of {shown(body['name'])}"
             yield fault(where, at, outside, "[x, y] are fractions of the square around it, with [0.5, 0.5] its middle")
             return
 
@@ -263,7 +261,7 @@ def _contact(here: Where, contact: dict[str, Any], bodies: dict[str, Any]) -> Fa
 
 def _hard(where: Where, stiffness: Any, exponent: Any) -> Faults:
     """No contact is harder than the engine can keep account of."""
-    if all(isinstance(x, int | float) for x in (stiffness, exponent)) and 1.0 <= exponent <= STEEPEST:
+    if number(stiffness) and number(exponent) and 1.0 <= exponent <= STEEPEST:
         if stiffness > hardest(exponent):
             right = f"at most {hardest(exponent):.3g} N/m^{exponent:g}, {HARDEST:g} N at 1 mm"
             yield fault(where, stiffness, f"{stiffness:g} is harder than anything", right)
@@ -284,7 +282,7 @@ def _profile(here: Where, contact: dict[str, Any], own: dict[str, Any] | None, p
         if given(contact, key):
             yield fault((*here, key), contact[key], f"{profile} and {key} given", "give one of them")
     if own is not None and own.get("kind") not in LINES:
-        yield fault((*here, profile), contact[profile], f'"{own["name"]}" has no length', "a string or a bar has")
+        yield fault((*here, profile), contact[profile], f"{shown(own['name'])} has no length", "a string or a bar has")
     frets = contact[profile]
     if profile == "bridge":
         if isinstance(frets, dict) and own is not None and own.get("kind") in LINES:
@@ -298,25 +296,30 @@ def _profile(here: Where, contact: dict[str, Any], own: dict[str, Any] | None, p
         return
     count = frets["count"] if given(frets, "count") else len(frets["at"]) if isinstance(frets["at"], list) else 0
     height = frets.get("height")
-    if isinstance(height, list) and len(height) not in (2, count):
-        right = f"{count}, or 2 for a straight row"
+    row = isinstance(height, list) and len(height) == 2 and number(count) and count > 2
+    if isinstance(height, list) and len(height) != count and not row:
+        right = f"{count}, or 2 for a straight row of more"
         yield fault((*here, "frets", "height"), height, f"{len(height)} heights for {count} frets", right)
+    at = frets.get("at")
+    if row and isinstance(at, list) and at[0] == at[-1]:
+        right = "give a height for each"
+        yield fault((*here, "frets", "height"), height, "no straight row: it begins and ends at one place", right)
 
 
 def _bridge(where: Where, bridge: dict[str, Any], own: dict[str, Any]) -> Faults:
-    at, width, length = bridge.get("at"), bridge.get("width"), own.get("length")
-    if all(isinstance(x, int | float) for x in (at, width, length)):
-        half = width / length / 2  # type: ignore[operator]
+    at, width, length = bridge.get("at"), bridge.get("width"), own.get("length", 0.0)
+    if all(map(number, (at, width, length))) and length > 0:
+        half = width / length / 2
         if at - half < 0 or at + half > 1:
-            where = (*where, "width")
-            yield fault(where, width, "the bridge reaches past the end", f'"{own["name"]}" is {length:g} m long')
+            right = f"{shown(own['name'])} is {length:g} m long"
+            yield fault((*where, "width"), width, "the bridge reaches past the end", right)
 
 
 def _event(here: Where, event: dict[str, Any], bodies: dict[str, Any], contacts: dict[str, Any]) -> Faults:
     kind, body = event.get("kind"), bodies.get(str(event.get("body")))
     if kind == "strike" and body is not None and body.get("kind") not in LUMPED:
         right = "throw a mass or an oscillator; a force or pluck moves other bodies"
-        yield fault((*here, "body"), event["body"], f'"{event["body"]}" is a {body.get("kind")}', right)
+        yield fault((*here, "body"), event["body"], f"{shown(event['body'])} is a {body.get('kind')}", right)
     if kind != "change":
         return
     yield from _named((*here, "contact"), event.get("contact"), contacts, "contact", "named contacts")
@@ -328,5 +331,5 @@ def _event(here: Where, event: dict[str, Any], bodies: dict[str, Any], contacts:
     yield from _hard((*here, key), stiffness, exponent)
     for key, wrong in (("barrier", given(contact, "on")), ("gap", bool(contact) and not given(contact, "on"))):
         if given(event, key) and wrong:
-            right = f'"{event["contact"]}" has a {"gap" if key == "barrier" else "barrier"}'
+            right = f"{shown(event['contact'])} has a {'gap' if key == 'barrier' else 'barrier'}"
             yield fault((*here, key), event[key], f"that contact has no {key}", right)

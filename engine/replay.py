@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from engine import deck, post
-from engine.events import BEND, DAMP, LIFT, MOVE, STIFFEN, STRIKE
+from engine.events import BEND, DAMP, LIFT, MOVE, STIFFEN, STRIKE, THROW
 from engine.parts import STEEPEST
 from engine.player import LARGEST, Player
 from engine.scene import SAMPLERATES, Scene
@@ -70,7 +70,7 @@ def sound_row(player: Player, row: list[int | float]) -> tuple[Any, ...]:
     kind, island, first, last, start, length = (int(number) for number in row[:6])
     model = player.model
     count = model.islands.mode.size - 1
-    sizes = dict.fromkeys((STRIKE, DAMP, LIFT), model.islands.mode)
+    sizes = dict.fromkeys((STRIKE, DAMP, LIFT, THROW), model.islands.mode)
     sizes |= dict.fromkeys((STIFFEN, MOVE, BEND), model.islands.contact)
     if kind == deck.QUALITY:
         good = 0 <= first <= player.desk[deck.LOWEST]

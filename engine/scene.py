@@ -3,7 +3,9 @@
 `Scene.model_validate({...})` reports every fault at once, structure and references together.
 """
 
+import math
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +13,19 @@ from pydantic import Field, ModelWrapValidatorHandler, ValidationError, Validati
 from pydantic_core import InitErrorDetails
 
 from engine.accuracy import Accuracy
+from engine.files import regular
+from engine.lines import Where
 from engine.measured import read
 from engine.parts import SECONDS, Body, Contact, Event, Force, Part, Pickup, Samples
 from engine.references import fault, references, tables
+from engine.save import reason
+from engine.wording import one_line
 
 SAMPLERATES = (4_000, 768_000)  # Hz
+TABLES = 5_000  # of one sort
+MANY = 2_000  # faults, beyond which nobody looks for more
+PATH = 200  # characters of a file's name that are told
+PUSHES = 1 << 25  # samples of a force file, all channels
 
 
 class Scene(Part):
@@ -30,11 +40,11 @@ class Scene(Part):
         description="downward acceleration of masses and oscillators, m/s²: with 9.81 their weight is -9.81 N/kg",
     )
     accuracy: Accuracy = Field(default=Accuracy(), description="how exactly it is computed")
-    body: list[Body] = Field(min_length=1, description="the bodies")
-    contact: list[Contact] = Field(default=[], description="where bodies collide")
-    force: list[Force] = Field(default=[], description="external forces")
-    event: list[Event] = Field(default=[], description="the score: what happens when")
-    pickup: list[Pickup] = Field(min_length=1, description="what is heard")
+    body: list[Body] = Field(min_length=1, max_length=TABLES, description="the bodies")
+    contact: list[Contact] = Field(default=[], max_length=TABLES, description="where bodies collide")
+    force: list[Force] = Field(default=[], max_length=TABLES, description="external forces")
+    event: list[Event] = Field(default=[], max_length=TABLES, description="the score: what happens when")
+    pickup: list[Pickup] = Field(min_length=1, max_length=TABLES, description="what is heard")
 
     @model_validator(mode="wrap")
     @classmethod
@@ -44,19 +54,30 @@ class Scene(Part):
         scene = None
         folder = Path((info.context or {}).get("folder", "."))
         if isinstance(data, dict):
-            faults += list(_files(data, folder))
-            data = _measured(data, folder)
+            data, unread = _measured(_tame(data), folder)
+            faults += [*unread, *islice(_forces(data, folder), MANY)]
         try:
             scene = handler(data)
         except ValidationError as error:
-            faults += [_again(e, data) for e in error.errors(include_url=False)]
+            faults += [_again(e, data) for e in islice(error.errors(include_url=False), MANY)]
         if isinstance(data, dict):
-            faults += list(references(data))
+            faults += islice(references(data), MANY)
         if faults or scene is None:
-            raise ValidationError.from_exception_data(cls.__name__, faults)
+            raise ValidationError.from_exception_data(cls.__name__, faults[:MANY])
         if not any(isinstance(f, Samples) for f in scene.force):
             return scene
         return scene.model_copy(update={"force": [_found(f, folder) for f in scene.force]})
+
+
+def _tame(value: Any) -> Any:
+    """The same with whole numbers that are beyond those of TOML, which has 64 bits, as any others."""
+    if isinstance(value, dict):
+        return {key: _tame(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_tame(inner) for inner in value]
+    if isinstance(value, int) and abs(value) >= 1 << 63:
+        return float(value) if abs(value) < 10**300 else math.inf
+    return value
 
 
 def _found(force: Any, folder: Path) -> Any:
@@ -80,49 +101,60 @@ def _again(error: Any, data: Any) -> InitErrorDetails:
     return again
 
 
-def _measured(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """The same, with modes from files in place of the files' names; a scene is then complete in itself."""
+def _measured(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[InitErrorDetails]]:
+    """The same, with modes from files in place of the files' names; a scene is then complete in itself. And the
+    files that cannot be read."""
     bodies = data.get("body")
     if not isinstance(bodies, list):
-        return data
-    filled = []
-    for body in bodies:
+        return data, []
+    filled, faults = [], []
+    for i, body in enumerate(bodies):
         if isinstance(body, dict) and body.get("kind") == "modes" and isinstance(body.get("file"), str):
             try:
-                own = read(folder / body["file"])
-                body = {k: v for k, v in body.items() if k != "file"} | own
-            except (OSError, ValueError):
-                pass  # _files tells
+                body = {k: v for k, v in body.items() if k != "file"} | read(folder / body["file"])
+            except (OSError, ValueError) as error:
+                faults.append(_unread(("body", i, "file"), body["file"], "CSV", error, "a table of modes"))
         filled.append(body)
-    return data | {"body": filled}
+    return data | {"body": filled}, faults
 
 
-def _files(data: dict[str, Any], folder: Path) -> Iterator[InitErrorDetails]:
-    """Files that cannot be read."""
-    sorts = (("force", "file", "audio", "a WAV, FLAC or OGG file"), ("body", "modes", "CSV", "a table of modes"))
-    for key, kind, sort, right in sorts:
-        for i, table in tables(data, key):
-            file = table.get("file")
-            if table.get("kind") != kind or not isinstance(file, str) or not file:
-                continue
-            path = folder / file
-            if not path.is_file():
-                yield fault((key, i, "file"), file, f"no such file: {path}", "a path relative to the patch")
-                continue
-            try:
-                channels = 0 if key == "body" and read(path) else _channels(path)
-            except (OSError, RuntimeError, ValueError) as error:  # soundfile's own error is a RuntimeError
-                yield fault((key, i, "file"), file, f"cannot be read as {sort} ({error})", right)
-                continue
-            channel = table.get("channel", 1)
-            if key == "force" and isinstance(channel, int) and channel > channels:
-                yield fault((key, i, "channel"), channel, f"the file has {channels} channel(s)", f"1 to {channels}")
+def _forces(data: dict[str, Any], folder: Path) -> Iterator[InitErrorDetails]:
+    """Force files that cannot be read, or not as asked."""
+    for i, table in tables(data, "force"):
+        file = table.get("file")
+        if table.get("kind") != "file" or not isinstance(file, str) or not file:
+            continue
+        try:
+            channels = _channels(folder / file)
+        except (OSError, RuntimeError, TypeError, ValueError) as error:  # soundfile's own are RuntimeErrors
+            yield _unread(("force", i, "file"), file, "audio", error, "a WAV, FLAC or OGG file")
+            continue
+        channel = table.get("channel", 1)
+        if isinstance(channel, int) and channel > channels:
+            yield fault(("force", i, "channel"), channel, f"the file has {channels} channel(s)", f"1 to {channels}")
+
+
+def _unread(where: Where, file: str, sort: str, error: Exception, right: str) -> InitErrorDetails:
+    """A file that cannot be read, as a fault."""
+    if isinstance(error, FileNotFoundError):
+        return fault(
+            where, file, f"no such file: {one_line(str(error.filename), PATH)}", "a path relative to the patch"
+        )
+    return fault(where, file, f"cannot be read as {sort} ({one_line(reason(error), PATH)})", right)
 
 
 def _channels(path: Path) -> int:
+    """How many channels an audio file has. Raises what says that it cannot be a force."""
     import soundfile
 
-    return int(soundfile.info(str(path)).channels)
+    regular(path)
+    found = soundfile.info(str(path))
+    if found.frames * found.channels > PUSHES:
+        raise ValueError(f"it has {found.frames * found.channels} samples, more than {PUSHES}")
+    if not SAMPLERATES[0] <= found.samplerate <= SAMPLERATES[1]:
+        low, high = SAMPLERATES
+        raise ValueError(f"its sample rate is {found.samplerate} Hz, not {low} to {high}")
+    return int(found.channels)
 
 
 def joined(scene: Scene, name: str) -> set[str]:

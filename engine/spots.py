@@ -28,6 +28,16 @@ def spots(contact: Contact, body: Body, on: Body | None) -> list[Spot]:
     return [Spot(a, b, float(c), contact.stiffness) for a, b, c in zip(own, other, offsets, strict=True)]
 
 
+def count(contact: Contact) -> int:
+    """How many points a contact has, or more; without looking for them."""
+    if contact.bridge is not None:
+        return contact.bridge.points
+    if contact.frets is not None:
+        return contact.frets.count or len(contact.frets.at or [])
+    lists = (contact.at, contact.on_at, contact.gap if contact.on is not None else contact.barrier)
+    return max(len(items) if isinstance(items, list) else 1 for items in lists)
+
+
 def places(at: Any, body: Body | None) -> list[Any]:
     """The places that `at` lists; a pair of fractions is one place on a membrane or plate, two on a string."""
     pair = isinstance(body, Membrane | Plate) and isinstance(at, list) and not isinstance(at[0], list)

@@ -7,6 +7,7 @@ from typing import Any
 from engine.save import SILENCE, fitting
 
 MOST_ISLANDS = 32  # listed
+ENOUGH = 0.8  # of the cost that would just be in time
 
 
 def summary(stats: dict[str, Any], beside: list[str]) -> None:
@@ -35,7 +36,7 @@ def summed(stats: dict[str, Any]) -> dict[str, str]:
     rows = {
         "duration": f"{stats['seconds']:g} s at {stats['samplerate']} Hz, channels: {stats['channels']}",
         "peak": f"{level} (gain {stats['gain_db']:+.1f} dB on SI units)",
-        "speed": f"{stats['real_time_factor']:.0f} × real time, {stats['ns_per_sample']:.1f} ns per sample{cores}",
+        "speed": f"{times(stats['real_time_factor'])} real time, {stats['ns_per_sample']:.1f} ns per sample{cores}",
         "Newton iterations": iterations if newton["solves"] else "none needed",
         "solved": shares or "no contacts",
         "energy error": f"{energy['error_max']:.1e} of the largest energy held,"
@@ -56,12 +57,29 @@ def summed(stats: dict[str, Any]) -> dict[str, str]:
     if not stats["trusted"]:
         rows["NOT TO BE TRUSTED"] = "; ".join(stats["reasons"])
     if stats["real_time_factor"] < 1.0:
-        big = stats["islands"]["largest"]
-        rows["TOO SLOW"] = (
-            f"for real time: the island of {', '.join(big['bodies'][:4])}{' …' if len(big['bodies']) > 4 else ''} has"
-            f" {big['modes']} modes and {big['contacts']} points of contact"
-        )
+        rows["TOO SLOW"] = slow(stats)
     return rows
+
+
+def times(factor: float) -> str:
+    """A factor, such as 0.39 ×, 1.2 × or 120 ×."""
+    return f"{factor:.2g} ×" if factor < 9.95 else f"{factor:.0f} ×"
+
+
+def slow(stats: dict[str, Any]) -> str:
+    """What makes a scene too slow for real time, and what would help: cost grows with the modes, and with the square
+    of the points of contact (engine.layout)."""
+    big, islands, factor = stats["islands"]["largest"], stats["islands"]["count"], stats["real_time_factor"]
+    modes, contacts = big["modes"], big["contacts"]
+    what = f"for real time: the island of {', '.join(big['bodies'][:4])}{' …' if len(big['bodies']) > 4 else ''} has"
+    what += f" {modes} modes and {contacts} points of contact"
+    what += f", the most of {islands} islands" if islands > 1 else ""
+    goal = ENOUGH * factor
+    if islands > 1:
+        return f"{what}; as a whole it has to cost {goal:.2g} of what it does: --explain tells what each island costs"
+    if modes * (1 + contacts / 4) >= contacts**2:
+        return f"{what}; about {max(1, int(modes * goal))} modes would do"
+    return f"{what}; about {max(1, int(contacts * math.sqrt(goal)))} points of contact would do"
 
 
 def explained(found: dict[str, Any], seconds: float) -> None:
@@ -130,14 +148,14 @@ def prices(found: dict[str, Any]) -> list[tuple[str, ...]]:
                 "" if math.isnan(row["rebound"]) else f"{row['rebound']:+.4f} m/s",
                 f"{row['impulse']:.1e}",
                 f"{row['ns_per_sample']:.0f}",
-                f"{row['real_time_factor']:.0f} ×",
+                times(row["real_time_factor"]),
                 f"{newton['mean']:.2f}/{newton['p99']}/{newton['max']}",
                 f"{row['energy_error']:.0e}",
             )
         )
     for row in found["others"]:
         error = row["failed"] or f"{row['error']:.1e}"
-        speed = f"{1e9 / row['ns_per_sample'] / found['samplerate']:.0f} ×"
+        speed = times(1e9 / row["ns_per_sample"] / found["samplerate"])
         measured = (f"{row['ns_per_sample']:.0f}", speed, "", f"{row['energy_error']:.0e}")
         rows.append(("", row["setting"], error, *[""] * 6, *measured))
     return rows

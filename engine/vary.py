@@ -17,8 +17,8 @@ from pydantic import BaseModel
 
 from engine.arguments import unheard
 from engine.index import foreign
+from engine.lines import Where
 from engine.patch import PatchError, nearest, validated
-from engine.references import Where
 from engine.save import absolute
 from engine.scene import Scene
 

@@ -83,12 +83,6 @@ def strikers(scene: Scene, name: str) -> list[str]:
     return [hammer for hammer in thrown(scene) if hammer != name and any(hammer in both for both in ends)]
 
 
-def touched(scene: Scene, hammer: str) -> list[str]:
-    """The bodies that a hammer is in contact with."""
-    ends = [(c.body, c.on) for c in scene.contact if c.on is not None and hammer in (c.body, c.on)]
-    return list(dict.fromkeys(str(b if a == hammer else a) for a, b in ends))
-
-
 def thrown(scene: Scene) -> dict[str, float]:
     """The hammers of a scene and their velocities: masses and oscillators that are thrown, at first or by an event."""
     found = {b.name: b.velocity for b in scene.body if isinstance(b, Mass | Oscillator) and b.velocity}

@@ -1,10 +1,14 @@
 """External forces as tables: the mean force over each step (paper, eq. 34)."""
 
+import math
+import sys
 from typing import NamedTuple
 
 import numpy as np
 
 from engine.parts import Constant, Force, HalfSine, Pluck, PluckAgain, Pulse, Samples
+
+BEYOND = 4_096  # samples that the filter of a resampler may look ahead
 
 
 class Table(NamedTuple):
@@ -15,34 +19,62 @@ class Table(NamedTuple):
     after: float
 
 
-def table(force: Force | PluckAgain, samplerate: float) -> Table:
-    """The table of a force: the mean of its values at the two ends of each step (eq. 34).
+def table(force: Force | PluckAgain, samplerate: float, seconds: float = math.inf) -> Table:
+    """The table of a force: the mean of its values at the two ends of each step (eq. 34). What it does after
+    `seconds` is left out, for nobody will hear it.
 
     Edges of constant and pulse count by the part of the step they cover, which keeps the
     impulse exact wherever they fall.
     """
+    with np.errstate(over="ignore"):  # of a pulse that is no time at all
+        return _table(force, samplerate, _last(samplerate, seconds))
+
+
+def _table(force: Force | PluckAgain, samplerate: float, last: int) -> Table:
+    """The table of a force up to a step."""
     if isinstance(force, Constant):
         start = int(force.start * samplerate)
         return Table(start, force.amplitude * np.array([start + 1 - force.start * samplerate]), force.amplitude)
     if isinstance(force, Pulse):
         begin, end = force.start * samplerate, (force.start + force.duration) * samplerate
-        step = np.arange(int(begin), int(np.ceil(end)))
+        step = np.arange(int(begin), min(int(np.ceil(end)), last))
         covered = np.minimum(step + 1, end) - np.maximum(step, begin)
         return Table(int(begin), force.amplitude * covered, 0.0)
     if isinstance(force, Pluck | PluckAgain):
-        return _pluck(force, samplerate)
+        return _pluck(force, samplerate, last)
     if isinstance(force, HalfSine):
         begin, length = force.start * samplerate, force.duration * samplerate
-        phase = np.arange(int(begin), int(np.ceil(begin + length)) + 1) - begin
+        phase = np.arange(int(begin), min(int(np.ceil(begin + length)), last) + 1) - begin
         values = np.where((phase > 0) & (phase < length), np.sin(np.pi * np.clip(phase / length, 0, 1)), 0.0)
     else:
-        values = np.concatenate([[0.0], samples(force, samplerate), [0.0]])
         begin = round(force.start * samplerate) - 1  # rises from 0 in the step before its first sample
+        values = np.concatenate([[0.0], samples(force, samplerate, max(0, last - begin)), [0.0]])
     ends = force.amplitude * values
     return Table(int(begin), 0.5 * (ends[1:] + ends[:-1]), 0.0)
 
 
-def _pluck(force: Pluck | PluckAgain, samplerate: float) -> Table:
+def steps(force: Force | PluckAgain, samplerate: float, seconds: float) -> float:
+    """About how many steps the table of a force has."""
+    if isinstance(force, Constant):
+        return 1
+    if isinstance(force, Samples):
+        import soundfile
+
+        found = soundfile.info(force.file)
+        start, length = force.start, float(found.frames / found.samplerate)
+    elif isinstance(force, Pluck | PluckAgain):
+        start, length = force.time if isinstance(force, PluckAgain) else force.start, force.duration + force.release
+    else:
+        start, length = force.start, force.duration
+    return max(0.0, min(length, seconds - start)) * samplerate
+
+
+def _last(samplerate: float, seconds: float) -> int:
+    """A step from which on nobody listens; some more than there are, for a render's end is rounded."""
+    return sys.maxsize if seconds == math.inf else math.ceil(seconds * samplerate) + 64
+
+
+def _pluck(force: Pluck | PluckAgain, samplerate: float, last: int) -> Table:
     """½(1 - cos) up, the same down; the mean over each step, exactly, however short the release."""
     start = force.time if isinstance(force, PluckAgain) else force.start
     begin, rise, fall = (x * samplerate for x in (start, force.duration, force.release))
@@ -52,18 +84,24 @@ def _pluck(force: Pluck | PluckAgain, samplerate: float) -> Table:
         climb = rise * 0.5 * (up - np.sin(np.pi * up) / np.pi)
         return np.asarray(climb + fall * 0.5 * (down + np.sin(np.pi * down) / np.pi))
 
-    edges = np.arange(int(begin), int(np.ceil(begin + rise + fall)) + 1) - begin
+    edges = np.arange(int(begin), min(int(np.ceil(begin + rise + fall)), last) + 1) - begin
     return Table(int(begin), force.amplitude * np.diff(impulse(edges)), 0.0)
 
 
-def samples(force: Samples, samplerate: float) -> np.ndarray:
-    """Samples of a force file at the scene's rate, full scale = 1."""
+def samples(force: Samples, samplerate: float, most: int) -> np.ndarray:
+    """The first samples of a force file at the scene's rate, full scale = 1; `most` of them are needed.
+
+    Raises ValueError, or what soundfile raises, if the file is damaged.
+    """
     import soundfile
 
     audio, rate = soundfile.read(force.file, dtype="float64", always_2d=True)
     values = np.ascontiguousarray(audio[:, force.channel - 1])
+    if not np.all(np.isfinite(values)):
+        raise ValueError("not all of its samples are numbers")
     if rate != samplerate:
         import soxr
 
-        values = soxr.resample(values, rate, samplerate, "VHQ")
-    return np.asarray(values, dtype=float)
+        enough = math.ceil((most + BEYOND) * max(1.0, rate / samplerate))
+        values = soxr.resample(values[:enough], rate, samplerate, "VHQ")
+    return np.asarray(values[:most], dtype=float)

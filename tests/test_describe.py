@@ -112,7 +112,7 @@ def test_params_lists_every_number_by_its_path(capsys):
     path = str(ROOT / "patches" / "piano_c4.toml")
     assert cli.main(["params", path, "--json"]) == 0
     found = {p["path"]: p for p in json.loads(capsys.readouterr().out)["params"]}
-    hammer = {"value": 2.5, "unit": "m/s", "range": "-1e6 to 1e6", "meaning": "velocity at time 0", "live": False}
+    hammer = {"value": 2.5, "unit": "m/s", "range": "-10000 to 10000", "meaning": "velocity at time 0", "live": False}
     assert found["body.hammer.velocity"] == {"path": "body.hammer.velocity"} | hammer
     assert found["contact.felt.stiffness"]["unit"] == "N/m^exponent"
     assert {p for p, row in found.items() if row["live"]} == {"contact.felt.stiffness", "contact.felt.gap"}

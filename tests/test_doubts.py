@@ -57,7 +57,7 @@ def test_the_paper_scheme_is_not_trusted_with_heavy_damping(tmp_path, capsys):
 
 def test_a_damped_mass_on_a_stop_too_hard_for_it_is_not_trusted():
     """Its compression alternates about the static one; substeps mend that."""
-    stop = [barrier(stiffness=1e9, exponent=1.0, side="below"), barrier(barrier=1e5, stiffness=1.0, exponent=7.7)]
+    stop = [barrier(stiffness=1e11, exponent=1.0, side="below"), barrier(barrier=1e5, stiffness=1.0, exponent=7.7)]
     pressed = scene([mass(damping=1e6)], gravity=9.81, contact=stop)
     found = [engine.render(pressed, seconds=0.01, substeps=n).stats for n in (1, 64)]
     assert [s["trusted"] for s in found] == [False, True]
@@ -74,7 +74,6 @@ def test_a_damped_mass_on_a_stop_too_hard_for_it_is_not_trusted():
             {"barrier": 0.0, "side": "below"},
             "displacement = 0.002 is likely",
         ),
-        ({"displacement": 1e-3, "velocity": -4.0}, {"barrier": -1e-3}, 'side = "below" is likely meant'),
     ],
 )
 def test_a_hammer_that_begins_inside_is_said(hammer, contact, right):
@@ -100,7 +99,7 @@ def test_a_hammer_thrown_inside_by_the_score_is_said():
 
 
 def test_the_warning_goes_to_standard_error(tmp_path, capsys):
-    text = PIANO.read_text("utf-8").replace("displacement = -1e-3", "displacement = 2e-3")
+    text = PIANO.read_text("utf-8").replace("displacement = -2e-3", "displacement = 2e-3")
     assert "displacement = 2e-3" in text
     (tmp_path / "slip.toml").write_text(text, "utf-8")
     slip = str(tmp_path / "slip.toml")
@@ -112,8 +111,8 @@ def test_the_warning_goes_to_standard_error(tmp_path, capsys):
 def test_a_gain_is_no_larger_than_the_file_holds(tmp_path, capsys, subtype, most):
     loud = tmp_path / "loud.toml"
     loud.write_text(
-        '[[body]]\nname = "body"\nkind = "mass"\nmass = 1e-9\nvelocity = 1e4\n'
-        '[[pickup]]\nbody = "body"\ngain = 1e12\nquantity = "velocity"\n'
+        '[[body]]\nname = "body"\nkind = "oscillator"\nmass = 1e-9\nvelocity = 1e4\nfrequency = 2e4\n'
+        '[[pickup]]\nbody = "body"\ngain = 1e12\nquantity = "acceleration"\n'
     )
     out = tmp_path / "a.wav"
     options = ["--gain", "400", "--subtype", subtype, "--seconds", "0.05", "-o", str(out), "--json"]
@@ -123,7 +122,7 @@ def test_a_gain_is_no_larger_than_the_file_holds(tmp_path, capsys, subtype, most
     said = capsys.readouterr()
     lowered = subtype == "FLOAT"
     assert ("--gain 400 is more than its numbers hold" in said.err) == lowered
-    assert json.loads(said.out)["gain_db"] == pytest.approx(446.0 if lowered else 400.0, abs=60.0)
+    assert json.loads(said.out)["gain_db"] == pytest.approx(345.0 if lowered else 400.0, abs=5.0)
 
 
 # --- limits that say themselves
@@ -138,7 +137,7 @@ def test_a_damper_too_strong_for_its_body_is_refused():
         assert engine.render(scene([light], pickup=[{"body": "body", "at": 0.1}]), seconds=0.01).stats["trusted"]
     for damping in (3.0, 300.0):
         heavy = string | {"modes": 40, "support": [{"at": 0.3, "damping": damping}]}
-        with pytest.raises(BuildError, match=rf"damping of {damping:g} kg/s is too much: right up to 0\.3\d kg/s here"):
+        with pytest.raises(BuildError, match=rf"damping of {damping:g} kg/s is too much: right up to 0\.4\d kg/s here"):
             engine.render(scene([heavy], pickup=[{"body": "body", "at": 0.1}]), seconds=0.01)
 
 
@@ -171,13 +170,13 @@ def test_the_decay_rates_of_supported_strings_are_those_of_the_state_space():
         assert own.sigma[m] == pytest.approx(-nearest.real, rel=0.01)
 
 
-@pytest.mark.parametrize("stiffness, exponent", [(1e60, 1.0), (1.1e14, 1.0), (1e20, 2.5)])
+@pytest.mark.parametrize("stiffness, exponent", [(1e60, 1.0), (1.1e18, 1.0), (1e23, 2.5)])
 def test_a_contact_harder_than_anything_is_refused(stiffness, exponent):
-    with pytest.raises(ValueError, match=r"is harder than anything; at most .* 1e\+11 N at 1 mm"):
+    with pytest.raises(ValueError, match=r"is harder than anything; at most .* 1e\+15 N at 1 mm"):
         scene([mass()], contact=[barrier(stiffness=stiffness, exponent=exponent)])
 
 
 def test_a_contact_that_begins_deeper_than_any_force_is_refused():
     deep = scene([oscillator(frequency=1.0)], contact=[barrier(barrier=-1e3, stiffness=1e13, exponent=1.0)])
-    with pytest.raises(BuildError, match="begins 1e.03 m deep, where it pushes with 1.0e.16 N"):
+    with pytest.raises(BuildError, match=r"begins 1e.03 m deep, where it pushes with 1.0e.16 N"):
         engine.render(deep, seconds=0.01)

@@ -100,17 +100,18 @@ def test_a_long_glide_arrives_and_a_refused_one_changes_nothing(monkeypatch):
     out = np.zeros((5 * 44_100 + 64, player.channels), np.float32)
     player.play(out)
     events = player.log()["events"]
-    assert all(e["frame"] is not None for e in events) and events[-1]["why"][0] == "strike"
-    assert events[-2]["why"] == ["tune", 0, 0.7] and events[-2]["frame"] == 5 * 44_100
+    assert all(e["frame"] is not None for e in events)
+    assert [e["why"] for e in events if e["frame"] == 0] == [["strike", "hammer_0"]]
+    assert events[-1]["why"] == ["tune", 0, 0.7] and events[-1]["frame"] == 5 * 44_100
     before, table = len(events), player._table
 
-    def refused(voice: int, ratio: float) -> np.ndarray:
+    def refused(voice: int, ratio: float, body: str | None) -> np.ndarray:
         if ratio > 1.0:
             raise ValueError("vibrates too fast")
-        return table(voice, ratio)
+        return table(voice, ratio, body)
 
     monkeypatch.setattr(player, "_table", refused)
     with pytest.raises(ValueError, match="vibrates too fast"):
         player.tune(0, 1.1, seconds=0.1)
     player.play(out[:64])
-    assert len(player.log()["events"]) == before and player._pitch == [0.7]
+    assert len(player.log()["events"]) == before and player._pitch == [(0.7, None)]

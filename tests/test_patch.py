@@ -8,7 +8,7 @@ import soundfile
 from conftest import PATCHES, ROOT
 
 import engine
-from engine.patch import locate
+from engine.lines import line_of, locate
 
 GOOD = """title = "A ball"
 seconds = 1.0
@@ -219,7 +219,7 @@ def test_faults_of_bodies_with_many_modes(tmp_path, text, path, says):
 @pytest.mark.parametrize(
     ("table", "says"),
     [
-        ("freq,p\n100,1\n", "no column frequency; its columns are freq, p"),
+        ("freq,p\n100,1\n", 'no column frequency; its columns are "freq", "p"'),
         ("frequency,p\n100\n", "mode 1 has 1 entries, the header 2"),
         ("frequency,p\n100,x\n", 'mode 1: p is "x", not a number'),
         ("frequency,p,p\n100,1,2\n", 'two columns are named "p"'),
@@ -276,8 +276,8 @@ def test_lines_of_keys():
     assert lines[("a",)] == 1
     assert lines[("b",)] == 2
     assert lines[("b", "c")] == 3
-    assert lines[("b", "c", 1)] == 3
-    assert lines[("b", "d.e", "f")] == 6
+    assert line_of(lines, ("b", "c", 1)) == 3
+    assert line_of(lines, ("b", "d.e", "f")) == 6
     assert lines[("g", 0, "h", "i")] == 8
     assert lines[("g", 0, "j", 0, "k")] == 12
     assert lines[("g", 1, "h")] == 14

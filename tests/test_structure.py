@@ -12,13 +12,14 @@ from conftest import ROOT
 
 # from the ground up: a file imports only from floors below its own, or from its own
 FLOORS = [
-    ["kernel_files"],
+    ["kernel_files", "wording", "files", "lines"],
     ["kernel_cache"],
     ["jit", "vector", "held", "native", "parts", "measured"],
     ["references", "spots", "waveform"],
     ["accuracy", "measures", "features", "laws", "scene", "bodies", "baselines", "save", "feedback", "machine"],
     ["model", "others", "draw", "solve", "patch", "index", "describe"],
     ["modes", "tables", "rounds", "coupled", "islands", "layout"],
+    ["limits"],
     ["force", "contact", "compliance", "voices"],
     ["energy"],
     ["events"],
@@ -54,7 +55,8 @@ KERNELS = [
 WITHOUT_NUMBA = ["accuracy", "parts", "measured", "references", "scene", "patch", "bodies", "spots", "waveform", "draw"]
 WITHOUT_NUMBA += ["save", "feedback", "machine", "measures", "features", "index", "point", "vary", "sweep", "cluster"]
 WITHOUT_NUMBA += ["describe", "params", "silence", "commands", "arguments", "tell", "page", "once", "cli", "__init__"]
-WITHOUT_NUMBA += ["processes", "kernel_files", "doubts", "recording", "leftovers", "streams"]
+WITHOUT_NUMBA += ["processes", "wording", "files", "lines", "limits", "kernel_files", "doubts"]
+WITHOUT_NUMBA += ["recording", "leftovers", "streams"]
 
 
 def imports(name: str) -> set[str]:

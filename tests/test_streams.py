@@ -134,7 +134,8 @@ def test_slow_commands(folder, where):
     for words in SLOW:
         shutil.rmtree(folder / "v", ignore_errors=True)
         tried(words, where, folder, changes)
-    for name in ("a.wav", "p.wav", "p.html", "v/index.csv"):
+    varied = () if where == "gone" else ("v/index.csv",)  # processes that share the work need a folder to be in
+    for name in ("a.wav", "p.wav", "p.html", *varied):
         assert (folder / name).stat().st_size > 100, name
 
 

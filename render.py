@@ -16,9 +16,9 @@ if sys.version_info < (3, 11):  # noqa: UP036  this file alone is read by an old
 def run():
     """Do what the command line says; without the packages it needs, say how they are got."""
     try:
-        from engine.cli import main
+        from engine.cli import program
 
-        return main()
+        return program()
     except ModuleNotFoundError as error:
         if error.name is None or error.name.startswith("engine"):
             raise

@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 
 from engine import formats
 from engine.files import is_folder
-from engine.save import LOUDNESS, SUBTYPES, subtype_of, writable
+from engine.save import LOUDNESS, SUBTYPES, absolute, subtype_of, writable
 from engine.wording import one_line
 
 LONGEST = 400  # characters of a message
@@ -19,6 +19,7 @@ COMMANDS = """commands (render.py COMMAND --help tells more):
   params PATCH  list the numbers of a patch, with units and ranges
   reference     every key of a patch, as in docs/patches.md
   schema        the JSON Schema of a patch, for editors
+  recover FOLDER  keep recordings that were broken off
   cache         where compiled kernels are kept, how large they are; --clear deletes them
 """
 
@@ -266,7 +267,7 @@ def unwritable(args: argparse.Namespace) -> list[tuple[str, str]]:
         elif not writable(path.parent):
             where = "the folder you are in" if path.parent == Path() else path.parent
             wrong.append((name, f"{where} cannot be written to; write elsewhere: {name} FOLDER/{path.name}"))
-        if sum(path.absolute() == other.absolute() for other in paths.values()) > 1:
+        if sum(absolute(path) == absolute(other) for other in paths.values()) > 1:
             wrong.append((name, f"{path} is to be written twice; give two names"))
     return wrong + unheard(sound or (Path("none.wav") if args.live else output_of(args)), args.subtype, option)
 

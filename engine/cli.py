@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from engine import commands
+from engine import commands, leftovers, streams
 from engine.arguments import dial_of, misplaced, output_of, parser, plot_of, settings, unheld, unwritable
 from engine.commands import read, report
 from engine.feedback import feedback, finite
@@ -21,9 +21,20 @@ COMMANDS = {
     "check": commands.check,
     "new": commands.new,
     "params": commands.params,
+    "recover": leftovers.recover,
     "reference": commands.reference,
     "schema": commands.schema,
 }
+
+
+def program() -> int:
+    """Run the command line as a program of its own, whatever its standard streams are; returns the exit code."""
+    streams.prepare()
+    try:
+        code = main()
+    except SystemExit as end:  # of argparse
+        code = end.code if isinstance(end.code, int) else 0
+    return streams.finish(code)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -39,9 +50,6 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted; nothing was written", file=sys.stderr)
         return 130
-    except BrokenPipeError:
-        sys.stderr.close()
-        return 1
 
 
 def run(parse: argparse.ArgumentParser, words: list[str]) -> int:

@@ -87,7 +87,8 @@ def schema(words: list[str]) -> int:
     Parser(
         prog="render.py schema", description="Print the JSON Schema of a patch, by which editors complete and check."
     ).parse_args(words)
-    print(json.dumps(described(), indent=1, ensure_ascii=False))
+    readable = (sys.stdout.encoding or "utf-8").lower().replace("-", "") == "utf8"
+    print(json.dumps(described(), indent=1, ensure_ascii=not readable))
     return 0
 
 
@@ -118,7 +119,7 @@ def params(words: list[str]) -> int:
         return 2
     found = numbers(scene)
     if args.json:
-        print(json.dumps(finite({"patch": args.patch, "params": [asdict(p) for p in found]}), ensure_ascii=False))
+        print(json.dumps(finite({"patch": args.patch, "params": [asdict(p) for p in found]})))
         return 0
     rows: list[tuple[str, ...]] = [("path", "value", "unit", "range", "live", "meaning")]
     rows += [(p.path, short(p.value), p.unit, p.range, "knob" if p.live else "", p.meaning) for p in found]

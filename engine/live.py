@@ -8,19 +8,20 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from engine import deck, midi, sound
+from engine import deck, leftovers, midi, sound
 from engine.feedback import feedback, finite
 from engine.formats import unheld
 from engine.patch import Fault
 from engine.player import Player
+from engine.recording import Recording, Unrecorded
 from engine.reload import Watch
-from engine.save import replaced, subtype_of
+from engine.save import absolute, reason, replaced
 from engine.scene import Scene
 from engine.silence import deaf
 
@@ -133,24 +134,53 @@ def play(args: argparse.Namespace, scene: Scene, gain: float | None, dial: dict[
         told = f"{scene.title or path.stem}, on {name} at {samplerate} Hz, blocks of {args.block}"
         print(told, file=sys.stderr if args.json else sys.stdout, flush=True)
         watch = Watch(path, scene, player, desk.ready, desk.dialled) if args.watch else None
+        wish, code = performed(args, player, stream, name, watch, notes)
+        stream.close()
+        tell(watch.player if watch is not None else player, args, midi.told_of(keyed) if keyed else {})
+        if wish != "next" or code:
+            return code
+        path, scene = following(path)
+        args.patch = str(path)
+
+
+def performed(
+    args: argparse.Namespace,
+    player: Player,
+    stream: Any,
+    name: str,
+    watch: Watch | None,
+    notes: midi.Source | None,
+) -> tuple[str, int]:
+    """Play to the end, and keep what is to be kept; returns how it ended, and the exit code. name: of the device."""
+    log = absolute(Path(args.log)) if args.log else None
+    with interrupts() as interrupted:
         with (
-            recording(args, player) as write,
+            recording(args, player) as kept,
             keyboard(bool(args.record or args.log or args.midi)) as keys,
             meter(int(args.block)) as show,
         ):
-            wish = attend(player, stream, write, keys, show, watch, notes)
-        if wish == "vanished":
-            print(f"render.py: {name} is gone; what was recorded is kept", file=sys.stderr)
-            sound.forget()
-            keep_log(player, args)
-            sys.stderr.flush()
-            os._exit(1)  # PortAudio would wait for a device that does not answer
-        stream.close()
-        tell(watch.player if watch is not None else player, args, midi.told_of(keyed) if keyed else {})
-        if wish != "next":
-            return 130 if wish == "interrupted" else 0
-        path, scene = following(path)
-        args.patch = str(path)
+            wish = attend(player, stream, kept.write, keys, show, watch, notes, interrupted)
+        keep_log(player, log, kept)
+    code = ended(wish, name, kept, interrupted)
+    if wish == "vanished":
+        sound.forget()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(1)  # PortAudio would wait for a device that does not answer
+    return wish, code
+
+
+def ended(wish: str, name: str, kept: Recording | Unrecorded, interrupted: list[int]) -> int:
+    """Say how it ended; returns the exit code. name: of the device."""
+    if wish == "vanished":
+        print(f"render.py: {name} is gone; what was recorded is kept", file=sys.stderr)
+    elif wish == "interrupted" and interrupted[0] != signal.SIGINT:
+        print(f"render.py: ended by {signal.Signals(interrupted[0]).name}", file=sys.stderr)
+    for line in kept.lines:
+        print(f"render.py: {line}", file=sys.stderr)
+    if not kept.whole or wish == "vanished":
+        return 1
+    return 128 + interrupted[0] if wish == "interrupted" else 0
 
 
 def latency(text: str | None) -> str | float | None:
@@ -164,36 +194,42 @@ def latency(text: str | None) -> str | float | None:
 
 
 def attend(
-    first: Player, stream: Any, write: Any, keys: Any, show: Any, watch: Watch | None, notes: midi.Source | None
+    first: Player,
+    stream: Any,
+    write: Any,
+    keys: Any,
+    show: Any,
+    watch: Watch | None,
+    notes: midi.Source | None,
+    interrupted: list[int],
 ) -> str:
     """Start the stream; keys, notes, meter and recording while the driver plays; returns how it ended."""
     wish, deadline, player, shown = "over", math.inf, first, -math.inf
-    with interrupts() as interrupted:
-        sound.start(stream)
-        while True:
-            pressed = keys(TICK if notes is not None else REST)
-            if notes is not None and notes():
-                player.stop()
-            if time.monotonic() - shown >= REST:
-                shown = time.monotonic()
-                write(first.fetch())
-                if watch is not None:
-                    for line in watch.look():
-                        print(line, file=sys.stderr)
-                    player = watch.player
-                show(player)
-            ends = [ENDS[key] for key in pressed if key in ENDS]
-            if wish == "over" and (interrupted or ends):
-                wish = "interrupted" if interrupted else ends[0]
-                player.stop()
-                deadline = time.monotonic() + PATIENCE + 2 * float(np.max(stream.latency))
-            for key in pressed:
-                press(player, key)
-            if not stream.active:
-                write(first.fetch())
-                return wish if first.ended else "vanished"
-            if time.monotonic() > deadline:
-                return "vanished"
+    sound.start(stream)
+    while True:
+        pressed = keys(TICK if notes is not None else REST)
+        if notes is not None and notes():
+            player.stop()
+        if time.monotonic() - shown >= REST:
+            shown = time.monotonic()
+            write(first.fetch())
+            if watch is not None:
+                for line in watch.look():
+                    print(line, file=sys.stderr)
+                player = watch.player
+            show(player)
+        ends = [ENDS[key] for key in pressed if key in ENDS]
+        if wish == "over" and (interrupted or ends):
+            wish = "interrupted" if interrupted else ends[0]
+            player.stop()
+            deadline = time.monotonic() + PATIENCE + 2 * float(np.max(stream.latency))
+        for key in pressed:
+            press(player, key)
+        if not stream.active:
+            write(first.fetch())
+            return wish if first.ended else "vanished"
+        if time.monotonic() > deadline:
+            return "vanished"
 
 
 def press(player: Player, key: str) -> None:
@@ -209,32 +245,38 @@ def press(player: Player, key: str) -> None:
 
 @contextmanager
 def interrupts() -> Iterator[list[int]]:
-    """A list that holds something once Ctrl-C was pressed: nothing is broken off half-way."""
+    """A list that holds a signal once Ctrl-C was pressed, the program was told to end, or its terminal was closed:
+    nothing is broken off half-way. What the program was started to ignore, as by nohup, it ignores."""
     found: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, frame: found.append(number))
+    numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {n: signal.getsignal(n) for n in numbers}
+    before = {n: how for n, how in before.items() if n == signal.SIGINT or how is not signal.SIG_IGN}
+    for number in before:
+        signal.signal(number, lambda number, frame: found.append(number))
     try:
         yield found
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, how in before.items():
+            signal.signal(number, how)
 
 
 @contextmanager
-def recording(args: argparse.Namespace, player: Player) -> Iterator[Any]:
-    """A function that writes samples to a file, which takes its name when all is written."""
+def recording(args: argparse.Namespace, player: Player) -> Iterator[Recording | Unrecorded]:
+    """What takes samples, and keeps them in a file if asked."""
     if args.record is None:
-        yield lambda samples: None
+        yield Unrecorded()
         return
-    import soundfile
-
     target = Path(args.record)
     if what := unheld(target, player.samplerate, player.channels):
         raise sound.SoundError(f"--record: {what}")
-    kind, subtype = target.suffix.lstrip(".").upper(), subtype_of(target, args.subtype)
-    with (
-        replaced(target) as path,
-        soundfile.SoundFile(path, "w", player.samplerate, player.channels, subtype, format=kind) as file,
-    ):
-        yield file.write
+    if said := leftovers.notice(target.parent):
+        print(f"render.py: {said}", file=sys.stderr)
+    kept, played = Recording(target, player.samplerate, player.channels, args.subtype), False
+    try:
+        yield kept
+        played = True
+    finally:
+        kept.close(played)
 
 
 @contextmanager
@@ -246,30 +288,49 @@ def keyboard(alone: bool) -> Iterator[Any]:
         time.sleep(seconds)
         return ""
 
-    if not sys.stdin.isatty():
+    if sys.stdin is None or not sys.stdin.isatty():
         yield none
         return
     print(KEYS.replace("n next patch, ", "") if alone else KEYS, file=sys.stderr)
+    unused = "n" if alone else ""
     if sys.platform == "win32":
         import msvcrt
 
-        yield lambda seconds: none(seconds) + "".join(iter(lambda: msvcrt.getwch() if msvcrt.kbhit() else "", ""))
+        def waiting(seconds: float) -> str:
+            time.sleep(seconds)
+            return "".join(iter(lambda: msvcrt.getwch() if msvcrt.kbhit() else "", "")).replace(unused, "")
+
+        yield waiting
         return
+    with terminal(sys.stdin.fileno()) as pressed:
+        yield lambda seconds: pressed(seconds).replace(unused, "")
+
+
+@contextmanager
+def terminal(number: int) -> Iterator[Callable[[float], str]]:
+    """A function that waits for keys of a terminal, which is as it was when all is over."""
     import select
     import termios
     import tty
 
-    terminal = sys.stdin.fileno()
-    before = termios.tcgetattr(terminal)
+    def pressed(seconds: float) -> str:
+        try:
+            if not select.select([number], [], [], seconds)[0]:
+                return ""
+            found = os.read(number, 64)
+        except OSError:
+            found = b""
+        if not found:  # it was closed, and will always answer at once
+            time.sleep(seconds)
+        return found.decode(errors="replace")
+
+    before = termios.tcgetattr(number)
     try:
-        tty.setcbreak(terminal)
-        yield (
-            lambda seconds: (
-                os.read(terminal, 64).decode(errors="replace") if select.select([terminal], [], [], seconds)[0] else ""
-            )
-        )
+        tty.setcbreak(number)
+        yield pressed
     finally:
-        termios.tcsetattr(terminal, termios.TCSADRAIN, before)
+        with suppress(termios.error):
+            termios.tcsetattr(number, termios.TCSADRAIN, before)
 
 
 @contextmanager
@@ -310,7 +371,6 @@ def line_of(now: dict[str, Any], block: int) -> str:
 def tell(player: Player, args: argparse.Namespace, played: dict[str, str]) -> None:
     """What there is to be said at the end. played: which body played which notes."""
     now = player.meter()
-    keep_log(player, args)
     if args.json:
         print(json.dumps({"patch": args.patch, "live": finite(now), "notes": played}))
         return
@@ -328,15 +388,22 @@ def tell(player: Player, args: argparse.Namespace, played: dict[str, str]) -> No
         if now[key]:
             print(f"{now[key]} {what}")
     for target in (args.record, args.log):
-        if target:
+        if target and Path(target).exists():
             print(target)
 
 
-def keep_log(player: Player, args: argparse.Namespace) -> None:
-    """Write what was done, if asked."""
-    if args.log:
-        with replaced(Path(args.log)) as path:
-            path.write_text(json.dumps(player.log()), "utf-8")
+def keep_log(player: Player, path: Path | None, kept: Recording | Unrecorded) -> None:
+    """Write what was done, if asked; what is to be said of it goes to what was kept of the sound."""
+    if path is None:
+        return
+    told = json.dumps(player.log())
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)  # it was there before
+        with replaced(path) as part:
+            part.write_text(told, "utf-8")
+    except OSError as error:
+        kept.whole = False
+        kept.lines.append(f"cannot write {path} ({reason(error)})")
 
 
 def following(path: Path) -> tuple[Path, Scene]:

@@ -155,7 +155,7 @@ def _brief(path: Path) -> str:
     """A path from here, if it is shorter so."""
     try:
         return min(os.path.relpath(path), str(path), key=len)
-    except ValueError:  # on another drive
+    except (OSError, ValueError):  # this folder is gone, or on another drive
         return str(path)
 
 

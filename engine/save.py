@@ -3,6 +3,7 @@
 import io
 import math
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -93,6 +94,14 @@ def writable(folder: Path) -> bool:
         return False
 
 
+def absolute(path: Path) -> Path:
+    """The whole path; as it is if the folder one is in was removed."""
+    try:
+        return path.absolute()
+    except FileNotFoundError:
+        return path
+
+
 def reason(error: Exception) -> str:
     """Why a file could not be written or read, in few words."""
     if isinstance(error, OSError) and error.strerror:
@@ -100,6 +109,15 @@ def reason(error: Exception) -> str:
     if isinstance(error, UnicodeDecodeError):
         return "not a text file"
     return getattr(error, "error_string", "") or str(error)  # of soundfile: without the file beside the target
+
+
+def encoded(path: Path) -> Any:
+    """A path as soundfile takes it: bytes if the name is no text."""
+    try:
+        str(path).encode(sys.getfilesystemencoding())
+    except UnicodeEncodeError:
+        return os.fsencode(path)
+    return path
 
 
 @dataclass(frozen=True)
@@ -130,10 +148,23 @@ def fitting(gain: float, peak: float) -> float:
     return math.floor(10 * (gain - 20 * math.log10(peak))) / 10
 
 
+def part_of(target: Path) -> Path:
+    """The file that is to be written first; if this process is killed, `engine.leftovers` finds it."""
+    return target.with_name(f".{target.name}.{os.getpid()}.part")
+
+
+def free(path: Path) -> Path:
+    """The path, or one with a number at the end of its name that no file has."""
+    number, found = 2, path
+    while os.path.lexists(found):
+        number, found = number + 1, path.with_name(f"{path.stem}_{number}{path.suffix}")
+    return found
+
+
 @contextmanager
 def replaced(target: Path) -> Iterator[Path]:
     """A temporary file beside the target, which takes its place when all is written."""
-    path = target.with_name(f".{target.name}.{os.getpid()}.part")
+    path = part_of(target)
     try:
         yield path
         os.replace(path, target)

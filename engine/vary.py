@@ -19,6 +19,7 @@ from engine.arguments import unheard
 from engine.index import foreign
 from engine.lines import Where
 from engine.patch import PatchError, nearest, validated
+from engine.save import absolute
 from engine.scene import Scene
 
 MOST = 100_000  # points; more are a mistake
@@ -286,7 +287,7 @@ def folder_of(args: argparse.Namespace) -> Path:
 def unsuitable(args: argparse.Namespace) -> Wrong:
     """What is wrong with where the variations are to be written, and rendered."""
     folder, wrong = folder_of(args), unheard(Path("a.wav"), args.subtype, "--subtype")
-    within = folder if folder.is_dir() else folder.absolute().parent
+    within = folder if folder.is_dir() else absolute(folder).parent
     if folder.exists() and not folder.is_dir():
         wrong.append(("--output", f"{folder} is a file; --vary writes a folder, give the name of one"))
     elif not within.is_dir():

@@ -28,10 +28,10 @@ FLOORS = [
     ["block", "score", "deck"],
     ["build", "runner", "post", "doubts"],
     ["offline"],
-    ["params", "silence"],
+    ["params", "silence", "recording", "streams"],
     ["explain", "price", "tell", "arguments", "player", "point"],
     ["vary", "cluster", "processes"],
-    ["sound", "reload", "midi", "replay", "sweep", "page", "commands"],
+    ["sound", "reload", "midi", "replay", "sweep", "page", "commands", "leftovers"],
     ["once"],
     ["cli", "live"],
     ["__init__"],
@@ -56,6 +56,7 @@ WITHOUT_NUMBA = ["accuracy", "parts", "measured", "references", "scene", "patch"
 WITHOUT_NUMBA += ["save", "feedback", "machine", "measures", "features", "index", "point", "vary", "sweep", "cluster"]
 WITHOUT_NUMBA += ["describe", "params", "silence", "commands", "arguments", "tell", "page", "once", "cli", "__init__"]
 WITHOUT_NUMBA += ["processes", "wording", "files", "lines", "limits", "kernel_files", "doubts", "formats"]
+WITHOUT_NUMBA += ["recording", "leftovers", "streams"]
 
 
 def imports(name: str) -> set[str]:

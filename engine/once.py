@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from engine.arguments import dial_of, error_of, output_of, plot_of, report_of
 from engine.feedback import feedback
-from engine.save import amplified, clipped, lowered, reason, replaced, save_audio, save_trace
+from engine.save import amplified, clipped, lowered, plain, reason, replaced, save_audio, save_trace
 
 if TYPE_CHECKING:
     import numpy as np
@@ -94,7 +94,7 @@ def write(made: Rendering, args: argparse.Namespace) -> list[Path]:
             draw.take(made.take, made.title, path)
 
     written(output_of(args), lambda path: save_audio(path, made.audio, made.take.samplerate, args.subtype))
-    trace, page = made.take.trace or {}, made.page or ""
+    trace, page = made.take.trace or {}, plain(made.page or "")
     beside: list[tuple[Path | None, Callable[[Path], object]]] = [
         (Path(args.trace) if args.trace else None, lambda path: save_trace(path, trace)),
         (plot_of(args), lambda path: inside(path, picture)),

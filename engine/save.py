@@ -83,6 +83,11 @@ def save_trace(output: Path, trace: "dict[str, np.ndarray]") -> None:
         np.savez(file, **trace)  # type: ignore[arg-type]
 
 
+def plain(text: str) -> str:
+    """A text with names of files, as UTF-8 can hold it, though a name be no text."""
+    return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+
+
 def writable(folder: Path) -> bool:
     """Whether a file can be made in a folder; tried, for what permissions say is not always so."""
     import tempfile

@@ -4,6 +4,8 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from engine.parts import Contact, Mass, Oscillator, Strike
 from engine.scene import Scene
 from engine.spots import spots
@@ -105,12 +107,13 @@ def built_doubts(scene: Scene, layout: Any, model: Any) -> list[str]:
         heavy = [b.name for b, m in zip(scene.body, layout.modal, strict=True) if (m.sigma > HEAVY * rate).any()]
         if heavy:
             found.append(f'the paper\'s scheme moves heavily damped bodies too far ("{heavy[0]}"); scheme = "exact"')
-    for place, (k, spot) in enumerate(layout.spot):
+    damped = {b.name: b for b in scene.body if isinstance(b, Mass) and b.damping > rate and scene.gravity != 0.0}
+    slot = model.contact if model.refinement is None else model.refinement
+    give = np.atleast_2d(slot.compliance if slot is not None else 0.0).max(axis=0)
+    for place, (k, spot) in enumerate(layout.spot if damped else ()):
         contact = scene.contact[k]
-        body = next(b for b in scene.body if b.name == contact.body)
-        pressed = isinstance(body, Mass) and contact.on is None and body.damping > rate and scene.gravity != 0.0
-        give = model.contact.compliance if model.refinement is None else model.refinement.compliance.max(axis=0)
-        if pressed and give[place] * _slope(spot.stiffness, contact, body, scene.gravity) > 1.0:
+        body = damped.get(contact.body) if contact.on is None else None
+        if body is not None and give[place] * _slope(spot.stiffness, contact, body, scene.gravity) > 1.0:
             steps = "a higher sample rate, or substeps"
             found.append(f'"{body.name}" is damped within a step, and pressed on a stop too hard for it; {steps}')
     return list(dict.fromkeys(found))

@@ -19,6 +19,8 @@ from engine.scene import SAMPLERATES, Scene
 
 FILTER = 140  # samples to either side that the filter of an oversampled render takes …
 KAISER = 20.5  # … and the β of its window: 190 dB
+FIRST = 64  # samples that are rendered first, to see how long they take
+QUICK = 0.02  # s: what takes less is followed by eight times as many
 CHUNK = 16_384  # samples between two looks at the clock and at Ctrl-C
 
 # what a scene may call for, and the slot of the Model that holds it
@@ -88,13 +90,15 @@ def render(
     audio = np.zeros((frames + beyond(asked.oversample), max(p.channel for p in scene.pickup)))
     kept = _room(model, len(audio)) if trace else None
     runner.block(audio[:0], _part(kept, 0, 0))  # compile before the clock starts
-    elapsed = 0.0
-    for begin in range(0, frames, CHUNK):
-        end = min(begin + CHUNK, frames)
+    elapsed, end, size = 0.0, 0, FIRST
+    while end < frames:
+        begin, end = end, min(end + size, frames)
         part = _part(kept, begin, end)
         start = time.perf_counter()
         runner.block(audio[begin:end], part)
-        elapsed += time.perf_counter() - start
+        taken = time.perf_counter() - start
+        elapsed += taken
+        size = min(8 * size, CHUNK) if taken < QUICK else max(1, size // 8) if taken > 16 * QUICK else size
         if progress is not None:
             progress(end / frames)
     fine, found, kept_frames = samplerate * asked.oversample, statistics(runner), _part(kept, 0, frames)

@@ -257,6 +257,7 @@ def forced(seconds: float = 0.05, **force: float | str) -> engine.Scene:
     return engine.Scene.model_validate(data)
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("kind", ["pulse", "half_sine", "pluck"])
 def test_tables_of_forces_are_no_longer_than_the_render(kind):
     """Those of a sound without end are whole."""

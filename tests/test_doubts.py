@@ -55,6 +55,7 @@ def test_the_paper_scheme_is_not_trusted_with_heavy_damping(tmp_path, capsys):
     assert "NOT TO BE TRUSTED" in capsys.readouterr().out
 
 
+@pytest.mark.hard
 def test_a_damped_mass_on_a_stop_too_hard_for_it_is_not_trusted():
     """Its compression alternates about the static one; substeps mend that."""
     stop = [barrier(stiffness=1e11, exponent=1.0, side="below"), barrier(barrier=1e5, stiffness=1.0, exponent=7.7)]

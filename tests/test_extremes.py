@@ -47,7 +47,7 @@ def all_hold(order: int, count: int) -> None:
 
 
 def test_scenes_all_over_the_ranges_hold():
-    all_hold(2, 300)
+    all_hold(2, 150)
 
 
 @pytest.mark.hard

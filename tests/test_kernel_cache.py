@@ -414,6 +414,7 @@ print(sum(total.stats.cache_hits.values()))
 """
 
 
+@pytest.mark.hard
 def test_processes_that_compile_the_same_at_once(tmp_path):
     (tmp_path / "small.py").write_text(SMALL)
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}

@@ -49,26 +49,19 @@ def save_audio(output: Path, audio: "np.ndarray", samplerate: int, subtype: str 
     kind = output.suffix.lstrip(".").upper()
     if what := unheld(output, samplerate, audio.shape[1] if audio.ndim > 1 else 1):
         raise RuntimeError(what)
-    options = {"format": kind, "subtype": subtype_of(output, subtype)}
-    with replaced(output) as path:
-        if kind not in HIDES:
-            soundfile.write(encoded(path), audio, samplerate, **options)
-            return
-        with Written(path, "w+") as file:
-            try:
-                soundfile.write(file, audio, samplerate, **options)
-            except (RuntimeError, AssertionError):
-                if file.fault is None:
-                    raise
-            if file.fault is not None:
-                raise file.fault
-
-
-HIDES = "OGG", "MP3"  # on a full disk, libsndfile goes on writing them, and does not tell
+    with replaced(output) as path, Written(path, "w+") as file:
+        try:
+            soundfile.write(file, audio, samplerate, format=kind, subtype=subtype_of(output, subtype))
+        except (RuntimeError, AssertionError):
+            if file.fault is None:
+                raise
+        if file.fault is not None:
+            raise file.fault
 
 
 class Written(io.FileIO):
-    """A file that keeps what went wrong."""
+    """A file that keeps what went wrong: libsndfile says no more of it than "System error", and of a full disk under
+    OGG and MP3 nothing at all."""
 
     fault: OSError | None = None
 

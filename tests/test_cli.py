@@ -240,8 +240,8 @@ def test_a_failed_write_keeps_the_old_file(tmp_path, monkeypatch, capsys):
     out = tmp_path / "a.wav"
     out.write_bytes(b"precious")
 
-    def fail(path, *_, **__):
-        path.write_bytes(b"half")
+    def fail(file, *_, **__):
+        file.write(b"half")
         raise OSError("disk full")
 
     monkeypatch.setattr(soundfile, "write", fail)

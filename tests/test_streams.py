@@ -109,7 +109,7 @@ def _from_nowhere(words: str, cwd: Path, changes: dict[str, str | None]) -> subp
     return subprocess.run(["bash", "-c", command], env=environment(changes), **told)
 
 
-@pytest.mark.parametrize("where", mostly_hard(list(DEFAULT), "ascii"))
+@pytest.mark.parametrize("where", mostly_hard(list(DEFAULT), "cp1252"))
 def test_some_commands(folder, where):
     for words in QUICK[DEFAULT[where]]:
         tried(words, where, folder)

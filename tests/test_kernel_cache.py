@@ -216,6 +216,7 @@ def test_recompiling_does_not_load(base):
     assert start()
 
 
+@pytest.mark.hard
 def test_damage_to_a_whole_render_heals(tmp_path):
     """All files of a cache are damaged in all ways: the samples are the same, and the files are there again."""
 

@@ -237,6 +237,7 @@ def test_a_signal_fades_out_and_keeps_all(tmp_path, device, name):
     assert json.loads(log.read_text())["frames"] > 1000
 
 
+@pytest.mark.hard
 @needs_portaudio
 @needs_alsa
 def test_a_terminal_that_is_closed(tmp_path, device):
@@ -259,6 +260,7 @@ def test_a_terminal_that_is_closed(tmp_path, device):
     assert sorted(p.suffix for p in tmp_path.iterdir()) == [".conf", ".json", ".wav"]
 
 
+@pytest.mark.hard
 @needs_portaudio
 @needs_alsa
 @pytest.mark.parametrize("kind", ["wav", pytest.param("flac", marks=pytest.mark.hard)])

@@ -109,7 +109,8 @@ def _from_nowhere(words: str, cwd: Path, changes: dict[str, str | None]) -> subp
     return subprocess.run(["bash", "-c", command], env=environment(changes), **told)
 
 
-@pytest.mark.parametrize("where", mostly_hard(list(DEFAULT), "cp1252"))
+@pytest.mark.hard
+@pytest.mark.parametrize("where", DEFAULT)
 def test_some_commands(folder, where):
     for words in QUICK[DEFAULT[where]]:
         tried(words, where, folder)

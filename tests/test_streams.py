@@ -116,7 +116,7 @@ def test_some_commands(folder, where):
         tried(words, where, folder)
 
 
-@pytest.mark.hard
+@pytest.mark.slow
 @pytest.mark.parametrize("where", SURROUNDINGS)
 def test_quick_commands(folder, where):
     for words in QUICK:
@@ -124,7 +124,7 @@ def test_quick_commands(folder, where):
         tried(words, where, folder)
 
 
-@pytest.mark.hard
+@pytest.mark.slow
 @pytest.mark.parametrize("where", SURROUNDINGS)
 def test_slow_commands(folder, where):
     """What is to be written is written, wherever the messages go."""
@@ -192,7 +192,7 @@ def test_names_that_are_no_text(folder, name):
     assert missing.returncode == 2 and b"Traceback" not in missing.stderr
 
 
-@pytest.mark.hard
+@pytest.mark.slow
 @pytest.mark.parametrize("changes", [{}, C_LOCALE, {"PYTHONIOENCODING": "ascii"}], ids=["utf8", "C", "ascii"])
 @pytest.mark.parametrize("name", NAMES, ids=["latin", "utf8"])
 def test_more_names_that_are_no_text(folder, name, changes):

@@ -180,8 +180,8 @@ def _modes(
     kick[~heavy], drift[~heavy] = TABLES[accuracy.scheme](omega[~heavy], sigma[~heavy], h)
     keep[~heavy], drag[~heavy], dragged[~heavy] = np.exp(-sigma[~heavy] * h), 1.0, 0.0
     if heavy.any():
-        own = damped_table(omega[heavy], sigma[heavy], h)
-        kick[heavy], drift[heavy], keep[heavy], drag[heavy], dragged[heavy] = own
+        coefficients = damped_table(omega[heavy], sigma[heavy], h)
+        kick[heavy], drift[heavy], keep[heavy], drag[heavy], dragged[heavy] = coefficients
     loss = loss_of(keep) if sigma.any() else None
     return Modes(kick, drift), loss, Loss(drag, dragged) if heavy.any() else None
 

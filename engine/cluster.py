@@ -34,7 +34,7 @@ class Workers:
     """Those workers of a scheduler that have this very engine; of the others it is said, once, that they have not."""
 
     def __init__(self, client: Any) -> None:
-        self.client, self.own = client, sources()
+        self.client, self.sources = client, sources()
         self.engines: dict[str, str] = {}  # by address, of all that were asked
         self.unsaid: list[str] = []  # of another engine
 
@@ -43,8 +43,8 @@ class Workers:
         threads: dict[str, int] = self.client.nthreads()
         new = [address for address in threads if address not in self.engines]
         self.engines |= self._asked(new) if new else {}
-        self.unsaid += [address for address in new if self.engines[address] != self.own]
-        good = {address: n for address, n in threads.items() if self.engines[address] == self.own}
+        self.unsaid += [address for address in new if self.engines[address] != self.sources]
+        good = {address: n for address, n in threads.items() if self.engines[address] == self.sources}
         if self.unsaid and good:
             print(f"{self._named(self.unsaid)}; start them with the sources of this one", file=sys.stderr)
             self.unsaid = []
@@ -55,13 +55,13 @@ class Workers:
         return f"no worker can be given points; {self._named(list(self.engines))}"
 
     def _named(self, addresses: list[str]) -> str:
-        told = ", ".join(f"{address} ({self.engines[address] or 'none'})" for address in sorted(addresses))
-        return f"left out, for they have another engine than this one ({self.own}): {told}"
+        names = ", ".join(f"{address} ({self.engines[address] or 'none'})" for address in sorted(addresses))
+        return f"left out, for they have another engine than this one ({self.sources}): {names}"
 
     def _asked(self, addresses: list[str]) -> dict[str, str]:
         """The engines of workers; nothing for one that has none, or none that can say."""
-        found = self.client.run(sources, workers=addresses, on_error="return")
-        return {a: found[a] if isinstance(found.get(a), str) else "" for a in addresses}
+        answers = self.client.run(sources, workers=addresses, on_error="return")
+        return {a: answers[a] if isinstance(answers.get(a), str) else "" for a in addresses}
 
 
 def _answers(client: Any, tasks: list[Task]) -> Answers:

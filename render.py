@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Render a patch to a WAV file: `uv run render.py patches/repelled_oscillator.toml`."""
+"""The command line, from a folder of sources: `uv run render.py patches/repelled_oscillator.toml`."""
 
 import sys
 
@@ -16,7 +16,7 @@ if sys.version_info < (3, 11):  # noqa: UP036  this file alone is read by an old
 def run():
     """Do what the command line says; without the packages it needs, say how they are got."""
     try:
-        from engine.cli import program
+        from engine.cli.main import program
 
         return program()
     except ModuleNotFoundError as error:

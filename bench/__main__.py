@@ -1,31 +1,41 @@
-"""`uv run python -m bench [NAME …]`: run some measurements, or all; `… bench compare OLD NEW`: what has moved."""
+"""`uv run python -m bench [NAME …]`: run some measurements, or all; `… bench compare OLD NEW`: which times have
+moved; `… bench golden OLD [NEW]`: whether the samples are the same."""
 
 import importlib
 import os
 import sys
 import time
 
-from bench import compare
+from bench.accuracy import golden
+from bench.publish import compare
 
-NAMES = ["realtime", "newton", "instruments", "scaling", "effects", "peers", "price", "jvari", "metric", "hard"]
-NAMES += ["figures", "start", "live", "gallery"]
+MEASUREMENTS = {  # in this order
+    "performance": ["realtime", "instruments", "scaling", "effects", "start", "live"],
+    "accuracy": ["price", "jvari", "metric", "hard"],
+    "paper": ["newton", "figures"],
+    "rivals": ["peers"],
+    "publish": ["gallery"],
+}
+PACKAGE = {name: package for package, names in MEASUREMENTS.items() for name in names}
 
 
 def main() -> int:
     """Run the named measurements; each module has a `run()` that prints and writes its results."""
     if sys.argv[1:2] == ["compare"]:
         return compare.main(sys.argv[2:])
+    if sys.argv[1:2] == ["golden"]:
+        return golden.main(sys.argv[2:])
     if sys.argv[1:2] in (["--help"], ["-h"]):
-        print(f"{__doc__}\n\n{', '.join(NAMES)}")
+        print(f"{__doc__}\n\n{', '.join(PACKAGE)}")
         return 0
-    names = sys.argv[1:] or NAMES
-    if unknown := [name for name in names if name not in NAMES]:
-        print(f"bench: unknown {', '.join(unknown)}; compare, or some of {', '.join(NAMES)}", file=sys.stderr)
+    names = sys.argv[1:] or list(PACKAGE)
+    if unknown := [name for name in names if name not in PACKAGE]:
+        print(f"bench: unknown {', '.join(unknown)}; compare, or some of {', '.join(PACKAGE)}", file=sys.stderr)
         return 2
     everywhere = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
     for name in names:
         begin = time.perf_counter()
-        importlib.import_module(f"bench.{name}").run()
+        importlib.import_module(f"bench.{PACKAGE[name]}.{name}").run()
         print(f"{name}: {time.perf_counter() - begin:.0f} s", file=sys.stderr)
         if everywhere is not None:  # a measurement may have pinned itself to one core
             os.sched_setaffinity(0, everywhere)

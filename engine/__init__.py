@@ -1,7 +1,7 @@
 """Sound synthesis in which things really collide: energy-exact contacts, in real time.
 
 import engine
-scene = engine.load("patches/bouncing_ball.toml")
+scene = engine.load("tanpura")  # a shipped patch; or the path of a file
 take = engine.render(scene, seconds=2.0)
 take.audio, take.stats
 """
@@ -9,19 +9,42 @@ take.audio, take.stats
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from engine.offline import Take, render
-    from engine.patch import PatchError, load
-    from engine.scene import Scene
+    from engine.live.player import Player
+    from engine.offline.render import Take, render
+    from engine.patch.faults import PatchError
+    from engine.patch.reader import load
+    from engine.patch.scene import Scene
 
-__all__ = ["PatchError", "Scene", "Take", "load", "render"]
+    __version__: str
 
-_HOME = {"PatchError": "patch", "Scene": "scene", "Take": "offline", "load": "patch", "render": "offline"}
+__all__ = ["PatchError", "Player", "Scene", "Take", "load", "render"]
+
+_HOME = {
+    "PatchError": "patch.faults",
+    "Player": "live.player",
+    "Scene": "patch.scene",
+    "Take": "offline.render",
+    "load": "patch.reader",
+    "render": "offline.render",
+}
+_FROM_SOURCE = "0+source"  # the version of what is not installed
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first used: Numba alone takes a second."""
+    if name == "__version__":
+        return _installed_version()
     if name not in _HOME:
         raise AttributeError(f"module 'engine' has no attribute '{name}'")
     import importlib
 
     return getattr(importlib.import_module(f"engine.{_HOME[name]}"), name)
+
+
+def _installed_version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("fdh-engine")
+    except PackageNotFoundError:
+        return _FROM_SOURCE

@@ -1,41 +1,46 @@
-"""Files that a patch or a command names: they are read whole, if they are files and not too large."""
+"""Reading of files that a patch or a command names: regular files only, read as a whole, up to a size."""
 
 import os
+import re
 import stat
 from pathlib import Path
 
 MB = 1_000_000
+PACKAGE_FOLDER = Path(__file__).parent
+INSTALLED_PATCHES = PACKAGE_FOLDER / "patches"  # of a wheel; in the sources, patches lie beside render.py
+SHIPPED_PATCHES = INSTALLED_PATCHES if INSTALLED_PATCHES.is_dir() else PACKAGE_FOLDER.parent / "patches"
+SHIPPED_NAME = re.compile(r"\w+")
 
 
-class NoFile(ValueError):
-    """A path leads to nothing that can be read; it says why."""
+class UnreadableFile(ValueError):
+    """A path leads to nothing that can be read. The message says why."""
 
 
-def regular(path: Path) -> None:
-    """Raises OSError or NoFile, if a path leads to no file: a pipe would be waited for, a device has no end."""
+def check_regular_file(path: Path) -> None:
+    """Raise OSError or UnreadableFile if a path leads to no regular file: a pipe blocks, and a device has no end."""
     if "\0" in str(path):
-        raise NoFile("no file has such a name")
+        raise UnreadableFile("no file has such a name")
     if not stat.S_ISREG(os.stat(path).st_mode):
-        raise NoFile("is not a file, but a pipe, a device or a folder")
+        raise UnreadableFile("is not a file, but a pipe, a device or a folder")
 
 
-def content(path: Path, most: int) -> bytes:
-    """All bytes of a file. Raises OSError or NoFile, also if there are more than `most` of them."""
-    regular(path)
-    with open(path, "rb", opener=_at_once) as file:
-        found = file.read(most + 1)
-    if found is None or len(found) > most:  # what has nothing ready yet gives None
-        raise NoFile(f"is larger than {most / MB:g} MB")
-    return found
+def read_bytes(path: Path, max_bytes: int) -> bytes:
+    """Read a whole file. Raises OSError, or UnreadableFile, also if it has more than `max_bytes`."""
+    check_regular_file(path)
+    with open(path, "rb", opener=_open_without_waiting) as file:
+        data = file.read(max_bytes + 1)
+    if data is None or len(data) > max_bytes:  # a pipe that has nothing ready gives None
+        raise UnreadableFile(f"is larger than {max_bytes / MB:g} MB")
+    return data
 
 
-def _at_once(path: str, flags: int) -> int:
-    """Open without waiting, even if a pipe has taken the file's place."""
+def _open_without_waiting(path: str, flags: int) -> int:
+    """Open a file without blocking, even if a pipe has taken its place since it was checked."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
-def there(path: Path) -> bool:
-    """Whether anything has that name; nothing has one that is too long, or no name at all."""
+def path_exists(path: Path) -> bool:
+    """Whether anything has that name; nothing has one that is too long, or that is no name at all."""
     try:
         return path.exists()
     except (OSError, ValueError):
@@ -43,8 +48,25 @@ def there(path: Path) -> bool:
 
 
 def is_folder(path: Path) -> bool:
-    """Whether a path leads to a folder; also where it is no path at all, or may not be looked at."""
+    """Whether a path leads to a folder; not if it is no path at all, or may not be looked at."""
     try:
         return path.is_dir()
     except (OSError, ValueError):
         return False
+
+
+def shipped_names() -> list[str]:
+    """The names of the patches that come with the engine."""
+    return sorted(path.stem for path in SHIPPED_PATCHES.glob("*.toml"))
+
+
+def find_patch(name: str | Path) -> Path:
+    """The file of a patch: what lies at this path, or else the shipped patch of this name.
+
+    A folder does not stand in the way of a shipped patch: a sweep of `tanpura` writes a folder of that name.
+    """
+    path = Path(name)
+    if SHIPPED_NAME.fullmatch(str(name)) and (not path_exists(path) or is_folder(path)):
+        shipped = SHIPPED_PATCHES / f"{path}.toml"
+        return shipped if path_exists(shipped) else path
+    return path

@@ -16,24 +16,6 @@ needs_portaudio = pytest.mark.skipif(not ctypes.util.find_library("portaudio"), 
 needs_alsa = pytest.mark.skipif(not ALSA.exists(), reason="no ALSA")
 
 
-def scene(body: list[dict[str, Any]], **parts: Any) -> engine.Scene:
-    """A scene of the given bodies, heard at the first."""
-    pickup = [{"body": body[0]["name"], "quantity": "velocity"}]
-    return engine.Scene.model_validate({"body": body, "pickup": pickup} | parts)
-
-
-def mass(**more: Any) -> dict[str, Any]:
-    return {"name": "body", "kind": "mass", "mass": 1.0} | more
-
-
-def oscillator(**more: Any) -> dict[str, Any]:
-    return {"name": "body", "kind": "oscillator", "mass": 1.0} | more
-
-
-def barrier(**more: Any) -> dict[str, Any]:
-    return {"body": "body", "barrier": 0.0, "stiffness": 1e8, "exponent": 2.0} | more
-
-
 def mostly_hard(values: list[Any], *kept: Any) -> list[Any]:
     """Cases of a test of which all but the kept ones are among the hard: each needs a kernel of its own."""
     cases = {v: v if isinstance(v, tuple) else (v,) for v in values}
@@ -43,6 +25,16 @@ def mostly_hard(values: list[Any], *kept: Any) -> list[Any]:
 def slope(x: list[float], y: list[float]) -> float:
     """Slope of log y against log x."""
     return float(np.polyfit(np.log(x), np.log(np.abs(y)), 1)[0])
+
+
+def exit_code(*words: str) -> int:
+    """The exit code of a command line; the parser of options leaves with an exception."""
+    from engine.cli import main
+
+    try:
+        return main.main(list(words))
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else 0
 
 
 @pytest.fixture

@@ -8,21 +8,22 @@ from pathlib import Path
 from conftest import ROOT
 
 import engine
-from engine import vary
-from engine.point import rendered
-from engine.sweep import sweep
+from engine.sweep.axes import Axis, parse_axis
+from engine.sweep.plan import SweepPlan, grid_points
+from engine.sweep.sweep import run_sweep
+from engine.sweep.task import render_task
 
 MARBLE = str(ROOT / "patches" / "marble_on_a_bell.toml")
 SECONDS = 0.02  # of a sound, in which a marble close to the bell strikes it
 
 
-def axis(text: str, patch: str = MARBLE, sampling: bool = False) -> vary.Axis:
-    return vary.axis(text, engine.load(patch), tomllib.loads(Path(patch).read_text("utf-8")), sampling)
+def axis(text: str, patch: str = MARBLE, sampling: bool = False) -> Axis:
+    return parse_axis(text, engine.load(patch), tomllib.loads(Path(patch).read_text("utf-8")), sampling)
 
 
-def plan(*texts: str, patch: str = MARBLE) -> vary.Plan:
-    axes = [axis(text, patch) for text in texts]
-    return vary.Plan(patch, tomllib.loads(Path(patch).read_text("utf-8")), axes, vary.points(axes))
+def plan(*texts: str, patch: str = MARBLE) -> SweepPlan:
+    found = [axis(text, patch) for text in texts]
+    return SweepPlan(patch, tomllib.loads(Path(patch).read_text("utf-8")), found, grid_points(found))
 
 
 def rows(folder: Path) -> list[dict[str, str]]:
@@ -42,11 +43,11 @@ class Alone:
             if len(self.given) == self.most:
                 raise KeyboardInterrupt
             self.given.append(task.number)
-            yield task.number, rendered(task)
+            yield task.number, render_task(task)
 
 
 def swept(folder: Path, *texts: str, most: float = math.inf, patch: str = MARBLE, gain=None, **options):
     """The outcome of a sweep, and the numbers of the points that were rendered."""
     alone = Alone(most)
     told = {"seconds": SECONDS, "samplerate": 44_100} | options
-    return sweep(plan(*texts, patch=patch), folder, alone, told, gain), alone.given
+    return run_sweep(plan(*texts, patch=patch), folder, alone, told, gain), alone.given

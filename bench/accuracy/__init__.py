@@ -1,0 +1,1 @@
+"""Errors, and what they cost in time."""

@@ -1,0 +1,99 @@
+"""What accuracy costs, on one page: error against time for the paper's systems and the instruments.
+
+One body at a wall is also computed by other methods, at finer and finer steps; methods that fail stay in the plot,
+with how they failed.
+"""
+
+from typing import Any
+
+import engine
+from bench.accuracy import dial
+from bench.accuracy.hard import scene_of
+from bench.publish.report import FIGURES, ROOT, pin, publish
+from engine.analysis.other_method_kernels import SingleBody
+from engine.analysis.work_precision import measure_work_precision
+from engine.report import plots
+
+GOAL = 1e-2
+
+# seconds of each
+PAPERS = {"repelled_oscillator": 0.05, "barrier_quadratic": 0.1, "bouncing_ball": 0.5}
+WALLS = SingleBody(0.0, 1e11, 1.0, 1e-3, -1e-3, 0.0), 0.0, 2.0  # stiff, 2 mm apart
+SHOWN = {"repelled_oscillator": "oscillator at a stop", "stiff_walls": "between stiff walls", "piano_c4": "piano, C4"}
+SETTINGS = [f"order {order}, {n} ×" for order, n in ((2, 1), (2, 4), (2, 16), (4, 1), (4, 4))]
+SETTINGS += [f"{method}, {n} ×" for method in ("RK4", "Störmer-Verlet") for n in (1, 64)]
+INSTRUMENTS = ("piano_c2", "piano_c4", "marimba", "ball_on_drum", "guitar_frets", "tanpura", "rattle")
+
+
+def best(rows: list[dict[str, Any]], goal: float = GOAL) -> str:
+    """The cheapest row that meets the goal."""
+    good = [r for r in rows if r["error"] <= goal]
+    if not good:
+        return "none"
+    row = min(good, key=lambda r: r["ns_per_sample"])
+    return f"{row['setting']}: {row['ns_per_sample']:.0f} ns"
+
+
+def table() -> None:
+    """Price all scenes."""
+    lines, priced = [], {}
+    for name in (*PAPERS, "stiff_walls", *INSTRUMENTS):
+        scene = scene_of(*WALLS) if name == "stiff_walls" else engine.load(ROOT / "patches" / f"{name}.toml")
+        found = measure_work_precision(scene, 0.05 if name == "stiff_walls" else PAPERS.get(name))
+        priced[name] = found
+        ours, theirs = found["rows"], found["others"]
+        publish(
+            f"price_{name}",
+            ["setting", "error", "ns per sample", "energy error", "third-octave bands, dB", "Newton mean / max"],
+            [
+                [
+                    r["setting"],
+                    r.get("failed") or f"{r['error']:.1e}",
+                    f"{r['ns_per_sample']:.0f}",
+                    f"{r['energy_error']:.0e}",
+                    f"{r['bands_db']:.2f}" if "bands_db" in r else "",
+                    f"{r['newton']['mean']:.2f} / {r['newton']['max']}" if "newton" in r else "",
+                ]
+                for r in [*ours, *theirs]
+            ],
+            "price",
+        )
+        plots.plot_work_precision(found, name, FIGURES / f"price_{name}.png")
+        plain = next(r for r in ours if r["setting"] == "order 2, 1 ×")
+        lines.append(
+            [
+                f"[{name}](bench/figures/price_{name}.png)",
+                f"{plain['error']:.0e}, {plain['ns_per_sample']:.0f} ns",
+                best(ours),
+                best(theirs) if theirs else "",
+                f"{found['horizon'] * 1e3:.0f}",
+                f"{max(r['energy_error'] for r in ours if 'float32' not in r['setting']):.0e}",
+                found["verdict"],
+            ]
+        )
+    header = ["scene", "one plain step", f"cheapest under {GOAL:.0e}", "of other methods", "predictable, ms"]
+    publish("price", [*header, "energy error, any setting", "learnt"], lines)
+    beside(priced)
+
+
+def beside(priced: dict[str, dict[str, Any]]) -> None:
+    """Error, time and energy error at some settings, three scenes beside each other."""
+    lines = []
+    for setting in SETTINGS:
+        rows = [
+            [r for r in [*priced[name]["rows"], *priced[name]["others"]] if r["setting"] == setting] for name in SHOWN
+        ]
+        line = [setting]
+        for row in (r[0] if r else None for r in rows):
+            line.append(row.get("failed") or f"{row['error']:.0e}" if row else "")
+            line.append(f"{row['ns_per_sample']:.0f}" if row else "")
+        lines.append([*line, f"{max(r[0]['energy_error'] for r in rows if r):.0e}"])
+    head = [f"{scene}: {what}" for scene in SHOWN.values() for what in ("error", "ns")]
+    publish("first", ["", *head, "energy error"], lines, "price")
+
+
+def run() -> None:
+    """Price all scenes, then measure what the dial promises."""
+    pin()
+    table()
+    dial.run()

@@ -1,0 +1,88 @@
+"""How fast each shipped patch runs, once compiled: on one core and on two, in blocks of several sizes, with its energy
+error beside it; and how near its worst block comes to a deadline."""
+
+import time
+
+import numpy as np
+
+import engine
+from bench.publish.report import ROOT, pin, publish
+from engine.build.build import build
+from engine.offline.simulation import Simulation
+from engine.offline.statistics import newton_statistics
+
+RATE = 44_100
+BLOCKS = (64, 256, 1024)
+RUNS = 7
+WARM = 0.05  # s, after which a state is saved
+SECONDS = 1.0  # from there
+
+
+def measure(scene: engine.Scene, size: int, cores: int = 1) -> tuple[np.ndarray, Simulation]:
+    """Seconds of each block [runs, blocks], every run from the same warm state, energies measured."""
+    model, state, _ = build(scene, RATE)
+    simulation = Simulation(model, state, cores)
+    out = np.zeros((size, max(p.channel for p in scene.pickup)))
+    for _ in range(max(1, round(WARM * RATE / size))):
+        simulation.render_block(out)
+    saved = [(array, array.copy()) for array in state if isinstance(array, np.ndarray)]
+    times = np.zeros((RUNS, round(SECONDS * RATE / size)))
+    for run in times:
+        for array, copy in saved:
+            array[...] = copy
+        for n in range(run.size):
+            begin = time.perf_counter()
+            simulation.render_block(out)
+            run[n] = time.perf_counter() - begin
+    return times, simulation
+
+
+def factor(times: np.ndarray, size: int) -> float:
+    """Times real time, of the fastest run."""
+    return float(size * times.shape[1] / RATE / times.sum(axis=1).min())
+
+
+def worst(times: np.ndarray, size: int) -> str:
+    """The dearest block as a share of its deadline: its fastest run, which is its own cost, and the slowest, with
+    what else the machine did."""
+    return f"{times.min(axis=0).max() * RATE / size:.1%} / {times.max() * RATE / size:.0%}"
+
+
+def memory(simulation: Simulation) -> float:
+    """What model and state hold, kB."""
+
+    def size(part: object) -> int:
+        if isinstance(part, np.ndarray):
+            return part.nbytes
+        return sum(map(size, part)) if isinstance(part, tuple) else 0
+
+    return (size(simulation.model) + size(simulation.state)) / 1e3
+
+
+def run() -> None:
+    """Measure and publish."""
+    scenes = {path.stem: engine.load(path) for path in sorted((ROOT / "patches").glob("*.toml"))}
+    two = {name: measure(scene, BLOCKS[-1], 2) for name, scene in scenes.items()}
+    pin()
+    speeds, deadlines = [], []
+    for name, scene in scenes.items():
+        found = {size: measure(scene, size) for size in BLOCKS}
+        times, simulation = found[BLOCKS[-1]]
+        runs = np.sort(times.sum(axis=1)) / times.shape[1] / BLOCKS[-1] * 1e9
+        solved = newton_statistics(simulation.model, simulation.state)
+        speeds.append(
+            [
+                name,
+                f"{runs[0]:.1f}",
+                f"{np.median(runs):.1f}",
+                *(f"{factor(t, size):.0f}" for size, (t, _) in found.items()),
+                f"{factor(two[name][0], BLOCKS[-1]):.0f}" if simulation.partitions > 1 else "one island",
+                f"{simulation.energies()['error_max']:.0e}",
+                f"{solved['mean']:.2f} / {solved['max']}" if solved["solves"] else "closed form",
+            ]
+        )
+        deadlines.append([name, *(worst(t, size) for size, (t, _) in found.items()), f"{memory(simulation):.0f}"])
+    header = ["patch", "ns per sample, least", "median", *(f"× real time, blocks of {size}" for size in BLOCKS)]
+    publish("realtime", [*header, f"two cores, {BLOCKS[-1]}", "energy error", "Newton mean / max"], speeds)
+    header = ["worst block over its deadline, quiet / noisy", *(f"{size} frames" for size in BLOCKS), "memory, kB"]
+    publish("deadlines", header, deadlines, "realtime")

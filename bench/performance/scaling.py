@@ -1,0 +1,113 @@
+"""How cost grows: with modes, points of contact, islands, cores and the size of a block; where two cores begin to pay,
+and the largest scene of each family that runs in real time."""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+import engine
+from bench.performance.instruments import measure
+from bench.publish.report import figure, pin, publish
+from engine.build.build import build
+from engine.offline.simulation import Simulation
+from scenes.families import bank, colliding, hammered, tanpuras
+
+RATE = 44_100
+REPEATS = 3
+LEAST = 2000  # samples of a run
+SAMPLES = 4e7  # of one mode: a run is as long as that many modes allow
+
+Family = tuple[Callable[[int], engine.Scene], list[int], float]
+FAMILIES: dict[str, Family] = {  # scene of n, sizes, warm-up in s
+    "free modes": (bank, [10, 32, 100, 320, 1000, 3200, 10_000, 32_000], 0.0),
+    "modes of a hammered string": (lambda n: hammered(1, n, 4.0), [10, 32, 100, 320, 1000], 0.0),
+    "points under a tanpura string, α = 1": (lambda n: tanpuras(1, n), [2, 4, 8, 16, 32, 64], 0.06),
+    "points under a tanpura string, α = 1.5": (lambda n: tanpuras(1, n, 1.5), [2, 4, 8, 16, 32], 0.06),
+    "hammered strings of 61 modes": (lambda n: hammered(n, 61), [1, 4, 16, 64, 256, 1024], 0.0),
+    "tanpura strings, 16-point bridges": (lambda n: tanpuras(n, 16), [1, 2, 4, 8, 16, 32], 0.06),
+    "colliding masses": (colliding, [2, 8, 32, 128, 512, 2048], 0.0),
+}
+BLOCKS = [1, 4, 16, 64, 256, 1024, 4096]
+
+
+def cost(family: str, size: int, cores: int = 1) -> float:
+    """ns per sample, energies measured."""
+    scene_of, _, warm = FAMILIES[family]
+    scene = scene_of(size)
+    modes = build(scene, RATE)[1].p.size
+    seconds = max(LEAST, min(SAMPLES / modes / 10, RATE / 2)) / RATE
+    return measure(scene, seconds, warm, cores, metered=True, repeats=REPEATS)[0] * 1e9
+
+
+def slope(sizes: list[int], costs: list[float]) -> float:
+    """Exponent of growth over the upper half of the sizes."""
+    upper = len(sizes) // 2
+    return float(np.polyfit(np.log(sizes[upper:]), np.log(costs[upper:]), 1)[0])
+
+
+def largest(sizes: list[int], costs: list[float]) -> str:
+    """The largest that runs in real time: where the line through the costs meets the time of a sample."""
+    goal = 1e9 / RATE
+    if costs[-1] >= goal:
+        return f"{int(np.exp(np.interp(np.log(goal), np.log(costs), np.log(sizes)))):d}"
+    ahead = slope(sizes, costs)
+    return f"about {int(sizes[-1] * (goal / costs[-1]) ** (1 / ahead)):d}"
+
+
+def growth() -> None:
+    """Cost over size, one core."""
+    rows = []
+    with figure("scaling", 8, 6) as axes:
+        for name, (_, sizes, _) in FAMILIES.items():
+            costs = [cost(name, n) for n in sizes]
+            axes.loglog(sizes, costs, "o-", label=f"{name}: exponent {slope(sizes, costs):.2f}")
+            ends = f"{costs[0]:.0f}", f"{costs[-1]:.0f}", f"{slope(sizes, costs):.2f}", largest(sizes, costs)
+            rows.append([name, f"{sizes[0]} … {sizes[-1]}", *ends])
+        axes.axhline(1e9 / RATE, color="k", ls=":", label="real time")
+        axes.set(xlabel="how many", ylabel="ns per sample, one core, energies measured")
+        axes.grid(True, which="both", alpha=0.2)
+        axes.legend(fontsize=7)
+    header = ["family", "sizes", "ns per sample, smallest", "largest", "exponent", "most in real time, one core"]
+    publish("scaling", header, rows)
+
+
+def blocks() -> None:
+    """Cost over the size of a block."""
+    rows = []
+    for name, scene in (("one oscillator", colliding(2)), ("hammered string", hammered(1, 61))):
+        model, state, _ = build(scene, RATE)
+        simulation, found = Simulation(model, state), []
+        for size in BLOCKS:
+            out, best = np.zeros((size, 1)), np.inf
+            for _ in range(200):
+                begin = time.perf_counter()
+                simulation.render_block(out)
+                best = min(best, time.perf_counter() - begin)
+            found.append(best / size * 1e9)
+        rows.append([name, *(f"{ns:.0f}" for ns in found)])
+    publish("blocks", ["ns per sample, in blocks of", *map(str, BLOCKS)], rows, "scaling")
+
+
+def cores() -> None:
+    """Where two cores begin to pay."""
+    rows: list[list[Any]] = []
+    for name, sizes in (
+        ("hammered strings of 61 modes", [2, 4, 8, 16, 64]),
+        ("colliding masses", [32, 128, 512, 2048]),
+    ):
+        for size in sizes:
+            one, two = np.inf, np.inf
+            for _ in range(3):  # in turn, so that a slow phase of the machine meets both
+                one, two = min(one, cost(name, size)), min(two, cost(name, size, 2))
+            rows.append([f"{size} {name}", f"{one:.0f}", f"{two:.0f}", f"{one / two:.2f}"])
+    publish("threads", ["scene", "ns per sample, one core", "two", "ratio"], rows, "scaling")
+
+
+def run() -> None:
+    """Measure, publish and draw. Threads are not pinned where two are used; what one does is."""
+    cores()
+    pin()
+    growth()
+    blocks()

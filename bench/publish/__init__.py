@@ -1,0 +1,1 @@
+"""How results become tables and pages, and are compared."""

@@ -1,0 +1,142 @@
+"""docs/gallery.md: every patch with a picture, a sound, what to listen for, its sources, and two changes to try.
+
+The words are in bench/gallery.toml; all that is measured is measured here, from the patches as they are.
+"""
+
+import hashlib
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import soundfile
+
+import engine
+from bench.publish.report import ROOT, publish, stamp
+from engine.analysis.features import features
+from engine.output_files import apply_gain
+from engine.report import plots
+from engine.sweep.axes import Axis, locate
+from engine.sweep.plan import scene_at
+
+PAGE, WORDS = ROOT / "docs" / "gallery.md", ROOT / "bench" / "gallery.toml"
+PICTURES, SOUNDS = ROOT / "docs" / "gallery", ROOT / "docs" / "audio"
+FADE = 0.01  # s, at the end of a sound that is cut off
+LIMIT = 4e6  # bytes of all sounds
+COLOURS = 96  # of a picture
+HEADER = ["patch", "s", "fundamental, Hz", "decay T60, s", "centroid, Hz", "peak, SI units", "energy error", "made of"]
+INTRODUCTION = """# Gallery
+
+Every patch in `patches/`, as it renders. Each has two changes to try, with what they do to it, measured: edit the
+patch, or let `fdh sweep` do it. This page, its pictures and sounds are made by `uv run python -m bench gallery`.
+"""
+LEGEND = """Fundamental: the lowest partial within 20 dB of the strongest; none where no partial stands out. T60: from
+the energy that is still to come between -5 and -25 dB; none where the sound does not fall so far. Centroid: mean
+frequency, weighted by power. Made of: the first digits of the patch's SHA-256, by which a test tells when this page is
+older.
+"""
+COLUMNS = (
+    "| try | what it is | fundamental, Hz | T60, s | centroid, Hz | level, dB |\n| --- | --- | --- | --- | --- | --- |"
+)
+
+
+def run() -> None:
+    """Render, draw and measure everything, and write the page."""
+    words = tomllib.loads(WORDS.read_text("utf-8"))
+    paths = sorted((ROOT / "patches").glob("*.toml"), key=lambda p: [*words].index(p.stem))
+    PICTURES.mkdir(exist_ok=True)
+    SOUNDS.mkdir(exist_ok=True)
+    rows, parts = [], []
+    for path in paths:
+        print(path.stem, flush=True)
+        row, part = exhibit(path, words[path.stem])
+        rows.append(row)
+        parts.append(part)
+    size = sum(p.stat().st_size for p in SOUNDS.glob("*.ogg"))
+    if size > LIMIT:
+        raise RuntimeError(f"the sounds take {size / 1e6:.1f} MB, more than {LIMIT / 1e6:g}")
+    page = [INTRODUCTION, "<!-- bench:gallery -->\n<!-- /bench:gallery -->\n", LEGEND, *parts, stamp("gallery"), ""]
+    PAGE.write_text("\n".join(page), "utf-8")
+    publish("gallery", HEADER, rows)
+
+
+def exhibit(path: Path, words: dict[str, Any]) -> tuple[list[str], str]:
+    """A row of the table, and a part of the page."""
+    scene = engine.load(path)
+    take = engine.render(scene, trace=True)
+    found = features(take.audio, take.samplerate)
+    hear(take, SOUNDS / f"{path.stem}.ogg")
+    see(take, scene.title, PICTURES / f"{path.stem}.png")
+    energy = take.stats["energy"]["error_max"]
+    numbers = [cell(found[key]) for key in ("fundamental_hz", "t60_s", "centroid_hz")]
+    link = f"[{path.stem}](#{path.stem})"
+    row = [link, f"{scene.seconds:g}", *numbers, f"{found['peak']:.2g}", f"{energy:.0e}", mark(path)]
+    lines = [f"## {path.stem}", "", f"**{scene.title}.** {words['listen']}", ""]
+    lines += [f"![{scene.title}](gallery/{path.stem}.png)", "", f"Listen: [{path.stem}.ogg](audio/{path.stem}.ogg)", ""]
+    lines += [COLUMNS, "| as it is | | " + " | ".join(numbers) + " | 0 |"]
+    lines += [attempt(path, trial, found) for trial in words["try"]]
+    lines += ["", f"Sources: {sources(path)}", ""]
+    return row, "\n".join(lines)
+
+
+def attempt(path: Path, trial: dict[str, Any], before: dict[str, float | None]) -> str:
+    """A change to try, as a line of a table, with what it does."""
+    after = features(engine.render(changed(path, trial["set"])).audio, 44_100)
+    level = 20 * np.log10((after["rms"] or np.nan) / (before["rms"] or np.nan))
+    asked = [f"`{what}={shown(value)}`" for what, value in trial["set"].items()]
+    asked = [asked[0], trial["as"]] if "as" in trial else asked
+    numbers = [cell(after[key]) for key in ("fundamental_hz", "t60_s", "centroid_hz")]
+    return "| " + " | ".join([", ".join(asked), trial["what"], *numbers, f"{level:+.0f}"]) + " |"
+
+
+def changed(path: Path, values: dict[str, Any]) -> engine.Scene:
+    """A patch with some of its values changed. Raises ValueError if it has no such values."""
+    data, scene = tomllib.loads(path.read_text("utf-8")), engine.load(path)
+    axes = [Axis(what, locate(what, scene, data)[0], (value,)) for what, value in values.items()]
+    return scene_at(data, str(path), axes, tuple(values.values()))
+
+
+def shown(value: Any) -> str:
+    """A value as one would write it: in few digits."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def cell(value: float | None) -> str:
+    """A number of a few digits, or that there is none."""
+    return "none" if value is None else f"{value:.0f}" if value >= 100 else f"{value:.3g}"
+
+
+def mark(path: Path) -> str:
+    """What a patch was made of."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:10]
+
+
+def sources(path: Path) -> str:
+    """The comment at the head of a patch: what it is and where its numbers are from."""
+    found = []
+    for line in path.read_text("utf-8").splitlines():
+        if not line.startswith("#"):
+            break
+        if not line.startswith("#:"):
+            found.append(line.lstrip("# "))
+    return " ".join(found)
+
+
+def hear(take: engine.Take, path: Path) -> None:
+    """A small file of the sound, normalised."""
+    audio, _ = apply_gain(take.audio, float(take.stats["peak"]), None)
+    end = round(FADE * take.samplerate)
+    audio[-end:] *= np.linspace(1.0, 0.0, end)[:, None]
+    with soundfile.SoundFile(path, "w", take.samplerate, audio.shape[1], format="OGG", subtype="VORBIS") as file:
+        for begin in range(0, len(audio), 4096):  # libsndfile loses its way in longer pieces
+            file.write(audio[begin : begin + 4096])
+
+
+def see(take: engine.Take, title: str, path: Path) -> None:
+    """A small picture of the render."""
+    from PIL import Image
+
+    plots.plot_rendering(take, title, path)
+    with Image.open(path) as drawn:
+        small = drawn.convert("RGB").quantize(COLOURS)
+    small.save(path, optimize=True)

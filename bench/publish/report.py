@@ -1,0 +1,64 @@
+"""Where measurements go: a CSV in bench/results, and a table in README.md or docs."""
+
+import csv
+import datetime
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from engine.provenance import describe_machine
+from engine.report import plots
+
+ROOT = Path(__file__).parents[2]
+RESULTS = ROOT / "bench" / "results"
+FIGURES = ROOT / "bench" / "figures"
+
+
+def stamp(name: str) -> str:
+    """What measured, where and when."""
+    made = describe_machine()
+    versions = ", ".join(f"{p} {made[p]}" for p in ("Python", "numba", "numpy"))
+    return (
+        f"`uv run python -m bench {name}`, {datetime.date.today()}, {made['processor']}, {made['cores']} cores, "
+        f"{versions}"
+    )
+
+
+def publish(name: str, header: list[str], rows: list[list[str]], command: str = "") -> None:
+    """Print a table, write it as CSV, and put it between its markers in README.md or a page of docs.
+
+    command: the measurement that makes it, if that has another name.
+    """
+    made = stamp(command or name)
+    RESULTS.mkdir(exist_ok=True)
+    with open(RESULTS / f"{name}.csv", "w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow([f"# {made}"])
+        writer.writerow(header)
+        writer.writerows(rows)
+    lines = ["| " + " | ".join(row) + " |" for row in [header, ["---"] * len(header), *rows]]
+    table = "\n".join([*lines, "", made])
+    print(table, end="\n\n")
+    begin, end = f"<!-- bench:{name} -->", f"<!-- /bench:{name} -->"
+    for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
+        text = page.read_text("utf-8")
+        if begin in text and end in text:
+            before, after = text.partition(begin)[0], text.partition(end)[2]
+            shown = table if page.parent == ROOT else table.replace("](bench/", "](../bench/")
+            page.write_text(f"{before}{begin}\n{shown}\n{end}{after}", "utf-8")
+
+
+def pin() -> None:
+    """Stay on one core, where the system lets us."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+
+
+@contextmanager
+def figure(name: str, width: float, height: float, **panels: Any) -> Iterator[Any]:
+    """Axes to draw on; then bench/figures/<name>.png. Sizes in inches; panels as of plt.subplots."""
+    FIGURES.mkdir(exist_ok=True)
+    with plots.open_figure(FIGURES / f"{name}.png", width, height, **panels) as axes:
+        yield axes

@@ -1,0 +1,1 @@
+"""The same scenes by other means."""

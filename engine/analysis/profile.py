@@ -1,0 +1,133 @@
+"""Profile of a scene: what was built of it, what was left out and why, and what each island costs."""
+
+import hashlib
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from engine.bodies import MeasuredBody
+from engine.build.build import build
+from engine.build.layout import Layout
+from engine.build.subsystems import estimate_cost
+from engine.compiler.struct_handle import StructHandle
+from engine.kernel.codes import Ledger, Sleep
+from engine.kernel.model import Model
+from engine.kernel.render_block import render_block
+from engine.kernel.state import BlockOutput, State
+from engine.offline.effects import EFFECTS
+from engine.patch.scene import Scene
+
+TIMED_CHUNK_FRAMES = 4096
+
+SOLVER_NAMES = {0: "none", 1: "scalar"}  # by contact points of an island; more have a vector solver
+REASONS_LEFT_OUT = {
+    "loss": "no body loses energy",
+    "heavy damping": "no body loses much within a step",
+    "restoring force": "no body has one",
+    "gravity": "there is none, or it moves nothing",
+    "external force": "no force of any strength acts",
+    "contact": "there is no contact that could close",
+    "contact between bodies": "no two bodies can touch",
+    "contact loss": "no contact loses energy",
+    "coupled contacts": "no island has several points of contact",
+    "refinement": "a sample is one step",
+    "events": "the score is empty",
+}
+
+
+def profile_scene(
+    scene: Scene,
+    seconds: float,
+    samplerate: int = 44_100,
+    on_compiled: Callable[[float], None] | None = None,
+    **accuracy: Any,
+) -> dict[str, Any]:
+    """Islands, effects and costs of a scene, measured over its first `seconds`.
+
+    on_compiled: called with 1.0 when the kernel is compiled, before the clock starts
+    accuracy:    values of the scene's Accuracy to be replaced
+
+    Times are in ns per sample, on one core, with the energies measured, as in a rendering. Raises BuildError.
+    """
+    settings = scene.accuracy.replace(**accuracy)
+    model, state, layout = build(scene, samplerate, settings, seconds, one_partition_per_island=True)
+    channels = max(p.channel for p in scene.pickup)
+    mean, worst = _measure_costs(model, state, round(seconds * samplerate), channels, on_compiled)
+    return {
+        "kernel": kernel_id(model, state),
+        "islands": [_island_record(layout, model, state, n, mean[n], worst[n]) for n in range(mean.size)],
+        "effects": {
+            name: "compiled in" if find(model) is not None else f"left out: {REASONS_LEFT_OUT[name]}"
+            for name, find in EFFECTS.items()
+        },
+        "contacts_left_out": _contacts_left_out(layout),
+    }
+
+
+def kernel_id(model: Model, state: State) -> str:
+    """8 hexadecimal digits that name the kernel of a model: scenes with the same ones share its compiled code."""
+    from numba import typeof
+
+    types = typeof((model, state))  # type: ignore[no-untyped-call]
+    return hashlib.sha256(f"{types}".encode()).hexdigest()[:8]
+
+
+def _measure_costs(
+    model: Model, state: State, frames: int, channels: int, on_compiled: Callable[[float], None] | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Time of each island, ns per sample [islands]: its mean, and that of its slowest chunk."""
+    count = model.islands.partition.size - 1
+    audio, ledger = np.zeros((TIMED_CHUNK_FRAMES, channels)), np.zeros((TIMED_CHUNK_FRAMES, len(Ledger)))
+    handles = StructHandle(model), StructHandle(state), StructHandle(BlockOutput(audio, ledger, None))
+    render_block(*handles, 0, 0)  # compile before the clock starts
+    if on_compiled is not None:
+        on_compiled(1.0)
+    total, worst = np.zeros(count), np.zeros(count)
+    for begin in range(0, frames, TIMED_CHUNK_FRAMES):
+        length = min(TIMED_CHUNK_FRAMES, frames - begin)
+        for n in range(count):
+            start = time.perf_counter()
+            render_block(*handles, n, length)
+            elapsed = (time.perf_counter() - start) * 1e9
+            total[n] += elapsed
+            worst[n] = max(worst[n], elapsed / length)
+    return total / max(1, frames), worst
+
+
+def _island_record(layout: Layout, model: Model, state: State, n: int, mean: float, worst: float) -> dict[str, Any]:
+    """What is told of island n. mean, worst: its time, ns per sample"""
+    frames = max(1, int(state.frame[n]))
+    bodies = [b for b in range(len(layout.scene.body)) if layout.island_of_body[b] == n]
+    contacts = int(model.islands.contact[n + 1] - model.islands.contact[n])
+    touching, asleep = state.contact_samples[n] / frames, state.sleep[n, Sleep.SAMPLES_SLEPT] / frames
+    return {
+        "bodies": [layout.scene.body[b].name for b in bodies],
+        "modes": int(model.islands.mode[n + 1] - model.islands.mode[n]),
+        "modes_dropped": sum(_modes_dropped(layout, b) for b in bodies),
+        "contacts": contacts,
+        "solver": SOLVER_NAMES.get(contacts, "vector"),
+        "activity": {"free": float(1 - touching - asleep), "contact": float(touching), "asleep": float(asleep)},
+        "ns_expected": float(estimate_cost(np.diff(layout.islands.mode), np.diff(layout.islands.contact))[n]),
+        "ns_mean": float(mean),
+        "ns_busiest": float(worst),
+    }
+
+
+def _modes_dropped(layout: Layout, number: int) -> int:
+    """How many of the modes that a body asks for are too high for the sample rate."""
+    body = layout.scene.body[number]
+    requested = len(body.frequency or []) if isinstance(body, MeasuredBody) else getattr(body, "modes", None) or 0
+    return max(0, requested - layout.modal_bodies[number].omega.size)
+
+
+def _contacts_left_out(layout: Layout) -> list[str]:
+    """Contacts that were not built, each with the reason."""
+    built = {k for k, _ in layout.contact_points}
+    names = []
+    for k, contact in enumerate(layout.scene.contact):
+        if k not in built:
+            name = contact.name or f"contact[{k}]"
+            names.append(f"{name}: {'no stiffness' if contact.stiffness == 0.0 else 'too little energy to close it'}")
+    return names

@@ -1,0 +1,317 @@
+"""Work-precision study: a scene at a ladder of settings, with the error and the time of each.
+
+The reference is refined until it agrees with itself. Errors are taken before the horizon at which a perturbation of
+1e-9, or what two references differ by, has grown to a thousandth of the sound; beyond it, by measures that chaos leaves
+alone (engine.analysis.metrics).
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from engine.analysis.metrics import (
+    band_error,
+    decay_error,
+    detuning_cents,
+    first_contact_ms,
+    horizon,
+    impulse_error,
+    rebound_velocity,
+    relative_rms_error,
+)
+from engine.analysis.other_methods import TIMED_RUNS, compare_methods
+from engine.analysis.silence import explain_silence
+from engine.bodies import Mass, Oscillator
+from engine.build.build import BuildError, build
+from engine.kernel.codes import EventKind
+from engine.kernel.model import Model
+from engine.kernel.state import State
+from engine.offline import render
+from engine.offline.simulation import Simulation, time_block
+from engine.offline.statistics import statistics
+from engine.patch.accuracy import Accuracy
+from engine.patch.scene import Scene
+from engine.patch.tables import MAX_CHANNELS
+
+DEFAULT_SECONDS = 0.5  # of a scene
+PERTURBATION = 1e-9  # relative, of all that a scene begins with
+REFERENCE_AGREEMENT = 0.1  # of the smallest error on the ladder: how near two references must be
+TIMED_EMPTY_CALLS = 10  # of which the fastest is what a call costs
+SIGNIFICANT_RATIO = 3.0  # settings whose errors differ by less count as alike
+LOSSLESS_LADDER = [(2, 1), (2, 2), (2, 4), (2, 16), (4, 1), (4, 2), (4, 4)]  # order, substeps
+LOSSY_LADDER = [(2, 1), (2, 2), (2, 4), (2, 8), (2, 16)]
+
+
+class Setting(NamedTuple):
+    """A rung of the ladder."""
+
+    name: str
+    changes: dict[str, Any]  # of the scene's Accuracy
+
+
+class Run(NamedTuple):
+    """The result of a run of a scene with probes (`_add_probes`)."""
+
+    audio: np.ndarray  # [frames, channels]
+    forces: np.ndarray  # [frames, bodies that touch], N
+    velocities: np.ndarray  # [frames, the first of these, which are masses or oscillators], m/s
+    stats: dict[str, Any]
+
+
+class Reference(NamedTuple):
+    """The finest run, and how far it can be trusted."""
+
+    run: Run
+    name: str
+    frames: int  # for which errors can be taken
+    disagreement: float  # relative error in these of the reference before
+    perturbed: Run  # the same, begun a little off
+
+
+RunScene = Callable[..., Run]  # with changes of the Accuracy, and a relative perturbation
+
+
+def settings_ladder(lossy: bool) -> list[Setting]:
+    """The settings that a scene is tried at, coarse to fine. lossy: only those of order 2"""
+    rungs = [Setting("fdh", {"scheme": "fdh", "order": 2, "substeps": 1})]
+    for order, substeps in LOSSY_LADDER if lossy else LOSSLESS_LADDER:
+        rungs.append(Setting(f"order {order}, {substeps} ×", {"order": order, "substeps": substeps}))
+    rungs.append(Setting("oversample 2", {"order": 2, "substeps": 1, "oversample": 2}))
+    rungs.append(Setting("float32 modes", {"order": 2, "substeps": 1, "precision": "float32"}))
+    return rungs
+
+
+def measure_work_precision(
+    scene: Scene,
+    seconds: float | None = None,
+    samplerate: int = 44_100,
+    progress: Callable[[float], None] | None = None,
+) -> dict[str, Any]:
+    """Errors and costs of a scene at every setting of its ladder.
+
+    seconds: how much of the scene; half a second, or all of a shorter one, if None
+    Returns {"seconds", "horizon" (s), "predictable" (s, by the perturbation alone), "reference", "disagreement",
+    "spread_db", "first_contact_ms", "rebound" (m/s), "rows": [...], "others": [...] (engine.analysis.other_methods),
+    "unmeasured", "verdict"}; where the scene is silent, "unmeasured" says why, and there are no rows, and no other
+    numbers. A row has "setting", "changes", "error" (relative, before the horizon; infinite if that is 0), "bands_db",
+    "decay_db", "cents", "first_contact_ms", "rebound", "impulse", "ns_per_sample", "real_time_factor", "newton",
+    "energy_error", "front" (Pareto-optimal). Raises BuildError.
+    """
+    seconds = min(scene.seconds, DEFAULT_SECONDS) if seconds is None else seconds
+    base = scene.accuracy.replace(scheme="exact", oversample=1, precision="float64", silence=-np.inf, iterations=200)
+    probed, columns = _add_probes(scene)
+    lossy = _allows_order_2_only(scene, samplerate, base)
+    ladder = settings_ladder(lossy)
+    steps = len(ladder) + 4
+    done = 0
+
+    def run_scene(changes: dict[str, Any], perturbation: float = 0.0) -> Run:
+        nonlocal done
+        run = _run(probed, seconds, samplerate, base.replace(**changes), columns, perturbation)
+        done += 1
+        if progress is not None:
+            progress(min(1.0, done / steps))
+        return run
+
+    plain = ladder[1]  # one step of order 2 per sample
+    first = run_scene(plain.changes)
+    if reason := _explain_unmeasurable(scene, first, seconds, samplerate):
+        return _empty_study(seconds, samplerate, reason)
+    runs = [first if setting is plain else run_scene(setting.changes) for setting in ladder]
+    reference = _find_reference(lossy, runs, run_scene, samplerate)
+    rows = []
+    for setting, run in zip(ladder, runs, strict=True):
+        accuracy = base.replace(**setting.changes, silence=scene.accuracy.silence)
+        cost = _measure_cost(scene, seconds, samplerate, accuracy)
+        rows.append(_result_row(setting, run, reference, samplerate, cost))
+    for row in rows:
+        row["front"] = not any(
+            other["error"] < row["error"] and other["ns_per_sample"] < row["ns_per_sample"] for other in rows
+        )
+    finest, frames = reference.run, reference.frames
+    study = {
+        "seconds": seconds,
+        "samplerate": samplerate,
+        "horizon": frames / samplerate,
+        "predictable": horizon(finest.audio, reference.perturbed.audio, samplerate) / samplerate,
+        "reference": reference.name,
+        "disagreement": reference.disagreement,
+        "spread_db": band_error(reference.perturbed.audio, finest.audio, samplerate),
+        "first_contact_ms": first_contact_ms(finest.forces, samplerate),
+        "rebound": _first_rebound(finest),
+        "rows": rows,
+        "others": compare_methods(scene, finest.audio[:, 0], samplerate, frames),
+        "unmeasured": None,
+    }
+    return study | {"verdict": summarise(study)}
+
+
+def _result_row(
+    setting: Setting, run: Run, reference: Reference, samplerate: int, cost: dict[str, float]
+) -> dict[str, Any]:
+    """The row of a setting, but for whether it is Pareto-optimal."""
+    exact = reference.run
+    is_filtered = setting.changes.get("oversample", 1) > 1  # the filter rings, also where there is no contact
+    return {
+        "setting": setting.name,
+        "changes": setting.changes,
+        "error": relative_rms_error(run.audio, exact.audio, reference.frames),
+        "bands_db": band_error(run.audio, exact.audio, samplerate),
+        "impulse": impulse_error(run.forces, exact.forces),
+        "first_contact_ms": math.nan if is_filtered else first_contact_ms(run.forces, samplerate),
+        "rebound": math.nan if is_filtered else _first_rebound(run),
+        "decay_db": decay_error(run.audio, exact.audio, samplerate),
+        "cents": detuning_cents(run.audio, exact.audio),
+        **cost,
+        "newton": {k: run.stats["newton"][k] for k in ("mean", "p99", "max", "unconverged")},
+        "energy_error": run.stats["energy"]["error_max"],
+    }
+
+
+def summarise(study: dict[str, Any]) -> str:
+    """What more accuracy brings, in a sentence."""
+    rows = [row for row in study["rows"] if row["changes"].get("scheme") != "fdh"]
+    plain = rows[0]
+    best = min(rows, key=lambda row: row["error"])
+    if study["predictable"] == 0.0:
+        return "nothing pays: the motion is chaotic from the start, and all settings are equally right"
+    if study["horizon"] == 0.0:
+        return "cannot be told: contact is so stiff that the finest references disagree from the start"
+    if best["error"] * SIGNIFICANT_RATIO >= plain["error"]:
+        return "nothing pays: every setting errs about as much (stiff contact, or none)"
+    cost = best["ns_per_sample"] / plain["ns_per_sample"]
+    gain = f"{plain['error'] / best['error']:.3g} times less" if best["error"] > 0.0 else "not at all, and so less"
+    limit = ""
+    if study["horizon"] < study["seconds"]:
+        reason = "the motion is chaotic" if study["predictable"] < study["seconds"] else "the references disagree"
+        limit = f" up to {study['horizon'] * 1e3:.0f} ms; beyond, {reason} and nothing can be told"
+    return f"{best['setting']} errs {gain} than one plain step, for {cost:.2g} times its time{limit}"
+
+
+def cheapest_within(study: dict[str, Any], error: float, decibels: bool) -> tuple[dict[str, Any], bool]:
+    """The cheapest row of a study within an error (relative, or dB of the worst band) and True; the most accurate row
+    and False if there is none."""
+    key = "bands_db" if decibels else "error"
+    within = [row for row in study["rows"] if row[key] <= error]
+    if within:
+        return min(within, key=lambda row: row["ns_per_sample"]), True
+    return min(study["rows"], key=lambda row: row[key]), False
+
+
+def _allows_order_2_only(scene: Scene, samplerate: int, base: Accuracy) -> bool:
+    """Whether no higher order can be built: where contact has loss, or bodies are heavily damped."""
+    if any(contact.loss > 0.0 for contact in scene.contact):
+        return True
+    build(scene, samplerate, base.replace(order=2, substeps=1))
+    try:
+        for order, substeps in ((4, 1), (6, 4)):
+            build(scene, samplerate, base.replace(order=order, substeps=substeps))
+    except BuildError:
+        return True
+    return False
+
+
+def _explain_unmeasurable(scene: Scene, run: Run, seconds: float, samplerate: int) -> str | None:
+    """Why a run has nothing of which an error could be taken; None if it has."""
+    if len(run.audio) < 2:
+        return "it has one sample; give more seconds"
+    stats = run.stats | {"seconds": seconds, "samplerate": samplerate, "peak": float(np.abs(run.audio).max())}
+    silence = explain_silence(scene, stats)
+    return f"silent; {silence}" if silence else None
+
+
+def _empty_study(seconds: float, samplerate: int, reason: str) -> dict[str, Any]:
+    """The study of a scene that gives nothing to measure."""
+    numbers = ("horizon", "predictable", "reference", "disagreement", "spread_db", "first_contact_ms", "rebound")
+    study: dict[str, Any] = {"seconds": seconds, "samplerate": samplerate, "rows": [], "others": []}
+    return study | dict.fromkeys(numbers) | {"unmeasured": reason, "verdict": f"nothing can be measured: {reason}"}
+
+
+def _add_probes(scene: Scene) -> tuple[Scene, tuple[int, int]]:
+    """The scene with channels for contact forces and velocities, and the columns at which the two begin.
+
+    After the channels of the scene come the contact forces on the bodies that touch, masses and oscillators first, then
+    the velocities of these, as many as there are channels for.
+    """
+    channels = max(p.channel for p in scene.pickup)
+    lumped = [b.name for b in scene.body if isinstance(b, Mass | Oscillator)]
+    touching = list(dict.fromkeys(name for c in scene.contact for name in (c.body, c.on) if name))
+    touching.sort(key=lambda name: name not in lumped)
+    moving = [name for name in touching if name in lumped][: (MAX_CHANNELS - channels) // 2]
+    touching = touching[: MAX_CHANNELS - channels - len(moving)]
+    probes = [(name, "force") for name in touching] + [(name, "velocity") for name in moving]
+    pickups = [p.model_dump(exclude_none=True) for p in scene.pickup]
+    pickups += [
+        {"body": name, "quantity": quantity, "channel": channels + 1 + i} for i, (name, quantity) in enumerate(probes)
+    ]
+    probed = Scene.model_validate(scene.model_dump(exclude_none=True) | {"pickup": pickups})
+    return probed, (channels, channels + len(touching))
+
+
+def _first_rebound(run: Run) -> float:
+    """Velocity of the mass that touches first, when it lets go, m/s."""
+    return rebound_velocity(run.forces[:, : run.velocities.shape[1]], run.velocities)
+
+
+def _find_reference(lossy: bool, runs: list[Run], run_scene: RunScene, samplerate: int) -> Reference:
+    """Refine until two references differ by less than the smallest error of the runs of the ladder, or steps end."""
+    order, counts = (2, (32, 64)) if lossy else (6, (4, 8, 16))
+    previous = runs[-3]  # the finest of the ladder
+    for substeps in counts:
+        changes = {"order": order, "substeps": substeps}
+        finest = run_scene(changes)
+        perturbed = run_scene(changes, PERTURBATION)
+        frames = min(horizon(finest.audio, other.audio, samplerate) for other in (perturbed, previous))
+        disagreement = relative_rms_error(previous.audio, finest.audio, frames)
+        smallest = min(relative_rms_error(run.audio, finest.audio, frames) for run in runs)
+        if frames > 0 and disagreement <= REFERENCE_AGREEMENT * smallest:
+            break
+        previous = finest
+    return Reference(finest, f"order {order}, {substeps} ×", frames, disagreement, perturbed)
+
+
+def _run(
+    scene: Scene, seconds: float, samplerate: int, accuracy: Accuracy, columns: tuple[int, int], perturbation: float
+) -> Run:
+    """Run a scene with probes, whose columns are given."""
+    model, state, _ = build(scene, samplerate * accuracy.oversample, accuracy, seconds)
+    if perturbation:
+        _perturb(model, state, perturbation)
+    simulation = Simulation(model, state)
+    frames = max(1, round(seconds * samplerate))
+    fine = frames * accuracy.oversample
+    out = np.zeros((fine + render.beyond(accuracy.oversample), max(p.channel for p in scene.pickup)))
+    simulation.render_block(out[:fine])
+    stats = statistics(simulation)
+    if accuracy.oversample > 1:
+        simulation.render_block(out[fine:])
+        out = render.decimated(out, accuracy.oversample, frames)
+    forces, velocities = columns
+    return Run(out[:, :forces], out[:, forces:velocities], out[:, velocities:], stats)
+
+
+def _perturb(model: Model, state: State, by: float) -> None:
+    """Scale all that the scene begins with, and is driven by, by a relative amount."""
+    state.q[:] *= 1 + by
+    state.p[:] *= 1 + by
+    state.compression[:] = (1 + by) * (state.compression + state.barrier) - state.barrier
+    if model.force is not None:
+        model.force.table[:] *= 1 + by
+        model.force.tail[:] *= 1 + by
+    if model.events is not None:
+        model.events.value2[model.events.kind == EventKind.STRIKE] *= 1 + by
+
+
+def _measure_cost(scene: Scene, seconds: float, samplerate: int, accuracy: Accuracy) -> dict[str, float]:
+    """Time per sample of the output, ns, of the fastest of some runs; that of an empty call does not count."""
+    frames = max(1, round(seconds * samplerate))
+    out = np.zeros((frames * accuracy.oversample, max(p.channel for p in scene.pickup)))
+    best = np.inf
+    for _ in range(TIMED_RUNS):
+        model, state, _ = build(scene, samplerate * accuracy.oversample, accuracy, seconds)
+        simulation = Simulation(model, state)
+        call = min(time_block(simulation, out[:0]) for _ in range(TIMED_EMPTY_CALLS))
+        best = min(best, time_block(simulation, out) - call)
+    return {"ns_per_sample": best / frames * 1e9, "real_time_factor": frames / samplerate / best}

@@ -1,0 +1,96 @@
+"""The base of all bodies: a name, modes, positions, and a pitch that may change."""
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+from pydantic import Field
+from pydantic_core import InitErrorDetails
+
+from engine.bodies.table import KeyPath, Name, Table, is_number
+
+MIN_OMEGA = 1e-150  # rad/s; below, the square underflows, and a body on a very weak spring would stand still
+TO_60_DB = 3 * math.log(10)  # σ·T60: e^(-σ·T60) = 10^-3
+MAX_MODES = 20_000  # of one body
+
+
+class ModalBody(NamedTuple):
+    """A body as the kernels see it: a set of modes with mass-normalised shapes Φ.
+
+    A force F at a position drives mode m with Φ_m·F, and the displacement there is Σ Φ_m·q_m.
+    """
+
+    omega: np.ndarray  # [modes], rad/s
+    sigma: np.ndarray  # [modes], 1/s
+    shape: Callable[[Any], np.ndarray]  # position → [modes], 1/√kg
+    q: np.ndarray  # [modes], √kg·m, displacement at time 0
+    p: np.ndarray  # [modes], √kg·m/s, momentum at time 0
+    gravity_participation: np.ndarray  # [modes], √kg: force on each mode in a uniform gravity of 1 m/s²
+
+
+class TooManyModes(ValueError):
+    """A body has more modes below the highest frequency than can be built."""
+
+
+class BodyTable(Table):
+    """A body of a patch. Each kind of body is a subclass, in a file of its own."""
+
+    name: Name = Field(description="name, by which contacts, forces and pickups refer to the body")
+
+    EXACTLY_ONE_OF: ClassVar[list[tuple[str, str, str]]] = []  # two keys, and how to choose
+    AT_MOST_ONE_OF: ClassVar[list[tuple[str, str]]] = []
+    IS_LUMPED: ClassVar[bool] = False  # one mode, no positions
+    HAS_LENGTH: ClassVar[bool] = False  # a string or a bar
+    PITCH_POWERS: ClassVar[dict[str, int]] = {}  # keys that make its pitch; each goes with this power of frequency
+
+    def modal_body(self, max_frequency: float = math.inf) -> ModalBody:
+        """Modes of the body, those of bodies with many only up to `max_frequency` (Hz).
+
+        Raises TooManyModes if the body has too many below it and does not limit them, TooDamped if its supports
+        damp it too much; ArithmeticError or another ValueError if its numbers are beyond floating point.
+        """
+        raise NotImplementedError
+
+    def total_mass(self) -> float:
+        """Mass of the body, kg; infinite where it is not known."""
+        raise NotImplementedError
+
+    def retuned(self, ratio: float) -> Self:
+        """The body with all its frequencies multiplied by a ratio."""
+        changed: dict[str, Any] = {}
+        for key, power in self.PITCH_POWERS.items():
+            value = getattr(self, key)
+            if isinstance(value, list):
+                changed[key] = [v * ratio**power for v in value]
+            elif value is not None:
+                changed[key] = value * ratio**power
+        return self.model_copy(update=changed)
+
+    @classmethod
+    def split_positions(cls, at: Any) -> list[Any]:
+        """The positions that the value of a key lists; a single one makes a list of one."""
+        return at if isinstance(at, list) else [at]
+
+    @classmethod
+    def has_position(cls, table: dict[str, Any], item: Any) -> bool:
+        """Whether a value of a patch is a position on the body of a table. The table is as it was read."""
+        return is_number(item)
+
+    @classmethod
+    def explain_outside(cls, table: dict[str, Any], item: Any) -> tuple[str, str] | None:
+        """Why a valid position lies outside the body of a table, and what would be right; None if it does not."""
+        return None
+
+    @classmethod
+    def position_help(cls, table: dict[str, Any]) -> str:
+        """What a position on the body of a table is, in words."""
+        return "a fraction of its length, 0 to 1"
+
+    @classmethod
+    def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
+        """Faults of a body's table that no key shows alone. The table is as it was read, and may have other faults.
+
+        path: of the table
+        """
+        yield from ()

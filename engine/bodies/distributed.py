@@ -1,0 +1,275 @@
+"""Bodies with many modes, such as strings, bars, membranes and plates: their losses, and their supports."""
+
+import math
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from typing import Any, ClassVar, NamedTuple, TypeGuard
+
+import numpy as np
+from pydantic import Field
+from pydantic_core import InitErrorDetails
+
+from engine.bodies.body import MAX_MODES, MIN_OMEGA, TO_60_DB, BodyTable, ModalBody, TooManyModes
+from engine.bodies.table import KeyPath, Positions, Positive, Table, is_number, make_fault
+
+MAX_SUPPORTS = 256  # of a body
+MAX_SHEET_MODES = 1_000  # of a membrane or a plate that does not say how many
+MAX_BASIS_MODES = 2_000  # modes among which those of a supported body are found
+MAX_COUPLING = 0.05  # of two modes by a damper, over their distance: so far, decay rates are right to 1 %
+
+
+class TooDamped(ValueError):
+    """Dampers of supports couple the modes of their body more than can be neglected."""
+
+
+class ModeSet(NamedTuple):
+    """Modes of a body at rest."""
+
+    omega: np.ndarray  # [modes], rad/s
+    sigma: np.ndarray  # [modes], 1/s
+    shape: Callable[[Any], np.ndarray]  # position → [modes], 1/√kg
+
+
+class Support(Table):
+    """A spring and damper that hold a body to the ground, such as a thread, a felt or a soft rest."""
+
+    at: Positions = Field(description="where: a place, or a list of places that share it")
+    stiffness: float = Field(default=0.0, ge=0.0, le=1e15, description="stiffness, N/m")
+    damping: float = Field(default=0.0, ge=0.0, le=1e9, description="damping, kg/s")
+
+
+class DistributedBody(BodyTable):
+    """A body with many modes. At time 0 it is at rest; gravity does not move it from there.
+
+    Its decay rate is σ = sigma0 + sigma1·β + sigma3·β³ + b3·ω² for a mode of wave number β and angular
+    frequency ω; or `t60` gives it.
+    """
+
+    modes: int | None = Field(
+        default=None,
+        ge=1,
+        le=MAX_MODES,
+        description="how many to build, the lowest; if absent, all below 0.49 of the sample rate",
+    )
+    support: list[Support] = Field(
+        default=[], max_length=MAX_SUPPORTS, description="springs and dampers that hold it to the ground"
+    )
+    sigma0: float = Field(default=0.0, ge=0.0, le=1e6, description="decay rate of all modes, 1/s")
+    sigma1: float = Field(default=0.0, ge=0.0, le=1e6, description="decay rate per wave number, m/s")
+    sigma3: float = Field(default=0.0, ge=0.0, le=1e6, description="decay rate per wave number³, m³/s")
+    b3: float = Field(default=0.0, ge=0.0, le=1.0, description="decay rate per angular frequency², s")
+    t60: list[Positive] | None = Field(
+        default=None,
+        min_length=1,
+        max_length=2,
+        description="time to fall by 60 dB at the frequencies of t60_at, s; instead of decay rates",
+    )
+    t60_at: list[Positive] | None = Field(
+        default=None, min_length=2, max_length=2, description="two frequencies, Hz; between them σ goes as frequency²"
+    )
+
+    def free_modes(self, max_omega: float) -> ModeSet:
+        """Modes below an angular frequency (rad/s), without supports, the lowest first."""
+        raise NotImplementedError
+
+    def modal_body(self, max_frequency: float = math.inf) -> ModalBody:
+        with np.errstate(all="ignore"):  # what is not finite is refused in the end (engine.build.limits)
+            max_omega = 2 * math.pi * max_frequency
+            return at_rest(supported_modes(self, max_omega) if self.support else self.free_modes(max_omega))
+
+    def decay_rates(self, omega: np.ndarray, wave_number: np.ndarray) -> np.ndarray:
+        """σ (1/s) of modes of angular frequency ω (rad/s) and wave number β (1/m).
+
+        σ0 + σ1·β + σ3·β³ (van Walstijn, Bridges, Mehes, DAFx-16) + b3·ω² (Chaigne & Askenfelt 1994, whose b1 is
+        σ0); or T60 at two frequencies, with σ going as ω² between (Bilbao, Numerical Sound Synthesis, sec. 7.3).
+        """
+        if self.t60 is None:
+            per_wave = self.sigma1 * wave_number + self.sigma3 * wave_number**3
+            return np.asarray(self.sigma0 + per_wave + self.b3 * omega**2)
+        rates = [TO_60_DB / t for t in self.t60]
+        if len(rates) == 1 or self.t60_at is None:
+            return np.full_like(omega, rates[0])
+        a, b = ((2 * math.pi * f) ** 2 for f in self.t60_at)
+        slope = (rates[1] - rates[0]) / (b - a)
+        return np.asarray(rates[0] + slope * (omega**2 - a))
+
+    @classmethod
+    def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
+        """T60 excludes the other losses, and must not make any mode grow."""
+        times, at = table.get("t60"), table.get("t60_at")
+        others = [k for k in ("sigma0", "sigma1", "sigma3", "b3") if table.get(k)]
+        if times and others:
+            remedy = "give decay rates or times, not both"
+            yield make_fault((*path, "t60"), times, f"t60 and {others[0]} given", remedy)
+        if not are_positive(times) or (at is not None and not are_positive(at)):
+            return
+        if len(times) == 2 and at is None:
+            yield make_fault((*path, "t60"), times, "two times without frequencies", "give t60_at = [Hz, Hz]")
+        elif at is not None and len(at) == 2 and len(times) == 2:
+            (a, b), (long, short) = at, times
+            if a >= b or short > long:
+                message = f"{long:g} s at {a:g} Hz and {short:g} s at {b:g} Hz"
+                remedy = "the higher frequency second, and its time not the longer: else some mode would never decay"
+                yield make_fault((*path, "t60"), times, message, remedy)
+            elif short < long * (a / b) ** 2:
+                remedy = f"the second time at least {long * (a / b) ** 2:.3g} s"
+                yield make_fault((*path, "t60"), times, "modes below the first frequency would grow", remedy)
+        elif at is not None:
+            yield make_fault((*path, "t60_at"), at, "frequencies without two times", "give t60 = [s, s]")
+
+
+class LineBody(DistributedBody):
+    """A string or a bar."""
+
+    length: float = Field(gt=0.0, le=1e4, description="length, m")
+    density: float | None = Field(default=None, gt=0.0, le=1e9, description="mass per length, kg/m")
+    mass: float | None = Field(default=None, gt=0.0, le=1e9, description="mass, kg; instead of the density")
+    frequency: float | None = Field(default=None, gt=0.0, le=1e6, description="frequency of the first partial, Hz")
+
+    HAS_LENGTH: ClassVar[bool] = True
+
+    def linear_density(self) -> float:
+        """Mass per length, kg/m."""
+        return self.density if self.density is not None else (self.mass or 0.0) / self.length
+
+    def total_mass(self) -> float:
+        return self.linear_density() * self.length
+
+
+class SheetBody(DistributedBody):
+    """A membrane or a plate. A position on it is [x, y]."""
+
+    modes: int | None = Field(
+        default=None,
+        ge=1,
+        le=MAX_MODES,
+        description=f"how many to build, the lowest; if absent, those below 0.49 of the sample rate, {MAX_SHEET_MODES}"
+        " at most",
+    )
+    density: float = Field(gt=0.0, le=1e9, description="mass per area, kg/m²")
+    frequency: float | None = Field(default=None, gt=0.0, le=1e6, description="frequency of the first partial, Hz")
+
+    def dispersion_constant(self, stiffness: float | None, lowest: float) -> float:
+        """√(stiffness/ρ), or what gives the first partial its frequency: ω over a power of the wave number.
+
+        lowest: that power of the lowest wave number
+        """
+        if stiffness:
+            return math.sqrt(stiffness / self.density)
+        return 2 * math.pi * (self.frequency or 0.0) / lowest
+
+    def rectangle_modes(self, sides: list[float], speed: float, power: int, max_omega: float) -> ModeSet:
+        """Modes of a rectangle: ω = speed·β^power; shapes sin(mπx)·sin(nπy) with modal mass ρab/4."""
+        a, b = sides
+        modes = self.modes or MAX_SHEET_MODES
+        # Weyl's law: about ab·β²/4π - (a + b)·β/2π modes lie below β
+        beta_of_last = (a + b + math.sqrt((a + b) ** 2 + 4 * math.pi * a * b * modes)) / (a * b) + math.pi / min(sides)
+        top = min((max_omega / speed) ** (1 / power), beta_of_last)
+        along, across = (np.arange(1.0, min(top * side / math.pi, modes) + 1) for side in sides)
+        m, n = (grid.ravel() for grid in np.meshgrid(along, across, indexing="ij"))
+        beta = np.hypot(m * math.pi / a, n * math.pi / b)
+        order = np.argsort(beta, kind="stable")
+        order = order[beta[order] < top]
+        order = order[:modes]
+        m, n, beta = m[order], n[order], beta[order]
+        scale = 2 / math.sqrt(self.density * a * b)
+        omega = speed * beta**power
+
+        def shape(position: Any) -> np.ndarray:
+            return np.asarray(scale * np.sin(math.pi * m * position[0]) * np.sin(math.pi * n * position[1]))
+
+        return ModeSet(omega, self.decay_rates(omega, beta), shape)
+
+    @classmethod
+    def split_positions(cls, at: Any) -> list[Any]:
+        is_pair = isinstance(at, list) and not (at and isinstance(at[0], list))
+        return at if isinstance(at, list) and not is_pair else [at]
+
+    @classmethod
+    def has_position(cls, table: dict[str, Any], item: Any) -> bool:
+        return isinstance(item, list) and len(item) == 2 and all(map(is_number, item))
+
+    @classmethod
+    def position_help(cls, table: dict[str, Any]) -> str:
+        return "[x, y], fractions of its sides"
+
+
+def at_rest(modes: ModeSet) -> ModalBody:
+    """A body of the given modes that does not move at time 0."""
+    zeros = np.zeros(modes.omega.size)
+    omega = np.where(modes.omega > MIN_OMEGA, modes.omega, 0.0)
+    return ModalBody(omega, modes.sigma, modes.shape, zeros, zeros, zeros)
+
+
+def mode_numbers(frequencies: Callable[[np.ndarray], np.ndarray], limit: int | None, max_omega: float) -> np.ndarray:
+    """Numbers 1, 2, … of the modes whose angular frequency is below `max_omega` (rad/s), at most `limit` of them.
+
+    frequencies: from mode numbers to angular frequencies, rad/s, which rise
+    Raises TooManyModes if there is no limit, and too many modes.
+    """
+    count = limit or MAX_MODES + 1
+    number = np.arange(1.0, count + 1)
+    number = number[frequencies(number) < max_omega]
+    if limit is None and number.size > MAX_MODES:
+        raise TooManyModes(f"has more than {MAX_MODES} modes below {max_omega / 2 / math.pi:.0f} Hz")
+    return number
+
+
+def are_positive(value: Any) -> TypeGuard[list[float]]:
+    """Whether a value of a patch is a list of positive numbers."""
+    return isinstance(value, list) and bool(value) and all(is_number(x) and 0 < x < math.inf for x in value)
+
+
+def rise_from_one(value: list[float]) -> bool:
+    """Whether numbers begin with 1, and each is larger than the one before."""
+    return value[0] == 1 and all(a < b for a, b in pairwise(value))
+
+
+def supported_modes(body: DistributedBody, max_omega: float) -> ModeSet:
+    """Modes of a body held by springs: the lowest eigenvectors of diag(ω²) + Σ k·ΦΦᵀ, found among four
+    times as many free modes, for a spring bends the body more sharply than its lowest modes can.
+
+    Dampers take the diagonal of Σ r·ΦΦᵀ in those modes: what they couple is left out, as is usual
+    for light damping (Fletcher & Rossing, sec. 4.5). Raises TooDamped where it is not light: on a string
+    from about a sixth of its impedance √(Tμ) on.
+    """
+    free = body.free_modes(max_omega)
+    count = free.omega.size
+    if count == 0:
+        return free
+    if count > MAX_BASIS_MODES:
+        raise TooManyModes(f"has {count} modes, and supports; with these at most {MAX_BASIS_MODES}")
+    basis = max(count, min(4 * count, MAX_BASIS_MODES))
+    omega, sigma, shape = body.model_copy(update={"modes": basis}).free_modes(math.inf)
+    stiffness, damping = np.diag(omega**2), np.zeros((omega.size, omega.size))
+    for support in body.support:
+        positions = body.split_positions(support.at)
+        for position in positions:
+            phi = shape(position)
+            stiffness += np.outer(phi, phi) * (support.stiffness / len(positions))
+            damping += np.outer(phi, phi) * (support.damping / len(positions))
+    if not np.all(np.isfinite(stiffness)):
+        raise FloatingPointError
+    square, vectors = np.linalg.eigh(stiffness)
+    supported_omega = np.sqrt(np.maximum(square, 0.0))[:count]
+    vectors = vectors[:, :count][:, supported_omega < max_omega]
+    damping = vectors.T @ damping @ vectors
+    supported_omega = supported_omega[supported_omega < max_omega]
+    _refuse_coupled(body, supported_omega, damping)
+    rate = np.einsum("ij,i,ij->j", vectors, sigma, vectors) + 0.5 * np.diag(damping)
+    rate = np.maximum(rate, 0.0)  # but for rounding, it is
+    return ModeSet(supported_omega, rate, lambda position: vectors.T @ shape(position))
+
+
+def _refuse_coupled(body: DistributedBody, omega: np.ndarray, damping: np.ndarray) -> None:
+    """Raise TooDamped if dampers couple modes by more than MAX_COUPLING of their distance.
+
+    damping: matrix [modes, modes], 1/s, of the supports
+    """
+    distance = np.maximum(np.abs(omega[:, None] - omega), 1e-300)
+    np.fill_diagonal(distance, np.inf)
+    worst = float(np.max(np.abs(damping) / (2 * distance), initial=0.0))
+    if worst > MAX_COUPLING:
+        most = max(s.damping for s in body.support)
+        limit = most * MAX_COUPLING / worst
+        raise TooDamped(f"damping of {most:g} kg/s is too much: right up to {limit:.2g} kg/s here")

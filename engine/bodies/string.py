@@ -1,0 +1,58 @@
+"""Stiff strings."""
+
+import math
+from typing import ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from engine.bodies.distributed import LineBody, ModeSet, mode_numbers
+
+
+class String(LineBody):
+    """A stiff string, simply supported at both ends."""
+
+    kind: Literal["string"]
+    tension: float | None = Field(default=None, gt=0.0, le=1e9, description="tension, N")
+    bending: float | None = Field(default=None, ge=0.0, le=1e9, description="bending stiffness EI, N·m²")
+    inharmonicity: float | None = Field(
+        default=None, ge=0.0, le=10.0, description="B of f_n = n·f0·√(1 + B·n²); instead of the bending stiffness"
+    )
+
+    EXACTLY_ONE_OF: ClassVar[list[tuple[str, str, str]]] = [
+        ("density", "mass", "density in kg/m or mass in kg"),
+        ("tension", "frequency", "tension in N or frequency in Hz"),
+    ]
+    AT_MOST_ONE_OF: ClassVar[list[tuple[str, str]]] = [("bending", "inharmonicity")]
+    PITCH_POWERS: ClassVar[dict[str, int]] = {"frequency": 1, "tension": 2, "bending": 2}
+
+    def tension_and_bending(self) -> tuple[float, float]:
+        """Tension T (N) and bending stiffness EI (N·m²), from whichever is given: B = π²·EI/(T·L²), and
+        the first partial at √(T·β² + EI·β⁴)/√μ, β = π/L."""
+        beta = math.pi / self.length
+        if self.tension is not None:
+            if self.inharmonicity is not None:
+                return self.tension, self.inharmonicity * self.tension / beta**2
+            return self.tension, self.bending or 0.0
+        square = self.linear_density() * (2 * math.pi * (self.frequency or 0.0)) ** 2 / beta**2  # T + EI·β²
+        if self.inharmonicity is not None:
+            tension = square / (1 + self.inharmonicity)
+            return tension, self.inharmonicity * tension / beta**2
+        bending = self.bending or 0.0
+        return square - bending * beta**2, bending
+
+    def free_modes(self, max_omega: float) -> ModeSet:
+        """ω² = (T·β² + EI·β⁴)/μ, β = iπ/L; shapes sin βx, with modal mass μL/2 (Fletcher & Rossing, Physics of
+        Musical Instruments, sec. 2.18)."""
+        density = self.linear_density()
+        tension, bending = self.tension_and_bending()
+        root = math.pi / self.length
+
+        def frequencies(n: np.ndarray) -> np.ndarray:
+            return np.asarray(np.sqrt((tension + bending * (n * root) ** 2) / density) * (n * root))
+
+        number = mode_numbers(frequencies, self.modes, max_omega)
+        scale = math.sqrt(2 / (density * self.length))
+        omega = frequencies(number)
+        decay = self.decay_rates(omega, number * root)
+        return ModeSet(omega, decay, lambda x: scale * np.sin(math.pi * number * x))

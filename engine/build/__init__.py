@@ -1,0 +1,1 @@
+"""A Scene at a sample rate becomes a Model and a State."""

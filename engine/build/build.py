@@ -1,0 +1,276 @@
+"""A Scene at a sample rate becomes a Model and a State.
+
+Only what the scene calls for is built: an effect that no part uses, or that amounts to
+absence (no loss, no stiffness), is None.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from engine.build import limits
+from engine.build.event_table import event_table
+from engine.build.force_table import ForceTable, force_table
+from engine.build.initial_state import initial_state
+from engine.build.layout import NOWHERE, BodyPoint, Layout
+from engine.build.limits import BuildError
+from engine.build.mode_coefficients import (
+    MAX_DAMPING_BACKWARDS,
+    SCHEMES,
+    damped_coefficients,
+    is_heavily_damped,
+)
+from engine.build.mode_shape_rows import mode_shape_rows
+from engine.build.reachability import contacts_to_build
+from engine.build.refinement_tables import build_refinement, end_loss
+from engine.build.step_coefficients import ModeCoefficients, step_coefficients
+from engine.kernel.axes import align_to_cache_lines, to_single_precision
+from engine.kernel.codes import Quantity
+from engine.kernel.laws import select_law
+from engine.kernel.model import Contact, Events, ExternalForce, FreeMasses, ModalLoss, Model, Pickups
+from engine.kernel.state import State
+from engine.output_files import error_reason
+from engine.patch.accuracy import Accuracy
+from engine.patch.scene import Scene
+from engine.patch.tables import ChangeEvent
+
+QUANTITIES = {
+    "displacement": Quantity.DISPLACEMENT,
+    "velocity": Quantity.VELOCITY,
+    "acceleration": Quantity.ACCELERATION,
+    "force": Quantity.CONTACT_FORCE,
+}
+MAX_FORCE_AT_START = 1e12  # N
+
+
+class BuildResult(NamedTuple):
+    """What `build` returns."""
+
+    model: Model
+    state: State
+    layout: Layout
+
+
+def build(
+    scene: Scene,
+    samplerate: float,
+    accuracy: Accuracy | None = None,
+    seconds: float = math.inf,
+    *,
+    one_partition_per_island: bool = False,
+    event_capacity: int = 0,
+    variable_exponents: bool = False,
+) -> BuildResult:
+    """Model, State and Layout of a scene at a sample rate (Hz).
+
+    accuracy: the scene's own if None
+    seconds:  how long it will sound; what forces do later is left out
+    one_partition_per_island: also where islands are small (engine.analysis.profile measures them)
+    event_capacity:     for how many events that the scene does not name there are slots (engine.live.player)
+    variable_exponents: exponents will be changed, beyond what the score says
+    Raises BuildError if a body vibrates too fast for the sample rate, if the accuracy asked for has
+    steps back in time and a contact has loss, or if there is no memory for so much (engine.build.limits).
+    """
+    accuracy = accuracy or scene.accuracy
+    layout = check_and_layout(scene, samplerate, accuracy, seconds, live=event_capacity > 0)
+    modes = mode_coefficients(layout, samplerate, accuracy)
+    events, event_begins = event_table(layout, nominal_stiffness(layout), samplerate, event_capacity)
+    islands = layout.islands._replace(event=event_begins)
+    if one_partition_per_island:
+        islands = islands._replace(partition=np.arange(event_begins.size))
+    omega, weight = layout.concatenate_modes("omega"), layout.concatenate_modes("gravity_participation")
+    step = step_coefficients(layout, modes, samplerate)
+    model = Model(
+        samplerate=float(samplerate),
+        islands=islands,
+        step=step,
+        omega_squared=omega**2 if omega.any() else None,
+        weight=-scene.gravity * weight if (scene.gravity * weight).any() else None,
+        force=_external_force(layout, samplerate, seconds),
+        contact=_contact(layout, accuracy, variable_exponents),
+        refinement=build_refinement(layout, modes.kick, accuracy, samplerate) if accuracy.is_refined else None,
+        events=events,
+        pickups=_pickups(layout),
+        bodies=mode_shape_rows(layout, trace_points(layout)),
+        free_masses=_free_masses(layout, omega),
+        sleep_threshold=10 ** (accuracy.silence / 20),
+    )
+    _refuse_loss_backwards(model, accuracy)
+    state = initial_state(layout, model)
+    _refuse_deep(layout, state)
+    if accuracy.precision == "float32":
+        model, state = to_single_precision(model), to_single_precision(state)
+    return BuildResult(align_to_cache_lines(model), align_to_cache_lines(state), layout)
+
+
+def check_and_layout(scene: Scene, samplerate: float, accuracy: Accuracy, seconds: float, live: bool) -> Layout:
+    """The layout of a scene that can be built. Raises BuildError.
+
+    live: events may come that the score does not name
+    """
+    modal_bodies = limits.build_modal_bodies(scene, samplerate, accuracy.scheme)
+    limits.check_sizes(scene, modal_bodies)
+    limits.check_forces(scene, samplerate, seconds)
+    layout = Layout(scene, modal_bodies, contacts_to_build(scene, modal_bodies, live))
+    limits.check_islands(layout)
+    return layout
+
+
+def mode_coefficients(layout: Layout, samplerate: float, accuracy: Accuracy) -> ModeCoefficients:
+    """The step of each mode. Raises BuildError if modes are damped too heavily for steps back in time."""
+    omega, sigma, h = layout.concatenate_modes("omega"), layout.concatenate_modes("sigma"), 1.0 / samplerate
+    if accuracy.order > 2 and sigma.max(initial=0.0) * h > MAX_DAMPING_BACKWARDS:
+        message = f"order {accuracy.order} has steps back in time, in which heavy damping would create energy"
+        limit = f"decay rates up to {MAX_DAMPING_BACKWARDS * samplerate:.4g} 1/s ({sigma.max():.4g} here)"
+        raise BuildError([("accuracy.order", f"{message}; {limit}, or order = 2 and substeps")])
+    damped = is_heavily_damped(omega, sigma, h) & (accuracy.scheme == "exact" and accuracy.order == 2)
+    kick, drift, decay, drag, dragged = np.empty((5, omega.size))
+    kick[~damped], drift[~damped] = SCHEMES[accuracy.scheme](omega[~damped], sigma[~damped], h)
+    decay[~damped], drag[~damped], dragged[~damped] = np.exp(-sigma[~damped] * h), 1.0, 0.0
+    if damped.any():
+        values = damped_coefficients(omega[damped], sigma[damped], h)
+        kick[damped], drift[damped], decay[damped], drag[damped], dragged[damped] = values
+    loss = end_loss(decay) if sigma.any() else None
+    return ModeCoefficients(kick, drift, loss, ModalLoss(drag, dragged) if damped.any() else None)
+
+
+def nominal_stiffness(layout: Layout) -> np.ndarray:
+    """Stiffness of each point of contact, N/m^α; where it is 0 at first, what an event first makes it."""
+    later: dict[str | None, float] = {}
+    for event in layout.scene.event:
+        if isinstance(event, ChangeEvent) and event.stiffness:
+            later.setdefault(event.contact, event.stiffness)
+    points = layout.contact_points
+    return np.array([point.stiffness or later[layout.scene.contact[k].name] for k, point in points])
+
+
+def trace_points(layout: Layout) -> list[BodyPoint]:
+    """Where each body is traced: at its first pickup, or else its first contact, or else its first force."""
+    scene, points = layout.scene, dict[str, BodyPoint]()
+    for pickup in scene.pickup:
+        if pickup.quantity != "force" and pickup.body not in points:
+            points[pickup.body] = layout.point_of(pickup)
+    for k, contact_point in layout.contact_points:
+        for side in layout.contact_sides(k, contact_point):
+            if side.body is not None and side.body not in points:
+                points[side.body] = BodyPoint(side.body, side.position, 1.0)
+    for force in layout.forces:
+        if force.body not in points:
+            points[force.body] = layout.point_of(force)
+    return [points.get(scene.body[b].name, NOWHERE) for b in layout.body_order]
+
+
+def _free_masses(layout: Layout, omega: np.ndarray) -> FreeMasses | None:
+    """Free masses, counted from their island's first mode."""
+    free, islands = np.flatnonzero(omega == 0.0), layout.islands
+    if free.size == 0:
+        return None
+    is_audible = np.zeros(islands.free_mass.size - 1, np.bool_)
+    for pickup in layout.scene.pickup:
+        number = layout.body_index[pickup.body]
+        if pickup.quantity != "force" and np.any(layout.modal_bodies[number].omega == 0.0):
+            is_audible[layout.island_of_body[number]] = True
+    return FreeMasses(free - np.repeat(islands.mode[:-1], np.diff(islands.free_mass)), is_audible)
+
+
+def _contact(layout: Layout, accuracy: Accuracy, variable_exponents: bool) -> Contact | None:
+    """The contacts of a layout; None without any."""
+    if not layout.contact_points:
+        return None
+    scene = layout.scene
+    stiffness = nominal_stiffness(layout)
+    exponents = np.array([scene.contact[k].exponent for k, _ in layout.contact_points])
+    changed = any(isinstance(e, ChangeEvent) and e.exponent is not None for e in scene.event)
+    sides = [layout.contact_sides(k, point) for k, point in layout.contact_points]
+    others = [b for _, b in sides]
+    return Contact(
+        law=select_law(stiffness, exponents, variable_exponents or changed),
+        rows=mode_shape_rows(layout, [a for a, _ in sides]),
+        other_rows=mode_shape_rows(layout, others) if any(b.body is not None for b in others) else None,
+        nominal_stiffness=stiffness,
+        nominal_barrier=np.array([layout.offset(k, point) for k, point in layout.contact_points]),
+        tolerance=accuracy.tolerance,
+        max_rounds=accuracy.iterations,
+    )
+
+
+def _external_force(layout: Layout, samplerate: float, seconds: float) -> ExternalForce | None:
+    """The external forces of a layout; None without any."""
+    if not layout.force_order:
+        return None
+    forces = [layout.forces[j] for j in layout.force_order]
+    tables = [_force_table(layout.scene, force, samplerate, seconds) for force in forces]
+    begins = np.cumsum([0] + [t.values.size for t in tables]).astype(np.int64)
+    return ExternalForce(
+        rows=mode_shape_rows(layout, layout.force_points),
+        start=np.array([t.start for t in tables], dtype=np.int64),
+        table_begin=begins[:-1],
+        table_end=begins[1:],
+        table=np.concatenate([t.values for t in tables]),
+        tail=np.array([t.tail for t in tables]),
+        scale=np.ones(len(tables)),
+    )
+
+
+def _force_table(scene: Scene, force: object, samplerate: float, seconds: float) -> ForceTable:
+    """The table of a force. Raises BuildError if its file cannot be read to its end."""
+    try:
+        return force_table(force, samplerate, seconds)  # type: ignore[arg-type]
+    except (OSError, RuntimeError, TypeError, ValueError) as error:  # it was there when the patch was read
+        path = f"force[{scene.force.index(force)}].file"  # type: ignore[arg-type]
+        raise BuildError(
+            [(path, f"cannot be read as audio ({error_reason(error)}); a WAV, FLAC or OGG file")]
+        ) from None
+
+
+def _pickups(layout: Layout) -> Pickups:
+    """A pickup of quantity force lists the contacts of its body, with the sign of their push on it."""
+    pickups = [layout.scene.pickup[p] for p in layout.pickup_order]
+    begin, contact, sign = [0], list[int](), list[float]()
+    for pickup in pickups:
+        island = layout.island_of_body[layout.body_index[pickup.body]]
+        inside = slice(*layout.islands.contact[island : island + 2]) if pickup.quantity == "force" else slice(0)
+        for slot, (k, point) in enumerate(layout.contact_points[inside]):
+            for side in layout.contact_sides(k, point):
+                if side.body == pickup.body:
+                    contact.append(slot)
+                    sign.append(-side.factor)
+        begin.append(len(contact))
+    return Pickups(
+        rows=mode_shape_rows(layout, [layout.point_of(pickup) for pickup in pickups]),
+        quantity=np.array([QUANTITIES[pickup.quantity] for pickup in pickups], dtype=np.int64),
+        channel=np.array([pickup.channel - 1 for pickup in pickups], dtype=np.int64),
+        gain=np.array([pickup.gain for pickup in pickups]),
+        contact_begin=np.array(begin[:-1], dtype=np.int64),
+        contact_end=np.array(begin[1:], dtype=np.int64),
+        contact=np.array(contact, dtype=np.int64),
+        contact_sign=np.array(sign, dtype=float),
+    )
+
+
+def _refuse_loss_backwards(model: Model, accuracy: Accuracy) -> None:
+    """Refuse contact loss in steps back in time."""
+    contact = model.step.contact
+    if accuracy.order > 2 and contact is not None and contact.loss_rate is not None:
+        message = f"order {accuracy.order} has steps back in time, in which contact loss would create energy"
+        raise BuildError([("accuracy.order", f"{message}; order = 2, and substeps instead")])
+
+
+def _refuse_deep(layout: Layout, state: State) -> None:
+    """Refuse contacts that begin deeper than any force could have brought them."""
+    faults = []
+    for slot, (k, _) in enumerate(layout.contact_points):
+        depth, exponent = float(state.compression[slot]), float(state.exponent[slot])
+        with np.errstate(over="ignore"):
+            unit = float(state.potential_coefficient[slot])
+            force = unit * (exponent + 1) * np.float64(max(depth, 0.0)) ** exponent
+        if force > MAX_FORCE_AT_START:
+            message = f"begins {depth:.3g} m deep, where it pushes with {force:.1e} N"
+            remedy = f"at most {MAX_FORCE_AT_START:g} N; mind the signs of gap and side"
+            faults.append((f"contact[{k}]", f"{message}; {remedy}"))
+    if faults:
+        raise BuildError(faults[:1] if len({f for f, _ in faults}) == 1 else faults)
+
+
+__all__ = ["BuildError", "BuildResult", "Events", "build"]

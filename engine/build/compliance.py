@@ -1,0 +1,45 @@
+"""Contact compliance: how much the bodies of an island give at its contacts (docs/design.md, sec. 1)."""
+
+import math
+
+import numpy as np
+
+from engine.build.layout import Layout
+
+
+def contact_compliance(layout: Layout, kick: np.ndarray, drift: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+    """Contact compliance matrix B = Φ diag(e) Φᵀ of each island, with e = v·t: displacement at contact i per newton at
+    contact j over one step, m/N. And what rounding cut from its diagonal, which is the sum of the products of kick and
+    drift that the kernel uses [contacts].
+
+    kick, drift: t and v of each mode, s
+    """
+    islands = layout.islands
+    matrices, low = [], []
+    for n in range(islands.mode.size - 1):
+        modes = slice(islands.mode[n], islands.mode[n + 1])
+        points = layout.contact_points[islands.contact[n] : islands.contact[n + 1]]
+        sides = [layout.contact_sides(k, point) for k, point in points]
+        shapes = np.array([layout.dense_mode_shape(a, n) + layout.dense_mode_shape(b, n) for a, b in sides])
+        shapes = shapes.reshape(-1, modes.stop - modes.start)
+        kicks, drifts = shapes * kick[modes], shapes * drift[modes]
+        matrix = kicks @ drifts.T
+        for k in range(len(sides)):
+            product, error = two_product(kicks[k], drifts[k])
+            matrix[k, k] = math.fsum([*product, *error])
+            low.append(math.fsum([*product, *error, -matrix[k, k]]))
+        matrices.append(matrix)
+    return matrices, np.array(low)
+
+
+def two_product(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Products and their rounding errors (Dekker): a·b = product + error exactly."""
+
+    def halves(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        big = 134217729.0 * x
+        high = big - (big - x)
+        return high, x - high
+
+    (ah, al), (bh, bl) = halves(a), halves(b)
+    product = a * b
+    return product, ((ah * bh - product) + ah * bl + al * bh) + al * bl

@@ -1,0 +1,104 @@
+"""The score of a scene as the kernels read it: events sorted by island and time."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from engine.build.layout import Layout
+from engine.kernel.codes import NO_END, UNUSED_SLOT, EventKind
+from engine.kernel.model import Events
+from engine.patch.tables import ChangeEvent, DampEvent, Event, StrikeEvent
+
+EventRow = tuple[
+    int, int, int, int, int, int, float, float
+]  # island, start, end, kind, target_begin, target_end, value, value2
+
+
+def event_table(
+    layout: Layout, stiffness: np.ndarray, samplerate: float, capacity: int = 0
+) -> tuple[Events | None, np.ndarray]:
+    """Events of a layout, None without any; and where those of each island begin.
+
+    stiffness: of each point of contact, N/m^α, of which events give multiples
+    capacity:  for how many more events there is to be a slot on each island
+    """
+    rows = [row for event in layout.scene.event for row in event_rows(layout, event, stiffness, samplerate)]
+    rows += [
+        (n, UNUSED_SLOT, UNUSED_SLOT, EventKind.DAMP, 0, 0, 1.0, 0.0)
+        for n in range(max(layout.island_of_body) + 1)
+        for _ in range(capacity)
+    ]
+    rows.sort(key=lambda row: row[:2])
+    begin = np.searchsorted([row[0] for row in rows], np.arange(max(layout.island_of_body) + 2))
+    if not rows:
+        return None, begin
+    columns: list[Any] = list(zip(*rows, strict=True))
+    start, end, kind, target_begin, target_end = (np.array(c, dtype=np.int64) for c in columns[1:6])
+    value, value2 = np.array(columns[6]), np.array(columns[7])
+    return Events(kind, start, end, target_begin, target_end, value, value2), begin
+
+
+def event_rows(layout: Layout, event: Event, stiffness: np.ndarray, samplerate: float) -> list[EventRow]:
+    """An event as rows of the score; none for a pluck, which is an external force."""
+    if isinstance(event, StrikeEvent):
+        return [_strike(layout, event, samplerate)]
+    if isinstance(event, DampEvent):
+        return [_damp(layout, event, samplerate)]
+    if isinstance(event, ChangeEvent):
+        return _change(layout, event, stiffness, samplerate)
+    return []
+
+
+def _strike(layout: Layout, event: StrikeEvent, samplerate: float) -> EventRow:
+    number = layout.body_index[event.body]
+    hammer: Any = layout.scene.body[number]
+    start, mode = round(event.time * samplerate), layout.local_modes(number).start
+    displacement = hammer.displacement if event.displacement is None else event.displacement
+    root = math.sqrt(hammer.mass)
+    return (
+        layout.island_of_body[number],
+        start,
+        start + 1,
+        EventKind.STRIKE,
+        mode,
+        mode + 1,
+        displacement * root,
+        event.velocity * root,
+    )
+
+
+def _damp(layout: Layout, event: DampEvent, samplerate: float) -> EventRow:
+    number = layout.body_index[event.body]
+    modes, start = layout.local_modes(number), round(event.time * samplerate)
+    end = NO_END if event.duration is None else round((event.time + event.duration) * samplerate)
+    # a decay rate σ takes the share 1 - exp(-2σh) of the energy; of a vibration, half is kinetic
+    keep = math.exp(-2 * event.sigma / samplerate)
+    return layout.island_of_body[number], start, end, EventKind.DAMP, modes.start, modes.stop, keep, 0.0
+
+
+def _change(layout: Layout, event: ChangeEvent, stiffness: np.ndarray, samplerate: float) -> list[EventRow]:
+    scene = layout.scene
+    k = next(k for k, c in enumerate(scene.contact) if c.name == event.contact)
+    contact = scene.contact[k]
+    slots = [slot for slot, (number, _) in enumerate(layout.contact_points) if number == k]
+    if not slots:
+        return []
+    island = layout.island_of_body[layout.body_index[contact.body]]
+    offset = int(layout.islands.contact[island])
+    first, last = slots[0] - offset, slots[-1] + 1 - offset
+    start = round(event.time * samplerate)
+    end = max(start + 1, round((event.time + event.duration) * samplerate))
+    rows: list[EventRow] = []
+    if event.stiffness is not None:
+        count = contact.bridge.points if contact.bridge is not None else 1
+        ratio = event.stiffness / count / stiffness[slots[0]]
+        rows.append((island, start, end, EventKind.STIFFNESS, first, last, ratio, 0.0))
+    if event.exponent is not None:
+        rows.append((island, start, end, EventKind.EXPONENT, first, last, event.exponent, 0.0))
+    moved = event.gap if contact.on is not None else event.barrier
+    if moved is not None:
+        sign = 1.0 if contact.on is not None or contact.side == "above" else -1.0
+        top = contact.bridge.height if contact.bridge is not None else layout.contact_points[slots[0]][1].offset
+        rows.append((island, start, end, EventKind.BARRIER, first, last, sign * (moved - top), 0.0))
+    return rows

@@ -1,0 +1,107 @@
+"""External forces as tables: the mean force over each step (paper, eq. 34)."""
+
+import math
+import sys
+from typing import NamedTuple
+
+import numpy as np
+
+from engine.patch.tables import ConstantForce, Force, HalfSineForce, PluckEvent, PluckForce, PulseForce, SampledForce
+
+LOOKAHEAD_SAMPLES = 4_096  # samples that the filter of a resampler may look ahead
+
+
+class ForceTable(NamedTuple):
+    """Mean force over each step from step `start` on, N; `tail` holds from its end on."""
+
+    start: int
+    values: np.ndarray
+    tail: float
+
+
+def force_table(force: Force | PluckEvent, samplerate: float, seconds: float = math.inf) -> ForceTable:
+    """The table of a force: the mean of its values at the two ends of each step (eq. 34). What it does after
+    `seconds` is left out, for nobody will hear it.
+
+    Edges of constant and pulse count by the part of the step they cover, which keeps the
+    impulse exact wherever they fall.
+    """
+    with np.errstate(over="ignore"):  # of a pulse that is no time at all
+        return _table(force, samplerate, _last_step(samplerate, seconds))
+
+
+def _table(force: Force | PluckEvent, samplerate: float, last: int) -> ForceTable:
+    """The table of a force up to a step."""
+    if isinstance(force, ConstantForce):
+        start = int(force.start * samplerate)
+        return ForceTable(start, force.amplitude * np.array([start + 1 - force.start * samplerate]), force.amplitude)
+    if isinstance(force, PulseForce):
+        begin, end = force.start * samplerate, (force.start + force.duration) * samplerate
+        step = np.arange(int(begin), min(int(np.ceil(end)), last))
+        covered = np.minimum(step + 1, end) - np.maximum(step, begin)
+        return ForceTable(int(begin), force.amplitude * covered, 0.0)
+    if isinstance(force, PluckForce | PluckEvent):
+        return _pluck(force, samplerate, last)
+    if isinstance(force, HalfSineForce):
+        begin, length = force.start * samplerate, force.duration * samplerate
+        phase = np.arange(int(begin), min(int(np.ceil(begin + length)), last) + 1) - begin
+        values = np.where((phase > 0) & (phase < length), np.sin(np.pi * np.clip(phase / length, 0, 1)), 0.0)
+    else:
+        begin = round(force.start * samplerate) - 1  # rises from 0 in the step before its first sample
+        values = np.concatenate([[0.0], read_samples(force, samplerate, max(0, last - begin)), [0.0]])
+    ends = force.amplitude * values
+    return ForceTable(int(begin), 0.5 * (ends[1:] + ends[:-1]), 0.0)
+
+
+def count_steps(force: Force | PluckEvent, samplerate: float, seconds: float) -> float:
+    """About how many steps the table of a force has."""
+    if isinstance(force, ConstantForce):
+        return 1
+    if isinstance(force, SampledForce):
+        import soundfile
+
+        found = soundfile.info(force.file)
+        start, length = force.start, float(found.frames / found.samplerate)
+    elif isinstance(force, PluckForce | PluckEvent):
+        start, length = force.time if isinstance(force, PluckEvent) else force.start, force.duration + force.release
+    else:
+        start, length = force.start, force.duration
+    return max(0.0, min(length, seconds - start)) * samplerate
+
+
+def _last_step(samplerate: float, seconds: float) -> int:
+    """A step from which on nobody listens; some more than there are, for a render's end is rounded."""
+    return sys.maxsize if seconds == math.inf else math.ceil(seconds * samplerate) + 64
+
+
+def _pluck(force: PluckForce | PluckEvent, samplerate: float, last: int) -> ForceTable:
+    """½(1 - cos) up, the same down; the mean over each step, exactly, however short the release."""
+    start = force.time if isinstance(force, PluckEvent) else force.start
+    begin, rise, fall = (x * samplerate for x in (start, force.duration, force.release))
+
+    def impulse(x: np.ndarray) -> np.ndarray:  # integral of the shape up to x, in samples
+        up, down = np.clip(x / rise, 0, 1), np.clip((x - rise) / fall, 0, 1) if fall else np.zeros(x.size)
+        climb = rise * 0.5 * (up - np.sin(np.pi * up) / np.pi)
+        return np.asarray(climb + fall * 0.5 * (down + np.sin(np.pi * down) / np.pi))
+
+    edges = np.arange(int(begin), min(int(np.ceil(begin + rise + fall)), last) + 1) - begin
+    return ForceTable(int(begin), force.amplitude * np.diff(impulse(edges)), 0.0)
+
+
+def read_samples(force: SampledForce, samplerate: float, most: int) -> np.ndarray:
+    """The first samples of a force file at the scene's rate, full scale = 1; `most` of them are needed.
+
+    Raises ValueError, or what soundfile raises, if the file is damaged.
+    """
+    import soundfile
+
+    audio, rate = soundfile.read(force.file, dtype="float64", always_2d=True)
+    values = np.ascontiguousarray(audio[:, force.channel - 1])
+    if not np.all(np.isfinite(values)):
+        raise ValueError("not all of its samples are numbers")
+    if rate != samplerate:
+        import soxr
+
+        enough = math.ceil((most + LOOKAHEAD_SAMPLES) * max(1.0, rate / samplerate))
+        values = soxr.resample(values[:enough], rate, samplerate, "VHQ")
+    return np.asarray(values[:most], dtype=float)

@@ -1,0 +1,63 @@
+"""The state of a scene at time 0."""
+
+import numpy as np
+
+from engine.build.layout import Layout
+from engine.kernel.axes import Axis, allocate
+from engine.kernel.codes import Row
+from engine.kernel.model import Model
+from engine.kernel.state import RefinementState, Scratch, State
+
+
+def initial_state(layout: Layout, model: Model) -> State:
+    """The state at time 0: bodies as the patch puts them, and contacts where that takes them."""
+    counts, q, contact = item_counts(model), layout.concatenate_modes("q"), model.contact
+    given: dict[str, np.ndarray] = {}
+    if contact is not None:
+        closed = [point.stiffness > 0.0 for _, point in layout.contact_points]
+        given["potential_coefficient"] = np.where(closed, contact.law.potential_coefficient, 0.0)
+        given["exponent"] = contact.law.exponent.copy()
+        given["barrier"] = contact.nominal_barrier.copy()
+        given["compression"] = _initial_compressions(layout, q) - given["barrier"]
+    bodies = [layout.scene.body[layout.body_index[layout.scene.pickup[i].body]] for i in layout.pickup_order]
+    coupling = model.step.contact is not None and model.step.contact.coupling is not None
+    largest = int(np.diff(model.islands.contact).max())
+    state: State = allocate(
+        State,
+        counts,
+        q=q,
+        p=layout.concatenate_modes("p"),
+        previous_velocity=np.array([getattr(body, "velocity", 0.0) for body in bodies]),
+        scratch=allocate_scratch(counts[Axis.PARTITION], largest) if coupling else None,
+        refinement=allocate(RefinementState, counts) if model.refinement is not None else None,
+        **given,
+    )
+    return state
+
+
+def item_counts(model: Model) -> dict[Axis, int]:
+    """How many items of each axis a model has."""
+    islands = model.islands
+    counts = {Axis(axis): int(begins[-1]) for axis, begins in islands._asdict().items() if axis in list(Axis)}
+    events = 0 if model.events is None else model.events.kind.size
+    counts |= {Axis.ISLAND: islands.mode.size - 1, Axis.PARTITION: islands.partition.size - 1, Axis.EVENT: events}
+    return counts
+
+
+def allocate_scratch(partitions: int, contacts: int) -> Scratch:
+    """Memory of each partition of a scene whose islands have up to so many contacts."""
+    matrices = np.zeros((2, partitions, contacts, contacts))
+    return Scratch(
+        np.zeros((partitions, len(Row), contacts)), *matrices, *np.zeros((3, partitions, contacts), np.int64)
+    )
+
+
+def _initial_compressions(layout: Layout, q: np.ndarray) -> np.ndarray:
+    """Projected displacement of each contact, before its barrier is subtracted [contacts], m."""
+    mode, compression = layout.islands.mode, np.zeros(len(layout.contact_points))
+    for slot, (k, point) in enumerate(layout.contact_points):
+        island = layout.island_of_body[layout.body_index[layout.scene.contact[k].body]]
+        inside = q[mode[island] : mode[island + 1]]
+        a, b = layout.contact_sides(k, point)
+        compression[slot] = layout.dense_mode_shape(a, island) @ inside + layout.dense_mode_shape(b, island) @ inside
+    return compression

@@ -1,0 +1,162 @@
+"""The order in which the kernels see the parts of a scene: sorted by island."""
+
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from engine.bodies.body import ModalBody
+from engine.build.contact_points import ContactPoint, contact_points
+from engine.build.subsystems import connected_components, estimate_cost, partition_islands
+from engine.kernel.model import Islands
+from engine.patch.scene import Scene
+from engine.patch.tables import Contact, Force, PluckEvent
+
+
+class BodyPoint(NamedTuple):
+    """A position on a body, with a factor on the mode shape there; no body: a barrier."""
+
+    body: str | None
+    position: Any
+    factor: float
+
+
+NOWHERE = BodyPoint(None, None, 0.0)
+
+
+class Layout:
+    """Which island each body, contact, force and pickup belongs to, and its slot in the kernels' arrays.
+
+    scene:        what is laid out
+    modal_bodies: its bodies as modes
+    contacts:     numbers of the contacts that are built
+    """
+
+    def __init__(self, scene: Scene, modal_bodies: list[ModalBody], contacts: list[int]) -> None:
+        self.scene, self.modal_bodies = scene, modal_bodies
+        self.body_index = {body.name: i for i, body in enumerate(scene.body)}
+        self.forces = acting_forces(scene)
+        joined = [scene.contact[k] for k in contacts]
+        pairs = [(self.body_index[c.body], self.body_index[c.on]) for c in joined if c.on is not None]
+        self.island_of_body = connected_components(len(scene.body), pairs)
+        self.body_order = self._sort_by_island(range(len(scene.body)), [b.name for b in scene.body])
+        touching = self._sort_by_island(contacts, [c.body for c in scene.contact])
+        self.contact_points = [(k, point) for k in touching for point in self.points_of(scene.contact[k])]
+        self.force_order = self._sort_by_island(range(len(self.forces)), [f.body for f in self.forces])
+        self.pickup_order = self._sort_by_island(range(len(scene.pickup)), [p.body for p in scene.pickup])
+
+    def _sort_by_island(self, items: Iterable[int], bodies: Sequence[str]) -> list[int]:
+        """Items sorted by the island of the body that each belongs to."""
+        return sorted(items, key=lambda i: self.island_of_body[self.body_index[bodies[i]]])
+
+    # --- where things are
+
+    def points_of(self, contact: Contact) -> list[ContactPoint]:
+        """The points of a contact."""
+        on = None if contact.on is None else self.scene.body[self.body_index[contact.on]]
+        return contact_points(contact, self.scene.body[self.body_index[contact.body]], on)
+
+    def contact_sides(self, k: int, point: ContactPoint) -> tuple[BodyPoint, BodyPoint]:
+        """The two points that a point of contact k joins, with the sign of their part in its compression."""
+        return contact_sides(self.scene.contact[k], point)
+
+    def offset(self, k: int, point: ContactPoint) -> float:
+        """What is subtracted from the projected displacement at a point of contact k, m."""
+        return offset(self.scene.contact[k], point)
+
+    def point_of(self, table: Any) -> BodyPoint:
+        """Where a force acts, or a pickup listens; nowhere, if that is all contact forces of its body."""
+        if getattr(table, "quantity", None) == "force":
+            return NOWHERE
+        body = self.scene.body[self.body_index[table.body]]
+        return BodyPoint(table.body, body.split_positions(table.at)[0], 1.0)
+
+    @cached_property
+    def force_points(self) -> list[BodyPoint]:
+        """Where each external force acts, in the kernels' order."""
+        return [self.point_of(self.forces[j]) for j in self.force_order]
+
+    # --- islands
+
+    @cached_property
+    def islands(self) -> Islands:
+        """Where the items of each island begin. Events are built last (engine.build.event_table)."""
+        scene = self.scene
+        body = self._segment_begins(b.name for b in scene.body)
+        mode = self._mode_begins[body]
+        contact = self._segment_begins(scene.contact[k].body for k, _ in self.contact_points)
+        free = np.flatnonzero(self.concatenate_modes("omega") == 0.0)
+        return Islands(
+            mode=mode,
+            contact=contact,
+            compliance=np.concatenate([[0], np.cumsum(np.diff(contact) ** 2)]).astype(np.int64),
+            force=self._segment_begins(self.forces[j].body for j in self.force_order),
+            event=np.zeros(body.size, dtype=np.int64),
+            pickup=self._segment_begins(scene.pickup[p].body for p in self.pickup_order),
+            body=body,
+            free_mass=np.searchsorted(free, mode).astype(np.int64),
+            partition=partition_islands(estimate_cost(np.diff(mode), np.diff(contact))),
+        )
+
+    def _segment_begins(self, bodies: Iterable[str]) -> np.ndarray:
+        """Where each island's items begin, given the body of every item [islands + 1]."""
+        owners = np.array([self.island_of_body[self.body_index[name]] for name in bodies], dtype=np.int64)
+        counts = np.bincount(owners, minlength=max(self.island_of_body) + 1)
+        return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+
+    # --- modes
+
+    @cached_property
+    def _mode_begins(self) -> np.ndarray:
+        """First mode of each body, in the kernels' order, and the number of all modes."""
+        return np.cumsum([0] + [self.modal_bodies[b].omega.size for b in self.body_order]).astype(np.int64)
+
+    @cached_property
+    def _slot_of_body(self) -> dict[int, int]:
+        """The slot of each of the scene's bodies in the kernels' order."""
+        return {number: slot for slot, number in enumerate(self.body_order)}
+
+    def global_modes(self, number: int) -> slice:
+        """The modes of one of the scene's bodies, counted from the first of all."""
+        begin = int(self._mode_begins[self._slot_of_body[number]])
+        return slice(begin, begin + self.modal_bodies[number].omega.size)
+
+    def local_modes(self, number: int) -> slice:
+        """The modes of one of the scene's bodies, counted from its island's first."""
+        modes, begin = self.global_modes(number), int(self.islands.mode[self.island_of_body[number]])
+        return slice(modes.start - begin, modes.stop - begin)
+
+    def concatenate_modes(self, field: str) -> np.ndarray:
+        """A field of the modal bodies, over all modes."""
+        return np.concatenate([getattr(self.modal_bodies[b], field) for b in self.body_order])
+
+    def mode_shape(self, point: BodyPoint) -> np.ndarray:
+        """The mode shapes of a body at a point, times the factor [modes], 1/√kg; empty without a body."""
+        if point.body is None:
+            return np.empty(0)
+        return point.factor * self.modal_bodies[self.body_index[point.body]].shape(point.position)
+
+    def dense_mode_shape(self, point: BodyPoint, island: int) -> np.ndarray:
+        """The same over all modes of an island."""
+        phi = np.zeros(int(self.islands.mode[island + 1] - self.islands.mode[island]))
+        if point.body is not None:
+            phi[self.local_modes(self.body_index[point.body])] = self.mode_shape(point)
+        return phi
+
+
+def acting_forces(scene: Scene) -> list[Force | PluckEvent]:
+    """The external forces of a scene, plucks of its score among them, but for those of no amplitude."""
+    forces: list[Force | PluckEvent] = [f for f in scene.force if f.amplitude != 0.0]
+    return forces + [e for e in scene.event if isinstance(e, PluckEvent) and e.amplitude != 0.0]
+
+
+def contact_sides(contact: Contact, point: ContactPoint) -> tuple[BodyPoint, BodyPoint]:
+    """The two points that a point of a contact joins, with the sign of their part in its compression."""
+    sign = 1.0 if contact.side == "above" else -1.0
+    return BodyPoint(contact.body, point.at, sign), BodyPoint(contact.on, point.on_at, -sign)
+
+
+def offset(contact: Contact, point: ContactPoint) -> float:
+    """What is subtracted from the projected displacement at a point of a contact, m."""
+    return -point.offset if contact.on is None and contact.side == "below" else point.offset

@@ -1,0 +1,129 @@
+"""The coefficients of a step of each mode: kick t and drift v (engine.kernel.modes), and what loss leaves."""
+
+import math
+
+import numpy as np
+
+HEAVY_DAMPING = 0.05  # σh, from which loss in the drift is worth its time
+MAX_DAMPING_BACKWARDS = (
+    0.15  # σh, beyond which loss apart from the core is too coarse, and steps back in time are refused
+)
+
+
+def midpoint_coefficients(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
+    """Kick t and drift v (s) of the paper's midpoint scheme (eq. 8, 29, 36): t = h/2.
+
+    omega: angular frequencies, rad/s; sigma: decay rates, 1/s; h: step, s.
+    Frequencies are warped to (2/h)·atan(ωh/2) (paper, sec. 4).
+    """
+    kick = np.full_like(omega, h / 2)
+    return kick, 2 * kick / (1 + (omega * kick) ** 2)
+
+
+def exact_coefficients(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
+    """Kick t and drift v (s) that give free vibration its exact frequency and decay.
+
+    Together with the half-steps of loss, the mode's roots are exp(-σh ± iω_d·h),
+    ω_d² = ω² - σ², if cos θ = cos(ω_d·h)/cosh(σh) and t = tan(θ/2)/ω (docs/design.md, sec. 1).
+    Overdamped modes have cosh in place of cos. For ω = 0, t = (h/2)·√(tanh(σh)/σh): a free mass
+    falls as it should, and coasts to (σh)²/3; `damped_coefficients` does both. Valid for ω_d·h < π.
+    """
+    pairs = [_exact_mode(w, s, h) for w, s in zip(omega.tolist(), sigma.tolist(), strict=True)]
+    table = np.array(pairs).reshape(-1, 2)
+    return table[:, 0].copy(), table[:, 1].copy()
+
+
+def _exact_mode(w: float, s: float, h: float) -> tuple[float, float]:
+    if w == 0.0:
+        half = h / 2 * (math.sqrt(math.tanh(s * h) / (s * h)) if s * h > 0.0 else 1.0)
+        return half, 2 * half
+    if s < w:
+        half_angle = math.sqrt((w - s) * (w + s)) * h / 2
+        below = math.sinh(s * h / 2) ** 2 + math.sin(half_angle) ** 2  # (1 - cos θ)·cosh(σh)/2
+        above = math.sinh(s * h / 2) ** 2 + math.cos(half_angle) ** 2  # (1 + cos θ)·cosh(σh)/2
+    else:
+        slow = math.sqrt((s - w) * (s + w))
+        below = math.sinh((s + slow) * h / 2) * math.sinh(w * w / (s + slow) * h / 2)
+        above = math.sinh(s * h / 2) ** 2 + math.cosh(slow * h / 2) ** 2
+    kick = math.sqrt(below / above) / w
+    return kick, 2 * kick / (1 + (w * kick) ** 2)
+
+
+def damped_coefficients(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple[np.ndarray, ...]:
+    """Kick t and drift v (s); what is kept of the momentum in each half-step of loss, d, and in the drift, x; and the
+    energy lost in the drift over the squared momentum before it.
+
+    With loss in the drift too, the step is the exact motion under a force constant over it,
+
+        q⁺ = a·q + A·p + C·F,   A = e^(-σh)·sin(ω_d·h)/ω_d,   C = ∫₀ʰ A,   a = 1 - ω²C
+
+    p⁺ = b·p - ω²A·q + A·F,   b = a - 2σA,
+
+    if the half-steps of loss keep d² = (A² - C·e^(-2σh))/(C·a) = (e^(-2σh) - b)/(ω²C), t = C·d/A, v = A/d,
+    and x = e^(-2σh)/d². Of the momentum p before x, the drift then takes ½(1 - x)(1 + x - ω²tv)·p² and nothing
+    of the rest, for v·(1 + ω²t²) = t·(1 + x). Any damping, ω_d·h < π.
+    """
+    slow = np.sqrt((sigma - omega).astype(complex)) * np.sqrt(sigma + omega)  # i·ω_d
+    move, give, brake = _responses(sigma, slow, h)
+    left = np.exp(-2 * sigma * h)
+    stay = 1 - omega**2 * give
+    near = np.abs(stay) > 0.5  # of two forms of d², each where it does not cancel
+    square = np.where(
+        near,
+        (move**2 - give * left) / np.where(near, give * stay, 1.0),
+        (left - brake) / np.where(near, 1.0, 1 - stay),
+    )
+    square = np.minimum(square, 1.0)  # but for rounding, it is
+    keep = np.sqrt(square)
+    kick, inside = give * keep / move, np.minimum(left / square, 1.0)
+    drift = kick * (1 + inside) / (1 + (omega * kick) ** 2)
+    return kick, drift, keep, inside, 0.5 * (1 - inside) * (1 + inside - omega**2 * kick * drift)
+
+
+def _responses(sigma: np.ndarray, slow: np.ndarray, h: float) -> tuple[np.ndarray, ...]:
+    """A and C, how far a mode moves in a step per momentum and per force; and b."""
+    from scipy.special import gammainc  # 0.1 s, which most scenes need not wait for
+
+    close = np.abs(slow) * h < 0.02  # the two rates of decay are nearly one, and their difference would cancel
+    apart = np.where(close, 1.0 / h, slow)
+    fast = sigma + apart
+    late = np.where(close, fast, (sigma - slow) * (sigma + slow) / fast)
+    move = (np.exp(-late * h) - np.exp(-fast * h)) / (2 * apart)
+    give = (_mean_decay(late, h) - _mean_decay(fast, h)) / (2 * apart)
+    brake = (fast * np.exp(-fast * h) - late * np.exp(-late * h)) / (2 * apart)
+    x, square = np.maximum(sigma * h, 1e-40), np.real((slow * h) ** 2)
+    sine, cosine = 1 + square / 6 * (1 + square / 20), 1 + square / 2 * (1 + square / 12)
+    series = [h * np.exp(-x) * sine]
+    series.append(h**2 * sum(square**j * gammainc(2 * j + 2, x) / x ** (2 * j + 2) for j in range(3)))
+    series.append(np.exp(-x) * (cosine - x * sine))
+    exact = (move.real, give.real, brake.real)
+    return tuple(np.where(close, a, b) for a, b in zip(series, exact, strict=True))
+
+
+def _mean_decay(rate: np.ndarray, h: float) -> np.ndarray:
+    """∫₀ʰ e^(-rate·s) ds."""
+    still = rate == 0.0
+    return np.where(still, h, -np.expm1(-rate * h) / np.where(still, 1.0, rate))
+
+
+def is_heavily_damped(omega: np.ndarray, sigma: np.ndarray, h: float) -> np.ndarray:
+    """Which modes need `damped_coefficients`: free masses with damping, which no other table moves as it should both
+    where they coast and where they are pushed; and what loses much within a step [modes], bool."""
+    return np.asarray((sigma * h > HEAVY_DAMPING) | ((omega == 0.0) & (sigma > 0.0)))
+
+
+def stage_coefficients(
+    kick: np.ndarray, omega: np.ndarray, scheme: str, length: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Kick and drift (s) of a stage, whose length is a share of the step with the kicks given, and may be negative.
+
+    A step of the exact table turns a mode by θ = 2·atan(ω·kick), a stage by that share of θ. A stage of the
+    paper's scheme is a step of its own of that length.
+    """
+    angle = np.arctan(omega * kick)
+    exact = np.where(omega > 0.0, np.tan(length * angle) / np.where(omega > 0.0, omega, 1.0), length * kick)
+    own = length * kick if scheme == "fdh" else exact
+    return own, 2 * own / (1 + (omega * own) ** 2)
+
+
+SCHEMES = {"exact": exact_coefficients, "fdh": midpoint_coefficients}

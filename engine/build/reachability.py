@@ -1,0 +1,84 @@
+"""Which contacts of a scene amount to anything: those that are stiff, now or by an event, and that can close."""
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from engine.bodies.body import ModalBody
+from engine.build.layout import BodyPoint, Layout, acting_forces
+from engine.patch.scene import Scene
+from engine.patch.tables import ChangeEvent, StrikeEvent
+
+
+def contacts_to_build(scene: Scene, modal_bodies: list[ModalBody], live: bool = False) -> list[int]:
+    """Numbers of the contacts that are built. live: events may come that the scene does not name."""
+    stiff = {e.contact for e in scene.event if isinstance(e, ChangeEvent) and e.stiffness}
+    contacts = [k for k, c in enumerate(scene.contact) if c.stiffness > 0.0 or c.name in stiff]
+    if live:
+        return contacts
+    layout = Layout(scene, modal_bodies, contacts)
+    reach = initial_reach(layout, contacts)
+    return [k for k in contacts if is_reachable(layout, k, reach)]
+
+
+def initial_reach(layout: Layout, contacts: Iterable[int]) -> dict[int, float]:
+    """√2E of each island that has contacts, from the energy it holds at time 0, √J; infinite if it is driven."""
+    scene, island_of, bodies_of = layout.scene, layout.island_of_body, dict[int, list[int]]()
+    for b in range(len(scene.body)):
+        bodies_of.setdefault(island_of[b], []).append(b)
+    contacts_of: dict[int, list[int]] = {}
+    for k in contacts:
+        contacts_of.setdefault(island_of[layout.body_index[scene.contact[k].body]], []).append(k)
+    driven = {f.body for f in acting_forces(scene)} | {e.body for e in scene.event if isinstance(e, StrikeEvent)}
+    changed = {e.contact for e in scene.event if isinstance(e, ChangeEvent)}
+    reach: dict[int, float] = {}
+    for island, inside in contacts_of.items():
+        bodies = [layout.modal_bodies[b] for b in bodies_of[island]]
+        heavy = scene.gravity != 0.0 and any(body.gravity_participation.any() for body in bodies)
+        pushed = any(scene.body[b].name in driven for b in bodies_of[island])
+        if heavy or pushed or any(scene.contact[k].name in changed for k in inside):
+            reach[island] = math.inf
+            continue
+        energy = sum(float(np.sum(m.p**2 + (m.omega * m.q) ** 2)) / 2 for m in bodies)
+        reach[island] = math.sqrt(2 * (energy + sum(initial_contact_energy(layout, k) for k in inside)))
+    return reach
+
+
+def is_reachable(layout: Layout, k: int, reach_of_island: dict[int, float]) -> bool:
+    """Whether the energy of its island could ever close contact k.
+
+    A displacement Φq of energy E is at most √(2E·Σ Φ²/ω²), by Cauchy and Schwarz; both schemes
+    keep to that, for they conserve E. What drives an island can close all its contacts.
+    """
+    contact = layout.scene.contact[k]
+    reach = reach_of_island[layout.island_of_body[layout.body_index[contact.body]]]
+    if reach == math.inf:
+        return True
+    for point in layout.points_of(contact):
+        compliance = sum(static_compliance(layout, side) for side in layout.contact_sides(k, point)) if reach else 0.0
+        if not reach * math.sqrt(compliance) * (1 + 1e-9) <= layout.offset(k, point):
+            return True
+    return False
+
+
+def static_compliance(layout: Layout, point: BodyPoint) -> float:
+    """Static compliance Σ Φ²/ω² at a point, m/N; infinite for a free mass."""
+    if point.body is None:
+        return 0.0
+    phi, omega = layout.mode_shape(point), layout.modal_bodies[layout.body_index[point.body]].omega
+    moved = phi != 0.0
+    with np.errstate(over="ignore"):  # of a mode that is slower than anything
+        return math.inf if np.any(omega[moved] == 0.0) else float(np.sum((phi[moved] / omega[moved]) ** 2))
+
+
+def initial_contact_energy(layout: Layout, k: int) -> float:
+    """Energy that contact k holds at time 0, J."""
+    contact, energy = layout.scene.contact[k], 0.0
+    for point in layout.points_of(contact):
+        s = -layout.offset(k, point)
+        for side in layout.contact_sides(k, point):
+            if side.body is not None:
+                s += float(layout.mode_shape(side) @ layout.modal_bodies[layout.body_index[side.body]].q)
+        energy += point.stiffness * max(0.0, s) ** (contact.exponent + 1) / (contact.exponent + 1)
+    return energy

@@ -1,0 +1,91 @@
+"""The command `accuracy`: errors and costs of a patch at a ladder of settings."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from engine.cli import arguments
+from engine.cli.messages import option_faults, print_error, print_faults, read_patch
+from engine.cli.option_checks import (
+    check_paths,
+    check_rate_and_channels,
+    numeric_options,
+    plot_path,
+    report_path,
+    samplerate_of,
+    sound_path,
+)
+from engine.output_files import check_audio_format
+from engine.wording import json_safe
+
+# the sound of a report is rendered as the patch says it
+AS_THE_PATCH_SAYS = {"trace": None, "target_error": None, "subtype": None, "gain": None, "cores": None}
+
+
+def add_accuracy_command(commands: "arguments.Commands") -> None:
+    """Add `accuracy` and its options."""
+    what = "errors and costs at a ladder of settings"
+    parser = commands.add_parser("accuracy", help=what, description=f"Tell {what} of a patch.")
+    arguments.add_patch(parser)
+    arguments.add_length_and_rate(parser)
+    arguments.add_plot(parser, "error against time")
+    arguments.add_report(parser, "of the comparison and of a rendering, which is written too")
+    told = "the sound of the --report (default: the patch's name, here)"
+    parser.add_argument("-o", "--output", metavar="OUT.wav", help=told)
+    arguments.add_json(parser, "the comparison")
+    parser.set_defaults(run=accuracy_command, **AS_THE_PATCH_SAYS)
+
+
+def accuracy_command(args: argparse.Namespace) -> int:
+    """Print what accuracy costs, and draw or report it if asked; returns the exit code."""
+    from engine.build.build import BuildError
+    from engine.cli import rendering
+    from engine.patch.reader import locate_build_faults
+    from engine.report import console, plots
+
+    scene, faults = read_patch(args.patch)
+    numbers, wrong = numeric_options(args)
+    sound = None if args.report is None else sound_path(args)
+    wrong += check_paths({"--output": sound, "--plot": plot_path(args), "--report": report_path(args)})
+    if sound is not None:
+        wrong += check_audio_format(sound, None, "--output")
+        if scene is not None and not wrong:
+            channels = max(p.channel for p in scene.pickup)
+            wrong += check_rate_and_channels("--output", sound, samplerate_of(numbers), channels)
+    elif args.output is not None:
+        wrong.append(("--output", "for --report; give that too"))
+    faults += option_faults(wrong)
+    if scene is None or faults:
+        print_faults(faults)
+        return 2
+    plot, made, companions = plot_path(args), None, list[Path]()
+    try:
+        found = rendering.run_work_precision(scene, numbers["seconds"], numbers, args)
+        if args.report is not None:
+            made = rendering.render_from_arguments(scene, numbers, args, found)
+            companions = rendering.write_outputs(made, args)
+        elif plot is not None:
+            draw = lambda part: plots.plot_work_precision(found, Path(args.patch).stem, part)
+            rendering.write_or_raise(plot, lambda path: rendering.write_atomically(path, draw))
+    except BuildError as error:
+        print_faults(locate_build_faults(args.patch, error.faults))
+        return 2
+    except MemoryError:
+        print_error("not enough memory for so many samples; give fewer --seconds")
+        return 1
+    except rendering.WriteError as error:
+        print_error(error)
+        return 1
+    for warning in made.warnings if made is not None else []:
+        print(warning, file=sys.stderr)
+    if args.json:
+        told = made.stats if made is not None else {"patch": args.patch}
+        print(json.dumps(json_safe(told | {"price": found})))
+        return 0
+    console.print_work_precision(found)
+    if made is not None:
+        console.print_summary(made.stats, [str(path) for path in companions])
+    elif plot is not None:
+        print(plot)
+    return 0

@@ -1,0 +1,172 @@
+"""The parsers of the command line, and the options that several commands share."""
+
+import argparse
+import difflib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from engine.files import find_patch
+from engine.output_files import NORMALISED_PEAK_DBFS, SUBTYPES
+from engine.wording import to_one_line
+
+if TYPE_CHECKING:
+    Commands = argparse._SubParsersAction["CommandParser"]
+
+LONGEST = 400  # characters of a message
+VOICES = 8  # notes at a time, unless told otherwise
+ACCURACY_OPTIONS = {"scheme": str, "order": int, "substeps": int, "tolerance": float, "oversample": int}
+ACCURACY_OPTIONS |= {"precision": str}
+# options that became commands
+MOVED = {
+    "--explain": "inspect PATCH",
+    "--list-devices": "devices",
+    "--live": "play PATCH",
+    "--price": "accuracy PATCH",
+    "--replay": "replay LOG.json",
+    "--vary": "sweep PATCH --vary PATH=RANGE",
+}
+# options that have another name today
+RENAMED = {
+    "--block": "--block-size",
+    "--error": "--target-error",
+    "--force": "--ignore-speed",
+    "--log": "--event-log",
+    "--sample": "--random",
+}
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that says in one line what is wrong, and what was meant, instead of all there is.
+
+    Options cannot be abbreviated: `--sample` would be taken for `--samplerate`, and a new option could change what an
+    old command line does.
+    """
+
+    def __init__(self, **told: Any) -> None:
+        super().__init__(allow_abbrev=False, **told)
+
+    def error(self, message: str) -> NoReturn:
+        """Print what is wrong, and exit with 2."""
+        unknown = message.partition("unrecognized arguments: ")[2].partition(" ")[0].partition("=")[0]
+        self.exit(2, f"{self.prog}: {to_one_line(message, LONGEST)}; {self.suggest_option(unknown)}\n")
+
+    def suggest_option(self, unknown: str) -> str:
+        """Name the option that was meant by an unknown one, or where options are listed."""
+        near = difflib.get_close_matches(unknown, self._option_string_actions, 1, 0.6)
+        return f"did you mean {near[0]}?" if near else f"{self.prog} --help tells all"
+
+
+class CommandParser(Parser):
+    """The parser of one command. It knows the others, and names the one that an option belongs to."""
+
+    def __init__(self, **told: Any) -> None:
+        super().__init__(**told)
+        self.others: Mapping[str, CommandParser] = {}  # all commands by name; filled once they are all there
+        self.instead: dict[str, str] = {}  # what to do instead of some options of other commands
+
+    def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
+        """Parse the words of this command. Unknown options are refused here, where the known ones are known."""
+        for word in args or ():
+            if word == "--":
+                break
+            if answer := self.answer_old_option(word.partition("=")[0]):
+                self.exit(2, f"{self.prog}: {answer}\n")
+        found, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+        return found, unknown
+
+    def answer_old_option(self, option: str) -> str:
+        """What to write today for an option of before; nothing if it is none."""
+        if option in self._option_string_actions:
+            return ""
+        program = self.prog.rpartition(" ")[0]
+        if option in MOVED:
+            return f"{option} is a command now: {program} {MOVED[option]}"
+        if option in RENAMED:
+            new = RENAMED[option]
+            return f"{option} is called {new} now" + ("" if new in self._option_string_actions else self.owners(new))
+        return ""
+
+    def owners(self, option: str) -> str:
+        """Which commands have an option, as the end of a sentence."""
+        found = [other.prog for other in self.others.values() if option in other._option_string_actions]
+        return f", and belongs to {', '.join(found)}" if found else ""
+
+    def suggest_option(self, unknown: str) -> str:
+        """Name the commands that have an option which this one has not, or the option that was meant."""
+        if unknown in self.instead:
+            return self.instead[unknown]
+        if unknown.startswith("--") and (owners := self.owners(unknown)):
+            return f"{unknown}{owners.removeprefix(', and')}"
+        return super().suggest_option(unknown)
+
+
+def patch_file(text: str) -> str:
+    """A patch as it was given, or the file of the shipped one of that name."""
+    found = find_patch(text)
+    return text if found == Path(text) else str(found)
+
+
+def add_patch(parser: CommandParser, **more: Any) -> None:
+    """Add the patch: what every command that needs one takes."""
+    told = "a TOML file, or the name of a shipped patch, such as tanpura"
+    parser.add_argument("patch", metavar="PATCH", type=patch_file, help=told, **more)
+
+
+def add_length_and_rate(parser: CommandParser, rate: str = "44100") -> None:
+    """Add length and sample rate."""
+    parser.add_argument("--seconds", metavar="S", help="length, s (default: what the patch says)")
+    parser.add_argument("--samplerate", metavar="HZ", help=f"sample rate, Hz (default: {rate})")
+
+
+def add_sound_format(parser: CommandParser) -> None:
+    """Add the sample format of the file to be written."""
+    parser.add_argument("--subtype", metavar="TYPE", help=f"sample format: {', '.join(SUBTYPES)} (default: FLOAT)")
+
+
+def add_gain(parser: CommandParser) -> None:
+    """Add the gain of the sound."""
+    parser.add_argument(
+        "--gain", metavar="DB", help=f"fixed gain, dB, on SI units (default: peak at {NORMALISED_PEAK_DBFS:g} dBFS)"
+    )
+
+
+def add_cores(parser: CommandParser) -> None:
+    """Add how many processor cores may be used."""
+    told = "how many may share the work (default: all; the samples are the same)"
+    parser.add_argument("--cores", metavar="N", help=told)
+
+
+def add_voices(parser: CommandParser) -> None:
+    """Add the number of voices, for notes."""
+    parser.add_argument("--voices", metavar="N", help=f"notes at a time, with --midi (default: {VOICES})")
+
+
+def add_plot(parser: CommandParser, what: str) -> None:
+    """Add a picture, of something."""
+    told = f"draw {what} (default: beside the sound)"
+    parser.add_argument("--plot", metavar="OUT.png", nargs="?", const="", help=told)
+
+
+def add_report(parser: CommandParser, what: str) -> None:
+    """Add a page, of something."""
+    told = f"also write a page {what}, all in one file (default: beside the sound)"
+    parser.add_argument("--report", metavar="OUT.html", nargs="?", const="", help=told)
+
+
+def add_json(parser: CommandParser, what: str = "the statistics") -> None:
+    """Add the switch to output for programs."""
+    parser.add_argument("--json", action="store_true", help=f"print {what} as one JSON object")
+
+
+def add_accuracy_options(parser: CommandParser) -> None:
+    """Add the options that take the place of [accuracy] in a patch."""
+    group = parser.add_argument_group("accuracy (default: what the patch says under [accuracy])")
+    group.add_argument("--scheme", metavar="NAME", help="exact: free vibration in tune; fdh: the paper's")
+    group.add_argument("--order", metavar="N", help="of a step: 2, 4 or 6")
+    group.add_argument("--substeps", metavar="N", help="steps per sample where contact is possible")
+    group.add_argument("--tolerance", metavar="T", help="relative error left in a compression")
+    group.add_argument("--oversample", metavar="N", help="compute all at a multiple of the sample rate")
+    group.add_argument("--precision", metavar="TYPE", help="of the modes: float64 or float32")

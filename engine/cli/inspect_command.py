@@ -1,0 +1,51 @@
+"""The command `inspect`: what a patch is built of, what is left out, and what each part costs."""
+
+import argparse
+import json
+
+from engine.cli import arguments
+from engine.cli.messages import option_faults, print_error, print_faults, read_patch
+from engine.cli.option_checks import accuracy_options, numeric_options, samplerate_of
+from engine.cli.progress import progress_feedback
+from engine.wording import json_safe
+
+
+def add_inspect_command(commands: "arguments.Commands") -> None:
+    """Add `inspect` and its options."""
+    what = "what is built and left out, and what each island costs"
+    parser = commands.add_parser("inspect", help=what, description=f"Tell {what}. No file is written.")
+    arguments.add_patch(parser)
+    arguments.add_length_and_rate(parser)
+    arguments.add_accuracy_options(parser)
+    arguments.add_json(parser, "the same")
+    parser.set_defaults(run=profile_command)
+
+
+def profile_command(args: argparse.Namespace) -> int:
+    """Print what a scene is made of, and what it costs; returns the exit code."""
+    from engine.analysis.profile import profile_scene
+    from engine.build.build import BuildError
+    from engine.patch.reader import locate_build_faults
+    from engine.report import console
+
+    scene, faults = read_patch(args.patch)
+    numbers, wrong = numeric_options(args)
+    faults += option_faults(wrong)
+    if scene is None or faults:
+        print_faults(faults)
+        return 2
+    seconds = numbers["seconds"] or scene.seconds
+    try:
+        with progress_feedback(args.json):
+            found = profile_scene(scene, seconds, samplerate_of(numbers), **accuracy_options(args))
+    except BuildError as error:
+        print_faults(locate_build_faults(args.patch, error.faults))
+        return 2
+    except MemoryError:
+        print_error("not enough memory for so many samples; give fewer --seconds")
+        return 1
+    if args.json:
+        print(json.dumps({"patch": args.patch, "seconds": seconds, "explain": json_safe(found)}))
+    else:
+        console.print_profile(found, seconds)
+    return 0

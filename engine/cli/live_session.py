@@ -1,0 +1,325 @@
+"""A session of live sound: a patch plays, with keys, a meter and a recording."""
+
+import argparse
+import json
+import math
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from engine.analysis.silence import is_inaudible
+from engine.audio_formats import explain_unsupported_format
+from engine.cli.messages import print_error
+from engine.cli.option_checks import voice_count
+from engine.cli.play_command import parse_latency
+from engine.cli.progress import progress_feedback
+from engine.cli.terminal import format_meter, read_keyboard, show_meter
+from engine.live import audio_device, midi, recovery
+from engine.live.hot_reload import Watch
+from engine.live.player import Player
+from engine.live.recording import Recording, Unrecorded
+from engine.live.shared_memory import Gauge
+from engine.output_files import absolute_path, atomic_write, error_reason
+from engine.patch.faults import PatchError
+from engine.patch.reader import load
+from engine.patch.scene import Scene
+from engine.wording import json_safe
+
+TICK = 0.004  # s, between two looks at notes …
+REST = 0.1  # s, … and at the meter and the patch's file
+PILOT, LONGEST = 1.5, 30.0  # s: how long a patch is measured before it is played, and how much of it at most
+WINDOW = 0.05  # s, of which the dearest counts
+RETRIES = 2  # of a patch that seems too heavy
+HEADROOM = 0.5  # peak of the pilot in the output: what is struck later may be louder
+PATIENCE = 2.0  # s, for the driver to end
+SOFTEST = 0.2  # of a hammer's own speed, for key 1; key 5 is as the patch has it
+ENDS = {"q": "quit", "n": "next"}
+
+
+class TooSlow(RuntimeError):
+    """A patch that is not computed as fast as it sounds."""
+
+
+def measure_speed(make: Callable[[], Player], block: int) -> tuple[float, float]:
+    """Times real time that the dearest stretch of a patch runs at, and its peak, in SI units; of as much of it as can
+    be computed in a moment. The machine may have been busy with something else: what seems too dear is played anew, by
+    another player, and of each stretch the quickest counts."""
+    costs, peak = window_costs(make(), block, math.inf)
+    for _ in range(RETRIES):
+        if costs.max(initial=0.0) > 1.0:
+            again, _ = window_costs(make(), block, costs.size)
+            costs[: again.size] = np.minimum(costs[: again.size], again)
+    return 1.0 / float(costs.max(initial=1e-9)), peak
+
+
+def window_costs(player: Player, block: int, most: float) -> tuple[np.ndarray, float]:
+    """Time spent per time of sound, of each stretch of a patch; and its peak."""
+    if player.voices:
+        player.strike()
+    rate = player.samplerate
+    out, costs, spent, played = np.zeros((block, player.channels), np.float32), list[float](), 0.0, 0
+    limit, started = min(LONGEST, player.scene.seconds) * rate, time.perf_counter()
+    while player.frame < limit and time.perf_counter() - started < PILOT and len(costs) < most:
+        begin = time.perf_counter()
+        player.render_into(out)
+        spent, played = spent + time.perf_counter() - begin, played + block
+        if played >= WINDOW * rate:
+            costs.append(spent / played * rate)
+            spent, played = 0.0, 0
+    if played and not costs:
+        costs.append(spent / played * rate)
+    return np.array(costs), float(player.gauges[Gauge.PEAK])
+
+
+class PlayerFactory:
+    """How a patch is brought to a player: at the accuracy and the level asked for."""
+
+    def __init__(
+        self, args: argparse.Namespace, gain: float | None, accuracy: dict[str, Any], samplerate: int, channels: int
+    ) -> None:
+        self.args, self.gain, self.accuracy, self.samplerate, self.channels = args, gain, accuracy, samplerate, channels
+
+    def with_accuracy(self, scene: Scene) -> Scene:
+        """The scene at the accuracy that the command line asks for, on as many sides as the device has."""
+        scene = scene.model_copy(update={"accuracy": scene.accuracy.replace(**self.accuracy)})
+        return mono_to_stereo(scene) if self.channels > 1 else scene
+
+    def make_player(self, scene: Scene) -> Player:
+        """A player at a good level. Raises TooSlow unless told to play all the same, MidiError, BuildError."""
+        args, many = self.args, dict[str, Any]()
+        seconds = None if args.seconds is None else float(args.seconds)
+        if args.midi:
+            many = {"voices": voice_count(args), "lowest": midi.lowest(args.midi, scene)}
+        if (args.midi or args.watch) and seconds is None:
+            seconds = math.inf
+        with progress_feedback(args.json):
+            speed, peak = measure_speed(lambda: Player(scene, self.samplerate, **many), int(args.block_size))
+        if speed < 1.0 and not args.ignore_speed:
+            raise TooSlow(
+                f"too heavy for real time: {speed:.2f} × at its busiest; fewer modes or points of contact, a lower"
+                " --samplerate, or --ignore-speed"
+            )
+        silent = peak == 0.0 or is_inaudible(scene)
+        factor = 10 ** (self.gain / 20) if self.gain is not None else 1.0 if silent else HEADROOM / peak
+        return Player(scene, self.samplerate, seconds, factor, **many)
+
+
+def mono_to_stereo(scene: Scene) -> Scene:
+    """A patch of one channel, to be heard on two: a driver may give one channel to one loudspeaker."""
+    if any(p.channel > 1 for p in scene.pickup):
+        return scene
+    return scene.model_copy(
+        update={"pickup": [p.model_copy(update={"channel": c}) for c in (1, 2) for p in scene.pickup]}
+    )
+
+
+def play_patch(args: argparse.Namespace, scene: Scene, gain: float | None, accuracy: dict[str, Any]) -> int:
+    """Play a patch, and those after it if asked; returns the exit code. Raises BuildError."""
+    path = Path(args.patch)
+    while True:
+        try:
+            _, name, channels, own = audio_device.output(args.device)
+            samplerate = own if args.samplerate is None else int(float(args.samplerate))
+            factory = PlayerFactory(args, gain, accuracy, samplerate, channels)
+            scene = factory.with_accuracy(scene)
+            player = factory.make_player(scene)
+            compiled, wait = args.callback != "python", parse_latency(args.latency)
+            stream = audio_device.stream(player, args.device, int(args.block_size), wait, compiled)
+            keyed = midi.Keys(player) if args.midi else None
+            notes = midi.source(args.midi, keyed) if keyed else None
+        except (audio_device.SoundError, midi.MidiError, TooSlow) as error:
+            print_error(error)
+            return 1
+        told = f"{scene.title or path.stem}, on {name} at {samplerate} Hz, blocks of {args.block_size}"
+        print(told, file=sys.stderr if args.json else sys.stdout, flush=True)
+        watch = Watch(path, scene, player, factory.make_player, factory.with_accuracy) if args.watch else None
+        wish, code = play_to_end(args, player, stream, name, watch, notes)
+        stream.close()
+        print_summary(watch.player if watch is not None else player, args, midi.told_of(keyed) if keyed else {})
+        if wish != "next" or code:
+            return code
+        path, scene = next_patch(path)
+        args.patch = str(path)
+
+
+def play_to_end(
+    args: argparse.Namespace,
+    player: Player,
+    stream: Any,
+    name: str,
+    watch: Watch | None,
+    notes: midi.Source | None,
+) -> tuple[str, int]:
+    """Play to the end, and keep what is to be kept; returns how it ended, and the exit code. name: of the device."""
+    log = absolute_path(Path(args.event_log)) if args.event_log else None
+    with catch_signals() as interrupted:
+        with (
+            open_recording(args, player) as kept,
+            read_keyboard(bool(args.record or args.event_log or args.midi)) as keys,
+            show_meter(int(args.block_size)) as show,
+        ):
+            wish = run_session(player, stream, kept.write, keys, show, watch, notes, interrupted)
+        write_log(player, log, kept)
+    code = report_end(wish, name, kept, interrupted)
+    if wish == "vanished":
+        audio_device.forget()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(1)  # PortAudio would wait for a device that does not answer
+    return wish, code
+
+
+def report_end(wish: str, name: str, kept: Recording | Unrecorded, interrupted: list[int]) -> int:
+    """Say how it ended; returns the exit code. name: of the device."""
+    if wish == "vanished":
+        print_error(f"{name} is gone; what was recorded is kept")
+    elif wish == "interrupted" and interrupted[0] != signal.SIGINT:
+        print_error(f"ended by {signal.Signals(interrupted[0]).name}")
+    for line in kept.lines:
+        print_error(line)
+    if not kept.whole or wish == "vanished":
+        return 1
+    return 128 + interrupted[0] if wish == "interrupted" else 0
+
+
+def run_session(
+    first: Player,
+    stream: Any,
+    write: Any,
+    keys: Any,
+    show: Any,
+    watch: Watch | None,
+    notes: midi.Source | None,
+    interrupted: list[int],
+) -> str:
+    """Start the stream; keys, notes, meter and recording while the driver plays; returns how it ended."""
+    wish, deadline, player, shown = "over", math.inf, first, -math.inf
+    audio_device.start(stream)
+    while True:
+        pressed = keys(TICK if notes is not None else REST)
+        if notes is not None and notes():
+            player.stop()
+        if time.monotonic() - shown >= REST:
+            shown = time.monotonic()
+            write(first.fetch_recording())
+            if watch is not None:
+                for line in watch.look():
+                    print(line, file=sys.stderr)
+                player = watch.player
+            show(player)
+        ends = [ENDS[key] for key in pressed if key in ENDS]
+        if wish == "over" and (interrupted or ends):
+            wish = "interrupted" if interrupted else ends[0]
+            player.stop()
+            deadline = time.monotonic() + PATIENCE + 2 * float(np.max(stream.latency))
+        for key in pressed:
+            handle_key(player, key)
+        if not stream.active:
+            write(first.fetch_recording())
+            return wish if first.driver_stopped else "vanished"
+        if time.monotonic() > deadline:
+            return "vanished"
+
+
+def handle_key(player: Player, key: str) -> None:
+    """What a key does, but for those that end it all."""
+    if key == "m":
+        player.damp()
+    elif key in (" ", "s"):
+        player.strike()
+    elif key in "123456789":
+        for hammer in player.strikers:
+            player.strike(hammer, SOFTEST * int(key) * player.default_velocity(hammer))
+
+
+@contextmanager
+def catch_signals() -> Iterator[list[int]]:
+    """A list that holds a signal once Ctrl-C was pressed, the program was told to end, or its terminal was closed:
+    nothing is broken off half-way. What the program was started to ignore, as by nohup, it ignores."""
+    found: list[int] = []
+    numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {n: signal.getsignal(n) for n in numbers}
+    before = {n: how for n, how in before.items() if n == signal.SIGINT or how is not signal.SIG_IGN}
+    for number in before:
+        signal.signal(number, lambda number, frame: found.append(number))
+    try:
+        yield found
+    finally:
+        for number, how in before.items():
+            signal.signal(number, how)
+
+
+@contextmanager
+def open_recording(args: argparse.Namespace, player: Player) -> Iterator[Recording | Unrecorded]:
+    """What takes samples, and keeps them in a file if asked."""
+    if args.record is None:
+        yield Unrecorded()
+        return
+    target = Path(args.record)
+    if what := explain_unsupported_format(target, player.samplerate, player.channels):
+        raise audio_device.SoundError(f"--record: {what}")
+    if said := recovery.notice(target.parent):
+        print_error(said)
+    kept, played = Recording(target, player.samplerate, player.channels, args.subtype), False
+    try:
+        yield kept
+        played = True
+    finally:
+        kept.close(played)
+
+
+def print_summary(player: Player, args: argparse.Namespace, played: dict[str, str]) -> None:
+    """What there is to be said at the end. played: which body played which notes."""
+    now = player.meter()
+    if args.json:
+        print(json.dumps({"patch": args.patch, "live": json_safe(now), "notes": played}))
+        return
+    for body, notes in played.items():
+        print(f"{body} plays {notes}")
+    print(format_meter(now | {"peak": 0.0}, int(args.block_size)).replace("  silent  ", "  "))
+    said = {
+        "dropouts": f"dropouts: try --block-size {2 * int(args.block_size)}, or --latency high",
+        "limited": "samples held back by the limiter; a lower --gain",
+        "not_finite": "samples that were no numbers, and silenced: a fault of the engine; please report the patch",
+        "dropped": "events dropped: too many at once",
+        "lost": "samples of the recording lost: the disk was too slow",
+    }
+    for key, what in said.items():
+        if now[key]:
+            print(f"{now[key]} {what}")
+    for target in (args.record, args.event_log):
+        if target and Path(target).exists():
+            print(target)
+
+
+def write_log(player: Player, path: Path | None, kept: Recording | Unrecorded) -> None:
+    """Write what was done, if asked; what is to be said of it goes to what was kept of the sound."""
+    if path is None:
+        return
+    told = json.dumps(player.log())
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)  # it was there before
+        with atomic_write(path) as part:
+            part.write_text(told, "utf-8")
+    except OSError as error:
+        kept.whole = False
+        kept.lines.append(f"cannot write {path} ({error_reason(error)})")
+
+
+def next_patch(path: Path) -> tuple[Path, Scene]:
+    """The next patch of the folder that is good."""
+    patches = sorted(path.parent.glob("*.toml"))
+    at = patches.index(path) if path in patches else -1
+    for other in [*patches[at + 1 :], *patches[: at + 1]]:
+        try:
+            return other, load(str(other))
+        except PatchError:
+            continue
+    raise FileNotFoundError(path)

@@ -1,0 +1,109 @@
+"""Commands about this machine: devices that can be played on, compiled kernels, recordings that were broken off."""
+
+import argparse
+import json
+import os
+import sys
+from pathlib import Path
+
+from engine.cli import arguments
+from engine.cli.messages import option_faults, print_error, print_faults
+from engine.wording import json_safe
+
+
+def add_machine_commands(commands: "arguments.Commands") -> None:
+    """Add the commands of this file and their options."""
+    told = "list what can be played on"
+    devices = commands.add_parser("devices", help=told, description=f"{told.capitalize()}.")
+    devices.set_defaults(run=list_devices)
+
+    told = "where compiled kernels are kept, and how large they are"
+    cache = commands.add_parser("cache", help=told, description=f"Tell {told}.")
+    cache.add_argument("--clear", action="store_true", help="delete them; a render compiles again what it needs")
+    arguments.add_json(cache, "the same")
+    cache.set_defaults(run=cache_command)
+
+    recover = commands.add_parser(
+        "recover",
+        help="keep recordings that were broken off",
+        description="Keep recordings that were broken off, as files that can be played; delete what else was left for"
+        " a week.",
+    )
+    told = "where they were made (default: here)"
+    recover.add_argument("folder", metavar="FOLDER", nargs="?", default=".", help=told)
+    recover.set_defaults(run=recover_recordings)
+
+
+def list_devices(args: argparse.Namespace) -> int:
+    """List what can be played on; returns the exit code."""
+    from engine.live.audio_device import SoundError, outputs
+
+    try:
+        found = outputs()
+    except SoundError as error:
+        print_error(error)
+        return 1
+    for number, name, channels, rate in found:
+        print(f"{number:>3}  {name}: {channels} channels, {rate} Hz")
+    if not found:
+        print("no output device; rendering to a file needs none", file=sys.stderr)
+    return 0 if found else 1
+
+
+def cache_command(args: argparse.Namespace) -> int:
+    """Tell where compiled kernels are kept, and delete them if asked; returns the exit code."""
+    from engine.compiler import cache_files
+
+    try:
+        limit = cache_files.limit()
+        base = cache_files.folder()
+    except ValueError as error:
+        print_error(error)
+        return 2
+    except OSError as error:
+        print_error(f"compiled kernels are not kept ({error})")
+        return 1
+    before = cache_files.files(base)
+    left = cache_files.clear(base) if args.clear else before
+    kernels, size = cache_files.count(left)
+    deleted = cache_files.count(before)[0] - kernels
+    told = {"folder": str(base), "kernels": kernels, "bytes": size, "limit_bytes": limit, "deleted": deleted}
+    if args.json:
+        print(json.dumps(json_safe(told)))
+    elif args.clear:
+        print(f"{base}: {deleted} kernels deleted")
+    else:
+        print(f"{base}: {kernels} kernels, {size / 1e6:.1f} MB; at most {limit / 1e6:g} MB")
+    if args.clear and left:
+        print_error(f"{len(left)} files in {base} cannot be deleted")
+        return 1
+    return 0
+
+
+def recover_recordings(args: argparse.Namespace) -> int:
+    """Keep recordings that were broken off; returns the exit code."""
+    from engine.live import recovery
+    from engine.live.recording import mend
+    from engine.output_files import error_reason, unused_path
+
+    folder, kept = Path(args.folder), 0
+    if not folder.is_dir():
+        print_faults(option_faults([("FOLDER", f"no such folder: {folder}")]))
+        return 2
+    try:
+        found = recovery.leftovers(folder)
+        for path, name in found:
+            if frames := mend(path):
+                target = unused_path(folder / name)
+                os.replace(path, target)
+                kept += 1
+                print(f"{target}: {frames} frames, of {path.name}")
+    except OSError as error:
+        print_error(f"cannot recover {folder} ({error_reason(error)})")
+        return 1
+    deleted = recovery.clear([(path, name) for path, name in found if path.exists()])
+    if deleted:
+        print(f"{deleted} other half-written files, older than a week, deleted")
+    if not kept:
+        print(f"{folder}: no recording was broken off")
+    return 0

@@ -1,0 +1,128 @@
+"""The command line: which command is meant, and its exit code. Commands import the engine when they run, so that
+--help and errors answer at once."""
+
+import argparse
+import difflib
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+from engine.cli import standard_streams
+from engine.cli.accuracy_command import add_accuracy_command
+from engine.cli.arguments import CommandParser, Parser
+from engine.cli.inspect_command import add_inspect_command
+from engine.cli.machine_commands import add_machine_commands
+from engine.cli.messages import print_error
+from engine.cli.patch_commands import add_patch_commands
+from engine.cli.play_command import add_play_command
+from engine.cli.render_command import add_render_command
+from engine.cli.replay_command import add_replay_command
+from engine.cli.sweep_command import add_sweep_command
+from engine.files import find_patch, is_folder, path_exists, shipped_names
+from engine.wording import program_name
+
+COMMAND_GROUPS = (
+    add_render_command,
+    add_play_command,
+    add_sweep_command,
+    add_replay_command,
+    add_accuracy_command,
+    add_inspect_command,
+    add_patch_commands,
+    add_machine_commands,
+)
+DEFAULT = "render"  # what is done to a patch, where no command is given
+OF_THE_PROGRAM = ("-h", "--help", "--version")
+WORD = re.compile(r"[\w-]{1,40}")  # what may be a misspelt command or shipped patch: no path
+EXAMPLE = "tanpura"
+EPILOG = """{program} PATCH … is {program} render PATCH …, and {program} COMMAND --help tells the options of a command.
+PATCH is a file, or the name of a shipped patch:
+{shipped}
+
+example: {program} {example} -o out.wav"""
+
+
+def program() -> int:
+    """Run the command line as a program of its own, whatever its standard streams are; returns the exit code."""
+    standard_streams.prepare()
+    try:
+        code = main()
+    except SystemExit as end:  # of argparse
+        code = end.code if isinstance(end.code, int) else 0
+    return standard_streams.finish(code)
+
+
+def main(words: list[str] | None = None) -> int:
+    """Run the command line; returns the exit code: 0, 1 (failed), 2 (bad input), 130 (Ctrl-C)."""
+    words = sys.argv[1:] if words is None else words
+    try:
+        parser, commands = build_parser()
+        if not words:
+            right = f"such as {EXAMPLE}, or start one with {program_name()} new NAME"
+            parser.error(f"give a PATCH, {right}")
+        if words[0] not in commands and words[0] not in OF_THE_PROGRAM:
+            if meant := suggest_command(words[0], list(commands)):
+                print_error(f'no command, file or shipped patch is called "{words[0]}"; {meant}')
+                return 2
+            words = [DEFAULT, *words]
+        args = parser.parse_args(words)
+        code: int = args.run(args)
+        return code
+    except KeyboardInterrupt:
+        print("interrupted; nothing was written", file=sys.stderr)
+        return 130
+
+
+def build_parser() -> tuple[Parser, dict[str, CommandParser]]:
+    """The parser of the whole command line, and those of its commands."""
+    name = program_name()
+    parser = Parser(
+        prog=name,
+        description="Sound synthesis in which things really collide: patches become sound files, or are played live.",
+        epilog=EPILOG.format(program=name, shipped=list_shipped(), example=EXAMPLE),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action=ShowVersion, nargs=0, help="show the version of the engine")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", parser_class=CommandParser, required=True)
+    for add in COMMAND_GROUPS:
+        add(commands)
+    found: dict[str, CommandParser] = dict(commands.choices)
+    for command in found.values():
+        command.others = found
+    return parser, found
+
+
+class ShowVersion(argparse.Action):
+    """Print the version and exit; it is looked up only when it is asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        """Print the version of the engine."""
+        import engine
+
+        print(f"fdh {engine.__version__}")
+        parser.exit()
+
+
+def list_shipped() -> str:
+    """The names of the shipped patches, on lines of the help."""
+    lines = [""]
+    for name in shipped_names():
+        if len(lines[-1]) + len(name) > 76:
+            lines.append("")
+        lines[-1] += f"  {name}"
+    return "\n".join(lines)
+
+
+def suggest_command(word: str, commands: list[str]) -> str:
+    """What was meant by a first word that is no command, no file and no shipped patch; nothing if it is one of these,
+    or a path, of which the reader of patches says more."""
+    if word.startswith("-") or not WORD.fullmatch(word) or path_exists(find_patch(word)):
+        return ""
+    files = sorted(Path().glob("*.toml")) if is_folder(Path()) else []
+    meant = {name: name for name in shipped_names()} | {path.stem: str(path) for path in files}
+    meant |= {command: command for command in commands}
+    near = list(dict.fromkeys(f'"{meant[name]}"' for name in difflib.get_close_matches(word, meant, 3, 0.6)))
+    if near:
+        return f"did you mean {' or '.join([', '.join(near[:-1]), near[-1]] if near[1:] else near)}?"
+    return f"{program_name()} --help lists commands and shipped patches"

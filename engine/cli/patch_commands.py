@@ -1,0 +1,196 @@
+"""Commands about patches and what they may hold: check, params, new, schema, reference."""
+
+import argparse
+import difflib
+import json
+import os
+import sys
+from collections.abc import Sized
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from engine.cli import arguments
+from engine.cli.messages import print_error, print_faults, read_patch
+from engine.cli.option_checks import RATE
+from engine.files import SHIPPED_PATCHES, is_folder, path_exists
+from engine.wording import json_safe, program_name, to_one_line
+
+if TYPE_CHECKING:
+    from engine.patch.faults import Fault
+    from engine.patch.scene import Scene
+
+TEMPLATES = SHIPPED_PATCHES / "templates"
+SCHEMA = SHIPPED_PATCHES / "patch.schema.json"
+FIRST_TEMPLATE = "hammer"
+LONGEST_PATH = 400  # characters of one that is told
+
+
+def add_patch_commands(commands: "arguments.Commands") -> None:
+    """Add the commands of this file and their options."""
+    told = "validate patches without rendering"
+    check = commands.add_parser("check", help=told, description=f"{told.capitalize()}.")
+    arguments.add_patch(check, nargs="+")
+    check.set_defaults(run=check_patches)
+
+    told = "list the numbers of a patch, by their paths"
+    params = commands.add_parser("params", help=told, description=f"{told.capitalize()}.")
+    arguments.add_patch(params)
+    arguments.add_json(params, "them")
+    params.set_defaults(run=print_parameters)
+
+    templates = read_templates()
+    told = "start a patch from a template"
+    listed = "\n".join(f"  {name:<8} {text.splitlines()[0].lstrip('# ')}" for name, text in templates.items())
+    new = commands.add_parser(
+        "new",
+        help=told,
+        description=f"{told.capitalize()}.",
+        epilog=f"templates:\n{listed}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    new.add_argument("name", metavar="NAME", help="the patch to write, NAME.toml")
+    new.add_argument("--like", metavar="TEMPLATE", help=f"{', '.join(templates)} (default: {FIRST_TEMPLATE})")
+    new.set_defaults(run=start_patch)
+
+    told = "Print the JSON Schema of a patch, by which editors complete and check."
+    schema = commands.add_parser("schema", help="the JSON Schema of a patch, for editors", description=told)
+    schema.set_defaults(run=print_schema)
+    told = "Print every key of a patch, as Markdown: docs/patches.md."
+    reference = commands.add_parser("reference", help="every key of a patch, as Markdown", description=told)
+    reference.set_defaults(run=print_reference)
+
+
+def check_patches(args: argparse.Namespace) -> int:
+    """Validate patches without rendering: they are read, and built as a render would; returns the exit code."""
+    faulty = False
+    for path in args.patch:
+        scene, faults = read_patch(path)
+        if scene is not None:
+            faults = check_build(path, scene)
+        faulty = faulty or bool(faults)
+        if scene is not None and not faults:
+            parts: dict[str, Sized] = {
+                "bodies": scene.body,
+                "contacts": scene.contact,
+                "forces": scene.force,
+                "pickups": scene.pickup,
+            }
+            told = ", ".join(f"{name} {len(tables)}" for name, tables in parts.items())
+            print(f"{to_one_line(path, LONGEST_PATH)}: valid; {told}")
+        print_faults(faults)
+    return 2 if faulty else 0
+
+
+def check_build(path: str, scene: "Scene") -> "list[Fault]":
+    """What stands against rendering a patch at the usual sample rate."""
+    from engine.build import limits
+    from engine.build.build import BuildError, build
+    from engine.patch.reader import locate_build_faults
+
+    rate = RATE * scene.accuracy.oversample
+    try:
+        limits.check_forces(scene, rate, scene.seconds)
+        build(scene, rate, seconds=0.0)  # with its forces, but not the tables of hours
+    except BuildError as error:
+        return locate_build_faults(path, error.faults)
+    return []
+
+
+def print_schema(args: argparse.Namespace) -> int:
+    """Print the JSON Schema of a patch; returns the exit code."""
+    from engine.patch.json_schema import patch_schema
+
+    readable = (sys.stdout.encoding or "utf-8").lower().replace("-", "") == "utf8"
+    print(json.dumps(patch_schema(), indent=1, ensure_ascii=not readable))
+    return 0
+
+
+def print_reference(args: argparse.Namespace) -> int:
+    """Print what every key of a patch means; returns the exit code."""
+    from engine.patch.reference_page import reference_page
+
+    print(reference_page(), end="")
+    return 0
+
+
+def print_parameters(args: argparse.Namespace) -> int:
+    """List the numbers of a patch; returns the exit code."""
+    from engine.patch.parameters import list_parameters
+    from engine.patch.reference_page import format_number
+    from engine.report.console import print_table
+
+    scene, faults = read_patch(args.patch)
+    if scene is None:
+        print_faults(faults)
+        return 2
+    found = list_parameters(scene)
+    if args.json:
+        print(json.dumps(json_safe({"patch": args.patch, "params": [asdict(p) for p in found]})))
+        return 0
+    rows: list[tuple[str, ...]] = [("path", "value", "unit", "range", "live", "meaning")]
+    rows += [(p.path, format_number(p.value), p.unit, p.range, "knob" if p.live else "", p.meaning) for p in found]
+    print_table(rows)
+    return 0
+
+
+def start_patch(args: argparse.Namespace) -> int:
+    """Start a patch from a template; returns the exit code."""
+    from engine.output_files import atomic_write, error_reason
+    from engine.patch.faults import Fault
+
+    program, templates = program_name(), read_templates()
+    like, path = args.like or FIRST_TEMPLATE, Path(args.name)
+    path = path if path.suffix == ".toml" or not path.name else path.with_name(path.name + ".toml")
+    faults = []
+    if args.name in ("", "..") or not Path(args.name).name or "\0" in args.name:
+        faults.append(Fault(program, None, "NAME", f'"{args.name}" names no file; a word, such as mine'))
+        path = Path("none.toml")
+    if like not in templates:
+        near = difflib.get_close_matches(like, templates, 1, 0.5)
+        right = f'did you mean "{near[0]}"?' if near else ""
+        faults.append(Fault(program, None, "--like", f'no template "{like}"; {right or ", ".join(templates)}'))
+    if path_exists(path):
+        faults.append(Fault(str(path), None, "", "exists; give another NAME"))
+    elif not is_folder(path.parent):
+        faults.append(Fault(str(path), None, "", f"no such folder: {path.parent}; make it, or write elsewhere"))
+    if faults:
+        print_faults(faults)
+        return 2
+    try:
+        with atomic_write(path) as part:
+            part.write_text(schema_directive(path) + templates[like], "utf-8")
+    except OSError as error:
+        print_error(f"cannot write {to_one_line(str(path), LONGEST_PATH)} ({error_reason(error)})")
+        return 1
+    print(f"{path}: like {like}" + ("" if args.like else f"; --like also knows {other_templates(templates, like)}"))
+    print(f"  {start_command()} check {path}\n  {start_command()} render {path}")
+    return 0
+
+
+def read_templates() -> dict[str, str]:
+    """The texts of all templates, by name."""
+    return {path.stem: path.read_text("utf-8") for path in sorted(TEMPLATES.glob("*.toml"))}
+
+
+def start_command() -> str:
+    """How this program is started, from here."""
+    script = Path(sys.argv[0])
+    if program_name() != "render.py":
+        return program_name()
+    return f"uv run {script}" if script.parent == Path() else f"uv run --project {script.parent} {script}"
+
+
+def other_templates(templates: dict[str, str], like: str) -> str:
+    """The names of all templates but one."""
+    return ", ".join(name for name in templates if name != like)
+
+
+def schema_directive(path: Path) -> str:
+    """The first line of a patch, by which editors find the schema; none if it is not there, or on another drive."""
+    try:
+        way = os.path.relpath(SCHEMA, path.parent.resolve())
+    except ValueError:
+        return ""
+    way = Path(way).as_posix()
+    return f"#:schema {way if way.startswith('.') else './' + way}\n" if SCHEMA.is_file() else ""

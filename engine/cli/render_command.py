@@ -1,0 +1,166 @@
+"""The command `render`: a patch becomes a sound file, as it is or played by the notes of a MIDI file."""
+
+import argparse
+import json
+import sys
+from typing import TYPE_CHECKING
+
+from engine.cli import arguments
+from engine.cli.messages import OptionFaults, option_faults, print_error, print_faults, read_patch
+from engine.cli.option_checks import (
+    NumericOptions,
+    accuracy_options,
+    check_paths,
+    check_rate_and_channels,
+    numeric_options,
+    optional_path,
+    plot_path,
+    report_path,
+    samplerate_of,
+    sound_path,
+    voice_count,
+)
+from engine.cli.progress import progress_feedback
+from engine.output_files import (
+    apply_gain,
+    check_audio_format,
+    count_clipped,
+    describe_lowered_gain,
+    error_reason,
+    save_audio,
+)
+from engine.wording import json_safe
+
+if TYPE_CHECKING:
+    from engine.patch.scene import Scene
+
+# what a render of notes takes no notice of
+NOT_OF_NOTES = {"--trace": "trace", "--plot": "plot", "--report": "report", "--target-error": "target_error"}
+NOT_OF_NOTES |= {"--cores": "cores", "--oversample": "oversample"}
+
+
+def add_render_command(commands: "arguments.Commands") -> None:
+    """Add `render` and its options."""
+    parser = commands.add_parser(
+        "render", help="render a patch to a sound file", description="Render a patch to a sound file."
+    )
+    arguments.add_patch(parser)
+    told = "the file to write (default: the patch's name, here)"
+    parser.add_argument("-o", "--output", metavar="OUT.wav", help=told)
+    arguments.add_length_and_rate(parser)
+    arguments.add_sound_format(parser)
+    arguments.add_gain(parser)
+    arguments.add_cores(parser)
+    arguments.add_accuracy_options(parser)
+    told = "render at the cheapest setting that errs less: 1e-4, or 0.1dB of a band"
+    parser.add_argument("--target-error", metavar="E", help=told)
+    parser.add_argument("--midi", metavar="FILE.mid", help="play the notes of a file")
+    arguments.add_voices(parser)
+    told = "also write every sample's displacements, forces, energies"
+    parser.add_argument("--trace", metavar="OUT.npz", help=told)
+    arguments.add_plot(parser, "waveform, spectrogram, energies and contacts")
+    arguments.add_report(parser, "to listen to and look at")
+    arguments.add_json(parser)
+    parser.set_defaults(run=render_command)
+
+
+def render_command(args: argparse.Namespace) -> int:
+    """Render a patch as the options say; returns the exit code."""
+    scene, faults = read_patch(args.patch)
+    numbers, wrong = numeric_options(args)
+    output = sound_path(args)
+    targets = {"--output": output, "--trace": optional_path(args.trace)}
+    wrong += check_paths(targets | {"--plot": plot_path(args), "--report": report_path(args)})
+    wrong += check_audio_format(output, args.subtype, "--output")
+    wrong += ignored_options(args)
+    if scene is not None and not wrong:
+        channels = max(p.channel for p in scene.pickup)
+        wrong += check_rate_and_channels("--output", output, samplerate_of(numbers), channels)
+    faults += option_faults(wrong)
+    if scene is None or faults:
+        print_faults(faults)
+        return 2
+    return midi_command(scene, numbers, args) if args.midi else scene_command(scene, numbers, args)
+
+
+def ignored_options(args: argparse.Namespace) -> OptionFaults:
+    """Options that would do nothing, given what else is asked for."""
+    if not args.midi:
+        return [("--voices", "for --midi; give that too")] if args.voices is not None else []
+    given = [option for option, name in NOT_OF_NOTES.items() if getattr(args, name) is not None]
+    return [(option, "cannot be combined with --midi") for option in given]
+
+
+def scene_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespace) -> int:
+    """Render a scene as its patch says it; returns the exit code."""
+    from engine.build.build import BuildError
+    from engine.cli import rendering
+    from engine.patch.reader import locate_build_faults
+    from engine.report import console
+
+    try:
+        made = rendering.render_from_arguments(scene, numbers, args)
+        companions = rendering.write_outputs(made, args)
+    except BuildError as error:
+        print_faults(locate_build_faults(args.patch, error.faults))
+        return 2
+    except MemoryError:
+        print_error("not enough memory for so many samples; give fewer --seconds, or no --trace, --plot or --report")
+        return 1
+    except rendering.WriteError as error:
+        print_error(error)
+        return 1
+    for warning in made.warnings:
+        print(warning, file=sys.stderr)
+    if args.json:
+        print(json.dumps(json_safe(made.stats)))
+    else:
+        console.print_summary(made.stats, [str(path) for path in companions])
+    return 0
+
+
+def midi_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespace) -> int:
+    """Render the notes of a MIDI file; returns the exit code."""
+    from engine.build import limits
+    from engine.build.build import BuildError
+    from engine.live import midi
+    from engine.offline.trust import doubts
+    from engine.patch.reader import locate_build_faults
+
+    rate, output = samplerate_of(numbers), sound_path(args)
+    scene = scene.model_copy(update={"accuracy": scene.accuracy.replace(**accuracy_options(args))})
+    try:
+        limits.build_modal_bodies(scene, rate, scene.accuracy.scheme)
+        with progress_feedback(args.json) as progress:
+            audio, player, played = midi.render(scene, args.midi, rate, numbers["seconds"], voice_count(args), progress)
+        audio, gain = apply_gain(audio, float(abs(audio).max()), numbers["gain"], args.subtype)
+        save_audio(output, audio, rate, args.subtype)
+    except midi.MidiError as error:
+        print_error(error)
+        return 2
+    except BuildError as error:
+        print_faults(locate_build_faults(args.patch, error.faults))
+        return 2
+    except MemoryError:
+        print_error("not enough memory for so many samples; give fewer --seconds or --voices")
+        return 1
+    except (OSError, RuntimeError) as error:
+        print_error(f"cannot write {output} ({error_reason(error)})")
+        return 1
+    if cut := count_clipped(output, audio, gain, args.subtype):
+        print(f"{output}: {cut}", file=sys.stderr)
+    for warning in describe_lowered_gain(output, gain, numbers["gain"]):
+        print(warning, file=sys.stderr)
+    now = player.meter()
+    reasons = doubts(now["newton"], {"error_max": now["energy_error"]}, not now["not_finite"])
+    if args.json:
+        stats = {"patch": args.patch, "output": str(output), "seconds": len(audio) / rate, "gain_db": gain, "live": now}
+        stats |= {"notes": played, "trusted": not reasons, "reasons": reasons}
+        print(json.dumps(json_safe(stats)))
+    else:
+        for body, notes in played.items():
+            print(f"{body} plays {notes}")
+        for why in reasons:
+            print(f"NOT TO BE TRUSTED: {why}")
+        print(f"{len(audio) / rate:g} s, {player.voices} voices, energy error {now['energy_error']:.1e}\n{output}")
+    return 0

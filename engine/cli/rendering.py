@@ -1,0 +1,166 @@
+"""A rendering with its files: everything is computed first, and then the sound and its companions are written."""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from engine.cli.option_checks import (
+    NumericOptions,
+    accuracy_options,
+    optional_path,
+    parse_error_target,
+    plot_path,
+    report_path,
+    samplerate_of,
+    sound_path,
+)
+from engine.cli.progress import progress_feedback
+from engine.output_files import (
+    apply_gain,
+    atomic_write,
+    count_clipped,
+    describe_lowered_gain,
+    error_reason,
+    save_audio,
+    save_trace,
+    to_utf8_text,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from engine.offline.render import Take
+    from engine.patch.scene import Scene
+
+TOLD = ("setting", "error", "bands_db", "ns_per_sample")  # of the setting that is chosen
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """What was computed."""
+
+    title: str
+    take: "Take"
+    audio: "np.ndarray"  # as the file will have it
+    stats: dict[str, Any]  # of the take, and of the file
+    comparison: dict[str, Any] | None  # what accuracy costs, if that was asked
+    page: str | None  # likewise
+    warnings: list[str]
+
+
+class WriteError(RuntimeError):
+    """A file could not be written."""
+
+
+def render_from_arguments(
+    scene: "Scene", numbers: NumericOptions, args: argparse.Namespace, comparison: dict[str, Any] | None = None
+) -> Rendering:
+    """Render a scene as the options say. Raises BuildError, MemoryError.
+
+    comparison: what accuracy costs, for the page
+    """
+    from engine.analysis.silence import explain_silence
+    from engine.offline.render import render
+
+    text = None if args.report is None else Path(args.patch).read_text("utf-8-sig")  # as it is rendered
+    accuracy, chosen = accuracy_options(args), dict[str, Any]()
+    if args.target_error is not None:
+        accuracy, chosen = cheapest_setting(scene, numbers, args, accuracy)
+    with progress_feedback(args.json) as progress:
+        take = render(
+            scene,
+            seconds=numbers["seconds"],
+            samplerate=samplerate_of(numbers),
+            trace=any(given is not None for given in (args.trace, args.plot, args.report)),
+            cores=None if numbers["cores"] is None else int(numbers["cores"]),
+            progress=progress,
+            **accuracy,
+        )
+    output, silent = sound_path(args), explain_silence(scene, take.stats)
+    audio, gain = apply_gain(take.audio, 0.0 if silent else float(take.stats["peak"]), numbers["gain"], args.subtype)
+    cut = count_clipped(output, audio, gain, args.subtype)
+    told = {"patch": args.patch, "output": str(output), "peak": float(abs(audio).max()), "gain_db": gain}
+    told |= {"silent": silent, "clipped": cut.count if cut else 0} | ({"chosen": chosen} if chosen else {})
+    stats, title = take.stats | told, scene.title or Path(args.patch).stem
+    warnings = [f"{args.patch}: silent; {silent}"] if silent else []
+    warnings += [f"{args.patch}: {warning}" for warning in take.stats["warnings"]]
+    warnings += describe_lowered_gain(output, gain, numbers["gain"])
+    warnings += [f"{output}: {cut}"] if cut else []
+    made = Rendering(title, take, audio, stats, comparison, None, warnings)
+    return made if text is None else replace(made, page=html_report(scene, text, made, args))
+
+
+def html_report(scene: "Scene", text: str, made: Rendering, args: argparse.Namespace) -> str:
+    """The page of a rendering, whole before anything is written. text: of the patch."""
+    from engine.analysis.profile import profile_scene
+    from engine.report.html import compose_page
+
+    accuracy = made.stats["accuracy"]
+    with progress_feedback(args.json) as progress:
+        rate = made.take.samplerate * accuracy["oversample"]
+        explained = profile_scene(scene, made.stats["seconds"], rate, progress, **accuracy)
+    return compose_page(made.title, text, made.take, made.audio, made.stats, explained, made.comparison)
+
+
+def write_outputs(made: Rendering, args: argparse.Namespace) -> list[Path]:
+    """Write the sound and its companions: trace, picture and page; returns the names of these. Raises WriteError."""
+    from engine.report import plots
+
+    def picture(path: Path) -> None:
+        if made.comparison is not None:
+            plots.plot_work_precision(made.comparison, Path(args.patch).stem, path)
+        else:
+            plots.plot_rendering(made.take, made.title, path)
+
+    write_or_raise(sound_path(args), lambda path: save_audio(path, made.audio, made.take.samplerate, args.subtype))
+    trace, page = made.take.trace or {}, to_utf8_text(made.page or "")
+    companions: list[tuple[Path | None, Callable[[Path], object]]] = [
+        (optional_path(args.trace), lambda path: save_trace(path, trace)),
+        (plot_path(args), lambda path: write_atomically(path, picture)),
+        (report_path(args), lambda path: write_atomically(path, lambda part: part.write_text(page, "utf-8"))),
+    ]
+    for target, job in companions:
+        if target is not None:
+            write_or_raise(target, job)
+    return [target for target, _ in companions if target is not None]
+
+
+def write_atomically(target: Path, job: Callable[[Path], object]) -> None:
+    """Let a job write a file beside a target, which then takes the target's place."""
+    with atomic_write(target) as part:
+        job(part)
+
+
+def write_or_raise(target: Path, job: Callable[[Path], object]) -> None:
+    """Let a job write a file. Raises WriteError, which says which and why."""
+    try:
+        job(target)
+    except (OSError, RuntimeError) as error:
+        raise WriteError(f"cannot write {target} ({error_reason(error)})") from error
+
+
+def run_work_precision(
+    scene: "Scene", seconds: float | None, numbers: NumericOptions, args: argparse.Namespace
+) -> dict[str, Any]:
+    """Measure what accuracy costs (engine.analysis.work_precision)."""
+    from engine.analysis.work_precision import measure_work_precision
+
+    with progress_feedback(args.json) as progress:
+        return measure_work_precision(scene, seconds, samplerate_of(numbers), progress)
+
+
+def cheapest_setting(
+    scene: "Scene", numbers: NumericOptions, args: argparse.Namespace, accuracy: dict[str, Any]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The cheapest setting that meets the error asked for, from a short pilot; and what is to be said of it."""
+    from engine.analysis.work_precision import cheapest_within
+
+    amount, decibels = parse_error_target(args.target_error)
+    found = run_work_precision(scene, None, numbers, args)
+    asked = {"asked": args.target_error, "horizon": found["horizon"], "unmeasured": found["unmeasured"]}
+    if found["unmeasured"]:
+        return accuracy, dict.fromkeys(TOLD) | asked | {"met": False}
+    row, met = cheapest_within(found, amount, decibels)
+    return accuracy | row["changes"], {key: row[key] for key in TOLD} | asked | {"met": met}

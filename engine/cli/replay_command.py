@@ -1,0 +1,57 @@
+"""The command `replay`: what was played live is rendered again from its log, bit for bit."""
+
+import argparse
+import json
+from pathlib import Path
+
+from engine.cli import arguments
+from engine.cli.messages import option_faults, print_error, print_faults
+from engine.cli.option_checks import check_paths, check_rate_and_channels
+from engine.cli.progress import progress_feedback
+from engine.output_files import check_audio_format, error_reason, save_audio
+
+
+def add_replay_command(commands: "arguments.Commands") -> None:
+    """Add `replay` and its options."""
+    parser = commands.add_parser(
+        "replay",
+        help="render what was played live, from its log",
+        description="Render what was played live, bit for bit, from the log that play --event-log wrote.",
+    )
+    parser.add_argument("log", metavar="LOG.json", help="a log that play --event-log wrote")
+    told = "the file to write (default: LOG_replay.wav, here)"
+    parser.add_argument("-o", "--output", metavar="OUT.wav", help=told)
+    arguments.add_sound_format(parser)
+    arguments.add_json(parser, "name and length of the file")
+    parser.set_defaults(run=replay_command)
+
+
+def replay_command(args: argparse.Namespace) -> int:
+    """Render a log; returns the exit code."""
+    from engine.live.replay import read, replay
+    from engine.patch.faults import Fault
+
+    output = Path(args.output or f"{Path(args.log).stem}_replay.wav")
+    wrong = check_paths({"--output": output}) + check_audio_format(output, args.subtype, "--output")
+    faults = option_faults(wrong)
+    try:
+        log = read(Path(args.log))
+        channels = max(p.channel for p in log.made().pickup)
+        faults += option_faults(check_rate_and_channels("--output", output, log.samplerate, channels))
+        if not faults:
+            with progress_feedback(args.json):
+                audio = replay(log)
+    except (OSError, ValueError, RecursionError, MemoryError) as error:
+        why = error_reason(error).splitlines()[0] if str(error) else "too long"
+        faults.append(Fault(args.log, None, "", f"cannot be read as a log ({why}); one that play --event-log wrote"))
+    if faults:
+        print_faults(faults)
+        return 2
+    try:
+        save_audio(output, audio, log.samplerate, args.subtype)
+    except (OSError, RuntimeError) as error:
+        print_error(f"cannot write {output} ({error_reason(error)})")
+        return 1
+    stats = {"output": str(output), "samplerate": log.samplerate, "seconds": len(audio) / log.samplerate}
+    print(json.dumps(stats) if args.json else output)
+    return 0

@@ -1,0 +1,67 @@
+"""The command `sweep`: a patch rendered at many values of its keys, into a folder with an index."""
+
+import argparse
+import json
+
+from engine.cli import arguments
+from engine.cli.messages import option_faults, print_error, print_faults, read_patch
+from engine.cli.option_checks import accuracy_options, numeric_options
+from engine.cli.progress import progress_feedback
+from engine.output_files import error_reason
+
+
+def add_sweep_command(commands: "arguments.Commands") -> None:
+    """Add `sweep` and its options."""
+    parser = commands.add_parser(
+        "sweep",
+        help="render a patch at many values of its keys",
+        description="Render a patch at many values of its keys into a folder, with an index.csv.",
+    )
+    arguments.add_patch(parser)
+    parser.add_argument(
+        "--vary",
+        metavar="PATH=RANGE",
+        action="append",
+        required=True,
+        help="contact.felt.stiffness=1e8..1e10:log:16, or PATH=A..B:N, PATH=A,B,C; several make a grid",
+    )
+    parser.add_argument("--random", metavar="N", help="as many points at random instead of the grid")
+    parser.add_argument("--seed", metavar="S", help="of these points (default: 0)")
+    told = "the folder to write (default: the patch's name, here)"
+    parser.add_argument("-o", "--output", metavar="FOLDER", help=told)
+    arguments.add_length_and_rate(parser)
+    arguments.add_sound_format(parser)
+    arguments.add_gain(parser)
+    arguments.add_cores(parser)
+    parser.add_argument("--cluster", metavar="ADDRESS", help="let the workers of a Dask scheduler render")
+    arguments.add_accuracy_options(parser)
+    arguments.add_json(parser, "how it went")
+    parser.set_defaults(run=sweep_command)
+
+
+def sweep_command(args: argparse.Namespace) -> int:
+    """Render variations of a patch; returns the exit code."""
+    from engine.report import console
+    from engine.sweep import plan as sweep_plan
+    from engine.sweep import sweep
+
+    scene, faults = read_patch(args.patch)
+    numbers, wrong = numeric_options(args)
+    wrong += sweep_plan.check_output(args)
+    if scene is not None:
+        plan, more = sweep_plan.plan_sweep(args, scene)
+        wrong += more
+    faults += option_faults(wrong)
+    if scene is None or faults:
+        print_faults(faults)
+        return 2
+    folder = sweep_plan.sweep_folder(args)
+    try:
+        with progress_feedback(args.json) as progress:
+            accuracy = accuracy_options(args)
+            outcome = sweep.sweep_from_arguments(plan, folder, numbers, accuracy, args.subtype, args.cluster, progress)
+    except (OSError, RuntimeError) as error:
+        print_error(f"cannot write to {folder} ({error_reason(error)})" if isinstance(error, OSError) else error)
+        return 1
+    print(json.dumps(outcome.as_dict(folder))) if args.json else console.print_sweep(outcome.as_dict(folder))
+    return outcome.exit_code

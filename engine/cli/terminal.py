@@ -1,0 +1,100 @@
+"""The terminal while a patch plays: keys that are pressed, and a line that shows how the player does."""
+
+import math
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
+from typing import Any
+
+KEYS = "keys: space strike, 1 to 9 softer to harder, m mute, n next patch, q quit"
+
+
+@contextmanager
+def read_keyboard(alone: bool) -> Iterator[Any]:
+    """A function that waits so many seconds for keys, and gives those that were pressed; without that for the next
+    patch, where one alone is to be recorded."""
+
+    def none(seconds: float) -> str:
+        time.sleep(seconds)
+        return ""
+
+    if sys.stdin is None or not sys.stdin.isatty():
+        yield none
+        return
+    print(KEYS.replace("n next patch, ", "") if alone else KEYS, file=sys.stderr)
+    unused = "n" if alone else ""
+    if sys.platform == "win32":
+        import msvcrt
+
+        def waiting(seconds: float) -> str:
+            time.sleep(seconds)
+            return "".join(iter(lambda: msvcrt.getwch() if msvcrt.kbhit() else "", "")).replace(unused, "")
+
+        yield waiting
+        return
+    with read_terminal(sys.stdin.fileno()) as pressed:
+        yield lambda seconds: pressed(seconds).replace(unused, "")
+
+
+@contextmanager
+def read_terminal(number: int) -> Iterator[Callable[[float], str]]:
+    """A function that waits for keys of a terminal, which is as it was when all is over."""
+    import select
+    import termios
+    import tty
+
+    def pressed(seconds: float) -> str:
+        try:
+            if not select.select([number], [], [], seconds)[0]:
+                return ""
+            found = os.read(number, 64)
+        except OSError:
+            found = b""
+        if not found:  # it was closed, and will always answer at once
+            time.sleep(seconds)
+        return found.decode(errors="replace")
+
+    before = termios.tcgetattr(number)
+    try:
+        tty.setcbreak(number)
+        yield pressed
+    finally:
+        with suppress(termios.error):
+            termios.tcsetattr(number, termios.TCSADRAIN, before)
+
+
+@contextmanager
+def show_meter(block: int) -> Iterator[Any]:
+    """A function that shows how a player is doing, on a terminal."""
+    if not sys.stderr.isatty():
+        with nullcontext():
+            yield lambda player: None
+        return
+    from rich.console import Console
+    from rich.live import Live
+    from rich.text import Text
+
+    with Live(Text(""), console=Console(stderr=True), transient=True, auto_refresh=False) as line:
+        yield lambda player: line.update(Text(format_meter(player.meter(), block)), refresh=True)
+
+
+def format_meter(now: dict[str, Any], block: int) -> str:
+    """A meter as one line; block: frames of one, as asked for."""
+    level = f"{20 * math.log10(now['peak']):5.1f} dB" if now["peak"] > 1e-5 else "  silent"
+    parts = [
+        f"{now['seconds']:6.1f} s",
+        level,
+        f"{now['real_time_factor']:.0f} × real time",
+        f"worst block {now['worst_block']:.0%}",
+        f"dropouts {now['dropouts']}" + (f" (try --block-size {2 * block})" if now["dropouts"] else ""),
+        f"Newton {now['newton']['mean']:.2f}/{now['newton']['max']}",
+        f"energy {now['energy_error']:.0e}",
+        f"awake {now['awake']}/{now['islands']}",
+    ]
+    if now["voices"]:
+        parts.append(f"voices {now['sounding']}/{now['voices']}")
+    if now["quality_steps"]:
+        parts.append(f"quality {now['quality']}, {now['quality_steps']} steps")
+    return "  ".join(parts) + (f"  limited {now['limited']}" if now["limited"] else "")

@@ -1,0 +1,234 @@
+"""Arrays within a kernel, at their barest: where one is, and how long.
+
+Numba hands an array on as seven values, and a scene has a hundred arrays: half of the code it made was packing and
+unpacking. An `ArrayView1D` is two values, and its indices are not tested for negative ones, of which kernels have none.
+It lives no longer than its array. Views are indexed, sliced and asked for `.shape[0]` as arrays are, so that kernels
+take either. An `ArrayView2D` is a two-dimensional array of two values, whose rows are one-dimensional views.
+
+Without the trick, views are slices of NumPy's.
+"""
+
+import operator
+from typing import Any
+
+from numba.core import cgutils, types
+from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_getattr, infer_global, signature
+from numba.extending import lower_builtin, lower_getattr, models, overload, register_model, type_callable
+
+from engine.compiler.tricks import Trick, in_use
+
+INDEX = types.intp
+INDEX_PAIR = types.UniTuple(types.intp, 2)
+INDEX_KINDS = types.Integer, types.IntEnumMember
+
+
+class ArrayView1D(types.Type):
+    """The Numba type of a view of numbers of one type, in one dimension."""
+
+    def __init__(self, dtype: types.Type) -> None:
+        self.dtype = dtype
+        super().__init__(name=f"ArrayView1D({dtype})")
+
+
+class ArrayView2D(types.Type):
+    """The Numba type of a view of numbers of one type, in two dimensions."""
+
+    def __init__(self, dtype: types.Type) -> None:
+        self.dtype = dtype
+        super().__init__(name=f"ArrayView2D({dtype})")
+
+
+@register_model(ArrayView1D)
+class _ArrayView1DModel(models.StructModel):
+    def __init__(self, manager: Any, kind: ArrayView1D) -> None:
+        super().__init__(manager, kind, [("data", types.CPointer(kind.dtype)), ("size", INDEX)])
+
+
+@register_model(ArrayView2D)
+class _ArrayView2DModel(models.StructModel):
+    def __init__(self, manager: Any, kind: ArrayView2D) -> None:
+        super().__init__(manager, kind, [("data", types.CPointer(kind.dtype)), ("columns", INDEX)])
+
+
+def slice_view(array: Any, begin: int, end: int) -> Any:
+    """Items begin:end of a contiguous array of one dimension; in compiled code only."""
+    raise TypeError("slice_view is for compiled code")
+
+
+def matrix_view(array: Any, n: int) -> Any:
+    """Matrix n of a contiguous array of three dimensions; in compiled code only."""
+    raise TypeError("matrix_view is for compiled code")
+
+
+def column_view(array: Any, begin: int) -> Any:
+    """The columns of a contiguous array of two dimensions from `begin` on; in compiled code only. Rows of the view run
+    over the end of the array's."""
+    raise TypeError("column_view is for compiled code")
+
+
+# An @intrinsic would do for these, but makes Numba look through all its registries at every use: 1 s.
+
+
+def _unpack(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    return cgutils.create_struct_proxy(sig.args[0])(context, builder, args[0])
+
+
+def _make_view(context: Any, builder: Any, kind: ArrayView1D, data: Any, begin: Any, end: Any) -> Any:
+    made = cgutils.create_struct_proxy(kind)(context, builder)
+    made.data = builder.gep(data, [begin], inbounds=True)
+    made.size = builder.sub(end, begin)
+    return made._getvalue()
+
+
+@infer_global(operator.getitem)
+class _GetItem(AbstractTemplate):
+    def generic(self, args: Any, kws: Any) -> Any:
+        of, index = args
+        if isinstance(of, ArrayView1D | ArrayView2D) and isinstance(index, INDEX_KINDS):
+            return signature(of.dtype if isinstance(of, ArrayView1D) else ArrayView1D(of.dtype), of, INDEX)
+        if isinstance(of, ArrayView1D) and isinstance(index, types.SliceType):
+            return signature(of, of, types.slice2_type)
+        if isinstance(of, ArrayView2D) and isinstance(index, types.BaseTuple):
+            return signature(of.dtype, of, INDEX_PAIR)
+        return None
+
+
+@infer_global(operator.setitem)
+class _SetItem(AbstractTemplate):
+    def generic(self, args: Any, kws: Any) -> Any:
+        of, index, _ = args
+        if isinstance(of, ArrayView1D) and isinstance(index, INDEX_KINDS):
+            return signature(types.none, of, INDEX, of.dtype)
+        if isinstance(of, ArrayView2D) and isinstance(index, types.BaseTuple):
+            return signature(types.none, of, INDEX_PAIR, of.dtype)
+        return None
+
+
+@infer_getattr
+class _Shape(AttributeTemplate):
+    key = ArrayView1D
+
+    def resolve_shape(self, vector: ArrayView1D) -> Any:
+        return types.UniTuple(INDEX, 1)
+
+
+@lower_getattr(ArrayView1D, "shape")
+def _shape(context: Any, builder: Any, kind: ArrayView1D, value: Any) -> Any:
+    size = cgutils.create_struct_proxy(kind)(context, builder, value).size
+    return context.make_tuple(builder, types.UniTuple(INDEX, 1), [size])
+
+
+def _element_address(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    """Address of an element."""
+    of, index = _unpack(context, builder, sig, args), args[1]
+    if isinstance(index, int):
+        index = context.get_constant(INDEX, index)
+    elif isinstance(sig.args[0], ArrayView2D):
+        row, column = cgutils.unpack_tuple(builder, index)
+        index = builder.add(builder.mul(row, of.columns), column)
+    return builder.gep(of.data, [index], inbounds=True)
+
+
+@lower_builtin(operator.getitem, ArrayView1D, types.Integer)
+@lower_builtin("static_getitem", ArrayView1D, types.IntegerLiteral)
+@lower_builtin(operator.getitem, ArrayView2D, types.BaseTuple)
+def _get(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    return context.unpack_value(builder, sig.args[0].dtype, _element_address(context, builder, sig, args))
+
+
+@lower_builtin(operator.setitem, ArrayView1D, types.Integer, types.Any)
+@lower_builtin("static_setitem", ArrayView1D, types.Integer, types.Any)
+@lower_builtin(operator.setitem, ArrayView2D, types.BaseTuple, types.Any)
+def _set(context: Any, builder: Any, sig: Any, args: Any) -> None:
+    context.pack_value(builder, sig.args[0].dtype, args[2], _element_address(context, builder, sig, args))
+
+
+@lower_builtin(operator.getitem, ArrayView1D, types.SliceType)
+def _slice(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    part = context.make_helper(builder, sig.args[1], value=args[1])
+    data = _unpack(context, builder, sig, args).data
+    return _make_view(context, builder, sig.args[0], data, part.start, part.stop)
+
+
+@lower_builtin(operator.getitem, ArrayView2D, types.Integer)
+@lower_builtin("static_getitem", ArrayView2D, types.IntegerLiteral)
+def _row(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    of, row = _unpack(context, builder, sig, args), args[1]
+    if isinstance(row, int):
+        row = context.get_constant(INDEX, row)
+    begin = builder.mul(row, of.columns)
+    return _make_view(context, builder, sig.return_type, of.data, begin, builder.add(begin, of.columns))
+
+
+def _use_views() -> None:
+    """Let compiled code make views."""
+
+    @type_callable(slice_view)
+    def type_slice(context: Any) -> Any:
+        def kind(array: Any, begin: Any, end: Any) -> ArrayView1D | None:
+            flat = isinstance(array, types.Array) and array.ndim == 1 and array.layout == "C"
+            return ArrayView1D(array.dtype) if flat else None
+
+        return kind
+
+    @lower_builtin(slice_view, types.Array, types.Integer, types.Integer)
+    def lower_slice(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        begin, end = (context.cast(builder, args[n], sig.args[n], INDEX) for n in (1, 2))
+        return _make_view(context, builder, sig.return_type, _unpack(context, builder, sig, args).data, begin, end)
+
+    @type_callable(matrix_view)
+    def type_matrix(context: Any) -> Any:
+        def kind(array: Any, n: Any) -> ArrayView2D | None:
+            deep = isinstance(array, types.Array) and array.ndim == 3 and array.layout == "C"
+            return ArrayView2D(array.dtype) if deep else None
+
+        return kind
+
+    @lower_builtin(matrix_view, types.Array, types.Integer)
+    def lower_matrix(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        array = _unpack(context, builder, sig, args)
+        n = context.cast(builder, args[1], sig.args[1], INDEX)
+        _, rows, columns = cgutils.unpack_tuple(builder, array.shape)
+        made = cgutils.create_struct_proxy(sig.return_type)(context, builder)
+        made.data = builder.gep(array.data, [builder.mul(n, builder.mul(rows, columns))], inbounds=True)
+        made.columns = columns
+        return made._getvalue()
+
+    @type_callable(column_view)
+    def type_columns(context: Any) -> Any:
+        def kind(array: Any, begin: Any) -> ArrayView2D | None:
+            wide = isinstance(array, types.Array) and array.ndim == 2 and array.layout == "C"
+            return ArrayView2D(array.dtype) if wide else None
+
+        return kind
+
+    @lower_builtin(column_view, types.Array, types.Integer)
+    def lower_columns(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        array = _unpack(context, builder, sig, args)
+        begin = context.cast(builder, args[1], sig.args[1], INDEX)
+        made = cgutils.create_struct_proxy(sig.return_type)(context, builder)
+        made.data = builder.gep(array.data, [begin], inbounds=True)
+        made.columns = cgutils.unpack_tuple(builder, array.shape)[1]
+        return made._getvalue()
+
+
+def _use_slices() -> None:
+    """Let compiled code make slices of arrays instead."""
+
+    @overload(slice_view)
+    def slice_array(array, begin, end):
+        return lambda array, begin, end: array[begin:end]
+
+    @overload(matrix_view)
+    def slice_matrix(array, n):
+        return lambda array, n: array[n]
+
+    @overload(column_view)
+    def slice_columns(array, begin):
+        return lambda array, begin: array[:, begin:]
+
+
+if in_use(Trick.ARRAY_VIEWS, lambda: issubclass(models.StructModel, models.DataModel)):
+    _use_views()
+else:
+    _use_slices()

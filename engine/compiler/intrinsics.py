@@ -1,0 +1,141 @@
+"""What a compiled callback needs and Numba has not: memory at an address, functions at an address, a clock, and
+numbers that two threads share. In compiled code only."""
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.extending import lower_builtin, type_callable
+
+from engine.compiler.array_view import INDEX, ArrayView1D
+
+WORD = ir.IntType(64)
+BYTE = ir.IntType(8)
+
+
+def int64_view(address: int, size: int) -> Any:
+    """Whole numbers of 64 bits at an address, as a view."""
+    raise TypeError("int64_view is for compiled code")
+
+
+def float64_view(address: int, size: int) -> Any:
+    """Numbers of double precision at an address, as a view."""
+    raise TypeError("float64_view is for compiled code")
+
+
+def float32_view(address: int, size: int) -> Any:
+    """Numbers of single precision at an address, as a view."""
+    raise TypeError("float32_view is for compiled code")
+
+
+def load_acquire(numbers: Any, i: int) -> int:
+    """Number i of a view that another thread writes: all that it wrote before is seen after (acquire)."""
+    raise TypeError("load_acquire is for compiled code")
+
+
+def store_release(numbers: Any, i: int, value: int) -> None:
+    """Set number i of a view that another thread watches: all written before is seen there (release)."""
+    raise TypeError("store_release is for compiled code")
+
+
+def call_address(function: int, numbers: Any) -> None:
+    """Call a function at an address, of as many whole numbers or addresses as a tuple holds."""
+    raise TypeError("call_address is for compiled code")
+
+
+def monotonic_seconds() -> float:
+    """Seconds since some beginning; never goes back."""
+    raise TypeError("monotonic_seconds is for compiled code")
+
+
+def _memory(function: Callable[..., Any], dtype: types.Type) -> None:
+    """Let a function give a view of a type."""
+
+    @type_callable(function)
+    def kind(context: Any) -> Any:
+        return lambda address, size: ArrayView1D(dtype)
+
+    @lower_builtin(function, types.Any, types.Integer)
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        made = cgutils.create_struct_proxy(sig.return_type)(context, builder)
+        pointer = context.get_data_type(dtype).as_pointer()
+        address = args[0]
+        made.data = (
+            builder.inttoptr(address, pointer)
+            if isinstance(address.type, ir.IntType)
+            else builder.bitcast(address, pointer)
+        )
+        made.size = context.cast(builder, args[1], sig.args[1], INDEX)
+        return made._getvalue()
+
+
+_memory(int64_view, types.int64)
+_memory(float64_view, types.float64)
+_memory(float32_view, types.float32)
+
+
+def _at(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    vector = cgutils.create_struct_proxy(sig.args[0])(context, builder, args[0])
+    return builder.gep(vector.data, [context.cast(builder, args[1], sig.args[1], INDEX)])
+
+
+@type_callable(load_acquire)
+def _type_load(context: Any) -> Any:
+    return lambda numbers, i: types.int64
+
+
+@lower_builtin(load_acquire, ArrayView1D, types.Any)
+def _load(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    return builder.load_atomic(_at(context, builder, sig, args), "acquire", 8)
+
+
+@type_callable(store_release)
+def _type_store(context: Any) -> Any:
+    return lambda numbers, i, value: types.none
+
+
+@lower_builtin(store_release, ArrayView1D, types.Any, types.Integer)
+def _store(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    value = context.cast(builder, args[2], sig.args[2], types.int64)
+    builder.store_atomic(value, _at(context, builder, sig, args), "release", 8)
+    return context.get_dummy_value()
+
+
+@type_callable(call_address)
+def _type_call(context: Any) -> Any:
+    return lambda function, numbers: types.none
+
+
+@lower_builtin(call_address, types.Integer, types.BaseTuple)
+def _call(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    numbers = cgutils.unpack_tuple(builder, args[1])
+    kind = ir.FunctionType(ir.VoidType(), [n.type for n in numbers]).as_pointer()
+    builder.call(builder.inttoptr(args[0], kind), numbers)
+    return context.get_dummy_value()
+
+
+@type_callable(monotonic_seconds)
+def _type_seconds(context: Any) -> Any:
+    return lambda: types.float64
+
+
+@lower_builtin(monotonic_seconds)
+def _seconds(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    room = cgutils.alloca_once(builder, ir.ArrayType(WORD, 2))
+    pointer = builder.bitcast(room, BYTE.as_pointer())
+    double = ir.DoubleType()
+    if sys.platform == "win32":
+        ticks = []
+        for name in ("QueryPerformanceCounter", "QueryPerformanceFrequency"):
+            kind = ir.FunctionType(ir.IntType(32), [BYTE.as_pointer()])
+            builder.call(cgutils.get_or_insert_function(builder.module, kind, name), [pointer])
+            ticks.append(builder.sitofp(builder.load(builder.bitcast(room, WORD.as_pointer())), double))
+        return builder.fdiv(*ticks)
+    monotonic = ir.Constant(ir.IntType(32), 6 if sys.platform == "darwin" else 1)
+    kind = ir.FunctionType(ir.IntType(32), [ir.IntType(32), BYTE.as_pointer()])
+    builder.call(cgutils.get_or_insert_function(builder.module, kind, "clock_gettime"), [monotonic, pointer])
+    seconds, nanoseconds = (builder.load(cgutils.gep_inbounds(builder, room, 0, n)) for n in (0, 1))
+    fraction = builder.fmul(builder.sitofp(nanoseconds, double), ir.Constant(double, 1e-9))
+    return builder.fadd(builder.sitofp(seconds, double), fraction)

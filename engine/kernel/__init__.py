@@ -1,0 +1,1 @@
+"""The compiled simulation. It knows nothing of files, patches or Python objects."""

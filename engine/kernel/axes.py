@@ -1,0 +1,145 @@
+"""What the items of each array are: modes, contacts, islands, … It is declared once, in the type of the field that
+holds the array. Views of an island, alignment, precision, allocation and copies are derived from it.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from types import NoneType, UnionType
+from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+CACHE_LINE_BYTES = 64
+
+
+class Axis(StrEnum):
+    """What the items of an array are. The items of one island lie beside each other."""
+
+    MODE = "mode"
+    CONTACT = "contact"
+    COMPLIANCE = "compliance"  # matrices of the contacts of each island, one after the other, row by row
+    FORCE = "force"
+    EVENT = "event"
+    PICKUP = "pickup"
+    BODY = "body"
+    FREE_MASS = "free_mass"
+    ROW = "row"  # of mode shapes: the axis of the field that holds the record
+    ISLAND = "island"
+    PARTITION = "partition"
+    SHAPE = "shape"  # entries of mode shapes at points; shared by all islands
+    SHARED = "shared"
+
+
+SEGMENTED = (
+    *(Axis.MODE, Axis.CONTACT, Axis.COMPLIANCE, Axis.FORCE),
+    *(Axis.EVENT, Axis.PICKUP, Axis.BODY, Axis.FREE_MASS),
+)
+MODAL = (Axis.MODE, Axis.SHAPE)  # these may be of single precision
+
+
+@dataclass(frozen=True)
+class Items:
+    """How an array is counted."""
+
+    axis: Axis
+    dtype: Any = np.float64
+    columns: int = 0  # of each item; 0: one number
+    extra: int = 0  # items beyond those of the axis: 1 where each item has a begin, and the next is its end
+
+
+PerMode = Annotated[np.ndarray, Items(Axis.MODE)]
+PerContact = Annotated[np.ndarray, Items(Axis.CONTACT)]
+PerCompliance = Annotated[np.ndarray, Items(Axis.COMPLIANCE)]
+PerForce = Annotated[np.ndarray, Items(Axis.FORCE)]
+PerForceInt = Annotated[np.ndarray, Items(Axis.FORCE, np.int64)]
+PerEvent = Annotated[np.ndarray, Items(Axis.EVENT)]
+PerEventInt = Annotated[np.ndarray, Items(Axis.EVENT, np.int64)]
+PerPickup = Annotated[np.ndarray, Items(Axis.PICKUP)]
+PerPickupInt = Annotated[np.ndarray, Items(Axis.PICKUP, np.int64)]
+PerFreeMassInt = Annotated[np.ndarray, Items(Axis.FREE_MASS, np.int64)]
+PerRowInt = Annotated[np.ndarray, Items(Axis.ROW, np.uint32)]
+PerShape = Annotated[np.ndarray, Items(Axis.SHAPE)]
+PerIsland = Annotated[np.ndarray, Items(Axis.ISLAND)]
+PerIslandInt = Annotated[np.ndarray, Items(Axis.ISLAND, np.int64)]
+PerIslandBool = Annotated[np.ndarray, Items(Axis.ISLAND, np.bool_)]
+Shared = Annotated[np.ndarray, Items(Axis.SHARED)]
+SharedInt = Annotated[np.ndarray, Items(Axis.SHARED, np.int64)]
+
+
+class Field(NamedTuple):
+    """A field of a record: an array, a record, or a number."""
+
+    name: str
+    items: Items | None  # of an array
+    record: Any  # the NamedTuple class of a record
+    row_axis: Axis | None  # of a record of mode shapes: what its rows are
+
+
+def fields_of(record: Any) -> Iterator[Field]:
+    """The fields of a record, a NamedTuple class, as its types declare them."""
+    for name, hint in get_type_hints(record, include_extras=True).items():
+        options = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+        plain = [option for option in options if option is not NoneType]
+        notes = [note for option in plain for note in (get_args(option)[1:] if get_origin(option) is Annotated else ())]
+        kinds = [get_args(option)[0] if get_origin(option) is Annotated else option for option in plain]
+        items = next((note for note in notes if isinstance(note, Items)), None)
+        inner = next((kind for kind in kinds if hasattr(kind, "_fields")), None)
+        yield Field(name, items, inner, next((note for note in notes if isinstance(note, Axis)), None))
+
+
+def map_arrays(change: Callable[[np.ndarray, Items], np.ndarray], value: Any, row_axis: Axis | None = None) -> Any:
+    """A record like `value`, each array replaced by what `change` makes of it. What is None stays None.
+
+    row_axis: what rows of mode shapes are, where `value` is a record of these
+    """
+    fields = {field.name: field for field in fields_of(type(value))}
+    changed = {}
+    for name, item in zip(value._fields, value, strict=True):
+        field = fields[name]
+        if isinstance(item, np.ndarray) and field.items is not None:
+            axis = row_axis if field.items.axis is Axis.ROW and row_axis is not None else field.items.axis
+            changed[name] = change(item, Items(axis, field.items.dtype, field.items.columns, field.items.extra))
+        elif hasattr(item, "_fields"):
+            changed[name] = map_arrays(change, item, field.row_axis or row_axis)
+        else:
+            changed[name] = item
+    return type(value)(**changed)
+
+
+def align_to_cache_lines(value: Any) -> Any:
+    """A copy of a record, each array where a cache line begins: vector loads that cross none are faster (24 free
+    modes: 19 → 14 ns), and times are the same in every run."""
+
+    def align(array: np.ndarray, items: Items) -> np.ndarray:
+        memory = np.empty(array.nbytes + CACHE_LINE_BYTES, np.uint8)
+        begin = -memory.ctypes.data % CACHE_LINE_BYTES
+        moved = memory[begin : begin + array.nbytes].view(array.dtype).reshape(array.shape)
+        moved[...] = array
+        return moved
+
+    return map_arrays(align, value)
+
+
+def to_single_precision(value: Any) -> Any:
+    """A copy of a record with modes of single precision; contacts and energies stay double."""
+
+    def convert(array: np.ndarray, items: Items) -> np.ndarray:
+        single = items.axis in MODAL and array.dtype == np.float64
+        return array.astype(np.float32) if single else array
+
+    return map_arrays(convert, value)
+
+
+def allocate(record: Any, counts: Mapping[Axis, int], **given: Any) -> Any:
+    """A record with arrays of zeros, but for the fields that are given.
+
+    counts: how many items there are of each axis
+    """
+    values = dict(given)
+    for field in fields_of(record):
+        if field.name not in values and field.items is not None:
+            size = counts[field.items.axis] + field.items.extra
+            shape = (size, field.items.columns) if field.items.columns else size
+            values[field.name] = np.zeros(shape, field.items.dtype)
+    return record(**values)

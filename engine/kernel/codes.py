@@ -1,0 +1,113 @@
+"""Statuses, kinds and the columns of arrays: what whole numbers in the kernels mean.
+
+Compiled code has their values as constants. Numbers of event kinds stay: logs of live sound hold them.
+"""
+
+from enum import IntEnum
+
+
+class Quantity(IntEnum):
+    """What a pickup gives."""
+
+    DISPLACEMENT = 0
+    VELOCITY = 1
+    ACCELERATION = 2
+    CONTACT_FORCE = 3
+
+
+class SolveStatus(IntEnum):
+    """How a contact solve ended; also the column of its counter in State.solve_outcomes."""
+
+    FREE = 0  # no contact in reach
+    SEPARATION = 1  # in closed form: the step ends outside contact
+    CLOSED_FORM = 2
+    NEWTON = 3
+    FAILED = 4
+    CAPPED = 5  # ended early, with forces off their curves
+
+
+class EventKind(IntEnum):
+    """What an event does, and to what."""
+
+    STRIKE = 0  # the target mode gets q = value, p = value2
+    DAMP = 1  # the target modes keep `value` of their energy of motion in each step, half of the loss at either end
+    STIFFNESS = 2  # the stiffness of the target contacts glides to `value` times what the model says
+    BARRIER = 3  # the barriers of the target contacts glide to `value` beyond where the model has them
+    EXPONENT = 4  # the exponents of the target contacts glide to `value`
+    LIFT = 5  # what damps the target modes ends, and what was to damp them for good does not begin
+    THROW = 6  # as STRIKE, and what damps the bodies that the target mode has contacts with is lifted, as by a key
+    # those of live sound
+    PLUCK = 8  # the target external force begins anew
+    SLEEP_QUIETEST = 9  # so many islands, the quietest, sleep
+    QUALITY = 10  # play at a level of quality
+    TUNE = 11  # some islands get other coefficients
+    BOOK_ENERGY = 12  # the energy of an island counts as supplied, or as taken
+
+
+class EventCursor(IntEnum):
+    """Columns of State.event_cursor."""
+
+    FIRST_ACTIVE = 0  # the first event that is not over
+    NEXT = 1  # the first that has not begun
+
+
+class Ledger(IntEnum):
+    """Columns of a ledger, J."""
+
+    STORED = 0
+    NET_DISSIPATED = 1  # dissipated less supplied
+    ABSOLUTE = 2  # all parts of the stored energy without their signs
+
+
+class EnergyTotal(IntEnum):
+    """Columns of State.energy_totals, J. Each sum is followed by the rounding that it carries."""
+
+    DISSIPATED = 0
+    DISSIPATED_LOW = 1
+    SUPPLIED = 2
+    SUPPLIED_LOW = 3
+
+
+class SleepMonitor(IntEnum):
+    """Columns of State.sleep_monitor: what an island has been like, to tell when it may sleep."""
+
+    PEAK = 0  # of its pickups, since the last check
+    PEAK_EVER = 1
+    ENERGY_EVER = 2  # the largest energy of vibration, J
+
+
+class Sleep(IntEnum):
+    """Columns of State.sleep, in frames."""
+
+    WAKE_FRAME = 0
+    STATIC_UNTIL = 1  # before this frame, nothing in the island moves
+    SAMPLES_SLEPT = 2
+    FORCED = 3  # 1 if it was put to sleep
+
+
+class Row(IntEnum):
+    """Rows of Scratch.vectors: what the coupled contact solver knows of each contact …"""
+
+    FORCE = 0
+    STEP = 1  # η
+    END = 2  # end compression
+    MISS = 3  # what the bodies move beyond the step
+    # … and of each in the active set
+    START = 4  # compression
+    FREE_MOVE = 5  # g
+    GUESS = 6  # force
+    TARGET = 7  # of η + ρ·f
+    RHO = 8
+    ACTIVE_FORCE = 9
+    ACTIVE_STEP = 10
+    ACTIVE_END = 11
+    SLOPE = 12
+    RESIDUAL = 13
+    NEWTON_STEP = 14
+    FURTHER_MOVE = 15  # with the Newton step
+    SQRT_SLOPE = 16
+    WORK = 17
+
+
+NO_END = 1 << 60  # when an event ends that stays for good
+UNUSED_SLOT = 1 << 61  # when an event begins that has not come yet: capacity for those of live sound

@@ -1,0 +1,292 @@
+"""The parts of one round of the coupled contact solve, on the contacts of the active set
+(engine.kernel.coupled_contact_solver).
+
+All numbers lie in the Scratch: a row for each quantity (engine.kernel.codes.Row), and B of the active set. Names in
+capitals are rows.
+"""
+
+import math
+
+import numpy as np
+
+from engine.compiler.decorators import inline, noinline, reduction
+from engine.kernel.codes import Row, SolveStatus
+from engine.kernel.contact_law import exponent
+from engine.kernel.scalar_contact_solver import (
+    loss_rate_of,
+    response_in_contact,
+    response_leaving,
+    solve_scalar_contact,
+)
+
+solve_scalar_apart = noinline(
+    solve_scalar_contact.py_func
+)  # inlined in every round, it would take 10 s more to compile
+MIN_RHO = 1e-8  # of B_kk; below, ρ is rounding
+
+
+@reduction
+def dot(a, b, n):
+    """Σ a·b over the first n."""
+    total = 0.0
+    for j in range(n):
+        total += a[j] * b[j]
+    return total
+
+
+@reduction
+def dot_and_size(a, b, n):
+    """Σ a·b and Σ |a·b| over the first n."""
+    total, size = 0.0, 0.0
+    for j in range(n):
+        part = a[j] * b[j]
+        total += part
+        size += abs(part)
+    return total, size
+
+
+@inline
+def contact_response(law, loss_rate, k, s, eta):
+    """Mean force and slope df/dη of contact k for a step η."""
+    b = s + eta
+    rate = loss_rate_of(loss_rate, k)
+    if 1.0 + rate * eta <= 0.0:
+        return 0.0, 0.0
+    if b > 0.0:
+        f, df, _, _ = response_in_contact(law, k, s, b, eta, rate)
+        return f, df
+    if s > 0.0:
+        return response_leaving(law, k, s, eta, rate)
+    return 0.0, 0.0
+
+
+@noinline
+def substitute(problem, n, residual, out):
+    """Solve (I + √J B √J) y = √J·residual by the present factor, for out = √J y."""
+    scratch = problem.scratch
+    a, hot = scratch.cholesky, scratch.sloped
+    slope, root, y = scratch.vectors[Row.SLOPE], scratch.vectors[Row.SQRT_SLOPE], scratch.vectors[Row.WORK]
+    count = 0
+    for i in range(n):
+        out[i] = 0.0
+        if slope[i] > 0.0:
+            y[count] = root[count] * residual[i]
+            count += 1
+    for i in range(count):
+        row = a[i]
+        y[i] = (y[i] - dot(row, y, i)) * row[i]
+    for i in range(count - 1, -1, -1):
+        row = a[i]
+        here = y[i] * row[i]
+        y[i] = here
+        for j in range(i):
+            y[j] -= row[j] * here
+    for i in range(count):
+        out[hot[i]] = root[i] * y[i]
+
+
+@noinline
+def newton_step(problem, n):
+    """NEWTON_STEP = √J y with (I + √J B √J) y = √J·RESIDUAL, over the contacts with slope J > 0.
+
+    The symmetric form of the Newton step: to first order, adding NEWTON_STEP to the forces on the
+    laws removes RESIDUAL. The factor (Cholesky, its diagonal inverted) stays in the scratch.
+    """
+    scratch = problem.scratch
+    near, a, hot = scratch.active_compliance, scratch.cholesky, scratch.sloped
+    slope, root = scratch.vectors[Row.SLOPE], scratch.vectors[Row.SQRT_SLOPE]
+    count = 0
+    for i in range(n):
+        if slope[i] > 0.0:
+            hot[count] = i
+            root[count] = math.sqrt(slope[i])
+            count += 1
+    for i in range(count):
+        row, source, w = a[i], near[hot[i]], root[i]
+        for j in range(i + 1):
+            row[j] = w * root[j] * source[hot[j]]
+        row[i] += 1.0
+        for j in range(i):
+            row[j] = (row[j] - dot(row, a[j], j)) * a[j, j]
+        row[i] = 1.0 / math.sqrt(max(row[i] - dot(row, row, i), 1e-300))
+    substitute(problem, n, scratch.vectors[Row.RESIDUAL], scratch.vectors[Row.NEWTON_STEP])
+
+
+@noinline
+def tangent_compliances(problem, n):
+    """Tangent compliance of each contact, RHO: the Schur complement of I + √J B √J with the other contacts
+    linearised, from the present factor.
+
+    With A = I + √J B √J it is (1/(A⁻¹)_kk - 1)/J_k, or without a slope B_kk - (B √J A⁻¹ √J B)_kk.
+    """
+    scratch = problem.scratch
+    near, a, hot = scratch.active_compliance, scratch.cholesky, scratch.sloped
+    slope, root = scratch.vectors[Row.SLOPE], scratch.vectors[Row.SQRT_SLOPE]
+    rho, y = scratch.vectors[Row.RHO], scratch.vectors[Row.WORK]
+    count = 0
+    for i in range(n):
+        if slope[i] > 0.0:
+            count += 1
+    slot = 0
+    for k in range(n):
+        begin, total = 0, 0.0
+        if slope[k] > 0.0:
+            begin = slot
+            slot += 1
+            y[begin] = 1.0
+            for i in range(begin + 1, count):
+                y[i] = 0.0
+        else:
+            for i in range(count):
+                y[i] = root[i] * near[k, hot[i]]
+        for i in range(begin, count):
+            row = a[i]
+            y[i] = (y[i] - dot(row[begin:], y[begin:], i - begin)) * row[i]
+            total += y[i] * y[i]
+        own = near[k, k]
+        less = (1.0 / total - 1.0) / slope[k] if slope[k] > 0.0 else own - total
+        rho[k] = min(own, max(less, MIN_RHO * own))
+
+
+@noinline
+def project_onto_laws(problem, n):
+    """Project each contact onto its law (Minty's parametrisation): find (η, f) on the curve with η + RHO·f = TARGET.
+    RESIDUAL is what is then left of the contact equations.
+
+    Returns the largest residual in units of what rounding allows (converged: ≤ 1); and for a
+    set of one, which this solves, the evaluations of its law and how it ended.
+    """
+    scratch = problem.scratch
+    vectors, near, contacts = scratch.vectors, scratch.active_compliance, scratch.active
+    s, g, target, rho = vectors[Row.START], vectors[Row.FREE_MOVE], vectors[Row.TARGET], vectors[Row.RHO]
+    f, move = vectors[Row.ACTIVE_FORCE], vectors[Row.ACTIVE_STEP]
+    close, slope = vectors[Row.ACTIVE_END], vectors[Row.SLOPE]
+    left = vectors[Row.RESIDUAL]
+    count, how = 0, SolveStatus.FREE
+    for i in range(n):
+        move[i], close[i], f[i], slope[i], count, how = solve_scalar_apart(
+            problem.law, problem.loss_rate, contacts[i], s[i], target[i], rho[i], problem.tolerance
+        )
+    worst = 0.0
+    for i in range(n):
+        total, size = dot_and_size(near[i], f, n)
+        linear_move = g[i] - total
+        left[i] = linear_move - move[i]
+        if f[i] == 0.0 and s[i] <= 0.0 and s[i] + linear_move <= 0.0:
+            move[i] = linear_move  # free, and remains so: its end is where the others leave it
+            close[i] = s[i] + linear_move
+            left[i] = 0.0
+        worst = max(worst, abs(left[i]) / (1e-15 * (abs(g[i]) + size) + 1e-300))
+        if not math.isfinite(left[i]):
+            return np.inf, count, SolveStatus.FAILED
+    return worst, count, how
+
+
+@noinline
+def line_search(problem, n):
+    """Move the forces GUESS by one Newton step on the convex potential ½ fᵀBf + Σ ∫φ_k dη, η = g - B f,
+    as far as it falls."""
+    scratch = problem.scratch
+    vectors, near, contacts = scratch.vectors, scratch.active_compliance, scratch.active
+    s, g = vectors[Row.START], vectors[Row.FREE_MOVE]
+    f, off = vectors[Row.GUESS], vectors[Row.ACTIVE_FORCE]
+    slope = vectors[Row.SLOPE]
+    left, step = vectors[Row.RESIDUAL], vectors[Row.NEWTON_STEP]
+    after, eta = vectors[Row.FURTHER_MOVE], vectors[Row.ACTIVE_STEP]
+    for i in range(n):
+        eta[i] = g[i] - dot(near[i], f, n)
+        off[i], slope[i] = contact_response(problem.law, problem.loss_rate, contacts[i], s[i], eta[i])
+        off[i] -= f[i]
+    for i in range(n):  # Newton: (I + J B) d = φ - f, that is d = (φ - f) - J B (φ - f) + …
+        left[i] = -dot(near[i], off, n)
+    newton_step(problem, n)
+    for i in range(n):
+        step[i] += off[i]
+    before = 0.0
+    for i in range(n):
+        after[i] = dot(near[i], step, n)
+        before -= after[i] * off[i]
+    low, upper, at = 0.0, 0.0, 1.0
+    for _ in range(60):  # the derivative rises along the ray: find where it changes sign
+        here = 0.0
+        for i in range(n):
+            force, _ = contact_response(problem.law, problem.loss_rate, contacts[i], s[i], eta[i] - at * after[i])
+            here += after[i] * (f[i] + at * step[i] - force)
+        if abs(here) <= 0.1 * abs(before):
+            break
+        if here < 0.0:
+            low = at
+            at = 2.0 * at if upper == 0.0 else 0.5 * (low + upper)
+        else:
+            upper = at
+            at = 0.5 * (low + upper)
+    for i in range(n):
+        f[i] += at * step[i]
+
+
+@inline
+def extrapolation_error(law, k, s, b, eta, f, slope, move):
+    """Relative errors of the force after a small further move, to first order and to second."""
+    if f <= 0.0:
+        none = 0.0 if b <= 0.0 or move == 0.0 else np.inf
+        return none, none
+    scale = max(s, abs(eta)) if s > 0.0 else b
+    size = (exponent(law, k) + 1.0) * abs(move) / scale
+    change = max(size, abs(move) * slope / f)
+    near = size * max(1.0, scale / abs(b))  # beyond the first, derivatives have a kink at b = 0
+    return size * change, near * near * max(change, near)
+
+
+@inline
+def second_order_change(law, loss_rate, k, s, b, eta, f, move):
+    """Change of the force of contact k of second order in a small move."""
+    if b > 0.0:
+        _, _, ddf, _ = response_in_contact(law, k, s, b, eta, loss_rate_of(loss_rate, k))
+        return 0.5 * ddf * move * move
+    return f * (move / eta) * (move / eta)
+
+
+@noinline
+def try_extrapolate(problem, n):
+    """Try to take the last Newton step along the curves' tangents, or to second order, without another round.
+
+    Changes ACTIVE_FORCE, ACTIVE_STEP and ACTIVE_END if every force stays within the tolerance of its law.
+    FURTHER_MOVE is how much further each contact moves with the Newton step.
+    """
+    scratch = problem.scratch
+    vectors, near, contacts = scratch.vectors, scratch.active_compliance, scratch.active
+    s, f, eta, end = vectors[Row.START], vectors[Row.ACTIVE_FORCE], vectors[Row.ACTIVE_STEP], vectors[Row.ACTIVE_END]
+    slope, left = vectors[Row.SLOPE], vectors[Row.RESIDUAL]
+    step, after = vectors[Row.NEWTON_STEP], vectors[Row.FURTHER_MOVE]
+    for i in range(n):
+        after[i] = left[i] - dot(near[i], step, n)
+    first = 0.0
+    for i in range(n):
+        k = contacts[i]
+        if slope[i] > 0.0:
+            one, two = extrapolation_error(problem.law, k, s[i], end[i], eta[i], f[i], slope[i], after[i])
+            if not min(one, two) <= problem.tolerance:
+                return False
+            first = max(first, one)
+        elif not contact_response(problem.law, problem.loss_rate, k, s[i], eta[i] + after[i])[0] <= 0.0:
+            return False
+    if first > problem.tolerance:  # (I + J B) d = ½ f'' move², that is d = ½ f'' move² - J B (½ f'' move²) + …
+        bend, more = vectors[Row.GUESS], vectors[Row.TARGET]
+        for i in range(n):
+            bend[i] = 0.0
+            if slope[i] > 0.0:
+                k = contacts[i]
+                bend[i] = second_order_change(problem.law, problem.loss_rate, k, s[i], end[i], eta[i], f[i], after[i])
+        for i in range(n):
+            left[i] = -dot(near[i], bend, n)
+        substitute(problem, n, left, more)
+        for i in range(n):
+            more[i] += bend[i]
+            step[i] += more[i]
+        for i in range(n):
+            after[i] -= dot(near[i], more, n)
+    for i in range(n):
+        f[i] += step[i]
+        eta[i] += after[i]
+        end[i] += after[i]
+    return True

@@ -1,0 +1,51 @@
+"""The energy balance: stored + dissipated - supplied = constant (docs/design.md, sec. 1).
+
+It is measured from the state exactly as for the continuous system (paper, sec. 2.4),
+and never changes the scheme.
+"""
+
+from engine.compiler.decorators import inline, reduction
+from engine.kernel.codes import EnergyTotal, Ledger
+from engine.kernel.contacts import contact_energy
+
+
+@reduction
+def kinetic_and_potential(omega_squared, weight, q, p):
+    """½p², and ½ω²q² - weight·q, summed over modes, J."""
+    kinetic = 0.0
+    potential = 0.0
+    for m in range(p.shape[0]):
+        kinetic += 0.5 * p[m] * p[m]
+        if omega_squared is not None:
+            potential += 0.5 * omega_squared[m] * q[m] * q[m]
+        if weight is not None:
+            potential -= weight[m] * q[m]
+    return kinetic, potential
+
+
+@inline
+def accumulate(totals, column, amount):
+    """Add an energy to a total of an island. Small amounts on a large sum: rounding is carried (Kahan)."""
+    amount += totals[column + 1]
+    before = totals[column]
+    totals[column] = before + amount
+    totals[column + 1] = amount - (totals[column] - before)
+
+
+@inline
+def write_ledger(ledger, begin, count, is_first, model, state):
+    """Write an island's energies into `count` rows of the ledger from `begin` on; all but the first island add."""
+    kinetic, potential = kinetic_and_potential(model.omega_squared, model.weight, state.q, state.p)
+    squeezed = contact_energy(model.contact, state)
+    total = kinetic + potential + squeezed
+    absolute = kinetic + abs(potential) + squeezed  # a falling ball holds energy, though its total may be 0
+    spent = state.energy_totals[EnergyTotal.DISSIPATED] - state.energy_totals[EnergyTotal.SUPPLIED]
+    for row in range(begin, begin + count):
+        if is_first:
+            ledger[row, Ledger.STORED] = total
+            ledger[row, Ledger.NET_DISSIPATED] = spent
+            ledger[row, Ledger.ABSOLUTE] = absolute
+        else:
+            ledger[row, Ledger.STORED] += total
+            ledger[row, Ledger.NET_DISSIPATED] += spent
+            ledger[row, Ledger.ABSOLUTE] += absolute

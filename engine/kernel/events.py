@@ -1,0 +1,217 @@
+"""Events: what the score says happens at the start of a step.
+
+All that an event adds to the stored energy counts as supplied, all that it takes as dissipated, so
+the ledger stays closed: turning a knob cannot blow up the sound.
+"""
+
+import math
+
+from engine.compiler.decorators import inline, noinline
+from engine.kernel.codes import NO_END, EnergyTotal, EventCursor, EventKind
+from engine.kernel.contacts import contact_energy, invalidate_margins
+from engine.kernel.energy import accumulate, kinetic_and_potential
+
+
+@inline
+def no_event_within(events, state, frame, ahead):
+    """Whether no event but damping goes on at this frame, or begins within `ahead` samples."""
+    if events is None:
+        return True
+    last = state.event_cursor[EventCursor.NEXT]
+    for j in range(state.event_cursor[EventCursor.FIRST_ACTIVE], last):
+        if events.kind[j] != EventKind.DAMP and frame < events.end[j]:
+            return False
+    return last == events.kind.shape[0] or events.start[last] > frame + ahead
+
+
+@inline
+def glide_value(events, state, j, frame, now):
+    """Where a value that was `now` at the start of event j is at the end of this step."""
+    if frame == events.start[j]:
+        state.glide_start[j] = now
+    if frame + 1 >= events.end[j]:
+        return events.value[j]
+    share = (frame + 1 - events.start[j]) / (events.end[j] - events.start[j])
+    return state.glide_start[j] + (events.value[j] - state.glide_start[j]) * 0.5 * (1.0 - math.cos(math.pi * share))
+
+
+@noinline
+def set_motion(model, state, m, q, p):
+    """Put mode m at displacement q with momentum p, and its contacts where that takes them."""
+    update_compressions(model.contact, state, m, q - state.q[m])
+    state.q[m] = q
+    state.p[m] = p
+    state.kick_compensation[m] = 0.0
+
+
+@inline
+def update_compressions(contact, state, m, change):
+    """Let the compressions follow a change of mode m."""
+    if contact is not None:
+        for k in range(state.compression.shape[0]):
+            move = displacement_at_row(contact.rows, k, m, change) + displacement_at_row(
+                contact.other_rows, k, m, change
+            )
+            if move != 0.0:
+                state.compression[k] += move
+                state.compression_compensation[k] = 0.0
+
+
+@inline
+def displacement_at_row(rows, r, m, change):
+    """Displacement at row r that a change of mode m brings; 0 without rows."""
+    if rows is None:
+        return 0.0
+    if rows.mode_begin[r] <= m and m < rows.mode_end[r]:
+        return rows.phi[rows.offset[r] + (m - rows.mode_begin[r])] * change
+    return 0.0
+
+
+@noinline
+def damp_modes(state, first, last, share):
+    """Take from the momenta of some modes, at one end of a step in which they keep a share; returns the energy lost."""
+    lost, keep = 0.0, math.sqrt(share)
+    for m in range(first, last):
+        lost += 0.5 * state.p[m] * state.p[m] * (1.0 - keep) * (1.0 + keep)
+        state.p[m] *= keep
+    return lost
+
+
+@noinline
+def lift_dampers(events, cursor, j, first, last, frame):
+    """Let event j lift the dampers of modes first:last."""
+    for i in range(cursor[EventCursor.FIRST_ACTIVE], events.kind.shape[0]):
+        same = events.kind[i] == EventKind.DAMP and events.target_begin[i] < last and first < events.target_end[i]
+        if same and (i < j or events.end[i] >= NO_END):
+            events.end[i] = min(events.end[i], frame)
+
+
+@inline
+def lift_dampers_of_struck(events, contact, cursor, j, frame):
+    """Let event j lift the dampers of what its mode has contacts with."""
+    if contact is not None:
+        lift_dampers_of_joined(events, contact.rows, contact.other_rows, cursor, j, frame)
+
+
+@inline
+def lift_dampers_of_joined(events, rows, other, cursor, j, frame):
+    """As `lift_dampers_of_struck`, by the rows of either end of the contacts; `other` may be None."""
+    if other is not None:
+        m = events.target_begin[j]
+        for k in range(rows.mode_begin.shape[0]):
+            if rows.mode_begin[k] <= m and m < rows.mode_end[k]:
+                lift_dampers(events, cursor, j, other.mode_begin[k], other.mode_end[k], frame)
+            elif other.mode_begin[k] <= m and m < other.mode_end[k]:
+                lift_dampers(events, cursor, j, rows.mode_begin[k], rows.mode_end[k], frame)
+
+
+@inline
+def nominal_coefficient(contact, state, k):
+    """Stiffness of contact k as the patch says, in units of its law."""
+    return contact.nominal_stiffness[k] / (state.exponent[k] + 1.0)
+
+
+@inline
+def glide_parameter(contact, events, state, j, frame):
+    """Glide on with the stiffness, the exponents or the barriers that event j changes."""
+    if contact is not None:
+        first, last = events.target_begin[j], events.target_end[j]
+        if events.kind[j] == EventKind.STIFFNESS:
+            now = state.potential_coefficient[first] / nominal_coefficient(contact, state, first)
+            ratio = glide_value(events, state, j, frame, now)
+            for k in range(first, last):
+                state.potential_coefficient[k] = ratio * nominal_coefficient(contact, state, k)
+        elif events.kind[j] == EventKind.EXPONENT:
+            exponent = glide_value(events, state, j, frame, state.exponent[first])
+            for k in range(first, last):  # kc stays, and the law counts in kc/(α+1)
+                state.potential_coefficient[k] *= (state.exponent[k] + 1.0) / (exponent + 1.0)
+                state.exponent[k] = exponent
+        else:
+            beyond = glide_value(events, state, j, frame, state.barrier[first] - contact.nominal_barrier[first])
+            for k in range(first, last):
+                moved = contact.nominal_barrier[k] + beyond
+                state.compression[k] -= moved - state.barrier[k]
+                state.barrier[k] = moved
+
+
+@noinline
+def execute_event(model, state, j, frame):
+    """Let event j, which is not damping, act at the start of this step."""
+    events = model.events
+    if events.kind[j] == EventKind.STRIKE or events.kind[j] == EventKind.THROW:
+        set_motion(model, state, events.target_begin[j], events.value[j], events.value2[j])
+        if events.kind[j] == EventKind.THROW:
+            lift_dampers_of_struck(events, model.contact, state.event_cursor, j, frame)
+    elif events.kind[j] == EventKind.LIFT:
+        lift_dampers(events, state.event_cursor, j, events.target_begin[j], events.target_end[j], frame)
+    else:
+        glide_parameter(model.contact, events, state, j, frame)
+
+
+@noinline
+def island_energy(model, state):
+    """Energy of an island, J."""
+    kinetic, potential = kinetic_and_potential(model.omega_squared, model.weight, state.q, state.p)
+    return kinetic + potential + contact_energy(model.contact, state)
+
+
+@noinline
+def run_due_events(model, state, frame):
+    """Let all events act that are due at the start of this step, and count the energy they take and give."""
+    events, cursor = model.events, state.event_cursor
+    following = cursor[EventCursor.NEXT]
+    while following < events.kind.shape[0] and events.start[following] <= frame:
+        following += 1
+    cursor[EventCursor.NEXT] = following
+    for j in range(cursor[EventCursor.FIRST_ACTIVE], following):
+        if frame < events.end[j]:
+            if events.kind[j] == EventKind.DAMP:
+                damp_by_event(events, state, j)
+            else:
+                before = island_energy(model, state)
+                execute_event(model, state, j, frame)
+                accumulate(state.energy_totals, EnergyTotal.SUPPLIED, island_energy(model, state) - before)
+                state.contact_free_until[0] = 0
+                invalidate_margins(state.refinement)
+    active = cursor[EventCursor.FIRST_ACTIVE]
+    while active < following and events.end[active] <= frame:
+        active += 1
+    cursor[EventCursor.FIRST_ACTIVE] = active
+
+
+@noinline
+def damp_by_event(events, state, j):
+    """Half of the damping of event j in this step."""
+    lost = damp_modes(state, events.target_begin[j], events.target_end[j], events.value[j])
+    accumulate(state.energy_totals, EnergyTotal.DISSIPATED, lost)
+
+
+@noinline
+def finish_damping(events, state, frame):
+    """The second half of all damping in this step."""
+    for j in range(state.event_cursor[EventCursor.FIRST_ACTIVE], state.event_cursor[EventCursor.NEXT]):
+        if events.kind[j] == EventKind.DAMP and frame < events.end[j]:
+            damp_by_event(events, state, j)
+
+
+@inline
+def is_event_active(state):
+    """Whether an event goes on."""
+    return state.event_cursor[EventCursor.FIRST_ACTIVE] < state.event_cursor[EventCursor.NEXT]
+
+
+@inline
+def finish_score(events, state, frame):
+    """What the score says for the end of this step."""
+    if events is not None:
+        if is_event_active(state):
+            finish_damping(events, state, frame)
+
+
+@inline
+def run_score(model, events, state, frame):
+    """What the score says for the start of this step."""
+    if events is not None:
+        following = state.event_cursor[EventCursor.NEXT]
+        if is_event_active(state) or (following < events.kind.shape[0] and events.start[following] <= frame):
+            run_due_events(model, state, frame)

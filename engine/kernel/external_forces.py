@@ -1,0 +1,47 @@
+"""External forces: a table of the mean force over each step (paper, eq. 34)."""
+
+from engine.compiler.decorators import inline
+from engine.kernel.modes import kick_at_row, project_drift
+
+
+@inline
+def force_at(force, j, frame):
+    """External force j over the step that begins at sample `frame`, N."""
+    n = frame - force.start[j]
+    if n < 0:
+        return 0.0
+    at = force.table_begin[j] + n
+    return force.scale[j] * (force.table[at] if at < force.table_end[j] else force.tail[j])
+
+
+@inline
+def no_force_within(force, frame, samples):
+    """Whether no external force acts from this frame on for so many samples."""
+    if force is not None:
+        for j in range(force.start.shape[0]):
+            over = force.start[j] + force.table_end[j] - force.table_begin[j] <= frame and force.tail[j] == 0.0
+            if not over and force.start[j] <= frame + samples:
+                return False
+    return True
+
+
+@inline
+def apply_forces(force, coefficients, frame, p):
+    """Half a kick by every external force."""
+    if force is not None:
+        for j in range(force.start.shape[0]):
+            f = force_at(force, j, frame)
+            if f != 0.0:
+                kick_at_row(force.rows, coefficients, j, f, p)
+
+
+@inline
+def external_work(force, coefficients, frame, p):
+    """Work that the external forces do over the coming drift, J."""
+    work = 0.0
+    if force is not None:
+        for j in range(force.start.shape[0]):
+            f = force_at(force, j, frame)
+            if f != 0.0:
+                work += f * project_drift(force.rows, coefficients, j, p)
+    return work

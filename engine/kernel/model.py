@@ -1,0 +1,190 @@
+"""What does not change while a scene sounds: the `Model`.
+
+An effect is a field of the Model, or of what it holds: a record or an array, or `None`. Numba prunes
+`if field is not None` by type, so an absent effect is not compiled at all; this works where the field is a direct
+argument of the function that tests it.
+
+Bodies are sets of modes; modes, contacts, forces and pickups of one island lie beside each other in all arrays, and
+indices of modes and contacts count from their island's first. Coordinates are mass-normalised: displacement in √kg·m,
+momentum in √kg·m/s, mode shapes Φ in 1/√kg (docs/design.md, sec. 1).
+"""
+
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from engine.kernel.axes import (
+    Axis,
+    PerCompliance,
+    PerContact,
+    PerEvent,
+    PerEventInt,
+    PerForce,
+    PerForceInt,
+    PerFreeMassInt,
+    PerIslandBool,
+    PerMode,
+    PerPickup,
+    PerPickupInt,
+    PerRowInt,
+    PerShape,
+    Shared,
+    SharedInt,
+)
+from engine.kernel.laws import Law
+
+
+class ModeShapeRows(NamedTuple):
+    """Mode shapes at points: row r weighs modes mode_begin[r]:mode_end[r] of its island with phi[offset[r]:].
+
+    Indices are unsigned, or every use would first be checked for a negative one.
+    """
+
+    mode_begin: PerRowInt
+    mode_end: PerRowInt
+    offset: PerRowInt
+    phi: PerShape  # Φ, 1/√kg, all rows one after the other
+
+
+class RowCoefficients(NamedTuple):
+    """How the points of mode shape rows move in a step of length h; counted as their phi."""
+
+    kick_phi: PerShape  # t·Φ: momentum per newton in half a kick
+    drift_phi: PerShape  # v·Φ: displacement at the point per momentum in a drift
+
+
+class ModalLoss(NamedTuple):
+    """Loss of momentum, once in a step: p ← d·p (paper, eq. 36)."""
+
+    decay_factor: PerMode  # d = exp(-σh) for a half-step
+    dissipation_factor: PerMode  # energy lost over p², (1 - d²)/2 for a half-step
+
+
+class ContactCoefficients(NamedTuple):
+    """What depends on the length of a step at each contact."""
+
+    rows: RowCoefficients  # of Contact.rows
+    other_rows: RowCoefficients | None
+    compliance: PerContact  # B_kk, m/N: displacement per newton over the step
+    compliance_low: PerContact  # m/N: what rounding cut from B_kk
+    loss_rate: PerContact | None  # μ/h, 1/m: Hunt-Crossley loss (paper, eq. 41)
+    coupling: PerCompliance | None  # B of each island, m/N; where an island has several contacts
+
+
+class StepCoefficients(NamedTuple):
+    """Everything that depends on the length h of a step.
+
+    A step is half a kick, drift, half a kick (engine.kernel.modes). In Refinement.stages each array has one row more
+    in front: one for each kind of stage.
+    """
+
+    kick: PerMode  # t, s
+    drift: PerMode  # v, s
+    spring_kick: PerMode | None  # t·ω², 1/s: momentum per displacement in half a kick
+    loss: ModalLoss | None  # at either end of the step
+    drag: ModalLoss | None  # in the drift, of heavily damped modes
+    contact: ContactCoefficients | None
+    force: RowCoefficients | None  # of ExternalForce.rows
+
+
+class FreeMasses(NamedTuple):
+    """Modes without a restoring force."""
+
+    mode: PerFreeMassInt
+    is_audible: PerIslandBool  # whether a pickup hears one of them
+
+
+class ExternalForce(NamedTuple):
+    """External forces; each a table of its mean over each step (paper, eq. 34)."""
+
+    rows: Annotated[ModeShapeRows, Axis.FORCE]  # where each acts
+    start: PerForceInt  # first step of its table
+    table_begin: PerForceInt  # its slice of `table`
+    table_end: PerForceInt
+    table: Shared  # N
+    tail: PerForce  # N, for steps past its table
+    scale: PerForce  # factor; events change it
+
+
+class Contact(NamedTuple):
+    """Contacts: the law of each, and where it is on the bodies that it joins."""
+
+    law: Law  # in a kernel, with the stiffness and the exponents of the State
+    rows: Annotated[ModeShapeRows, Axis.CONTACT]  # of the body that touches
+    other_rows: Annotated[ModeShapeRows, Axis.CONTACT] | None  # of the body it touches, empty for a barrier
+    nominal_stiffness: PerContact  # N/m^α, as the patch says
+    nominal_barrier: PerContact  # m, as the patch says; subtracted from the projected displacement
+    tolerance: float  # relative error left in the end compression
+    max_rounds: int  # of a coupled solve; then it ends with forces off their curves
+
+
+class Refinement(NamedTuple):
+    """A sample in stages (engine.kernel.refinement). Stages of one length are of one kind."""
+
+    stages: StepCoefficients  # one row for each kind; without loss, but for that of heavily damped modes
+    end_loss: ModalLoss | None  # before the first stage and after the last
+    sequence: SharedInt  # the kind of each stage
+    length: Shared  # of each kind, as a share of a sample
+    refine_free_flight: bool  # also out of contact
+    chord_deviation: PerMode  # how far a mode strays from its chord within a sample, per amplitude
+    gravity_deviation: PerMode  # √kg·m: and how far by its weight
+
+
+class Events(NamedTuple):
+    """The score, sorted by island and start (engine.kernel.events)."""
+
+    kind: PerEventInt  # EventKind
+    start: PerEventInt  # the step it begins with
+    end: PerEventInt  # the step after its last
+    target_begin: PerEventInt  # the modes or contacts it acts on
+    target_end: PerEventInt
+    value: PerEvent
+    value2: PerEvent
+
+
+class Pickups(NamedTuple):
+    """What is heard."""
+
+    rows: Annotated[ModeShapeRows, Axis.PICKUP]
+    quantity: PerPickupInt  # Quantity
+    channel: PerPickupInt
+    gain: PerPickup
+    contact_begin: PerPickupInt  # its slice of `contact` and `contact_sign`, where it hears contact forces
+    contact_end: PerPickupInt
+    contact: SharedInt
+    contact_sign: Shared
+
+
+class Islands(NamedTuple):
+    """Where the items of each island begin, by axis: [islands + 1] each.
+
+    `partition` cuts the islands in partitions, each of which may run on a core of its own: [partitions + 1].
+    """
+
+    mode: np.ndarray
+    contact: np.ndarray
+    compliance: np.ndarray
+    force: np.ndarray
+    event: np.ndarray
+    pickup: np.ndarray
+    body: np.ndarray
+    free_mass: np.ndarray
+    partition: np.ndarray
+
+
+class Model(NamedTuple):
+    """Everything that stays."""
+
+    samplerate: float
+    islands: Islands  # of the whole scene; None in the model of one island
+    step: StepCoefficients  # of a sample as one step
+    omega_squared: PerMode | None  # 1/s²: restoring force
+    weight: PerMode | None  # √kg·m/s²: gravity
+    force: ExternalForce | None
+    contact: Contact | None
+    refinement: Refinement | None
+    events: Events | None
+    pickups: Pickups
+    bodies: Annotated[ModeShapeRows, Axis.BODY]  # where each body is traced
+    free_masses: FreeMasses | None
+    sleep_threshold: float  # share of its peak below which an island sleeps (engine.kernel.sleep)

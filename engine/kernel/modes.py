@@ -1,0 +1,249 @@
+"""The conservative core of every mode: the kernels that move and read it.
+
+One step of length h under forces constant over the step (external, weight, contact):
+
+    p ← p + t·(force - ω²q)        half a kick
+    q ← q + v·p                    drift
+    p ← p + t·(force - ω²q)        half a kick,    v = 2t/(1 + ω²t²)
+
+This is the step of docs/design.md, sec. 1, with c = (1 - ω²t²)/(1 + ω²t²) and e = v·t, written so that
+it conserves ½p² + ½ω²q² - force·q for any t: rounding of the coefficients shifts the energy
+once, and never makes it drift. The coefficients t and v are made in engine.build.mode_coefficients; a
+mode of heavy damping loses momentum in the drift as well.
+"""
+
+import math
+
+import numpy as np
+
+from engine.compiler.decorators import INT64_0, inline, noinline, reduction
+
+DENORMAL_LIMIT = 1e-290  # √kg·m, √kg·m/s
+
+
+@inline
+def apply_loss(loss, m, p):
+    """Take the loss of mode m from its momentum: the momentum left, and the energy lost."""
+    if loss is None:
+        return p, 0.0
+    return loss.decay_factor[m] * p, loss.dissipation_factor[m] * p * p
+
+
+@inline
+def kick_by_weight(weight, compensation, kick, m, p):
+    """Half a kick by weight.
+
+    The kick is the same at every step, and so would be its rounding: in free fall the energy
+    drifts by 5e-13 in a second. The rounding is carried to the next kick instead (Kahan).
+    """
+    if weight is None:
+        return p
+    push = kick[m] * weight[m] - compensation[m]
+    moved = p + push
+    compensation[m] = (moved - p) - push
+    return moved
+
+
+@inline
+def kick_of_spring(spring_kick, m, q):
+    """Half a kick by the restoring force."""
+    if spring_kick is None:
+        return 0.0
+    return -spring_kick[m] * q
+
+
+@inline
+def begin_step_mode(h, weight, compensation, m, q, p):
+    """Half a step of loss and half a kick of mode m, without contact: its momentum, and the energy lost."""
+    p, lost = apply_loss(h.loss, m, p)
+    p = kick_by_weight(weight, compensation, h.kick, m, p)
+    return p + kick_of_spring(h.spring_kick, m, q), lost
+
+
+@inline
+def end_step_mode(h, weight, compensation, m, q, p):
+    """Drift, half a kick and half a step of loss of mode m: q, p, and the energy lost."""
+    q += h.drift[m] * p
+    p, dragged = apply_loss(h.drag, m, p)
+    p += kick_of_spring(h.spring_kick, m, q)
+    p, lost = apply_loss(h.loss, m, kick_by_weight(weight, compensation, h.kick, m, p))
+    return q, p, lost + dragged
+
+
+# A loop over modes is compiled to vector code, which first has to check that no two of its arrays
+# overlap. For a body of one mode that costs more than the mode; so each loop has a way around it.
+
+
+@reduction
+def begin_step(h, weight, compensation, q, p):
+    """First half of a step of all modes, up to the contact. Returns the energy lost."""
+    if p.shape[0] == 1:
+        p[0], lost = begin_step_mode(h, weight, compensation, INT64_0, q[0], p[0])
+        return lost
+    lost = 0.0
+    for m in range(p.shape[0]):
+        p[m], lost_by_mode = begin_step_mode(h, weight, compensation, m, q[m], p[m])
+        lost += lost_by_mode
+    return lost
+
+
+@reduction
+def end_step(h, weight, compensation, q, p):
+    """Second half of a step of all modes, after the contact. Returns the energy lost."""
+    if p.shape[0] == 1:
+        q[0], p[0], lost = end_step_mode(h, weight, compensation, INT64_0, q[0], p[0])
+        return lost
+    lost = 0.0
+    for m in range(p.shape[0]):
+        q[m], p[m], lost_by_mode = end_step_mode(h, weight, compensation, m, q[m], p[m])
+        lost += lost_by_mode
+    return lost
+
+
+@reduction
+def free_step(h, weight, compensation, q, p):
+    """A step of all modes on which nothing acts: both halves in one pass. Returns the energy lost."""
+    if p.shape[0] == 1:
+        half, lost = begin_step_mode(h, weight, compensation, INT64_0, q[0], p[0])
+        q[0], p[0], lost_later = end_step_mode(h, weight, compensation, INT64_0, q[0], half)
+        return lost + lost_later
+    lost = 0.0
+    for m in range(p.shape[0]):
+        half, lost_first = begin_step_mode(h, weight, compensation, m, q[m], p[m])
+        q[m], p[m], lost_later = end_step_mode(h, weight, compensation, m, q[m], half)
+        lost += lost_first + lost_later
+    return lost
+
+
+@reduction
+def apply_loss_all(loss, p):
+    """Take the loss of all modes from their momenta. Returns the energy lost."""
+    total = 0.0
+    if loss is not None:
+        for m in range(p.shape[0]):
+            p[m], lost = apply_loss(loss, m, p[m])
+            total += lost
+    return total
+
+
+@noinline
+def flush_denormals(loss, q, p):
+    """Set what has decayed into subnormal numbers to zero; they are slow to compute with."""
+    if loss is not None:
+        for m in range(p.shape[0]):
+            if abs(p[m]) < DENORMAL_LIMIT:
+                p[m] = 0.0
+            if abs(q[m]) < DENORMAL_LIMIT:
+                q[m] = 0.0
+
+
+@noinline
+def reverse_motion(drift, q, p):
+    """Reverse the motion in the middle of a step: after its second half, q is as before the
+    step and p is reversed, so that every energy is what it was. No drag acts in that half.
+
+    The last resort where contact forces cannot be found: no force acts, and nothing moves.
+    """
+    for m in range(p.shape[0]):
+        p[m] = -p[m]
+        q[m] -= drift[m] * p[m]  # what the drift that follows adds
+
+
+@noinline
+def rescale_kinetic_energy(energy, p):
+    """Take an energy from the motion, or give it one (negative), J. Returns what was taken: at most nearly
+    all there is; and nothing is given that would more than double it."""
+    kinetic = kinetic_energy(p)
+    if energy < -kinetic:
+        return 0.0
+    energy = min(energy, 0.99 * kinetic)
+    if kinetic > 0.0:
+        factor = math.sqrt(1.0 - energy / kinetic)
+        for m in range(p.shape[0]):
+            p[m] *= factor
+    return energy
+
+
+@reduction
+def kinetic_energy(p):
+    """Σ ½p², J."""
+    total = 0.0
+    for m in range(p.shape[0]):
+        total += 0.5 * p[m] * p[m]
+    return total
+
+
+@reduction
+def weighted_sum(weights, offset, x, begin, end):
+    """Σ weights[offset + m]·x[begin + m] over the modes begin to end of an island."""
+    if end - begin == 1:
+        return weights[offset] * x[begin]
+    a, b = weights[offset : offset + (end - begin)], x[begin:end]
+    total = 0.0
+    for m in range(b.shape[0]):
+        total += a[m] * b[m]
+    return total
+
+
+@inline
+def project(rows, r, x):
+    """Displacement at row r (m) from the modes' displacements; or velocity (m/s) from their momenta."""
+    return weighted_sum(rows.phi, rows.offset[r], x, rows.mode_begin[r], rows.mode_end[r])
+
+
+@inline
+def project_drift(rows, coefficients, r, p):
+    """Displacement at row r that the coming drift brings, m."""
+    return weighted_sum(coefficients.drift_phi, rows.offset[r], p, rows.mode_begin[r], rows.mode_end[r])
+
+
+@inline
+def kick_at_row(rows, coefficients, r, f, p):
+    """Half a kick by a force f (N) at row r."""
+    begin, end, offset = rows.mode_begin[r], rows.mode_end[r], rows.offset[r]
+    if end - begin == 1:
+        p[begin] += coefficients.kick_phi[offset] * f
+        return
+    a, b = coefficients.kick_phi[offset : offset + (end - begin)], p[begin:end]
+    for m in range(b.shape[0]):
+        b[m] += a[m] * f
+
+
+@reduction
+def bound_modal_displacements(omega_squared, weight, q, p, span, bound):
+    """How far each mode can move in `span` seconds on which nothing else acts, √kg·m, into `bound`.
+
+    A mode swings about where its weight holds it, with amplitude A/ω and speed A at most,
+    A² = p² + ω²q²; it loses energy, and gains none. A free mass coasts and falls. Returns the
+    energy of vibration, Σ ½A², J.
+    """
+    energy = 0.0
+    for m in range(p.shape[0]):
+        speed, fallen, widest = abs(p[m]), 0.0, np.inf
+        if omega_squared is not None:
+            stiffness = omega_squared[m]
+            if stiffness > 0.0:
+                away = q[m]
+                if weight is not None:
+                    away -= weight[m] / stiffness
+                square = p[m] * p[m] + stiffness * away * away
+                energy += 0.5 * square
+                speed = math.sqrt(square)
+                widest = 2.0 * speed / math.sqrt(stiffness)
+            elif weight is not None:
+                fallen = abs(weight[m]) * span
+        elif weight is not None:
+            fallen = abs(weight[m]) * span
+        bound[m] = min((speed + 0.5 * fallen) * span, widest)
+    return energy
+
+
+@reduction
+def bound_at_row(rows, r, bound):
+    """How far the point of row r can move, m, if each mode moves no further than `bound`."""
+    begin, end, offset = rows.mode_begin[r], rows.mode_end[r], rows.offset[r]
+    a, b = rows.phi[offset : offset + (end - begin)], bound[begin:end]
+    total = 0.0
+    for m in range(b.shape[0]):
+        total += abs(a[m]) * b[m]
+    return total

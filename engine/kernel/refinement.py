@@ -1,0 +1,174 @@
+"""Refinement: a sample in several stages, where contact is possible (docs/design.md, sec. 2).
+
+A stage is a step of another length, forwards or backwards, without loss; half the loss of the sample
+comes before the first stage and half after the last. Heavily damped modes
+(engine.build.mode_coefficients.damped_coefficients) lose in each stage instead, for all lengths are then positive. Each
+stage conserves energy, and so does their product, whose order is that of the lengths (engine.patch.accuracy). Out of
+contact the `exact` coefficients need no stages: they are of a flow, and one step of it is their product.
+"""
+
+import math
+from typing import Any
+
+from engine.compiler.decorators import FALSE, INT64_0, inline, noinline
+from engine.compiler.overloads import is_none, overload_by_source
+from engine.kernel.axes import Axis, fields_of
+from engine.kernel.contacts import bound_at_contact, free_displacements
+from engine.kernel.external_forces import no_force_within
+from engine.kernel.modes import apply_loss_all, begin_step, end_step
+from engine.kernel.step import StepOutcome, step
+
+# --- the coefficients of one stage
+
+
+LENGTHS = {Axis.MODE: "modes", Axis.CONTACT: "contacts", Axis.COMPLIANCE: "contacts * contacts"}
+
+
+def stage_coefficients(stages: Any, s: int, modes: int, contacts: int) -> Any:
+    """StepCoefficients of stages of kind s, for an island of so many modes and contacts. In compiled code only."""
+    raise TypeError("stage_coefficients is for compiled code")
+
+
+def write_stage(kind: Any, value: str, names: dict[str, Any]) -> str:
+    """The source of a record like `value`, without the row for each kind of stage in front. Written for its Numba type,
+    for a function that may return None gives what has to be tested for it wherever it is used."""
+    names[kind.instance_class.__name__] = kind.instance_class
+    parts = []
+    for field, inner in zip(fields_of(kind.instance_class), kind.types, strict=True):
+        part = f"{value}.{field.name}"
+        if is_none(inner):
+            part = "None"
+        elif field.record is not None:
+            part = write_stage(inner, part, names)
+        else:
+            length = LENGTHS.get(field.items.axis) if field.items is not None else None
+            part = f"{part}[s]" if length is None else f"{part}[s][0 : {length}]"
+        parts.append(part)
+    return f"{kind.instance_class.__name__}({', '.join(parts)})"
+
+
+def _write_stage_coefficients(stages: Any, s: Any, modes: Any, contacts: Any) -> tuple[str, dict[str, Any]]:
+    names: dict[str, Any] = {}
+    return write_stage(stages, "stages", names), names
+
+
+overload_by_source(stage_coefficients, _write_stage_coefficients)
+
+
+# --- is contact possible within this sample?
+
+
+@inline
+def chord_deviation(omega_squared, refinement, m, q, p):
+    """How far mode m strays from its chord within a sample, √kg·m."""
+    per_amplitude, by_weight = refinement.chord_deviation[m], refinement.gravity_deviation[m]
+    if omega_squared is None:
+        return per_amplitude * abs(p[m]) + by_weight
+    stiffness = omega_squared[m]
+    if stiffness == 0.0:
+        return per_amplitude * abs(p[m]) + by_weight
+    return per_amplitude * math.sqrt(q[m] * q[m] + p[m] * p[m] / stiffness) + by_weight
+
+
+@noinline
+def update_margins(model, refinement, state):
+    """How far each compression may stray from its chord within a sample, until something acts again."""
+    bound, contact = state.displacement_bound, model.contact
+    for m in range(state.p.shape[0]):
+        bound[m] = chord_deviation(model.omega_squared, refinement, m, state.q, state.p)
+    for k in range(state.compression.shape[0]):
+        state.refinement.closing_margin[k] = bound_at_contact(contact, contact.other_rows, k, bound)
+    state.refinement.margin_valid[0] = 1
+
+
+@inline
+def stays_open(state):
+    """Whether no contact can close within the sample whose free displacements are known."""
+    for k in range(state.compression.shape[0]):
+        s = state.compression[k]
+        if not max(s, s + state.free_displacement[k]) + state.refinement.closing_margin[k] < 0.0:  # NaN is refined
+            return False
+    return True
+
+
+@inline
+def save_momenta(state):
+    """Remember what the first half of a step changes."""
+    for m in range(state.p.shape[0]):
+        state.refinement.saved_momentum[m] = state.p[m]
+        state.refinement.saved_compensation[m] = state.kick_compensation[m]
+
+
+@inline
+def restore_momenta(state):
+    """Undo the first half of a step."""
+    for m in range(state.p.shape[0]):
+        state.p[m] = state.refinement.saved_momentum[m]
+        state.kick_compensation[m] = state.refinement.saved_compensation[m]
+
+
+@inline
+def try_free_step(model, refinement, state):
+    """A step on which nothing acts, if that is what it is. Returns whether, and the energy lost."""
+    if state.refinement.margin_valid[0] == 0:
+        update_margins(model, refinement, state)
+    save_momenta(state)
+    lost = begin_step(model.step, model.weight, state.kick_compensation, state.q, state.p)
+    free_displacements(model.contact, model.step.contact, state)
+    if not stays_open(state):
+        restore_momenta(state)
+        return False, 0.0
+    for k in range(state.compression.shape[0]):
+        state.compression[k] += state.free_displacement[k]
+    lost += end_step(model.step, model.weight, state.kick_compensation, state.q, state.p)
+    return True, lost
+
+
+@inline
+def is_forced(force, frame):
+    """Whether an external force acts in this step."""
+    if force is None:
+        return False
+    return not no_force_within(force, frame, INT64_0)
+
+
+@inline
+def refined_step(model, force, refinement, state, frame, in_contact):
+    """A sample in stages, or in one step where that is the same. Returns a StepOutcome.
+
+    in_contact: whether the sample before ended in contact
+    """
+    if not refinement.refine_free_flight and not in_contact and not is_forced(force, frame):
+        is_free, lost = try_free_step(model, refinement, state)
+        if is_free:
+            return StepOutcome(FALSE, INT64_0, lost, 0.0)
+    return composed_step(model.contact, force, model.weight, refinement, state, frame)
+
+
+@inline
+def composed_step(contact, force, weight, refinement, state, frame):
+    """A sample in stages. Returns a StepOutcome."""
+    modes, contacts = state.p.shape[0], state.compression.shape[0]
+    mean_force = state.refinement.mean_force
+    state.refinement.margin_valid[0] = 0
+    for k in range(contacts):
+        mean_force[k] = 0.0
+    in_contact, evaluations, work = FALSE, INT64_0, 0.0
+    lost = apply_loss_all(refinement.end_loss, state.p)
+    for i in range(refinement.sequence.shape[0]):
+        s = refinement.sequence[i]
+        h = stage_coefficients(refinement.stages, s, modes, contacts)
+        outcome = step(contact, force, weight, h, state, frame)
+        if outcome.in_contact:
+            in_contact = True
+            for k in range(contacts):
+                mean_force[k] += refinement.length[s] * state.contact_force[k]
+        else:
+            for k in range(contacts):
+                state.contact_force[k] = 0.0
+        evaluations += outcome.evaluations
+        lost += outcome.dissipated
+        work += outcome.supplied
+    for k in range(contacts):
+        state.contact_force[k] = mean_force[k]
+    return StepOutcome(in_contact, evaluations, lost + apply_loss_all(refinement.end_loss, state.p), work)

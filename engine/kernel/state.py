@@ -1,0 +1,103 @@
+"""What changes while a scene sounds: the `State`; and where a block of samples goes."""
+
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from engine.kernel.axes import (
+    Axis,
+    Items,
+    PerContact,
+    PerEvent,
+    PerIsland,
+    PerIslandInt,
+    PerMode,
+    PerPickup,
+)
+from engine.kernel.codes import EnergyTotal, EventCursor, Sleep, SleepMonitor, SolveStatus
+
+MAX_EVALUATIONS = 200  # of contact laws, or rounds, in one solve
+
+PerPartition = Annotated[np.ndarray, Items(Axis.PARTITION)]
+PerPartitionInt = Annotated[np.ndarray, Items(Axis.PARTITION, np.int64)]
+
+
+class Scratch(NamedTuple):
+    """Memory for the coupled contact solve of each partition. K is the largest number of contacts in an island."""
+
+    vectors: PerPartition  # [partitions, rows (engine.kernel.codes.Row), K]
+    active_compliance: PerPartition  # [partitions, K, K]: B of the active set
+    cholesky: PerPartition  # [partitions, K, K]: what is factorised
+    active: PerPartitionInt  # [partitions, K]: the contacts of the active set
+    sloped: PerPartitionInt  # [partitions, K]: which of the active set have a slope
+    is_active: PerPartitionInt  # [partitions, K]: whether a contact is in the active set
+
+
+class RefinementState(NamedTuple):
+    """What changes with refinement."""
+
+    saved_momentum: PerMode  # before a first half-step that may be taken back
+    saved_compensation: PerMode  # and the compensation of its kicks
+    closing_margin: PerContact  # m: how far a compression may stray within a sample
+    margin_valid: PerIslandInt  # whether the margins still hold
+    mean_force: PerContact  # N, over the stages so far
+
+
+class State(NamedTuple):
+    """Everything that changes. A field is None where no effect needs it."""
+
+    frame: PerPartitionInt  # samples rendered so far
+    q: PerMode  # √kg·m, displacement
+    p: PerMode  # √kg·m/s, momentum
+    kick_compensation: PerMode  # rounding carried from kick to kick, of weights (Kahan)
+    displacement_bound: PerMode  # √kg·m: memory to bound how far each mode can move
+    potential_coefficient: PerContact  # k/(α+1), N/m^α: stiffness as contact laws count it; events change it
+    exponent: PerContact  # events change that of a general law
+    barrier: PerContact  # m; events move it
+    compression: PerContact  # m
+    compression_compensation: PerContact  # m: what is too small to add to the compression yet (Kahan)
+    free_displacement: PerContact  # m: g, the change of compression without contact force
+    contact_force: PerContact  # N, mean over the last step
+    scratch: Scratch | None  # for coupled contacts
+    refinement: RefinementState | None
+    line_search_budget: PerIslandInt  # line searches left to capped solves
+    energy_debt: PerIsland  # J: what capped solves created and the motion could not pay for yet
+    previous_velocity: PerPickup  # m/s, one sample ago
+    energy_totals: Annotated[np.ndarray, Items(Axis.ISLAND, columns=len(EnergyTotal))]  # J
+    contact_free_until: PerIslandInt  # before this frame, nothing can act on the island
+    event_cursor: Annotated[np.ndarray, Items(Axis.ISLAND, np.int64, len(EventCursor))]
+    glide_start: PerEvent  # what a gliding value was at first
+    sleep_monitor: Annotated[np.ndarray, Items(Axis.ISLAND, columns=len(SleepMonitor))]
+    sleep: Annotated[np.ndarray, Items(Axis.ISLAND, np.int64, len(Sleep))]
+    in_contact: PerIslandInt  # 1 if the last step had a contact in reach
+    law_evaluations: PerIslandInt  # in the last step
+    iteration_histogram: Annotated[np.ndarray, Items(Axis.ISLAND, np.int64, MAX_EVALUATIONS + 1)]  # of Newton solves
+    solve_outcomes: Annotated[np.ndarray, Items(Axis.ISLAND, np.int64, len(SolveStatus))]  # counts
+    contact_samples: PerIslandInt  # samples with a contact in reach
+
+
+class Trace(NamedTuple):
+    """What every sample was like; arrays of [frames, …] that a block fills.
+
+    `force` is the mean over the step that ends at the sample, so it is 0 at sample 0; `iterations`
+    are those of that step.
+    """
+
+    displacement: np.ndarray  # [frames, bodies], m
+    velocity: np.ndarray  # [frames, bodies], m/s
+    compression: np.ndarray  # [frames, contacts], m
+    force: np.ndarray  # [frames, contacts], N
+    iterations: np.ndarray  # [frames]
+    kinetic: np.ndarray  # [frames], J
+    potential: np.ndarray
+    contact: np.ndarray
+    dissipated: np.ndarray
+    supplied: np.ndarray
+
+
+class BlockOutput(NamedTuple):
+    """Where a block of one partition goes; each of [frames, …]."""
+
+    audio: np.ndarray  # [frames, channels], overwritten
+    ledger: np.ndarray | None  # [frames, columns (engine.kernel.codes.Ledger)], J, overwritten; None: not measured
+    trace: Trace | None  # zeroed, to be added to; or None

@@ -1,0 +1,143 @@
+"""Memory of the audio thread, and the compiled kernels that it calls."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from engine.build.build import BuildResult
+from engine.build.refinement_tables import build_refinement
+from engine.compiler.decorators import c_address
+from engine.compiler.struct_handle import StructHandle
+from engine.kernel.axes import align_to_cache_lines
+from engine.kernel.codes import Ledger
+from engine.kernel.model import Model
+from engine.kernel.render_block import render_block
+from engine.kernel.state import BlockOutput
+from engine.live import audio_thread, event_insertion
+from engine.live.shared_memory import VALUES_PER_EVENT, EventSlot, Gauge, Slot
+from engine.patch.accuracy import Accuracy
+
+FADE_SECONDS = 0.005
+CHUNK_FRAMES = 1024  # computed at once
+QUEUE_SIZE = 1024  # events
+LOAD_COUNT = 8192  # blocks whose loads are kept
+RECORD_SECONDS = 20.0  # of what was played, until it is fetched
+LOAD_HIGH, LOAD_LOW = 0.8, 0.4  # of its deadline: a block above lowers the quality, one below is at ease
+MAX_FRAMES = 1 << 40  # that are played if a scene goes on and on
+
+
+class AudioMemory:
+    """All that the audio thread reads and writes, for a built scene.
+
+    seconds: until it fades out; `math.inf`: until it is stopped
+    gain:    factor on SI units
+    """
+
+    def __init__(self, built: BuildResult, accuracy: Accuracy, channels: int, seconds: float, gain: float) -> None:
+        model, samplerate = built.model, round(built.model.samplerate)
+        self.channels = channels
+        self.shared = np.zeros(len(Slot), np.int64)
+        self.gauges = np.zeros(len(Gauge))
+        self.events = np.zeros((QUEUE_SIZE, len(EventSlot)), np.int64)
+        self.quality_log = np.zeros((QUEUE_SIZE, 2), np.int64)  # frame, level
+        self.record = np.zeros((round(RECORD_SECONDS * samplerate), channels), np.float32)
+        self.loads = np.zeros(LOAD_COUNT)  # of the last blocks, as shares of their deadlines
+        self._buffers = _allocate_buffers(model.islands.partition.size - 1, channels)
+        self._models = [StructHandle(model), *map(StructHandle, coarser_models(built, accuracy))]
+        self._state = StructHandle(built.state)
+        self._fill_slots(model, samplerate, seconds)
+        self.gauges[[Gauge.GAIN, Gauge.LOAD_HIGH, Gauge.LOAD_LOW]] = gain, LOAD_HIGH, LOAD_LOW
+        self._compile()
+
+    def _fill_slots(self, model: Model, samplerate: int, seconds: float) -> None:
+        """Say where everything is."""
+        handles, buffers, fade = (self._models[0], self._state), self._buffers, max(1, round(FADE_SECONDS * samplerate))
+        self._addresses = np.array([handle.address for handle in self._models], np.int64)
+        values = {
+            Slot.RENDER_BLOCK: c_address(render_block, *handles, buffers.outputs[0], 0, 0),
+            Slot.INSERT_EVENT: c_address(event_insertion.insert_event_at, *handles, 0, 0, 0),
+            Slot.MODEL: handles[0].address,
+            Slot.STATE: handles[1].address,
+            Slot.PARTITIONS: len(buffers.outputs),
+            Slot.CHANNELS: self.channels,
+            Slot.CHUNK_FRAMES: CHUNK_FRAMES,
+            Slot.OUTPUTS: buffers.output_addresses.ctypes.data,
+            Slot.AUDIOS: buffers.audio_addresses.ctypes.data,
+            Slot.LEDGERS: buffers.ledger_addresses.ctypes.data,
+            Slot.MIX: buffers.mix.ctypes.data,
+            Slot.EVENTS: self.events.ctypes.data,
+            Slot.VALUES: buffers.values.ctypes.data,
+            Slot.QUEUE_SIZE: QUEUE_SIZE,
+            Slot.TUNINGS: buffers.tunings.ctypes.data,
+            Slot.RECORD: self.record.ctypes.data,
+            Slot.RECORD_FRAMES: len(self.record),
+            Slot.SPARE: buffers.spare.ctypes.data,
+            Slot.MODELS: self._addresses.ctypes.data,
+            Slot.MODEL_COUNT: len(self._models),
+            Slot.LOWEST_QUALITY: len(self._models) - 1 + model.islands.mode.size - 2,
+            Slot.ORDER: buffers.order.ctypes.data,
+            Slot.QUALITY_LOG: self.quality_log.ctypes.data,
+            Slot.QUALITY_LOG_SIZE: QUEUE_SIZE,
+            Slot.LOADS: self.loads.ctypes.data,
+            Slot.LOAD_COUNT: LOAD_COUNT,
+            Slot.GAUGES: self.gauges.ctypes.data,
+            Slot.FADE_IN_FRAMES: fade,
+            Slot.FADE_OUT_FRAMES: fade,
+            Slot.SAMPLERATE: samplerate,
+            Slot.END: MAX_FRAMES if math.isinf(seconds) else max(1, round(seconds * samplerate)),
+        }
+        for slot, value in values.items():
+            self.shared[slot] = value
+
+    def _compile(self) -> None:
+        """Compile what is called later, by calls that do nothing."""
+        address, queue_size = self.shared.ctypes.data, int(self.shared[Slot.QUEUE_SIZE])
+        self.shared[Slot.QUEUE_SIZE] = 0  # there is no slot yet
+        audio_thread.enqueue(address, 0, 0, 0, 0, 0, 0, 0.0, 0.0)
+        self.shared[Slot.QUEUE_SIZE] = queue_size
+        audio_thread.play_into(address, self._buffers.spare.ctypes.data, 0)
+        audio_thread.record_load_py(address, 1, 0.0)
+        self.shared[Slot.CALLS] = 0
+
+
+class _Buffers(NamedTuple):
+    """What only the audio thread touches."""
+
+    outputs: list[StructHandle]  # of each partition
+    output_addresses: np.ndarray
+    audio_addresses: np.ndarray
+    ledger_addresses: np.ndarray
+    mix: np.ndarray
+    spare: np.ndarray
+    values: np.ndarray
+    tunings: np.ndarray  # that wait for their frame
+    order: np.ndarray
+
+
+def _allocate_buffers(partitions: int, channels: int) -> _Buffers:
+    audios = [np.zeros((CHUNK_FRAMES, channels)) for _ in range(partitions)]
+    ledgers = [np.zeros((CHUNK_FRAMES, len(Ledger))) for _ in range(partitions)]
+    pairs = zip(audios, ledgers, strict=True)
+    outputs = [StructHandle(BlockOutput(audio, ledger, None)) for audio, ledger in pairs]
+    return _Buffers(
+        outputs=outputs,
+        output_addresses=np.array([output.address for output in outputs], np.int64),
+        audio_addresses=np.array([audio.ctypes.data for audio in audios], np.int64),
+        ledger_addresses=np.array([ledger.ctypes.data for ledger in ledgers], np.int64),
+        mix=np.zeros((CHUNK_FRAMES, channels)),
+        spare=np.zeros((CHUNK_FRAMES, channels), np.float32),
+        values=np.zeros((QUEUE_SIZE, VALUES_PER_EVENT)),
+        tunings=np.zeros((QUEUE_SIZE, len(EventSlot)), np.int64),
+        order=np.zeros(len(EventSlot), np.int64),
+    )
+
+
+def coarser_models(built: BuildResult, accuracy: Accuracy) -> list[Model]:
+    """Coarser models of the same kind, to step down to where blocks come near their deadline."""
+    model, layout = built.model, built.layout
+    if model.refinement is None or accuracy.precision == "float32":
+        return []
+    kick, rate = model.step.kick, model.samplerate
+    tables = [build_refinement(layout, kick, coarse, rate) for coarse in accuracy.coarser()[1:]]
+    return [model._replace(refinement=align_to_cache_lines(table)) for table in tables]

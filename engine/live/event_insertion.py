@@ -1,0 +1,212 @@
+"""Events that come while a scene is played: they join the score, as if it had always said so."""
+
+from engine.compiler.decorators import inline, kernel
+from engine.compiler.intrinsics import float64_view, int64_view
+from engine.compiler.struct_handle import load_struct
+from engine.kernel.codes import UNUSED_SLOT, EnergyTotal, EventCursor, EventKind, Sleep, SleepMonitor
+from engine.kernel.contacts import compression_from_modes, resync_open_contacts
+from engine.kernel.energy import accumulate
+from engine.kernel.events import island_energy
+from engine.kernel.island_view import island_bounds, island_model, island_state
+from engine.live.shared_memory import DROPPED, VALUES_PER_EVENT, EventSlot
+
+EVENT_SLOTS = len(EventSlot)
+
+
+@kernel
+def insert_event_at(model, state, event, value, frame):
+    """Write an event, at an address, into the score of its island; it begins no sooner than `frame`."""
+    insert_event(
+        load_struct(model),
+        load_struct(state),
+        int64_view(event, EVENT_SLOTS),
+        float64_view(value, VALUES_PER_EVENT),
+        frame,
+    )
+
+
+@inline
+def insert_event(model, state, event, value, frame):
+    """As `insert_event_at`, of what the handles point to. What does not fit into a full score is dropped, and marked
+    so."""
+    n, start, kind = event[EventSlot.ISLAND], max(event[EventSlot.START], frame), event[EventSlot.KIND]
+    if kind == EventKind.SLEEP_QUIETEST:
+        sleep_quietest(model, state, event[EventSlot.TARGET_BEGIN], frame)
+        return
+    if max(state.contact_free_until[n], state.sleep[n, Sleep.WAKE_FRAME]) > frame:
+        wake_island(model, state, n, frame)
+    if kind == EventKind.BOOK_ENERGY:
+        book_island_energy(model, state, n, event[EventSlot.TARGET_BEGIN])
+    elif kind == EventKind.PLUCK:
+        retrigger_force(model.force, event[EventSlot.TARGET_BEGIN], start, value[0])
+    elif model.events is not None:
+        cursor = state.event_cursor[n]
+        begin, end = model.islands.event[n], model.islands.event[n + 1]
+        truncate_previous(model.events, cursor, begin, event, start)
+        compact_events(model.events, state.glide_start, cursor, begin, end, frame)
+        if not insert_sorted(model.events, cursor, begin, end, event, value, start):
+            event[EventSlot.TAKEN_AT] = DROPPED
+
+
+@inline
+def partition_of(islands, n):
+    """The partition of the scene that island n belongs to."""
+    partition = 0
+    while islands.partition[partition + 1] <= n:
+        partition += 1
+    return partition
+
+
+@inline
+def wake_island(model, state, n, frame):
+    """Wake an island, or bring up to date what it has not looked at while nothing could act on it."""
+    bounds = island_bounds(model.islands, partition_of(model.islands, n), n)
+    resync_open_contacts(island_model(model, state, bounds).contact, island_state(state, bounds))
+    state.sleep[n, Sleep.FORCED] = 0
+    state.sleep[n, Sleep.WAKE_FRAME] = min(state.sleep[n, Sleep.WAKE_FRAME], frame)
+    state.sleep[n, Sleep.STATIC_UNTIL] = min(state.sleep[n, Sleep.STATIC_UNTIL], frame)
+    state.contact_free_until[n] = min(state.contact_free_until[n], frame)
+
+
+@inline
+def book_island_energy(model, state, n, sign):
+    """Count the energy that island n holds as supplied, times a sign; if as supplied, its coefficients are new, and so
+    are its compressions."""
+    bounds = island_bounds(model.islands, partition_of(model.islands, n), n)
+    island, own = island_model(model, state, bounds), island_state(state, bounds)
+    if sign > 0:
+        reset_compressions(island.contact, own)
+    accumulate(own.energy_totals, EnergyTotal.SUPPLIED, sign * island_energy(island, own))
+
+
+@inline
+def reset_compressions(contact, state):
+    """Read the compressions from the modes, also in contact."""
+    if contact is not None:
+        for k in range(state.compression.shape[0]):
+            state.compression[k] = compression_from_modes(contact, contact.other_rows, state, k)
+            state.compression_compensation[k] = 0.0
+
+
+@inline
+def next_due(model, state, n, frame):
+    """When the next thing happens to an island that would have to be awake for it."""
+    event = next_event_frame(model.events, model.islands, state, n, frame)
+    return min(event, next_force_frame(model.force, model.islands, n, frame))
+
+
+@inline
+def next_event_frame(events, islands, state, n, frame):
+    """When an event of an island's score runs."""
+    if events is None:
+        return UNUSED_SLOT
+    following = islands.event[n] + state.event_cursor[n, EventCursor.NEXT]
+    for j in range(islands.event[n] + state.event_cursor[n, EventCursor.FIRST_ACTIVE], following):
+        if events.end[j] > frame:
+            return frame
+    return events.start[following] if following < islands.event[n + 1] else UNUSED_SLOT
+
+
+@inline
+def next_force_frame(force, islands, n, frame):
+    """When an external force acts on an island."""
+    due = UNUSED_SLOT
+    if force is not None:
+        for j in range(islands.force[n], islands.force[n + 1]):
+            over = force.start[j] + force.table_end[j] - force.table_begin[j]
+            if over > frame or force.tail[j] != 0.0:
+                due = min(due, max(frame, force.start[j]))
+    return due
+
+
+@inline
+def sleep_quietest(model, state, count, frame):
+    """Put the quietest islands to sleep until something is due in them, or another order comes; and wake those that
+    slept by an order before. Nothing in them moves, so that to sleep takes and gives no energy. The last one awake
+    stays so, and so does one in contact."""
+    islands, awake = state.sleep.shape[0], 0
+    for n in range(islands):
+        if state.sleep[n, Sleep.FORCED] != 0:
+            wake_island(model, state, n, frame)
+        awake += state.sleep[n, Sleep.WAKE_FRAME] <= frame
+    for _ in range(count):
+        quietest = -1
+        for n in range(islands):
+            is_awake = state.sleep[n, Sleep.WAKE_FRAME] <= frame and state.in_contact[n] == 0
+            if is_awake and next_due(model, state, n, frame) > frame and is_quieter(state, n, quietest):
+                quietest = n
+        if quietest >= 0 and awake > 1:
+            wake_island(model, state, quietest, frame)
+            due = next_due(model, state, quietest, frame)
+            state.sleep[quietest, Sleep.WAKE_FRAME] = state.sleep[quietest, Sleep.STATIC_UNTIL] = due
+            state.sleep[quietest, Sleep.FORCED] = 1
+            awake -= 1
+
+
+@inline
+def is_quieter(state, n, other):
+    """Whether island n is quieter than another; than none, if that is negative."""
+    peaks = state.sleep_monitor
+    return other < 0 or peaks[n, SleepMonitor.PEAK] < peaks[other, SleepMonitor.PEAK]
+
+
+@inline
+def retrigger_force(force, j, start, scale):
+    """Let external force j begin anew, so many times as strong; old logs have 0 there."""
+    if force is not None:
+        if force.start[j] <= start or force.start[j] >= UNUSED_SLOT:  # one that is still to come is left alone
+            force.start[j], force.scale[j] = start, scale if scale > 0.0 else 1.0
+
+
+@inline
+def truncate_previous(events, cursor, begin, event, start):
+    """End what runs now where a newer event of its kind begins, on the same targets; but not what lasts longer."""
+    kind, length = event[EventSlot.KIND], event[EventSlot.LENGTH]
+    for j in range(begin + cursor[EventCursor.FIRST_ACTIVE], begin + cursor[EventCursor.NEXT]):
+        same = events.target_begin[j] == event[EventSlot.TARGET_BEGIN]
+        same = same and events.target_end[j] == event[EventSlot.TARGET_END] and events.kind[j] == kind
+        if same and (kind != EventKind.DAMP or events.end[j] <= start + length):
+            events.end[j] = min(events.end[j], start)
+
+
+@inline
+def move_event(events, source, target):
+    """Copy an event to another slot."""
+    events.kind[target], events.start[target] = events.kind[source], events.start[source]
+    events.end[target] = events.end[source]
+    events.target_begin[target], events.target_end[target] = events.target_begin[source], events.target_end[source]
+    events.value[target], events.value2[target] = events.value[source], events.value2[source]
+
+
+@inline
+def compact_events(events, glide_start, cursor, begin, end, frame):
+    """Forget events of an island's score, slots begin to end, that are over."""
+    kept, running = begin, 0
+    for j in range(begin + cursor[EventCursor.FIRST_ACTIVE], end):
+        started = j < begin + cursor[EventCursor.NEXT]
+        if started and events.end[j] <= frame:
+            continue
+        if kept != j:
+            move_event(events, j, kept)
+            glide_start[kept] = glide_start[j]
+        kept += 1
+        running += started
+    for j in range(kept, end):
+        events.start[j] = events.end[j] = UNUSED_SLOT
+    cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT] = 0, running
+
+
+@inline
+def insert_sorted(events, cursor, begin, end, event, value, start):
+    """Put an event where its start belongs among those that have not begun. Returns whether there was a slot."""
+    if begin == end or events.start[end - 1] != UNUSED_SLOT:
+        return False
+    j = end - 1
+    while j > begin + cursor[EventCursor.NEXT] and events.start[j - 1] > start:
+        move_event(events, j - 1, j)
+        j -= 1
+    events.kind[j], events.start[j] = event[EventSlot.KIND], start
+    events.end[j] = start + event[EventSlot.LENGTH]
+    events.target_begin[j], events.target_end[j] = event[EventSlot.TARGET_BEGIN], event[EventSlot.TARGET_END]
+    events.value[j], events.value2[j] = value[0], value[1]
+    return True

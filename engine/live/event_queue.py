@@ -1,0 +1,115 @@
+"""The queue of events from Python to the audio thread, and the log of what it took."""
+
+import operator
+import threading
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+
+from engine.kernel.codes import EventKind
+from engine.live import audio_thread
+from engine.live.audio_memory import MAX_FRAMES, QUEUE_SIZE, AudioMemory
+from engine.live.shared_memory import DROPPED, EventSlot, Slot
+from engine.patch.tables import ChangeEvent, DampEvent, StrikeEvent
+
+EventRow = tuple[int, int, int, int, int, int, float, float]  # the slots of an event but TAKEN_AT; its values
+E = TypeVar("E", StrikeEvent, DampEvent, ChangeEvent)
+
+
+class EventQueue:
+    """Puts events into the queue of an audio thread, which never waits for Python, and keeps a log of them."""
+
+    def __init__(self, memory: AudioMemory) -> None:
+        self._memory, self._lock = memory, threading.Lock()
+        self._log: list[dict[str, Any]] = []  # with the frame at which each was taken
+        self._pending: list[tuple[int, dict[str, Any]]] = []  # not taken yet, by their index in the queue
+        self._quality_changes = 0  # that are in the log
+
+    def put(self, why: list[Any], row: EventRow) -> None:
+        """Put an event into the queue. While that is full, all one could do is wait: it is dropped, and that is said.
+
+        why: the event as a person would say it, for the log
+        """
+        row = (*row[:4], checked_frame(row[4]) if row[0] != EventKind.TUNE else row[4], *row[5:])
+        shared = self._memory.shared
+        with self._lock:  # one at a time writes to the queue
+            index = int(shared[Slot.WRITE_INDEX])
+            if audio_thread.enqueue(shared.ctypes.data, *row):
+                self._pending.append((index, {"why": why, "row": [*map(int, row[:6]), *row[6:]]}))
+            else:
+                self._log.append({"frame": None, "why": [*why, "dropped: too many at once"], "row": list(row)})
+            self._drain()
+
+    def entries(self) -> list[dict[str, Any]]:
+        """The log up to now: events that were taken or dropped, and changes of quality, in the order in which they were
+        done: changes of quality at the end of a block, events at the beginning of one."""
+        with self._lock:
+            self._drain()
+            return sorted(self._log, key=lambda e: -1 if e["frame"] is None else e["frame"])
+
+    def pending(self) -> int:
+        """How many events were not taken yet."""
+        with self._lock:
+            self._drain()
+            return len(self._pending)
+
+    def dropped(self) -> int:
+        """How many events were dropped."""
+        return sum(entry["frame"] is None for entry in self.entries())
+
+    def _drain(self) -> None:
+        """Note the frames of events that have been taken, and the changes of quality."""
+        shared, events, qualities = self._memory.shared, self._memory.events, self._memory.quality_log
+        taken, changes = int(shared[Slot.READ_INDEX]), int(shared[Slot.QUALITY_CHANGES])
+        for n in range(max(self._quality_changes, changes - QUEUE_SIZE), changes):
+            frame, level = qualities[n % QUEUE_SIZE].tolist()
+            row = [int(EventKind.QUALITY), 0, level, 0, 0, 0, 0.0, 0.0]
+            self._log.append({"frame": frame, "why": ["quality", level], "row": row})
+        self._quality_changes = changes
+        while self._pending and self._pending[0][0] < taken:
+            index, entry = self._pending.pop(0)
+            frame = int(events[index % QUEUE_SIZE, EventSlot.TAKEN_AT])
+            if frame == DROPPED:
+                entry["why"].append("dropped: too many on this island")
+            self._log.append({"frame": None if frame == DROPPED else frame} | entry)
+
+
+def make_event(of: type[E], parameter: str | None = None, **keys: Any) -> E:
+    """An event of now. Raises ValueError, in a line, if a number is out of range. parameter: whose name is said."""
+    try:
+        return of.model_validate({"time": 0.0} | keys)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        name, value = str(fault["loc"][-1]), fault["input"]
+        is_parameter = parameter is not None and parameter.endswith(f".{name}")
+        name = "seconds" if name == "duration" else str(parameter) if is_parameter else name
+        shown = f"{value:g}" if isinstance(value, int | float) and abs(value) < MAX_FRAMES**8 else repr(value)
+        raise ValueError(f"{name} = {shown} is out of range; {fault['msg']}") from None
+
+
+def checked_number(name: str, value: float) -> float:
+    """A number. Raises TypeError if it is none, ValueError if it is too large for one."""
+    try:
+        if isinstance(value, str | bytes):
+            raise TypeError
+        return float(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} = {value!r} is no number; give one, such as 1.0") from None
+    except OverflowError:
+        raise ValueError(f"{name} is out of range; it has more digits than a number holds") from None
+
+
+def checked_integer(name: str, value: int) -> int:
+    """A whole number. Raises TypeError if it is none."""
+    try:
+        return operator.index(value)
+    except TypeError:
+        raise TypeError(f"{name} = {value!r} is no whole number; give one, such as 0") from None
+
+
+def checked_frame(value: int) -> int:
+    """When something is to be done. Raises TypeError or ValueError if that is no frame."""
+    frame = checked_integer("frame", value)
+    if not 0 <= frame <= MAX_FRAMES:
+        raise ValueError(f"frame is out of range; 0, which is at once, to {MAX_FRAMES}")
+    return frame

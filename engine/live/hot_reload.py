@@ -1,0 +1,87 @@
+"""A patch that is edited while it is played: values glide, a changed structure takes over, faults change nothing."""
+
+import threading
+from pathlib import Path
+from typing import Any
+
+from engine.live.player import Player
+from engine.patch.faults import PatchError
+from engine.patch.reader import load
+from engine.patch.scene import Scene
+
+KNOBS = ("stiffness", "exponent", "barrier", "gap")
+
+
+def turned(old: Scene, new: Scene) -> dict[str, float] | None:
+    """The knobs that make the old scene the new one, and their values; None if no knobs can."""
+    before, after = old.model_dump(exclude_none=True), new.model_dump(exclude_none=True)
+    found: dict[str, float] = {}
+    if len(before["contact"]) == len(after["contact"]):
+        for was, now in zip(before["contact"], after["contact"], strict=True):
+            for key in KNOBS:
+                plain = isinstance(was.get(key), float) and isinstance(now.get(key), float)
+                if plain and was[key] != now[key] and was[key] * now[key] != 0.0 and "name" in was:
+                    found[f"contact.{was['name']}.{key}"] = now[key]
+                    was[key] = now[key]
+    return found if before == after else None
+
+
+class Watch:
+    """Looks at a patch's file, and brings what is saved to its player.
+
+    make:    builds a Player of a scene
+    dialled: gives a scene its accuracy
+    """
+
+    def __init__(self, path: Path, scene: Scene, player: Player, make: Any, dialled: Any = lambda scene: scene) -> None:
+        self.path, self.scene, self.player, self._make, self._dialled = path, scene, player, make, dialled
+        self._seen = self._stamp()
+        self._made: list[Any] = []
+        self._thread: threading.Thread | None = None
+
+    def _stamp(self) -> tuple[int, int]:
+        try:
+            found = self.path.stat()
+        except OSError:  # between two halves of a save
+            return (0, 0)
+        return found.st_mtime_ns, found.st_size
+
+    def look(self) -> list[str]:
+        """See to what has been saved since the last look; returns what there is to be said."""
+        if self._made:
+            return self._take_over(self._made.pop())
+        stamp = self._stamp()
+        if stamp == self._seen or stamp == (0, 0) or (self._thread is not None and self._thread.is_alive()):
+            return []
+        self._seen = stamp
+        try:
+            scene = self._dialled(load(str(self.path)))
+        except PatchError as error:
+            return [*map(str, error.faults), "the old sound goes on"]
+        knobs = turned(self.scene, scene)
+        if knobs is not None and set(knobs) <= set(self.player.live_parameters):
+            for what, value in knobs.items():
+                self.player.set(what, value)
+            self.scene = scene
+            return [f"{what} → {value:g}" for what, value in knobs.items()]
+        self._thread = threading.Thread(target=self._prepare, args=(scene,), daemon=True)
+        self._thread.start()
+        return []
+
+    def _prepare(self, scene: Scene) -> None:
+        """Build and compile beside the sound."""
+        try:
+            self._made.append((scene, self._make(scene)))
+        except Exception as error:  # whatever it is, the sound goes on
+            self._made.append((scene, error))
+
+    def _take_over(self, made: tuple[Scene, Any]) -> list[str]:
+        scene, player = made
+        if isinstance(player, Exception):
+            return [f"{player}; the old sound goes on"]
+        try:
+            self.player.cross_fade_to(player)
+        except ValueError as error:
+            return [f"{error}; the old sound goes on"]
+        self.scene, self.player = scene, player
+        return [f"{scene.title or self.path.stem}: took over"]

@@ -1,0 +1,317 @@
+"""A scene that is played while events come: strikes, plucks, dampers, live parameters.
+
+    player = Player(engine.load("patches/piano_c4.toml"), gain=0.1)
+    stream = engine.live.audio_device.open_stream(player, None, 256, None)
+    stream.start()
+    player.strike("hammer", velocity=3.0)
+    player.set("contact.felt.stiffness", 1e9)
+
+Events go through a queue to the audio thread, which never waits for Python, and are kept in a log; a replay of the log
+gives the same samples, bit for bit.
+"""
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+
+from engine.bodies import Mass, Oscillator
+from engine.build.build import BuildError, build, nominal_stiffness
+from engine.build.event_table import event_rows
+from engine.kernel.codes import NO_END, UNUSED_SLOT, EventKind, Sleep
+from engine.kernel.laws import Power
+from engine.live import audio_thread
+from engine.live.audio_memory import AudioMemory
+from engine.live.event_queue import EventQueue, EventRow, checked_frame, checked_integer, checked_number, make_event
+from engine.live.retuning import VoiceTuning
+from engine.live.shared_memory import Gauge, Slot
+from engine.live.voices import replicate, retune, striker_velocities
+from engine.offline.statistics import newton_statistics
+from engine.patch.parameters import live_parameters
+from engine.patch.scene import Scene
+from engine.patch.tables import (
+    MAX_SECONDS,
+    ChangeEvent,
+    ConstantForce,
+    DampEvent,
+    PluckEvent,
+    PluckForce,
+    SampledForce,
+    StrikeEvent,
+)
+
+CROSS_FADE_SECONDS = 0.02
+EVENTS_PER_ISLAND = 64  # at a time
+GLIDE_SECONDS = 0.02  # of a live parameter
+MUTE_SIGMA, MUTE_SECONDS = 40.0, 0.4  # decay rate, 1/s, and how long it damps
+
+
+class Player:
+    """A scene, ready to be played.
+
+    seconds: until it fades out; the scene's own if None; `math.inf`: until it is stopped
+    gain:    factor on SI units
+    voices:  play so many copies of the scene, each of which can be tuned; none if 0
+    lowest:  ratio of the lowest pitch they will be tuned to
+    general: exponents can be changed; the contact laws are then general ones, which take longer
+    Raises BuildError as `engine.build.build.build`.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        samplerate: int = 44_100,
+        seconds: float | None = None,
+        gain: float = 1.0,
+        voices: int = 0,
+        lowest: float = 1.0,
+        general: bool = False,
+    ) -> None:
+        if not math.isfinite(gain):
+            raise ValueError(f"gain = {gain} is no factor")
+        if scene.accuracy.oversample > 1:
+            raise BuildError([("accuracy.oversample", "live sound is not oversampled; order, substeps, or render it")])
+        self.patch, self.voices, self.lowest, self.general = scene, voices, lowest, general
+        if voices:
+            plain = scene.accuracy.replace(order=2, substeps=1, precision="float64")  # a voice is tuned table by table
+            scene = replicate(retune(scene, lowest), voices).model_copy(update={"accuracy": plain})
+        self.scene, self.samplerate, self.gain = scene, samplerate, gain
+        self.channels = max(p.channel for p in scene.pickup)
+        built = build(scene, samplerate, event_capacity=EVENTS_PER_ISLAND, variable_exponents=general)
+        self.model, self.state, self.layout = built
+        if voices and self.model.force is not None:
+            self.model.force.start[:] = UNUSED_SLOT  # until it is plucked
+        seconds = scene.seconds if seconds is None else seconds
+        self.memory = AudioMemory(built, scene.accuracy, self.channels, seconds, gain)
+        self.shared, self.gauges, self.loads = self.memory.shared, self.memory.gauges, self.memory.loads
+        self._queue = EventQueue(self.memory)
+        self._tuning = VoiceTuning(self.patch, voices, lowest, scene.accuracy, general)
+        self._fetched = self.lost_frames = 0
+        self._successor: Player | None = None
+
+    # --- playing
+
+    def render_into(self, out: np.ndarray) -> None:
+        """Play the next len(out) frames into out, single precision [frames, channels]."""
+        if out.dtype != np.float32 or not out.flags.c_contiguous or out.shape[1:] != (self.channels,):
+            raise ValueError(f"out must be float32 [frames, {self.channels}], contiguous")
+        audio_thread.play_into(self.shared.ctypes.data, out.ctypes.data, len(out))
+
+    @property
+    def frame(self) -> int:
+        """Frames played so far."""
+        return int(self.shared[Slot.FRAME])
+
+    @property
+    def finished(self) -> bool:
+        """Whether all has been played, by this player and by those that took over."""
+        return bool(self.shared[Slot.FINISHED]) and (self._successor is None or self._successor.finished)
+
+    @property
+    def driver_stopped(self) -> bool:
+        """Whether the driver was told that all is over."""
+        return self.finished or (bool(self.shared[Slot.FINISHED]) and not self.shared[Slot.SUCCESSOR])
+
+    def stop(self) -> None:
+        """Fade out, and end."""
+        self.shared[Slot.STOP_REQUESTED] = 1
+
+    def cross_fade_to(self, following: "Player") -> None:
+        """Let another player take over: one sound fades into the other. Raises ValueError if it has other channels."""
+        if (following.channels, following.samplerate) != (self.channels, self.samplerate):
+            raise ValueError(f"it has {following.channels} channels instead of {self.channels}; start anew")
+        frames = round(CROSS_FADE_SECONDS * self.samplerate)
+        if self.shared[Slot.STOP_REQUESTED] or self.frame + frames >= self.shared[Slot.END]:
+            raise ValueError("what was played is over")
+        self.shared[Slot.FADE_OUT_FRAMES] = following.shared[Slot.FADE_IN_FRAMES] = frames
+        self._successor = following
+        self.shared[Slot.SUCCESSOR] = following.shared.ctypes.data
+
+    def fetch_recording(self) -> np.ndarray:
+        """What was played since the last call, by this player and by those that took over, single precision
+        [frames, channels]; at most the last RECORD_SECONDS (engine.live.audio_memory)."""
+        record, until = self.memory.record, int(self.shared[Slot.RECORDED])
+        begin = max(self._fetched, until - len(record))
+        audio = record[np.arange(begin, until) % len(record)]
+        overrun = max(0, int(self.shared[Slot.RECORDED]) - len(record) - begin)  # written over meanwhile
+        self.lost_frames += begin - self._fetched + min(overrun, len(audio))
+        self._fetched = until
+        return audio[overrun:]
+
+    # --- events
+
+    def strike(
+        self, body: str | None = None, velocity: float | None = None, displacement: float | None = None, frame: int = 0
+    ) -> None:
+        """Throw a hammer, again; every hammer of the scene, and every pluck under [[force]], if none is named. It lifts
+        the dampers of what it touches, as a key does.
+
+        velocity, displacement: m/s and m; as at time 0 if None
+        frame: when, at the earliest
+        Raises KeyError if there is no such mass or oscillator.
+        """
+        if body is None:
+            for name in self.strikers:
+                self.strike(name, velocity, displacement, frame)
+            for name in dict.fromkeys(f.body for f in self.layout.forces if isinstance(f, PluckForce)):
+                self.pluck(name, frame=frame)
+            return
+        if not isinstance(self._body(body), Mass | Oscillator):
+            strikers = ", ".join(self.strikers) or "none here"
+            raise KeyError(f"{body} is no hammer; a mass or an oscillator is: {strikers}")
+        speed = self.default_velocity(body) if velocity is None else velocity
+        event = make_event(StrikeEvent, kind="strike", body=body, velocity=speed, displacement=displacement)
+        for island, _, _, _, first, last, a, b in self._rows(event):
+            self._queue.put(["strike", body], (EventKind.THROW, island, first, last, frame, 1, a, b))
+
+    def pluck(self, body: str, scale: float = 1.0, frame: int = 0) -> None:
+        """Pluck a body again, by its forces that are over after a while, so many times as strong; and lift its dampers.
+        Raises KeyError if there is none such, ValueError if `scale` is not above 0."""
+        if not 0.0 < checked_number("scale", scale) <= 1e6:
+            raise ValueError(f"scale = {scale:g} is out of range; more than 0, at most 1e6")
+        self._body(body)
+        forces = [(j, self.layout.forces[number]) for j, number in enumerate(self.layout.force_order)]
+        over = [(j, force) for j, force in forces if not isinstance(force, ConstantForce | SampledForce)]
+        chosen = [j for j, force in over if force.body == body]
+        if not chosen:
+            others = dict.fromkeys(force.body for _, force in over)
+            raise KeyError(f"nothing plucks {body}; of those that are plucked there are {', '.join(others) or 'none'}")
+        self.lift(body, frame)
+        island = self.layout.island_of_body[self.layout.body_index[body]]
+        for j in chosen:
+            self._queue.put(["pluck", j], (EventKind.PLUCK, island, j, j + 1, frame, 1, scale, 0.0))
+
+    def lift(self, body: str, frame: int = 0) -> None:
+        """Lift the dampers of a body; one that is to come down for good, by the score, stays up."""
+        self._body(body)
+        number = self.layout.body_index[body]
+        modes, island = self.layout.local_modes(number), self.layout.island_of_body[number]
+        self._queue.put(["lift", body], (EventKind.LIFT, island, modes.start, modes.stop, frame, 1, 0.0, 0.0))
+
+    def damp(
+        self, body: str | None = None, sigma: float = MUTE_SIGMA, seconds: float = MUTE_SECONDS, frame: int = 0
+    ) -> None:
+        """Damp a body for a while, or all that vibrate. sigma: extra decay rate, 1/s."""
+        names = [body] if body is not None else [b.name for b in self.scene.body if not isinstance(b, Mass)]
+        duration = checked_number("seconds", seconds)
+        for name in names:
+            self._body(name)
+            event = make_event(DampEvent, kind="damp", body=name, sigma=sigma, duration=duration)
+            self._put_event(["damp", name], event, frame)
+
+    def set(self, parameter: str, value: float, seconds: float = GLIDE_SECONDS, frame: int = 0) -> None:
+        """Set a live parameter: `contact.NAME.stiffness`, `.exponent`, `.barrier` or `.gap`. The value glides, and what
+        that does to the energy is accounted for, so that it cannot blow up the sound. Raises KeyError if there is no
+        such parameter."""
+        if parameter not in self.live_parameters:
+            known = ", ".join(self.live_parameters) or "none: give a contact a name"
+            raise KeyError(f"no knob {parameter}; there are {known}")
+        _, name, key = parameter.split(".")
+        value, duration = checked_number(parameter, value), checked_number("seconds", seconds)
+        event = make_event(ChangeEvent, parameter, kind="change", contact=name, duration=duration, **{key: value})
+        self._put_event([parameter, value], event, frame)
+
+    def tune(self, voice: int, ratio: float, frame: int = 0, seconds: float = 0.0, body: str | None = None) -> None:
+        """Give a voice another pitch at a frame, at once or gliding there in steps; what that does to its energy is
+        accounted for. To prepare a step takes some milliseconds, and a glide begins when all are.
+
+        ratio: of the frequencies to those of the patch
+        body:  tune this body of the patch and what contacts join with it; else all that is heard
+        Raises IndexError without such a voice, KeyError without such a body, ValueError below the lowest pitch,
+        BuildError (a ValueError) if it would vibrate too fast; nothing has changed then."""
+        voice, ratio = checked_integer("voice", voice), checked_number("ratio", ratio)
+        seconds, frame = checked_number("seconds", seconds), self._check_tuning(voice, ratio, seconds, frame, body)
+        if self.shared[Slot.READ_INDEX] == self.shared[Slot.WRITE_INDEX] and not self.shared[Slot.WAITING_TUNINGS]:
+            self._tuning.forget_tables()
+        ratios = self._tuning.glide(voice, ratio, seconds, body)
+        tables = [self._tuning.table((self.model, self.layout), voice, one, body) for one in ratios]
+        if seconds > 0.0:
+            frame = max(frame, self.frame)
+        islands = len(self.state.sleep) // self.voices
+        for n, (one, table) in enumerate(zip(ratios, tables, strict=True), 1):
+            due = frame + round(n * seconds / len(ratios) * self.samplerate)
+            row = (EventKind.TUNE, voice * islands, len(table), islands, table.ctypes.data, due, 0.0, 0.0)
+            self._queue.put(["tune", voice, one, *([] if body is None else [body])], row)
+        self._tuning.keep(voice, ratio, body)
+
+    def _check_tuning(self, voice: int, ratio: float, seconds: float, frame: int, body: str | None) -> int:
+        """Raise what `tune` raises before anything has changed. Returns the frame."""
+        if not 0 <= voice < self.voices:
+            raise IndexError(f"no voice {voice}; there are {self.voices}")
+        if not self.lowest <= ratio < math.inf:  # there are no slots for the modes it would have
+            raise ValueError(f"ratio = {ratio:g} is out of range; at least {self.lowest:g}, the lowest it was made for")
+        if not 0.0 <= seconds <= MAX_SECONDS:
+            raise ValueError(f"seconds = {seconds:g} is out of range; 0 to {MAX_SECONDS:g}")
+        frame = checked_frame(frame)
+        if body is not None and all(b.name != body for b in self.patch.body):
+            raise KeyError(f"no body {body}; there are {', '.join(b.name for b in self.patch.body)}")
+        return frame
+
+    @property
+    def strikers(self) -> list[str]:
+        """Masses and oscillators that are thrown, at first or by an event; of all voices."""
+        names = list(striker_velocities(self.patch))
+        return [f"{name}_{n}" for n in range(self.voices) for name in names] if self.voices else names
+
+    @property
+    def live_parameters(self) -> list[str]:
+        """What `set` can change."""
+        contact = self.model.contact
+        return live_parameters(self.scene, contact is not None and isinstance(contact.law, Power))
+
+    def default_velocity(self, striker: str) -> float:
+        """Velocity at which a hammer is thrown at time 0, or else first, m/s."""
+        return striker_velocities(self.patch).get(striker.rpartition("_")[0] if self.voices else striker, 0.0)
+
+    def _body(self, name: str) -> Any:
+        if name not in self.layout.body_index:
+            raise KeyError(f"no body {name}; there are {', '.join(self.layout.body_index)}")
+        return self.scene.body[self.layout.body_index[name]]
+
+    def _rows(self, event: StrikeEvent | DampEvent | ChangeEvent | PluckEvent) -> list[Any]:
+        """An event as rows of the score."""
+        return event_rows(self.layout, event, nominal_stiffness(self.layout), self.samplerate)
+
+    def _put_event(self, why: list[Any], event: StrikeEvent | DampEvent | ChangeEvent | PluckEvent, frame: int) -> None:
+        for island, start, end, kind, first, last, a, b in self._rows(event):
+            row: EventRow = (kind, island, first, last, frame, min(end, NO_END) - start, a, b)
+            self._queue.put(list(why), row)
+
+    # --- what it says of itself
+
+    def log(self) -> dict[str, Any]:
+        """All that was done, as JSON can hold it; `engine.live.replay` makes the same sound of it."""
+        scene = json.loads(self.patch.model_dump_json(exclude_none=True))
+        settings = {"scene": scene, "samplerate": self.samplerate, "gain": self.gain, "frames": self.frame}
+        settings |= {"voices": self.voices, "lowest": self.lowest, "general": self.general}
+        ends = {"end": Slot.END, "fade": Slot.FADE_IN_FRAMES, "leave": Slot.FADE_OUT_FRAMES}
+        settings |= {name: int(self.shared[slot]) for name, slot in ends.items()}
+        return settings | {"events": self._queue.entries()}
+
+    def meter(self) -> dict[str, Any]:
+        """What a meter shows; peaks are since the last call."""
+        gauges, shared = self.gauges, self.shared
+        spent, peak = float(gauges[Gauge.SECONDS_USED]), float(gauges[Gauge.PEAK])
+        gauges[Gauge.PEAK] = 0.0
+        seconds = self.frame / self.samplerate
+        awake = self.state.sleep[:, Sleep.WAKE_FRAME] <= self.frame
+        return {
+            "seconds": seconds,
+            "peak": peak,
+            "real_time_factor": seconds / spent if spent > 0.0 else math.inf,
+            "worst_block": float(gauges[Gauge.MAX_LOAD]),
+            "dropouts": int(shared[Slot.UNDERRUNS]),
+            "limited": int(shared[Slot.LIMITED_SAMPLES]),
+            "not_finite": int(shared[Slot.NONFINITE_SAMPLES]),
+            "dropped": self._queue.dropped(),
+            "lost": self.lost_frames,
+            "newton": newton_statistics(self.model, self.state),
+            "energy_error": float(gauges[Gauge.MAX_ENERGY_ERROR] / (gauges[Gauge.MAX_ENERGY] or 1.0)),
+            "quality_steps": int(shared[Slot.QUALITY_CHANGES]),
+            "quality": -int(shared[Slot.QUALITY]),
+            "awake": int(np.sum(awake)),
+            "islands": len(awake),
+            "voices": self.voices,
+            "sounding": int(np.sum(awake.reshape(self.voices or 1, -1).any(axis=1))),
+        }

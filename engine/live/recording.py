@@ -1,0 +1,209 @@
+"""A recording of live sound: it grows beside its target, and takes its name at the end, whatever happens meanwhile."""
+
+import os
+import shutil
+import sys
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+from engine.output_files import (
+    absolute_path,
+    atomic_write,
+    error_reason,
+    resolve_subtype,
+    soundfile_path,
+    temporary_path,
+    unused_path,
+)
+from engine.wording import program_name
+
+if TYPE_CHECKING:
+    import numpy as np
+
+STREAMED = ("FLAC", "OGG", "MP3")  # these cannot have their header written anew while they grow
+UPDATE_HEADER = 0x1061  # SFC_SET_UPDATE_HEADER_AUTO of libsndfile
+
+
+class Tape:
+    """A file as libsndfile asks for it. An error is kept and not raised: it would come up in the midst of C."""
+
+    def __init__(self, path: Path) -> None:
+        self.file: BinaryIO = open(path, "w+b", buffering=0)  # noqa: SIM115
+        self.error: OSError | None = None
+        lock(self.file)
+
+    def write(self, data: bytes) -> int:
+        """Write as much as can be; returns how many bytes."""
+        done = 0
+        try:
+            while done < len(data):
+                done += self.file.write(data[done:])
+        except OSError as error:
+            self.error = self.error or error
+        return done
+
+    def read(self, size: int) -> bytes:
+        return self.file.read(size)
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        return self.file.seek(offset, whence)
+
+    def tell(self) -> int:
+        return self.file.tell()
+
+
+def lock(file: BinaryIO) -> bool:
+    """Mark an open file as being written, for as long as it is open; False if another process has done so. Windows
+    does not let a file be renamed while it is open, and needs no mark."""
+    if sys.platform == "win32":
+        return True
+    import fcntl
+
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # a file system without locks
+        return True
+    return True
+
+
+class Unrecorded:
+    """What takes the place of a recording where none is asked for."""
+
+    def __init__(self) -> None:
+        self.lines, self.whole = list[str](), True
+
+    def write(self, samples: "np.ndarray") -> None:
+        """Nothing."""
+
+
+class Recording:
+    """Samples go to a file as they come. Once one cannot be written, no more are, and what was written is kept.
+
+    lines: what is to be said at the end
+    whole: whether all of it is where it was asked for
+    Raises OSError.
+    """
+
+    def __init__(self, target: Path, samplerate: int, channels: int, subtype: str | None) -> None:
+        import soundfile
+
+        self.target, self.samplerate = absolute_path(target), samplerate
+        self.part, self.lines, self.whole, self.frames = temporary_path(self.target), list[str](), True, 0
+        kind = target.suffix.lstrip(".").upper()
+        self.tape = Tape(self.part)
+        try:
+            self.file = soundfile.SoundFile(
+                self.tape, "w", samplerate, channels, resolve_subtype(target, subtype), format=kind
+            )
+        except (RuntimeError, TypeError, ValueError) as error:
+            self._drop()
+            raise OSError(f"{target}: {error_reason(error)}") from error
+        if kind not in STREAMED:  # so that a file that is broken off is a good one
+            with suppress(AttributeError):
+                soundfile._snd.sf_command(self.file._file, UPDATE_HEADER, soundfile._ffi.NULL, 1)
+
+    def write(self, samples: "np.ndarray") -> None:
+        """Write more samples [frames, channels]."""
+        if not self.whole:
+            return
+        why = ""
+        try:
+            self.file.write(samples)
+        except (AssertionError, OSError, RuntimeError) as error:  # soundfile asserts that all was written
+            why = error_reason(error) or "it cannot be written"
+        if why or self.tape.error is not None:
+            self._break_off(error_reason(self.tape.error) if self.tape.error is not None else why)
+        else:
+            self.frames += len(samples)
+
+    def _break_off(self, why: str) -> None:
+        self.whole = False
+        told = f"{self.target}: recording ended after {self.frames / self.samplerate:.1f} s ({why})"
+        print(f"{program_name()}: {told}; the sound goes on, and what was written is kept", file=sys.stderr)
+
+    def close(self, wanted: bool = True) -> None:
+        """Give the file its name; wanted: also if nothing was recorded."""
+        with suppress(OSError, RuntimeError):
+            self.file.close()
+        if self.whole and self.tape.error is not None:
+            self._break_off(error_reason(self.tape.error))
+        if not self.frames and not wanted:
+            self._drop()
+            return
+        mend(self.part)
+        if sys.platform == "win32":  # an open file cannot be renamed there
+            self.tape.file.close()
+        try:
+            self._name()
+        finally:
+            self.tape.file.close()
+
+    def _drop(self) -> None:
+        self.tape.file.close()
+        self.part.unlink(missing_ok=True)
+
+    def _name(self) -> None:
+        try:
+            os.replace(self.part, self.target)
+        except (FileNotFoundError, NotADirectoryError):
+            self._rescue()
+        except OSError as error:
+            self.whole = False
+            self.lines.append(
+                f"{self.target} cannot be written ({error_reason(error)}); the recording is kept as {self.part}"
+            )
+
+    def _rescue(self) -> None:
+        """Copy the open file, whose folder was removed, to where it was to be, or to the temporary folder."""
+        for folder in (self.target.parent, Path(tempfile.gettempdir())):
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+                place = unused_path(folder / self.target.name)
+                with atomic_write(place) as part, part.open("wb") as copy:
+                    self.tape.seek(0)
+                    shutil.copyfileobj(self.tape.file, copy)
+            except (OSError, ValueError):
+                continue
+            self.whole = self.whole and place == self.target
+            self.lines.append(f"{self.target.parent} was removed meanwhile; the recording is kept as {place}")
+            return
+        self.whole = False
+        self.lines.append(f"{self.target.parent} was removed meanwhile; the recording is lost")
+
+
+def frames_of(path: Path) -> int:
+    """Frames of an audio file that can be read, even if it was broken off; 0 if it is none."""
+    return _examined(path)[0]
+
+
+def mend(path: Path) -> int:
+    """Frames of an audio file that can be read. A FLAC file that was broken off does not say how many: it is told."""
+    count, unknown = _examined(path)
+    if unknown and count:
+        with suppress(OSError), path.open("r+b") as file:
+            if file.read(4) == b"fLaC":
+                file.seek(18)  # rate, channels and bits, then 36 bits for the number of frames
+                head = int.from_bytes(file.read(8), "big")
+                file.seek(18)
+                file.write((head >> 36 << 36 | count).to_bytes(8, "big"))
+    return count
+
+
+def _examined(path: Path) -> tuple[int, bool]:
+    """Frames that can be read, and whether the file itself does not say how many."""
+    import soundfile
+
+    count, block = 0, 4096
+    try:
+        with soundfile.SoundFile(soundfile_path(path)) as file:
+            if file.frames < 1 << 40:
+                return int(file.frames), False
+            while got := len(file.read(block, "float32")):
+                count += got
+    except (OSError, RuntimeError, TypeError):  # the end, where it was broken off
+        pass
+    return count, True

@@ -1,0 +1,128 @@
+"""A log of what was played, and the same samples made of it again."""
+
+import json
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from engine.files import read_bytes
+from engine.kernel.codes import EventKind
+from engine.live import audio_thread
+from engine.live.audio_memory import MAX_FRAMES
+from engine.live.player import Player
+from engine.live.shared_memory import Slot
+from engine.patch.scene import SAMPLE_RATE_RANGE, Scene
+from engine.patch.tables import MAX_EXPONENT
+
+LONGEST = 64_000_000  # bytes of a log
+HOURS = 10  # that a log tells of at most
+Whole = Annotated[int, Field(ge=-(1 << 62), le=1 << 62)]  # that the audio thread can hold
+Real = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Event(BaseModel):
+    """What was done: `why` as a person said it, `row` as the audio thread took it at a frame; None: it was dropped."""
+
+    model_config = ConfigDict(strict=True)
+
+    frame: int | None = Field(ge=0, le=MAX_FRAMES)
+    why: list[Any]
+    row: list[Whole | Real] = Field(min_length=8, max_length=8)
+
+
+class Log(BaseModel):
+    """What Player.log gives."""
+
+    model_config = ConfigDict(strict=True, allow_inf_nan=False)
+
+    scene: dict[str, Any]
+    samplerate: int = Field(ge=SAMPLE_RATE_RANGE[0], le=SAMPLE_RATE_RANGE[1])
+    gain: float
+    frames: int = Field(ge=0, le=1 << 33)
+    end: int = Field(ge=0, le=MAX_FRAMES)
+    fade: int = Field(ge=1, le=1 << 20)
+    leave: int = Field(ge=1, le=1 << 20)
+    voices: int = Field(ge=0, le=64)
+    lowest: float = Field(gt=0.0, le=1.0)
+    general: bool = False
+    events: list[Event]
+
+    def made(self) -> Scene:
+        """The scene that was played."""
+        return Scene.model_validate(self.scene)
+
+
+def read(path: Path) -> Log:
+    """A log from its file. Raises OSError or ValueError if it is none."""
+    try:
+        told = json.loads(read_bytes(path, LONGEST).decode(), parse_constant=_none)
+        return Log.model_validate(told)
+    except RecursionError:
+        raise ValueError("its brackets are nested too deeply") from None
+    except ValidationError as error:
+        fault = error.errors()[0]
+        raise ValueError(f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}") from None
+
+
+def _none(name: str) -> Any:
+    raise ValueError(f"{name} is no number of JSON")
+
+
+def replay(told: dict[str, Any] | Log) -> np.ndarray:
+    """What was played, from its log: single precision [frames, channels], the same bit for bit. Raises ValueError
+    (pydantic's, or BuildError) if the log is none."""
+    log = told if isinstance(told, Log) else Log.model_validate(told)
+    if log.frames > HOURS * 3600 * log.samplerate:
+        raise ValueError(f"it has {log.frames} frames; at most {HOURS} hours")
+    try:
+        return _played(log)
+    except (LookupError, ArithmeticError, TypeError, RecursionError) as error:
+        raise ValueError(f"it tells of what cannot be: {error}") from error
+
+
+def _played(log: Log) -> np.ndarray:
+    """What was played."""
+    player = Player(log.made(), log.samplerate, math.inf, log.gain, log.voices, log.lowest, log.general)
+    shared = player.shared
+    shared[Slot.END], shared[Slot.FADE_IN_FRAMES], shared[Slot.FADE_OUT_FRAMES] = log.end, log.fade, log.leave
+    out, at = np.zeros((min(log.frames, log.end), player.channels), np.float32), 0
+    for event in log.events:
+        if event.frame is None or event.frame >= len(out):
+            continue
+        if event.frame < at:
+            raise ValueError("its events are not in the order of their frames")
+        player.render_into(out[at : event.frame])
+        at = event.frame
+        if event.why[:1] == ["tune"] and len(event.why) in (3, 4):
+            player.tune(int(event.why[1]), float(event.why[2]), body=event.why[3] if event.why[3:] else None)
+        else:
+            audio_thread.enqueue(player.shared.ctypes.data, *validated_row(player, event.row))
+    player.render_into(out[at:])
+    return out
+
+
+def validated_row(player: Player, row: list[int | float]) -> tuple[Any, ...]:
+    """A row that touches nothing but what it may: the audio thread asks no questions. Raises ValueError."""
+    kind, island, first, last, start, length = (int(number) for number in row[:6])
+    model = player.model
+    count = model.islands.mode.size - 1
+    sizes: dict[int, Any] = dict.fromkeys(
+        (EventKind.STRIKE, EventKind.DAMP, EventKind.LIFT, EventKind.THROW), model.islands.mode
+    )
+    sizes |= dict.fromkeys((EventKind.STIFFNESS, EventKind.BARRIER, EventKind.EXPONENT), model.islands.contact)
+    if kind == EventKind.QUALITY:
+        good = 0 <= first <= player.shared[Slot.LOWEST_QUALITY]
+    elif kind == EventKind.PLUCK:
+        good = model.force is not None and 0 <= first < model.force.start.size and 0 <= island < count
+    else:
+        good = kind in sizes and 0 <= island < count
+        good = good and 0 <= first < last <= sizes[kind][island + 1] - sizes[kind][island]
+    if kind == EventKind.EXPONENT:
+        good = good and 1.0 <= row[6] <= MAX_EXPONENT
+    good = good and all(abs(number) <= 1 << 62 for number in row[:6])
+    if not good or not all(math.isfinite(number) for number in row) or not 0 <= start <= MAX_FRAMES:
+        raise ValueError(f"it has an event that cannot be: {row}")
+    return kind, island, first, last, start, max(0, length), float(row[6]), float(row[7])

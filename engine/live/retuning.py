@@ -1,0 +1,156 @@
+"""How a voice of a polyphonic model gets the pitch of another model: what has to be copied."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from engine.build.build import build
+from engine.build.layout import Layout
+from engine.kernel.model import ModalLoss, Model, ModeShapeRows, RowCoefficients
+from engine.live.voices import replicate, retune
+from engine.patch.accuracy import Accuracy
+from engine.patch.scene import Scene, connected_bodies
+
+GLIDE_STEP_SECONDS, GLIDE_STEP_CENTS = 0.002, 2.0  # the smallest steps in which a pitch glides …
+MAX_GLIDE_STEPS = 128  # … and how many they are at most
+MAX_MODES_COPIED = 20_000
+ZEROS, ONES = np.zeros(MAX_MODES_COPIED), np.ones(MAX_MODES_COPIED)
+
+Arrays = tuple[np.ndarray, np.ndarray]  # to write, to read
+
+
+class VoiceTuning:
+    """The pitches of the voices of a player, and tables of what the audio thread copies to change them.
+
+    patch:    the scene of one voice; voices, lowest: how many there are, and the ratio of the lowest pitch
+    accuracy: of the polyphonic model
+    """
+
+    def __init__(self, patch: Scene, voices: int, lowest: float, accuracy: Accuracy, variable_exponents: bool) -> None:
+        self._patch, self._lowest, self._accuracy = patch, lowest, accuracy
+        self._variable_exponents = variable_exponents
+        self._pitch: list[tuple[float, str | None]] = [(lowest, None)] * voices
+        self._tables: dict[tuple[int, float, str | None], tuple[np.ndarray, Model]] = {}
+
+    def glide(self, voice: int, ratio: float, seconds: float, body: str | None) -> list[float]:
+        """Ratios of the steps in which a voice glides from its pitch to another, that one last."""
+        before, of = self._pitch[voice]
+        before = before if of == body else ratio  # from another body, nothing can glide
+        cents = 1200.0 * abs(math.log2(ratio / before))
+        steps = max(1, math.ceil(min(MAX_GLIDE_STEPS, seconds / GLIDE_STEP_SECONDS, cents / GLIDE_STEP_CENTS)))
+        return [before * (ratio / before) ** (n / steps) for n in range(1, steps)] + [ratio]
+
+    def keep(self, voice: int, ratio: float, body: str | None) -> None:
+        """Remember the pitch that a voice has been given."""
+        self._pitch[voice] = ratio, body
+
+    def forget_tables(self) -> None:
+        """Forget tables if they are many; the audio thread must not wait for any."""
+        if len(self._tables) > MAX_GLIDE_STEPS:
+            self._tables.clear()
+
+    def table(self, target: tuple[Model, Layout], voice: int, ratio: float, body: str | None) -> np.ndarray:
+        """What has to be copied for a voice to have a pitch [n, 3]; kept, for the audio thread reads it."""
+        key = voice, ratio, body
+        if key not in self._tables:
+            scene = retune(self._patch, ratio)
+            if body is not None:
+                heard = {p.body for p in self._patch.pickup}
+                names = (connected_bodies(self._patch, body) & heard) | {body}
+                scene = retune(retune(self._patch, self._lowest, heard - names), ratio, names)
+            single = replicate(scene, 1).model_copy(update={"accuracy": self._accuracy})
+            rate, exponents = target[0].samplerate, self._variable_exponents
+            model, _, layout = build(single, rate, event_capacity=1, variable_exponents=exponents)
+            self._tables[key] = tuning_copies(target, (model, layout), voice), model
+        return self._tables[key][0]
+
+
+def tuning_copies(target: tuple[Model, Layout], source: tuple[Model, Layout], voice: int) -> np.ndarray:
+    """What has to be copied so that a voice of a polyphonic model is as the only one of another: addresses to copy
+    to and from, and how many numbers [n, 3]. Modes that the other has not, for they would be above what the sample
+    rate carries, are made such that nothing moves or hears them."""
+    rows = [(a.ctypes.data, b.ctypes.data, b.size) for a, b in _pairs(target, source, voice) if b.size]
+    return np.array(rows, np.int64).reshape(-1, 3)
+
+
+def _pairs(target: tuple[Model, Layout], source: tuple[Model, Layout], voice: int) -> Iterator[Arrays]:
+    """Arrays to write and arrays to read."""
+    (poly, poly_layout), (single, layout) = target, source
+    bodies, islands = len(layout.scene.body), max(layout.island_of_body) + 1
+    for b in range(bodies):
+        yield from _mode_pairs(poly, single, poly_layout.global_modes(voice * bodies + b), layout.global_modes(b))
+    for i in range(islands):
+        n = voice * islands + i
+        for axis in ("contact", "force", "pickup", "body"):
+            to, of = (getattr(model.islands, axis) for model in (poly, single))
+            for a, x in zip(_rows_of(poly, axis), _rows_of(single, axis), strict=True):
+                for r in range(of[i + 1] - of[i]):
+                    yield from _row_pairs(a, x, int(to[n]) + r, int(of[i]) + r)
+        yield from _contact_pairs(poly, single, n, i)
+
+
+def _mode_pairs(poly: Model, single: Model, to: slice, of: slice) -> Iterator[Arrays]:
+    """What each mode of a body has."""
+    count = min(to.stop - to.start, of.stop - of.start)
+    for name, (ours, theirs) in {
+        "kick": (poly.step.kick, single.step.kick),
+        "drift": (poly.step.drift, single.step.drift),
+        "restoring force": (poly.omega_squared, single.omega_squared),
+        "kick of the restoring force": (poly.step.spring_kick, single.step.spring_kick),
+        "loss": (poly.step.loss, single.step.loss),
+        "drag": (poly.step.drag, single.step.drag),
+    }.items():
+        if theirs is not None and ours is None:
+            raise ValueError(f"the voices have no {name}")
+        if ours is None:
+            continue
+        if theirs is None:
+            theirs = ModalLoss(ONES, ZEROS) if isinstance(ours, ModalLoss) else ZEROS
+        pairs: Any = zip(ours, theirs, strict=True) if isinstance(ours, ModalLoss) else [(ours, theirs)]
+        for a, x in pairs:
+            begin = 0 if x is ZEROS or x is ONES else of.start
+            yield a[to.start : to.start + count], x[begin : begin + count]
+
+
+def _contact_pairs(poly: Model, single: Model, n: int, i: int) -> Iterator[Arrays]:
+    """How the bodies of an island give at its contacts."""
+    ours, theirs = poly.step.contact, single.step.contact
+    if ours is None or theirs is None:
+        return
+    to, of = (slice(*islands.contact[[m, m + 1]]) for islands, m in ((poly.islands, n), (single.islands, i)))
+    yield ours.compliance[to], theirs.compliance[of]
+    yield ours.compliance_low[to], theirs.compliance_low[of]
+    if ours.coupling is not None and theirs.coupling is not None:
+        to, of = (slice(*islands.compliance[[m, m + 1]]) for islands, m in ((poly.islands, n), (single.islands, i)))
+        yield ours.coupling[to], theirs.coupling[of]
+
+
+RowsAt = tuple[ModeShapeRows, RowCoefficients | None]
+
+
+def _rows_of(model: Model, axis: str) -> list[RowsAt]:
+    """The mode shape rows of a model that go with its contacts, forces, pickups or bodies, with their coefficients."""
+    if axis == "contact":
+        contact, step = model.contact, model.step.contact
+        if contact is None or step is None:
+            return []
+        other = [] if contact.other_rows is None else [(contact.other_rows, step.other_rows)]
+        return [(contact.rows, step.rows), *other]
+    if axis == "force":
+        return [(model.force.rows, model.step.force)] if model.force is not None else []
+    return [(model.pickups.rows if axis == "pickup" else model.bodies, None)]
+
+
+def _row_pairs(to: RowsAt, of: RowsAt, r: int, s: int) -> Iterator[Arrays]:
+    """A row of shapes, kicks and drifts."""
+    (ours, our_step), (theirs, their_step) = to, of
+    begin, size = int(ours.offset[r]), int(ours.mode_end[r]) - int(ours.mode_begin[r])
+    start, count = int(theirs.offset[s]), min(size, int(theirs.mode_end[s]) - int(theirs.mode_begin[s]))
+    pairs = [(ours.phi, theirs.phi)]
+    if our_step is not None and their_step is not None:
+        pairs += zip(our_step, their_step, strict=True)
+    for a, x in pairs:
+        yield a[begin : begin + count], x[start : start + count]
+        yield a[begin + count : begin + size], ZEROS[: size - count]

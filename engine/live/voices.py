@@ -1,0 +1,54 @@
+"""Several copies of a scene beside each other, each at a pitch of its own."""
+
+from typing import Any
+
+from engine.bodies import Mass, Oscillator
+from engine.patch.scene import Scene
+from engine.patch.tables import Force, HalfSineForce, PluckEvent, PluckForce, PulseForce, StrikeEvent
+
+
+def retune(scene: Scene, ratio: float, names: set[str] | None = None) -> Scene:
+    """The scene with some bodies at another pitch: those named, or else those that are heard."""
+    chosen = {p.body for p in scene.pickup} if names is None else names
+    return scene.model_copy(update={"body": [b.retuned(ratio) if b.name in chosen else b for b in scene.body]})
+
+
+def replicate(scene: Scene, voices: int) -> Scene:
+    """So many copies of a scene beside each other, all at rest: no score, plucks and hammers that wait to be told.
+    Copy n of body `b` is `b_n`; contacts likewise."""
+    parts: dict[str, list[Any]] = {"body": [], "contact": [], "pickup": [], "force": []}
+    waiting = [f.model_copy(update={"start": 0.0}) for b in scene.body for f in plucks(scene, b.name)]
+    for n in range(voices):
+        for body in scene.body:
+            still = {"velocity": 0.0} if isinstance(body, Mass | Oscillator) else {}
+            parts["body"].append(body.model_copy(update={"name": f"{body.name}_{n}"} | still))
+        for contact in scene.contact:
+            names = {key: f"{name}_{n}" for key in ("name", "body", "on") if (name := getattr(contact, key))}
+            parts["contact"].append(contact.model_copy(update=names))
+        parts["pickup"] += [p.model_copy(update={"body": f"{p.body}_{n}"}) for p in scene.pickup]
+        parts["force"] += [f.model_copy(update={"body": f"{f.body}_{n}"}) for f in waiting]
+    return scene.model_copy(update=parts | {"event": []})
+
+
+def plucks(scene: Scene, name: str) -> list[Force]:
+    """The forces that pluck or strike a body and are then over; if there is none, the first pluck of the score."""
+    found: list[Force] = [
+        f for f in scene.force if f.body == name and isinstance(f, PluckForce | PulseForce | HalfSineForce)
+    ]
+    again = [e for e in scene.event if isinstance(e, PluckEvent) and e.body == name]
+    return found or [PluckForce(kind="pluck", **e.model_dump(exclude={"kind", "time"})) for e in again[:1]]
+
+
+def strikers(scene: Scene, name: str) -> list[str]:
+    """The hammers that are thrown at a body."""
+    ends = [{c.body, c.on} for c in scene.contact if name in (c.body, c.on)]
+    return [hammer for hammer in striker_velocities(scene) if hammer != name and any(hammer in both for both in ends)]
+
+
+def striker_velocities(scene: Scene) -> dict[str, float]:
+    """The hammers of a scene and their velocities: masses and oscillators that are thrown, at first or by an event."""
+    found = {b.name: b.velocity for b in scene.body if isinstance(b, Mass | Oscillator) and b.velocity}
+    for event in scene.event:
+        if isinstance(event, StrikeEvent):
+            found.setdefault(event.body, event.velocity)
+    return found

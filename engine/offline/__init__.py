@@ -1,0 +1,1 @@
+"""A scene rendered to an array."""

@@ -1,0 +1,32 @@
+"""What a scene may call for, and whether it is compiled."""
+
+from collections.abc import Callable
+from typing import Any
+
+from engine.kernel.model import Model
+
+# name, and what holds it: None where the effect is left out
+EFFECTS: dict[str, Callable[[Model], Any]] = {
+    "loss": lambda model: model.step.loss,
+    "heavy damping": lambda model: model.step.drag,
+    "restoring force": lambda model: model.omega_squared,
+    "gravity": lambda model: model.weight,
+    "external force": lambda model: model.force,
+    "contact": lambda model: model.contact,
+    "contact between bodies": lambda model: model.contact and model.contact.other_rows,
+    "contact loss": lambda model: _at_contacts(model, "loss_rate"),
+    "coupled contacts": lambda model: _at_contacts(model, "coupling"),
+    "refinement": lambda model: model.refinement,
+    "events": lambda model: model.events,
+}
+
+
+def effects_of(model: Model) -> dict[str, list[str]]:
+    """The effects that are compiled, and those that are left out."""
+    compiled = [name for name, find in EFFECTS.items() if find(model) is not None]
+    return {"compiled": compiled, "left_out": [name for name in EFFECTS if name not in compiled]}
+
+
+def _at_contacts(model: Model, name: str) -> Any:
+    """What a step has at contacts; None without any."""
+    return None if model.step.contact is None else getattr(model.step.contact, name)

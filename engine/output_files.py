@@ -1,0 +1,212 @@
+"""Files of a rendering. Each is written under another name, then renamed, so that none is ever half-written."""
+
+import io
+import math
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from engine.audio_formats import explain_unsupported_format
+
+if TYPE_CHECKING:
+    import numpy as np
+
+NORMALISED_PEAK_DBFS = -1.0
+MAX_SAMPLE_VALUE = 3e38, 1e308  # of single and of double precision
+SILENT_PEAK = 1e-30  # audio with a smaller peak counts as silent, and is not normalised
+SUBTYPES = ("FLOAT", "PCM_24", "PCM_16", "DOUBLE")
+
+
+def apply_gain(
+    audio: "np.ndarray", peak: float, gain: float | None, subtype: str | None = None
+) -> "tuple[np.ndarray, float]":
+    """Bring audio to the level of its file. Returns it with the gain that was applied, dB.
+
+    audio: [frames, channels]
+    peak:  its largest absolute value
+    gain:  dB; the audio is normalised if it is None. It is lowered to what samples in floating point can hold.
+    """
+    import numpy as np
+
+    if gain is None:
+        gain = NORMALISED_PEAK_DBFS - 20 * math.log10(peak) if peak > SILENT_PEAK else 0.0
+    elif peak > 0.0:
+        gain = min(gain, math.floor(20 * (math.log10(MAX_SAMPLE_VALUE[subtype == "DOUBLE"]) - math.log10(peak))))
+    return np.asarray(audio * 10 ** (gain / 20)), gain
+
+
+def describe_lowered_gain(output: Path, gain: float, requested: float | None) -> list[str]:
+    """A message that the gain asked for was lowered, in a list; an empty list if it was not."""
+    if requested is None or gain >= requested:
+        return []
+    return [f"{output}: --gain {requested:g} is more than its numbers hold; {gain:g} dB instead"]
+
+
+def save_audio(output: Path, audio: "np.ndarray", samplerate: int, subtype: str | None) -> None:
+    """Write audio [frames, channels] to a file, in the format of its name.
+
+    Raises OSError if it cannot be written, RuntimeError if the format cannot hold it.
+    """
+    import soundfile
+
+    kind = output.suffix.lstrip(".").upper()
+    if message := explain_unsupported_format(output, samplerate, audio.shape[1] if audio.ndim > 1 else 1):
+        raise RuntimeError(message)
+    with atomic_write(output) as path, ErrorKeepingFile(path, "w+") as file:
+        try:
+            soundfile.write(file, audio, samplerate, format=kind, subtype=resolve_subtype(output, subtype))
+        except (RuntimeError, AssertionError):
+            if file.error is None:
+                raise
+        if file.error is not None:
+            raise file.error
+
+
+class ErrorKeepingFile(io.FileIO):
+    """A file that keeps the error of a write. libsndfile calls it "System error", and with OGG and MP3 on a full disk
+    says nothing at all."""
+
+    error: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        """Write all bytes, and return how many were written."""
+        count = 0
+        try:
+            while count < len(data):
+                count += super().write(data[count:])
+        except OSError as error:
+            self.error = error
+        return count
+
+
+def save_trace(output: Path, trace: "dict[str, np.ndarray]") -> None:
+    """Write the arrays of a trace to an .npz file. Raises OSError."""
+    import numpy as np
+
+    with atomic_write(output) as path, open(path, "wb") as file:
+        np.savez(file, **trace)  # type: ignore[arg-type]
+
+
+def to_utf8_text(text: str) -> str:
+    """The text with U+FFFD for what UTF-8 cannot hold: names of files may be any bytes."""
+    return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+
+
+def is_writable_folder(folder: Path) -> bool:
+    """Whether a file can be made in a folder. It is tried, for permissions do not always tell."""
+    import tempfile
+
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+def absolute_path(path: Path) -> Path:
+    """The absolute path, or the path as it is if the current folder was removed."""
+    try:
+        return path.absolute()
+    except FileNotFoundError:
+        return path
+
+
+def error_reason(error: Exception) -> str:
+    """Why a file could not be read or written, in a few words."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror.lower()
+    if isinstance(error, UnicodeDecodeError):
+        return "not a text file"
+    return getattr(error, "error_string", "") or str(error)  # of soundfile: the name it adds is the temporary one
+
+
+def soundfile_path(path: Path) -> Any:
+    """The path in the form that soundfile takes: bytes if the name is no text."""
+    try:
+        str(path).encode(sys.getfilesystemencoding())
+    except UnicodeEncodeError:
+        return os.fsencode(path)
+    return path
+
+
+@dataclass(frozen=True)
+class Clipping:
+    """Samples that a file of integers cuts off."""
+
+    count: int
+    total: int
+    safe_gain: float  # dB, the largest at which none is cut off
+
+    def __str__(self) -> str:
+        return f"{self.count} of {self.total} samples are beyond ±1 and clipped; --gain {self.safe_gain:.1f} fits"
+
+
+def count_clipped(output: Path, audio: "np.ndarray", gain: float, subtype: str | None) -> Clipping | None:
+    """Count the samples that a file of integers cuts off; None if there are none, or the file holds floating point.
+
+    audio: [frames, channels], at the level of the file; gain: dB, which brought it there
+    """
+    import soundfile
+
+    subtype = resolve_subtype(output, subtype) or soundfile.default_subtype(output.suffix.lstrip("."))
+    count = int((abs(audio) > 1.0).sum())
+    if not count or subtype in ("FLOAT", "DOUBLE"):
+        return None
+    return Clipping(count, audio.size, largest_safe_gain(gain, float(abs(audio).max())))
+
+
+def largest_safe_gain(gain: float, peak: float) -> float:
+    """The largest gain, dB in tenths, that keeps audio within ±1 whose peak at a given gain (dB) is `peak`."""
+    return math.floor(10 * (gain - 20 * math.log10(peak))) / 10
+
+
+def temporary_path(target: Path) -> Path:
+    """The name under which a file is written. If this process is killed, `engine.live.recovery` finds it."""
+    return target.with_name(f".{target.name}.{os.getpid()}.part")
+
+
+def unused_path(path: Path) -> Path:
+    """The path, or the same with a number at the end of its name, whichever no file has."""
+    number, unused = 2, path
+    while os.path.lexists(unused):
+        number, unused = number + 1, path.with_name(f"{path.stem}_{number}{path.suffix}")
+    return unused
+
+
+@contextmanager
+def atomic_write(target: Path) -> Iterator[Path]:
+    """Give a temporary path beside the target, and rename it to the target when all is written."""
+    path = temporary_path(target)
+    try:
+        yield path
+        os.replace(path, target)
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def resolve_subtype(output: Path, requested: str | None) -> str | None:
+    """The sample format asked for, or else FLOAT for a WAV; None leaves it to the file format."""
+    return requested or ("FLOAT" if output.suffix.lower() == ".wav" else None)
+
+
+def check_audio_format(output: Path, subtype: str | None, option: str) -> list[tuple[str, str]]:
+    """What is wrong with the format of an audio file that is to be written: pairs of an option and a message.
+
+    option: the one that names the file
+    """
+    import soundfile
+
+    kind = output.suffix.lstrip(".").upper()
+    if kind not in soundfile.available_formats():
+        return [(option, f'"{output.name}" names no audio format; end it in .wav')]
+    if subtype is not None and subtype not in SUBTYPES:
+        return [("--subtype", f'unknown sample format "{subtype}"; {", ".join(SUBTYPES)}')]
+    if not soundfile.check_format(kind, resolve_subtype(output, subtype)):
+        if subtype is None:
+            return [("--subtype", f"{kind} files do not say what they hold; give --subtype FLOAT, or write a .wav")]
+        return [("--subtype", f"{kind} files cannot hold {subtype}; write a .wav")]
+    return []

@@ -1,0 +1,1 @@
+"""TOML in; a Scene or located faults out."""

@@ -1,0 +1,76 @@
+"""How exactly a scene is computed: the dial between error and time (docs/design.md, sec. 2)."""
+
+from typing import Any, Literal
+
+from pydantic import Field, ValidationError
+
+from engine.bodies.table import Table
+
+MAX_SUBSTEPS = 64
+MAX_OVERSAMPLE = 32
+
+
+class Accuracy(Table):
+    """What a patch says under [accuracy]; the energy balance is exact at every setting."""
+
+    scheme: Literal["exact", "fdh"] = Field(
+        default="exact", description="exact: free vibration at its own frequency and decay; fdh: the paper's scheme"
+    )
+    order: Literal[2, 4, 6] = Field(default=2, description="order of a step; 4 and 6 refuse contact loss")
+    substeps: int = Field(default=1, ge=1, le=MAX_SUBSTEPS, description="steps per sample where contact is possible")
+    tolerance: float = Field(
+        default=1e-15, ge=1e-15, le=1e-2, description="relative error left in a compression by the contact solve"
+    )
+    oversample: int = Field(
+        default=1, ge=1, le=MAX_OVERSAMPLE, description="compute all at a multiple of the sample rate, and filter down"
+    )
+    precision: Literal["float64", "float32"] = Field(
+        default="float64", description="of the modes; float32 drifts in energy"
+    )
+    iterations: int = Field(
+        default=6, ge=2, le=10_000, description="rounds of a coupled solve at most; then it makes do"
+    )
+    silence: float = Field(
+        default=-120.0,
+        le=0.0,
+        allow_inf_nan=True,
+        description="level against its peak below which an island sleeps, dB; -inf: never",
+    )
+
+    def replace(self, **changes: Any) -> "Accuracy":
+        """A copy with the values that are not None in place of its own. Raises ValueError if one is out of range."""
+        values = {name: value for name, value in changes.items() if value is not None}
+        try:
+            return Accuracy.model_validate(self.model_dump() | values)
+        except ValidationError as error:
+            first = error.errors()[0]
+            raise ValueError(f"{first['loc'][0]} = {first['input']} is out of range; {first['msg']}") from None
+
+    def coarser(self) -> list["Accuracy"]:
+        """This setting, and coarser ones down to one plain step."""
+        found = [self]
+        while found[-1].is_refined:
+            last = found[-1]
+            found.append(last.replace(order=2) if last.order > 2 else last.replace(substeps=last.substeps // 2))
+        return found
+
+    @property
+    def is_refined(self) -> bool:
+        """Whether a sample is more than one step."""
+        return self.order > 2 or self.substeps > 1
+
+
+# Lengths of the stages of a step of length 1. Each stage is a step of order 2 that is symmetric and conserves energy,
+# and so these products are of the order given, and conserve energy too.
+SUZUKI_LENGTH = 1 / (4 - 4 ** (1 / 3))
+_STAGE_LENGTHS: dict[int, list[float]] = {
+    2: [1.0],
+    4: [SUZUKI_LENGTH, SUZUKI_LENGTH, 1 - 4 * SUZUKI_LENGTH, SUZUKI_LENGTH, SUZUKI_LENGTH],  # Suzuki 1990
+    6: [0.39216144400731413928, 0.33259913678935943860, -0.70624617255763935981, 0.082213596293550800230],
+}
+_STAGE_LENGTHS[6] = [*_STAGE_LENGTHS[6], 1 - 2 * sum(_STAGE_LENGTHS[6]), *_STAGE_LENGTHS[6][::-1]]  # Kahan & Li 1997
+
+
+def stage_lengths(accuracy: Accuracy) -> list[float]:
+    """Lengths of the stages that a sample is computed in, as fractions of the sample's duration; their sum is 1."""
+    return [length / accuracy.substeps for length in _STAGE_LENGTHS[accuracy.order]] * accuracy.substeps

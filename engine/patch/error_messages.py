@@ -1,0 +1,186 @@
+"""Errors of pydantic in the words of a patch: which key is wrong, in what way, and what would be right."""
+
+import difflib
+import types
+import typing
+from typing import Any, NamedTuple
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+
+from engine.bodies.table import KeyPath
+from engine.patch.scene import Scene
+from engine.wording import format_value, to_one_line
+
+MAX_KEY_CHARACTERS = 80  # of a key in a message
+
+TYPE_NAMES = {"float_type": "a number", "int_type": "a whole number", "string_type": 'text in "quotes"'}
+
+
+class Location(NamedTuple):
+    """Where an error lies."""
+
+    path: KeyPath
+    models: dict[str, type[BaseModel]]  # those whose key it is, by kind; of the one there is, by ""
+    field: FieldInfo | None
+
+
+def locate_error(error: Any) -> Location:
+    """Find the path in the patch of an error, the models whose key it is, and its field.
+
+    Pydantic puts a table's kind into the path, after its number; our own errors do not.
+    """
+    path: KeyPath = ()
+    models: dict[str, type[BaseModel]] = {"": Scene}
+    field: FieldInfo | None = None
+    inner = models
+    for part in error["loc"]:
+        if error["type"] != "scene" and len(inner) > 1 and part in inner and isinstance(path[-1], int):
+            inner = {part: inner[part]}
+            continue
+        if isinstance(part, str):
+            models = inner
+            field = next((m.model_fields[part] for m in models.values() if part in m.model_fields), None)
+            inner = _models_by_kind(field.annotation) if field else {}
+        path += (part,)
+    return Location(path, models if isinstance(path[-1:] and path[-1], str) else inner, field)
+
+
+def _models_by_kind(annotation: Any) -> dict[str, type[BaseModel]]:
+    """The models that an annotation admits, by their `kind`."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        kind = annotation.model_fields.get("kind")
+        return {typing.get_args(kind.annotation)[0] if kind else "": annotation}
+    if typing.get_origin(annotation) in (list, typing.Union, types.UnionType, typing.Annotated):
+        return {k: m for a in typing.get_args(annotation) for k, m in _models_by_kind(a).items()}
+    return {}
+
+
+def path_to_blame(error: Any) -> KeyPath:
+    """The path of the key that is wrong: for an unknown kind, that of `kind` and not of its table."""
+    path = locate_error(error).path
+    return (*path, "kind") if error["type"] == "union_tag_invalid" else path
+
+
+def format_path(path: KeyPath) -> str:
+    """A path as messages have it: body[0].mass."""
+    parts = (f"[{p}]" if isinstance(p, int) else f".{to_one_line(p, MAX_KEY_CHARACTERS)}" for p in path)
+    return "".join(parts).lstrip(".")
+
+
+def suggest_key(error: Any) -> str:
+    """The known key that an unknown one most resembles, or ""."""
+    path, models, _ = locate_error(error)
+    known = [key for model in models.values() for key in model.model_fields]
+    return next(iter(difflib.get_close_matches(str(path[-1])[:MAX_KEY_CHARACTERS], known, 1, 0.6)), "")
+
+
+def suggestion(word: str, known: list[str], prefix: str = "", suffix: str = "") -> str:
+    """A question whether the known word most like an unknown one was meant, or the list of all known words.
+
+    prefix, suffix: what stands around the word
+    """
+    similar = difflib.get_close_matches(word[:MAX_KEY_CHARACTERS], known, 1, 0.6)
+    return f'did you mean "{prefix}{similar[0]}{suffix}"?' if similar else "known here: " + ", ".join(known)
+
+
+def describe_value_error(model: type[BaseModel], key: str, value: Any) -> str:
+    """What is wrong with one value of a table whose other keys are optional; "" if it is valid."""
+    try:
+        model.model_validate({key: value})
+    except ValidationError as error:
+        return describe_error(error.errors()[0], Location((key,), {"": model}, model.model_fields[key]))
+    return ""
+
+
+def describe_error(error: Any, location: Location) -> str:
+    """What is wrong, and what would be right."""
+    if error["type"] == "scene":  # of our own checks
+        return str(error["msg"])
+    return (
+        _describe_key_error(error, location)
+        or _describe_table_error(error, location)
+        or _describe_length_error(error, location)
+        or _describe_scalar_error(error, location)
+        or f"{error['msg']}; {_describe_field(location.field)}"
+    )
+
+
+def _describe_key_error(error: Any, location: Location) -> str:
+    """What is wrong with a key or a kind that is missing or unknown; "" if it is something else."""
+    kind, (path, models, field) = error["type"], location
+    if kind == "extra_forbidden":
+        known = list(dict.fromkeys(key for model in models.values() for key in model.model_fields))
+        return f"unknown key; {suggestion(_last_key(path), known)}"
+    if kind == "missing":
+        return f"missing; {_describe_field(field)}"
+    if kind == "union_tag_not_found":
+        return f"kind missing; one of {', '.join(models)}"
+    if kind == "union_tag_invalid":
+        tag = str(error.get("ctx", {}).get("tag"))
+        return f"unknown kind {format_value(tag)}; {suggestion(tag, list(models))}"
+    return ""
+
+
+def _describe_table_error(error: Any, location: Location) -> str:
+    """What stands where a table, or a list, belongs; "" if it is something else."""
+    kind, value, (path, _, field) = error["type"], format_value(error["input"]), location
+    is_table = kind in ("model_type", "model_attributes_type", "dict_type")
+    if (is_table or kind == "list_type") and len(path) < 3:
+        is_array = field is None or typing.get_origin(field.annotation) is list
+        header = f"[[{path[0]}]]" if is_array and path else f"[{_last_key(path)}]"
+        return f"{value} is not a table; write {header}" if path else "not a table of keys"
+    if is_table:
+        inner = _models_by_kind(field.annotation).values() if field else ()
+        needed = [k for m in inner for k, f in m.model_fields.items() if f.is_required()] or ["name"]
+        return f"{value} is not a table; write {_last_key(path)} = {{ {', '.join(f'{k} = …' for k in needed)} }}"
+    if kind == "list_type":
+        return f"{value} is not a list; write {_last_key(path)} = [ … ]: {_describe_field(field)}"
+    return ""
+
+
+def _describe_length_error(error: Any, location: Location) -> str:
+    """How many items a list or a table must have; "" if that is not what is wrong."""
+    kind, items, path = error["type"], error["input"], location.path
+    if kind not in ("too_short", "too_long"):
+        return ""
+    if kind == "too_short" and not items and len(path) < 3:
+        return f"empty; give at least one [[{_last_key(path)}]]"
+    container = "table" if isinstance(items, dict) else "list"
+    bound, key = ("least", "min_length") if kind == "too_short" else ("most", "max_length")
+    limit = error.get("ctx", {}).get(key)
+    return f"{len(items)} in the {container}, at {bound} {limit}; {_describe_field(location.field)}"
+
+
+def _describe_scalar_error(error: Any, location: Location) -> str:
+    """What is wrong with a number, a text or a word; "" if it is something else."""
+    kind, value = error["type"], format_value(error["input"])
+    if kind == "literal_error":
+        return f"{value} is not known; expected {error.get('ctx', {}).get('expected')}"
+    if kind == "finite_number":
+        return f"{value} is not a finite number; {_describe_field(location.field)}"
+    if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
+        return f"{value} is out of range; {_describe_field(location.field)}"
+    if kind == "string_pattern_mismatch":
+        return f"{value} is not a name; a letter, then letters, digits, _ or -"
+    if kind.endswith(("_type", "_parsing")):
+        wanted = TYPE_NAMES.get(kind, kind.removesuffix("_type"))
+        return f"{value} is not {wanted}; {_describe_field(location.field)}"
+    return ""
+
+
+def _describe_field(field: FieldInfo | None) -> str:
+    """What a field holds, with its range."""
+    if field is None:
+        return ""
+    text = field.description or ""
+    for constraint in field.metadata:
+        for symbol, attribute in (("≥", "ge"), (">", "gt"), ("≤", "le"), ("<", "lt")):
+            if (limit := getattr(constraint, attribute, None)) is not None:
+                text += f", {symbol} {limit:g}"
+    return text
+
+
+def _last_key(path: KeyPath) -> str:
+    """The last part of a path; "" of the patch as a whole."""
+    return to_one_line(str(path[-1]), MAX_KEY_CHARACTERS) if path else ""

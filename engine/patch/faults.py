@@ -1,0 +1,38 @@
+"""Faults of a patch: where each is, what is wrong, and what would be right."""
+
+from dataclasses import dataclass
+
+from engine.wording import to_one_line
+
+MAX_FILE_CHARACTERS = 400  # of a file's name in a fault
+MAX_MESSAGE_CHARACTERS = 500
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that is wrong with a patch, or with an option of the command line.
+
+    file:    the patch as it was named, or the program whose option it is
+    line:    from 1; None where no line is to blame
+    path:    of the key, such as "body[0].mass", or the option; "" for the file as a whole
+    message: what is wrong, and after a semicolon what would be right
+    """
+
+    file: str
+    line: int | None
+    path: str
+    message: str
+
+    def __str__(self) -> str:
+        file = to_one_line(self.file, MAX_FILE_CHARACTERS)
+        place = file if self.line is None else f"{file}:{self.line}"
+        message = to_one_line(self.message, MAX_MESSAGE_CHARACTERS)
+        return f"{place} {self.path}: {message}" if self.path else f"{place}: {message}"
+
+
+class PatchError(ValueError):
+    """A patch that cannot be used. Its `faults` list all that is wrong with it, or the first of very many."""
+
+    def __init__(self, faults: list[Fault]) -> None:
+        super().__init__("\n".join(map(str, faults)))
+        self.faults = faults

@@ -1,0 +1,71 @@
+"""JSON Schema of a patch, for editors, generated from the models of its tables."""
+
+from typing import Any
+
+from engine.bodies import BODIES
+from engine.patch.scene import Scene
+
+SCHEMA_DRAFT = "http://json-schema.org/draft-07/schema#"  # the one that editors of TOML know
+
+
+def patch_schema() -> dict[str, Any]:
+    """JSON Schema of a patch, draft 7: complete but for what only the whole patch shows, such as names."""
+    schema = Scene.model_json_schema(ref_template="#/definitions/{model}")
+    tables = schema.pop("$defs")
+    for table in tables.values():
+        kind = table["properties"].pop("kind", None)
+        if kind is not None:  # first, as one writes it
+            name = kind["const"]
+            table["properties"] = {"kind": {"const": name, "description": "what it is"}, **table["properties"]}
+    bodies = {
+        kind: tables[ref.rpartition("/")[2]]
+        for kind, ref in schema["properties"]["body"]["items"]["discriminator"]["mapping"].items()
+    }
+    for kind, table in bodies.items():
+        rules: list[dict[str, Any]] = [
+            {"oneOf": [{"required": [a]}, {"required": [b]}]} for a, b, _ in BODIES[kind].EXACTLY_ONE_OF
+        ]
+        rules += [{"not": {"required": [a, b]}} for a, b in BODIES[kind].AT_MOST_ONE_OF]
+        if rules:
+            table["allOf"] = rules
+    head = {"$schema": SCHEMA_DRAFT, "title": "Patch", "description": "A patch of the FDH engine, in SI units."}
+    return head | {key: _simplify(node) for key, node in {**schema, **head, "definitions": tables}.items()}
+
+
+def _simplify(node: Any) -> Any:
+    """A schema without null, which TOML has not, without titles of keys, which nobody reads, and without defaults
+    that are no plain value."""
+    if isinstance(node, list):
+        return [_simplify(item) for item in node]
+    if not isinstance(node, dict):
+        return node
+    node = {k: _simplify_values(v) if k in ("properties", "definitions") else _simplify(v) for k, v in node.items()}
+    if isinstance(node.get("title"), str):
+        del node["title"]
+    node.pop("discriminator", None)
+    if "default" in node and not isinstance(node["default"], str | int | float):
+        del node["default"]
+    if {"type": "null"} in node.get("anyOf", []):
+        options = [option for option in node.pop("anyOf") if option != {"type": "null"}]
+        node |= options[0] if len(options) == 1 else {"anyOf": options}
+    if "$ref" in node and len(node) > 1:  # draft 7 reads nothing beside a reference
+        node["allOf"] = [{"$ref": node.pop("$ref")}]
+    return node
+
+
+def _simplify_values(nodes: dict[str, Any]) -> dict[str, Any]:
+    """The schemas of a dictionary, each simplified; its keys are names, and may be "title" or "default"."""
+    return {name: _simplify(node) for name, node in nodes.items()}
+
+
+def resolve_ref(node: dict[str, Any], schema: dict[str, Any]) -> dict[str, Any]:
+    """The schema of the table that a node refers to, or the node itself."""
+    ref = node.get("$ref") or next((part["$ref"] for part in node.get("allOf", []) if "$ref" in part), None)
+    return schema["definitions"][ref.rpartition("/")[2]] if ref else node
+
+
+def variants(node: dict[str, Any], schema: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """The schemas of the tables of an array, by their `kind`; of the one sort there is, by ""."""
+    options = node["items"].get("oneOf", [node["items"]])
+    tables = [resolve_ref(option, schema) for option in options]
+    return {table["properties"].get("kind", {}).get("const", ""): table for table in tables}

@@ -1,0 +1,90 @@
+"""The numbers of a patch, by the paths that options and live controls use: `body.hammer.velocity`, `event.0.time`."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+from engine.patch.json_schema import patch_schema, resolve_ref, variants
+from engine.patch.reference_page import SECTIONS, format_range, split_unit, top_level
+from engine.patch.scene import Scene
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of a patch."""
+
+    path: str
+    value: float
+    unit: str  # "" where it has none
+    range: str
+    meaning: str
+    live: bool  # whether it can be changed while the patch is played
+
+
+def list_parameters(scene: Scene) -> list[Parameter]:
+    """Every number that a patch gives, in the order of its tables.
+
+    A path names a table by its name, or by its number from 0 where it has none.
+    """
+    schema, data = patch_schema(), scene.model_dump(exclude_unset=True)
+    live = set(live_parameters(scene))
+    parameters = list(_table_parameters("", data, top_level(schema), schema))
+    for section in SECTIONS:
+        node, value = schema["properties"][section], data.get(section)
+        if isinstance(value, dict):
+            parameters += _table_parameters(f"{section}.", value, resolve_ref(node, schema), schema)
+        elif isinstance(value, list):
+            tables = variants(node, schema)
+            for i, table in enumerate(value):
+                name = table.get("name") or i
+                if f"{section}.{name}.gap" in live:  # which is 0 where it is not given
+                    table = {"gap": 0.0} | table
+                parameters += _table_parameters(f"{section}.{name}.", table, tables[table.get("kind", "")], schema)
+    return [replace(p, live=p.path in live) for p in parameters]
+
+
+def live_parameters(scene: Scene, variable_exponents: bool = False) -> list[str]:
+    """Paths of what can be changed while a scene is played: stiffness, and barrier or gap, of each contact that has a
+    name. variable_exponents: also its exponent, if the model was built so."""
+    paths = []
+    for contact in scene.contact:
+        if contact.name is not None and contact.stiffness > 0.0:
+            paths.append(f"contact.{contact.name}.stiffness")
+            paths.append(f"contact.{contact.name}.{'gap' if contact.on else 'barrier'}")
+            paths += [f"contact.{contact.name}.exponent"] if variable_exponents else []
+    return paths
+
+
+def _table_parameters(
+    prefix: str, values: dict[str, Any], table: dict[str, Any], schema: dict[str, Any]
+) -> Iterator[Parameter]:
+    """The numbers of one table, and of the tables inside it. table: its schema; prefix: of its paths."""
+    for key, node in table["properties"].items():
+        value, path = values.get(key), prefix + key
+        if isinstance(value, dict) and "patternProperties" not in node:
+            yield from _table_parameters(f"{path}.", value, resolve_ref(node, schema), schema)
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            for i, inner in enumerate(value):
+                yield from _table_parameters(f"{path}.{i}.", inner, variants(node, schema)[""], schema)
+        else:
+            meaning, unit = split_unit(node.get("description", ""))
+            for suffix, number in _numbers_within(value):
+                yield Parameter(path + suffix, number, unit, format_range(_number_schema(node)), meaning, live=False)
+
+
+def _numbers_within(value: Any) -> Iterator[tuple[str, float]]:
+    """The numbers within a value, each with what follows the path of the value in its own path."""
+    if isinstance(value, int | float):
+        yield "", value
+    elif isinstance(value, list | dict):
+        for key, inner in enumerate(value) if isinstance(value, list) else value.items():
+            yield from ((f".{key}{suffix}", number) for suffix, number in _numbers_within(inner))
+
+
+def _number_schema(node: dict[str, Any]) -> dict[str, Any]:
+    """The schema of one number of a list, or of lists by name."""
+    if "items" in node:
+        return _number_schema(node["items"])
+    if "patternProperties" in node:
+        return _number_schema(next(iter(node["patternProperties"].values())))
+    return _number_schema(node["anyOf"][0]) if "anyOf" in node else node

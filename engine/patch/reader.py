@@ -1,0 +1,168 @@
+"""Patches are read here: a TOML file in, a validated `Scene` or located faults out."""
+
+import difflib
+import os
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from engine.bodies.table import KeyPath
+from engine.files import MB, SHIPPED_PATCHES, UnreadableFile, find_patch, is_folder, read_bytes
+from engine.output_files import error_reason
+from engine.patch.error_messages import (
+    MAX_KEY_CHARACTERS,
+    describe_error,
+    format_path,
+    locate_error,
+    path_to_blame,
+    suggest_key,
+)
+from engine.patch.faults import Fault, PatchError
+from engine.patch.scene import MAX_FAULTS_COLLECTED, Scene
+from engine.patch.toml_lines import NestedTooDeep, locate_keys, nearest_line, split_statements
+from engine.wording import program_name
+
+MAX_PATCH_BYTES = 1 * MB  # a larger patch takes seconds to read
+MAX_FAULTS_LISTED = 50
+MAX_NUMBER_DIGITS = 4_000  # Python reads some more
+
+# what Python's TOML reader says, and what would be right
+SYNTAX_REMEDIES = {
+    "Cannot overwrite": "a key is given twice, or a table is [body] once and [[body]] elsewhere: write [[body]]",
+    "twice": "the same table stands there twice; write [[body]], [[contact]] and so on, which may be many",
+    "Expected newline": "one number or text for each key: 6.0 and not 6,0; the unit goes into a comment, after #",
+}
+
+
+def load(path: str | Path) -> Scene:
+    """Read a patch: a file, or a shipped one by its name. Raises PatchError, which lists every fault at once."""
+    path = find_patch(path)
+    text = read_text(path)
+    data = _parse_toml(str(path), text)
+    if not data:
+        raise PatchError([Fault(str(path), None, "", f"empty; {program_name()} new NAME writes a patch to begin with")])
+    return validate_document(data, path.parent, str(path), text)
+
+
+def read_text(path: Path) -> str:
+    """Read the text of a patch file. Raises PatchError if it cannot be read, or is no text."""
+    try:
+        text = read_bytes(path, MAX_PATCH_BYTES).decode("utf-8-sig")  # Windows puts a mark there
+    except UnicodeDecodeError:
+        text = "\0"
+    except (OSError, UnreadableFile) as error:
+        raise PatchError([Fault(str(path), None, "", _describe_read_error(path, error))]) from None
+    if "\0" in text:
+        raise PatchError([Fault(str(path), None, "", "not a text file; a patch is TOML in UTF-8")])
+    return text
+
+
+def validate_document(data: dict[str, Any], folder: Path, file: str, text: str) -> Scene:
+    """Make a Scene of a document. Raises PatchError.
+
+    folder: where the files lie that the document names
+    file:   the name of the patch in faults
+    text:   the TOML that the document was read from, for the lines of faults; "" if there is none
+    """
+    try:
+        return Scene.model_validate(data, context={"folder": folder})
+    except ValidationError as error:
+        raise PatchError(_make_faults(file, text, error.errors(include_url=False))) from None
+
+
+def locate_build_faults(file: str, faults: list[tuple[str, str]]) -> list[Fault]:
+    """Add the lines of a patch to the faults of a BuildError, pairs of a path and a message."""
+    try:
+        lines = locate_keys(read_text(Path(file)))
+    except (PatchError, ValueError):  # the file was changed since
+        return [Fault(file, None, path, message) for path, message in faults]
+    return [Fault(file, nearest_line(lines, _parse_path(path)), path, message) for path, message in faults]
+
+
+def _parse_path(path: str) -> KeyPath:
+    """The keys of a path such as body[0].mass."""
+    return tuple(int(part) if part.isdecimal() else part for part in re.findall(r"\w+", path))
+
+
+def _parse_toml(file: str, text: str) -> dict[str, Any]:
+    """Parse a text. Raises PatchError, also for TOML that Python's reader does not survive."""
+    try:
+        for _ in split_statements(text):  # raises NestedTooDeep
+            pass
+        return tomllib.loads(text)
+    except NestedTooDeep as error:
+        raise PatchError([Fault(file, error.line, "", f"{error}; a patch needs three")]) from None
+    except tomllib.TOMLDecodeError as error:
+        raise PatchError([_make_syntax_fault(file, text, error)]) from None
+    except ValueError:  # of int(), which does not say where
+        long = (number.start() for number in re.finditer("[0-9_]++", text) if len(number[0]) > MAX_NUMBER_DIGITS)
+        line = text.count("\n", 0, next(long, 0)) + 1
+        message = f"a number of over {MAX_NUMBER_DIGITS} digits; as 1e9, for instance"
+        raise PatchError([Fault(file, line, "", message)]) from None
+
+
+def _make_syntax_fault(file: str, text: str, error: tomllib.TOMLDecodeError) -> Fault:
+    """The fault of a text that is no TOML."""
+    message = str(error)
+    position = re.search(r" \(at line (\d+), column (\d+)\)$", message)
+    line = int(position[1]) if position else text.count("\n") + 1
+    column = f" at column {position[2]}" if position else ""
+    message = message[: position.start()] if position else message.removesuffix(" (at end of document)")
+    default = 'write key = value, with text in "quotes"'
+    remedy = next((remedy for words, remedy in SYNTAX_REMEDIES.items() if words in message), default)
+    return Fault(file, line, "", f"not valid TOML{column} ({message}); {remedy}")
+
+
+def _make_faults(file: str, text: str, errors: list[Any]) -> list[Fault]:
+    """The faults of a patch in the order of its lines: the first of them, and how many more there are."""
+    lines = locate_keys(text)
+    ordered = sorted(((nearest_line(lines, path_to_blame(e)), e) for e in errors), key=lambda pair: pair[0])
+    unknown: dict[KeyPath, list[Any]] = {}  # by the path of their table
+    for _, error in ordered:
+        if error["type"] == "extra_forbidden":
+            unknown.setdefault(locate_error(error).path[:-1], []).append(error)
+    faults: list[Fault] = []
+    for n, (line, error) in enumerate(ordered):
+        if len(faults) == MAX_FAULTS_LISTED:
+            rest = f"at least {MAX_FAULTS_COLLECTED}" if len(errors) >= MAX_FAULTS_COLLECTED else len(errors) - n
+            return [*faults, Fault(file, None, "", f"and {rest} more faults; these are the first")]
+        location = locate_error(error)
+        path = location.path
+        misspelt = unknown.get(path[:-1], [])[:MAX_FAULTS_LISTED] if error["type"] == "missing" else []
+        if any(suggest_key(other) == path[-1] for other in misspelt):
+            continue  # the missing key is there, misspelt
+        faults.append(Fault(file, line, format_path(path_to_blame(error)), describe_error(error, location)))
+    return faults
+
+
+def _describe_read_error(path: Path, error: OSError | UnreadableFile) -> str:
+    """Why a file cannot be read, and which may have been meant: a patch whose name is like it."""
+    folder = is_folder(path)
+    if isinstance(error, UnreadableFile) and not folder:
+        return f"{error}; give a patch, a .toml file of at most {MAX_PATCH_BYTES / MB:g} MB"
+    folders = [path] if folder else [path.parent, path.parent / "patches", Path("patches"), SHIPPED_PATCHES]
+    patches = [patch for place in folders if is_folder(place) for patch in sorted(place.glob("*.toml"))]
+    if folder:
+        example = f"one of its patches, such as {patches[0]}" if patches else "a patch, a .toml file"
+        return f"is a folder; give {example}"
+    missing = "no such file" if path.suffix or len(path.parts) > 1 else "no such file or shipped patch"
+    message = missing if isinstance(error, FileNotFoundError) else error_reason(error)
+    by_name = {patch.stem: patch for patch in reversed(patches)}  # of one name, that in the nearest folder
+    similar = difflib.get_close_matches(path.stem[:MAX_KEY_CHARACTERS], by_name, 1, 0.7)
+    if similar:
+        return f"{message}; did you mean {_shortest_name(by_name[similar[0]])}?"
+    example = f"such as {_shortest_name(patches[0])}" if patches else "a .toml file"
+    return f"{message}; give a patch, {example}"
+
+
+def _shortest_name(path: Path) -> str:
+    """What to type for a patch: the name of a shipped one, or the path, relative to the current folder if shorter."""
+    if path.parent == SHIPPED_PATCHES:
+        return path.stem
+    try:
+        return min(os.path.relpath(path), str(path), key=len)
+    except (OSError, ValueError):  # the current folder was removed, or is on another drive
+        return str(path)

@@ -1,0 +1,156 @@
+"""The page docs/patches.md, which lists every key of a patch, generated from its JSON Schema.
+
+A description is "meaning, unit; more" or "meaning, unit: more" (`split_unit`); ranges and defaults are those of the
+fields.
+"""
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import astuple, dataclass
+from typing import Any
+
+from engine.patch.json_schema import patch_schema, resolve_ref, variants
+
+UNITS = (
+    *("m", "kg", "s", "Hz", "N", "dB", "m/s", "m/s²", "m³/s", "1/s", "s/m", "1/√kg"),
+    *("kg/m", "kg/m²", "kg/s", "N/m", "N·m", "N·m²", "N/m^exponent"),
+)
+UNIT_PATTERN = re.compile(rf", ({'|'.join(map(re.escape, sorted(UNITS, key=len, reverse=True)))})(?=[;:,]|$)")
+REFERENCE_PREFACE = """# Patches: every key
+
+Written by `fdh reference > docs/patches.md` from the models in `engine/`; edit those.
+
+A patch is a TOML file of tables: `[[body]]`, `[[contact]]`, `[[force]]`, `[[event]]` and `[[pickup]]`, each as often as
+needed, and one `[accuracy]`. Keys outside any table come first. All is in SI units; unknown keys are refused.
+A *place* is a fraction of a body's length from 0 to 1; `[x, y]`, fractions of the sides of a sheet; or the name of a
+measured point.
+
+`fdh new NAME` starts a patch, `fdh check PATCH` says all that is wrong with one, and
+`fdh params PATCH` lists its numbers. Editors that know TOML schemas (Taplo, Even Better TOML) complete and check
+keys where the first line of a patch is `#:schema` and the path of `patches/patch.schema.json`, as in those shipped.
+"""
+
+# arrays of tables and [accuracy]: their headings, and the tables inside them with the names of their models
+SECTIONS: dict[str, tuple[str, dict[str, str]]] = {
+    "body": ("Bodies: `[[body]]`", {"[[body.support]]": "Support"}),
+    "contact": ("Contacts: `[[contact]]`", {"bridge = { … }": "Bridge", "frets = { … }": "Frets"}),
+    "force": ("Forces: `[[force]]`", {}),
+    "event": ("Events: `[[event]]`", {}),
+    "pickup": ("Pickups: `[[pickup]]`", {}),
+    "accuracy": ("Accuracy: `[accuracy]`", {}),
+}
+
+
+@dataclass(frozen=True)
+class KeyRow:
+    """One key of a table, as a row of the page."""
+
+    name: str
+    unit: str  # "" where it has none
+    range: str
+    default: str  # "required", or "" where absence is the default
+    meaning: str
+
+
+def reference_page() -> str:
+    """The text of docs/patches.md, in Markdown."""
+    schema = patch_schema()
+    lines = [REFERENCE_PREFACE, "## The patch itself", ""]
+    lines += _markdown_rows(top_level(schema))
+    for name, (heading, inner) in SECTIONS.items():
+        node = schema["properties"][name]
+        lines += ["", f"## {heading}", ""]
+        tables = variants(node, schema) if "items" in node else {"": resolve_ref(node, schema)}
+        for kind, table in tables.items():
+            lines += [f'### `kind = "{kind}"`', ""] if kind else []
+            lines += _table_section(table)
+        for title, model in inner.items():
+            lines += [f"### `{title}`", "", *_table_section(schema["definitions"][model])]
+    return re.sub(r"\n{3,}", "\n\n", "\n".join(lines)).rstrip() + "\n"
+
+
+def top_level(schema: dict[str, Any]) -> dict[str, Any]:
+    """The schema with only those keys of a patch that stand outside any table."""
+    return {**schema, "properties": {k: v for k, v in schema["properties"].items() if k not in SECTIONS}}
+
+
+def _table_section(table: dict[str, Any]) -> list[str]:
+    """Lines that say what a table is and which of its keys exclude each other, and list all of them."""
+    pairs = [[option["required"][0] for option in rule["oneOf"]] for rule in table.get("allOf", []) if "oneOf" in rule]
+    choices = " and ".join(f"either `{a}` or `{b}`" for a, b in pairs)
+    text = " ".join(table["description"].split()) + (f" Give {choices}." if choices else "")
+    return [text, "", *_markdown_rows(table), ""]
+
+
+def _markdown_rows(table: dict[str, Any]) -> list[str]:
+    """The keys of a table as a table of Markdown."""
+    rows = ["| key | unit | range | default | meaning |", "| --- | --- | --- | --- | --- |"]
+    for row in key_rows(table):
+        cells = (f"`{row.name}`", *astuple(row)[1:])
+        rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return rows
+
+
+def key_rows(table: dict[str, Any]) -> Iterator[KeyRow]:
+    """The keys of a table, but for its kind."""
+    for name, node in table["properties"].items():
+        if name != "kind":
+            yield key_row(name, node, name in table.get("required", ()))
+
+
+def key_row(name: str, node: dict[str, Any], required: bool) -> KeyRow:
+    """The row of one key, from its schema."""
+    meaning, unit = split_unit(node.get("description", ""))
+    default = "required" if required else f"{node['default']}" if "default" in node else ""
+    if isinstance(node.get("default"), float):
+        default = format_number(node["default"])
+    return KeyRow(name, unit, format_range(node), default, meaning)
+
+
+def split_unit(description: str) -> tuple[str, str]:
+    """Split a description in its meaning and its unit, which is "" where it has none."""
+    unit = UNIT_PATTERN.search(description)
+    return (description, "") if unit is None else (description[: unit.start()] + description[unit.end() :], unit[1])
+
+
+def format_range(node: dict[str, Any]) -> str:
+    """The range of a key in words: of its items, if it is a list; or the words that it may be."""
+    if "enum" in node:
+        return ", ".join(map(str, node["enum"]))
+    if node.get("type") == "array":
+        items = "" if "$ref" in node["items"] else format_range(node["items"])
+        length = _format_length(node.get("minItems", 0), node.get("maxItems"))
+        return f"{length}, each {items}" if items else length
+    if options := node.get("anyOf"):  # a position; or a number, or a list of them
+        return "a place" if {"type": "string"} in options else format_range(options[0]) + ", or a list"
+    if "patternProperties" in node:
+        return "lists by name"
+    if "properties" in node or "allOf" in node:
+        return "a table"
+    if node.get("type") == "string":
+        return "a name" if "pattern" in node else "text"
+    integer = "whole, " if node.get("type") == "integer" else ""
+    if "minimum" in node and "maximum" in node:
+        return f"{integer}{format_number(node['minimum'])} to {format_number(node['maximum'])}"
+    signs = (("minimum", "≥"), ("exclusiveMinimum", ">"), ("maximum", "≤"))
+    return integer + ", ".join(f"{sign} {format_number(node[bound])}" for bound, sign in signs if bound in node)
+
+
+def _format_length(least: int, most: int | None) -> str:
+    """How many items a list has, in words."""
+    if most is not None and least == most:
+        return f"list of {most}"
+    if most and not least:
+        return f"list of at most {most}"
+    return "list" if most is None and least < 2 else f"list of {least} to {most}"
+
+
+def format_number(number: float) -> str:
+    """A number as one writes it: 0.12, 1e-15, 20000, 4.5e9."""
+    if math.isinf(number):
+        return f"{number:g}"
+    mantissa, exponent = f"{number:.9e}".split("e")
+    scientific = f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"
+    plain = f"{number:.10g}"
+    return scientific if "e" in plain or len(plain) > len(scientific) + 2 else plain

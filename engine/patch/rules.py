@@ -1,0 +1,273 @@
+"""Rules that only the whole patch can break: names, positions on bodies, keys that exclude or need each other.
+
+A patch is checked as it was read, before it is validated, so that all its faults are told at once. What has the wrong
+type is passed over here: that is a fault of structure, and pydantic reports it.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+from pydantic_core import InitErrorDetails
+
+from engine.bodies import BODIES, MeasuredBody
+from engine.bodies.body import BodyTable
+from engine.bodies.table import KeyPath, is_given, is_number, make_fault
+from engine.patch.tables import MAX_EXPONENT, MAX_FORCE_AT_1_MM, max_stiffness
+from engine.wording import format_names, format_value
+
+Faults = Iterator[InitErrorDetails]
+
+BODY_KEYS = (("contact", "body"), ("contact", "on"), ("force", "body"), ("event", "body"), ("pickup", "body"))
+
+
+def check_rules(data: dict[str, Any]) -> Faults:
+    """All faults of a document that break these rules."""
+    bodies = {b["name"]: b for _, b in tables_of(data, "body") if isinstance(b.get("name"), str)}
+    contacts = {c["name"]: c for _, c in tables_of(data, "contact") if isinstance(c.get("name"), str)}
+    for section in ("body", "contact"):
+        yield from _check_unique(data, section)
+    for i, body in tables_of(data, "body"):
+        yield from _check_body(("body", i), body)
+    for section, key in BODY_KEYS:
+        for i, table in tables_of(data, section):
+            yield from _check_exists((section, i, key), table.get(key), bodies, "body", "bodies")
+    for i, body in tables_of(data, "body"):
+        for j, support in tables_of(body, "support"):
+            yield from _check_positions(("body", i, "support", j, "at"), support, body, single=False)
+    for i, contact in tables_of(data, "contact"):
+        yield from _check_contact(("contact", i), contact, bodies)
+    end = data.get("seconds", 2.0)
+    for i, event in tables_of(data, "event"):
+        time = event.get("time")
+        if is_number(time) and is_number(end) and time >= end:
+            yield make_fault(("event", i, "time"), time, "after the end", f"before {end:g} s, or more seconds")
+        yield from _check_event(("event", i), event, bodies, contacts)
+    for section in ("force", "event", "pickup"):
+        for i, table in tables_of(data, section):
+            everywhere = table.get("quantity") == "force" and not is_given(table, "at")
+            if not everywhere and (section != "event" or table.get("kind") == "pluck"):
+                target = bodies.get(str(table.get("body")))
+                yield from _check_positions((section, i, "at"), table, target, single=True)
+
+
+def tables_of(data: dict[str, Any], section: str) -> Iterator[tuple[int, dict[str, Any]]]:
+    """The tables of an array, with their numbers from 0; what is no table is passed over."""
+    items = data.get(section)
+    if isinstance(items, list):
+        yield from ((i, item) for i, item in enumerate(items) if isinstance(item, dict))
+
+
+def kind_of(body: dict[str, Any] | None) -> type[BodyTable] | None:
+    """The kind of body that a table describes; None if it is not known."""
+    return None if body is None else BODIES.get(str(body.get("kind")))
+
+
+def has_length(body: dict[str, Any]) -> bool:
+    """Whether a table describes a string or a bar."""
+    kind = kind_of(body)
+    return kind is not None and kind.HAS_LENGTH
+
+
+def is_lumped(body: dict[str, Any]) -> bool:
+    """Whether a table describes a mass or an oscillator."""
+    kind = kind_of(body)
+    return kind is not None and kind.IS_LUMPED
+
+
+def count_positions(table: dict[str, Any], key: str, body: dict[str, Any] | None) -> int:
+    """How many positions a key lists on a body."""
+    at, kind = table.get(key), kind_of(body) or BodyTable
+    return len(kind.split_positions(at)) if isinstance(at, list) else 1
+
+
+def _check_unique(data: dict[str, Any], section: str) -> Faults:
+    """Each table of a section has a name of its own."""
+    names: set[str] = set()
+    for i, table in tables_of(data, section):
+        name = table.get("name")
+        if isinstance(name, str) and name in names:
+            message, remedy = f"the name {format_value(name)} is taken", f"give each {section} its own name"
+            yield make_fault((section, i, "name"), name, message, remedy)
+        elif isinstance(name, str):
+            names.add(name)
+
+
+def _check_exists(path: KeyPath, name: Any, known: dict[str, Any], singular: str, plural: str) -> Faults:
+    """A name that a table refers to is that of a table."""
+    if isinstance(name, str) and name not in known:
+        message, remedy = f"no {singular} is named {format_value(name)}", f"the {plural} are {format_names(known)}"
+        yield make_fault(path, name, message, remedy)
+
+
+def _check_body(path: KeyPath, body: dict[str, Any]) -> Faults:
+    """A body gives one key of each pair, and keeps the rules of its kind."""
+    kind = kind_of(body)
+    if kind is None:
+        return
+    for a, b, choice in kind.EXACTLY_ONE_OF:
+        if is_given(body, a) == is_given(body, b):
+            message = f"both {a} and {b} given" if is_given(body, a) else f"neither {a} nor {b} given"
+            yield make_fault(path, body, message, f"give one of them: {choice}")
+    for a, b in kind.AT_MOST_ONE_OF:
+        if is_given(body, a) and is_given(body, b):
+            yield make_fault((*path, b), body[b], f"both {a} and {b} given", "give one of them")
+    yield from kind.faults(path, body)
+
+
+def _check_positions(path: KeyPath, table: dict[str, Any], body: dict[str, Any] | None, single: bool) -> Faults:
+    """The positions that a key of a table lists are such as the body has. single: there is one of them only."""
+    kind, key = kind_of(body), str(path[-1])
+    if body is None or kind is None or (kind is MeasuredBody and is_given(body, "file")):  # which could not be read
+        return
+    at = table.get(key)
+    if kind.IS_LUMPED:
+        if at is not None:
+            message = f"{format_value(body['name'])} is a {body['kind']}, which has no places"
+            yield make_fault(path, at, message, "leave it out")
+        return
+    remedy = kind.position_help(body)
+    if at is None:
+        yield make_fault(path[:-1], table, f"no place on {format_value(body['name'])}", f"give {key} = {remedy}")
+        return
+    positions = kind.split_positions(at)
+    if single and len(positions) > 1:
+        yield make_fault(path, at, "several places", f"give one: {remedy}")
+    for position in positions:
+        if not kind.has_position(body, position):
+            message = f"{format_value(position)} is no place on {format_value(body['name'])}"
+            yield make_fault(path, at, message, remedy)
+            return
+        if outside := kind.explain_outside(body, position):
+            yield make_fault(path, at, *outside)
+            return
+
+
+def _check_contact(path: KeyPath, contact: dict[str, Any], bodies: dict[str, Any]) -> Faults:
+    """A contact is with a barrier, a body, a bridge or frets, and gives the keys of that alone."""
+    on, barrier, gap = is_given(contact, "on"), is_given(contact, "barrier"), is_given(contact, "gap")
+    body = bodies.get(str(contact.get("body")))
+    profile = next((key for key in ("bridge", "frets") if is_given(contact, key)), None)
+    if gap and not on:
+        remedy = "a fixed barrier is placed by barrier, in m"
+        yield make_fault((*path, "gap"), contact["gap"], "gap without on", remedy)
+    if on and barrier:
+        remedy = "a contact between two bodies has a gap, not a barrier"
+        yield make_fault((*path, "barrier"), contact["barrier"], "on and barrier given", remedy)
+    yield from _check_stiffness((*path, "stiffness"), contact.get("stiffness"), contact.get("exponent"))
+    if profile:
+        yield from _check_profile(path, contact, body, profile)
+        return
+    if not on and not barrier:
+        remedy = "give the barrier's position in m, the other body's name, a bridge or frets"
+        yield make_fault(path, contact, "neither barrier nor on given", remedy)
+    yield from _check_contact_positions(path, contact, body, bodies.get(str(contact.get("on"))))
+
+
+def _check_contact_positions(
+    path: KeyPath, contact: dict[str, Any], body: dict[str, Any] | None, other_body: dict[str, Any] | None
+) -> Faults:
+    """The points of a contact are on its bodies, and its lists are as long as these are many."""
+    on = is_given(contact, "on")
+    yield from _check_positions((*path, "at"), contact, body, single=False)
+    if on:
+        yield from _check_positions((*path, "on_at"), contact, other_body, single=False)
+        if contact["on"] == contact.get("body") and _joins_same_position(contact, body):
+            message = "a body cannot touch itself at one place"
+            yield make_fault((*path, "on"), contact["on"], message, "name another body")
+    elif is_given(contact, "on_at"):
+        yield make_fault((*path, "on_at"), contact["on_at"], "on_at without on", "name the other body by on")
+    count = count_positions(contact, "at", body)
+    other_count = count_positions(contact, "on_at", other_body) if on else 1
+    if count > 1 and other_count > 1 and other_count != count:
+        remedy = "as many places on both bodies, or one on one of them"
+        yield make_fault((*path, "on_at"), contact["on_at"], f"{other_count} places for {count} in at", remedy)
+    points = max(count, other_count)
+    for key in ("barrier", "gap"):
+        value = contact.get(key)
+        if isinstance(value, list) and len(value) != points:
+            remedy = "as many as places, or one number for all"
+            yield make_fault((*path, key), value, f"{len(value)} numbers for {points} place(s)", remedy)
+
+
+def _check_stiffness(path: KeyPath, stiffness: Any, exponent: Any) -> Faults:
+    """No contact is harder than energy can be accounted for (`max_stiffness`)."""
+    if is_number(stiffness) and is_number(exponent) and 1.0 <= exponent <= MAX_EXPONENT:
+        if stiffness > max_stiffness(exponent):
+            remedy = f"at most {max_stiffness(exponent):.3g} N/m^{exponent:g}, {MAX_FORCE_AT_1_MM:g} N at 1 mm"
+            yield make_fault(path, stiffness, f"{stiffness:g} is harder than anything", remedy)
+
+
+def _joins_same_position(contact: dict[str, Any], body: dict[str, Any] | None) -> bool:
+    """Whether a contact of a body with itself joins a position with itself."""
+    at, on_at = (
+        contact[key] if count_positions(contact, key, body) > 1 else [contact.get(key)] for key in ("at", "on_at")
+    )
+    count = max(len(at), len(on_at))
+    return any(a == b for a, b in zip(at * (count // len(at)), on_at * (count // len(on_at)), strict=False))
+
+
+def _check_profile(path: KeyPath, contact: dict[str, Any], body: dict[str, Any] | None, profile: str) -> Faults:
+    """A bridge or frets stand under a string or bar, instead of at and barrier. profile: the key of the two."""
+    for key in ("at", "on", "on_at", "barrier", "gap", "bridge" if profile == "frets" else "frets"):
+        if is_given(contact, key):
+            yield make_fault((*path, key), contact[key], f"{profile} and {key} given", "give one of them")
+    if body is not None and not has_length(body):
+        message = f"{format_value(body['name'])} has no length"
+        yield make_fault((*path, profile), contact[profile], message, "a string or a bar has")
+    table = contact[profile]
+    if not isinstance(table, dict):
+        return
+    if profile == "frets":
+        yield from _check_frets((*path, profile), table)
+    elif body is not None and has_length(body):
+        yield from _check_bridge((*path, profile), table, body)
+
+
+def _check_frets(path: KeyPath, frets: dict[str, Any]) -> Faults:
+    """Frets are counted or placed, and their heights are one for all, one for each, or those of the two ends."""
+    if is_given(frets, "count") == is_given(frets, "at"):
+        message = "both count and at given" if is_given(frets, "at") else "neither count nor at given"
+        yield make_fault(path, frets, message, "give one of them: a number of frets, or their places")
+        return
+    count = frets["count"] if is_given(frets, "count") else len(frets["at"]) if isinstance(frets["at"], list) else 0
+    at, height = frets.get("at"), frets.get("height")
+    is_row = isinstance(height, list) and len(height) == 2 and is_number(count) and count > 2
+    if isinstance(height, list) and len(height) != count and not is_row:
+        remedy = f"{count}, or 2 for a straight row of more"
+        yield make_fault((*path, "height"), height, f"{len(height)} heights for {count} frets", remedy)
+    if is_row and isinstance(at, list) and at[0] == at[-1]:
+        message = "no straight row: it begins and ends at one place"
+        yield make_fault((*path, "height"), height, message, "give a height for each")
+
+
+def _check_bridge(path: KeyPath, bridge: dict[str, Any], body: dict[str, Any]) -> Faults:
+    """A bridge lies within its string or bar."""
+    at, width, length = bridge.get("at"), bridge.get("width"), body.get("length", 0.0)
+    if all(map(is_number, (at, width, length))) and length > 0:
+        half = width / length / 2
+        if at - half < 0 or at + half > 1:
+            remedy = f"{format_value(body['name'])} is {length:g} m long"
+            yield make_fault((*path, "width"), width, "the bridge reaches past the end", remedy)
+
+
+def _check_event(path: KeyPath, event: dict[str, Any], bodies: dict[str, Any], contacts: dict[str, Any]) -> Faults:
+    """A strike moves a lumped body; a change is of something that a named contact has."""
+    kind, body = event.get("kind"), bodies.get(str(event.get("body")))
+    if kind == "strike" and body is not None and not is_lumped(body):
+        message = f"{format_value(event['body'])} is a {body.get('kind')}"
+        remedy = "throw a mass or an oscillator; a force or pluck moves other bodies"
+        yield make_fault((*path, "body"), event["body"], message, remedy)
+    if kind != "change":
+        return
+    yield from _check_exists((*path, "contact"), event.get("contact"), contacts, "contact", "named contacts")
+    if not any(is_given(event, key) for key in ("stiffness", "exponent", "barrier", "gap")):
+        yield make_fault(path, event, "nothing changes", "give a new stiffness, exponent, barrier or gap")
+    contact = contacts.get(str(event.get("contact")), {})
+    stiffness, exponent = (event.get(key, contact.get(key)) for key in ("stiffness", "exponent"))
+    key = "stiffness" if is_given(event, "stiffness") else "exponent"
+    yield from _check_stiffness((*path, key), stiffness, exponent)
+    has_gap = is_given(contact, "on")
+    for key, other_key, is_absent in (("barrier", "gap", has_gap), ("gap", "barrier", bool(contact) and not has_gap)):
+        if is_given(event, key) and is_absent:
+            remedy = f"{format_value(event['contact'])} has a {other_key}"
+            yield make_fault((*path, key), event[key], f"that contact has no {key}", remedy)

@@ -1,0 +1,173 @@
+"""A `Scene`: a patch as a whole, validated.
+
+`Scene.model_validate({...})` reports every fault at once, those of structure and those that break a rule of the whole.
+"""
+
+import math
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, ModelWrapValidatorHandler, ValidationError, ValidationInfo, model_validator
+from pydantic_core import InitErrorDetails
+
+from engine.bodies import Body
+from engine.bodies.modal_csv import read_modes
+from engine.bodies.table import KeyPath, Table, make_fault
+from engine.files import check_regular_file
+from engine.output_files import error_reason
+from engine.patch.accuracy import Accuracy
+from engine.patch.rules import check_rules, tables_of
+from engine.patch.tables import MAX_SECONDS, Contact, Event, Force, Pickup, SampledForce
+from engine.wording import to_one_line
+
+SAMPLE_RATE_RANGE = (4_000, 768_000)  # Hz
+MAX_TABLES = 5_000  # of one section
+MAX_FAULTS_COLLECTED = 2_000  # beyond, no more are looked for
+MAX_PATH_CHARACTERS = 200  # of a file's name, or of why it cannot be read, in a message
+MAX_FORCE_SAMPLES = 1 << 25  # of a force file, all channels together
+
+
+class Scene(Table):
+    """A patch, validated. All is in SI units; bodies are at rest at 0 unless the patch says otherwise."""
+
+    title: str = Field(default="", description="what it is")
+    seconds: float = Field(default=2.0, gt=0.0, le=MAX_SECONDS, description="how long it sounds, s")
+    gravity: float = Field(
+        default=0.0,
+        ge=-1e4,
+        le=1e4,
+        description="downward acceleration of masses and oscillators, m/s²: with 9.81 their weight is -9.81 N/kg",
+    )
+    accuracy: Accuracy = Field(default=Accuracy(), description="how exactly it is computed")
+    body: list[Body] = Field(min_length=1, max_length=MAX_TABLES, description="the bodies")
+    contact: list[Contact] = Field(default=[], max_length=MAX_TABLES, description="where bodies collide")
+    force: list[Force] = Field(default=[], max_length=MAX_TABLES, description="external forces")
+    event: list[Event] = Field(default=[], max_length=MAX_TABLES, description="the score: what happens when")
+    pickup: list[Pickup] = Field(min_length=1, max_length=MAX_TABLES, description="what is heard")
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _report_all_faults(
+        cls, data: Any, handler: ModelWrapValidatorHandler["Scene"], info: ValidationInfo
+    ) -> "Scene":
+        """Validate a document, and report the faults that pydantic finds together with those that we find."""
+        faults: list[InitErrorDetails] = []
+        scene = None
+        folder = Path((info.context or {}).get("folder", "."))
+        if isinstance(data, dict):
+            data, file_faults = _read_modal_files(_limit_integers(data), folder)
+            faults += [*file_faults, *islice(_check_force_files(data, folder), MAX_FAULTS_COLLECTED)]
+        try:
+            scene = handler(data)
+        except ValidationError as error:
+            errors = islice(error.errors(include_url=False), MAX_FAULTS_COLLECTED)
+            faults += [_repeat_error(e, data) for e in errors]
+        if isinstance(data, dict):
+            faults += islice(check_rules(data), MAX_FAULTS_COLLECTED)
+        if faults or scene is None:
+            raise ValidationError.from_exception_data(cls.__name__, faults[:MAX_FAULTS_COLLECTED])
+        if not any(isinstance(f, SampledForce) for f in scene.force):
+            return scene
+        return scene.model_copy(update={"force": [_with_absolute_file(f, folder) for f in scene.force]})
+
+
+def connected_bodies(scene: Scene, name: str) -> set[str]:
+    """The names of a body and of all bodies that contacts connect with it, directly or through others."""
+    names, size = {name}, 0
+    while size < len(names):
+        size = len(names)
+        for contact in scene.contact:
+            if contact.on is not None and names & {contact.body, contact.on}:
+                names |= {contact.body, contact.on}
+    return names
+
+
+def _limit_integers(value: Any) -> Any:
+    """The value with integers beyond 64 bits, which TOML has not, as floating point; such as none has, infinite."""
+    if isinstance(value, dict):
+        return {key: _limit_integers(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_limit_integers(inner) for inner in value]
+    if isinstance(value, int) and abs(value) >= 1 << 63:
+        return float(value) if abs(value) < 10**300 else math.inf
+    return value
+
+
+def _repeat_error(error: Any, data: Any) -> InitErrorDetails:
+    """An error that pydantic raised, by itself or for a check of ours on one key, to be raised with the others."""
+    if error["type"] == "scene":
+        path = error["loc"]
+        if len(path) > 2 and data[path[0]][path[1]].get("kind") == path[2]:  # pydantic puts a table's kind there
+            path = path[:2] + path[3:]
+        message, _, remedy = error["msg"].partition("; ")
+        return make_fault(path, error["input"], message, remedy)
+    details = InitErrorDetails(type=error["type"], loc=error["loc"], input=error["input"])
+    if "ctx" in error:
+        details["ctx"] = error["ctx"]
+    return details
+
+
+def _read_modal_files(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[InitErrorDetails]]:
+    """The document with modes in place of the files they are in, so that a scene is complete in itself; and the faults
+    of the files that cannot be read."""
+    bodies = data.get("body")
+    if not isinstance(bodies, list):
+        return data, []
+    complete, faults = [], []
+    for i, body in enumerate(bodies):
+        if isinstance(body, dict) and body.get("kind") == "modes" and isinstance(body.get("file"), str):
+            try:
+                body = {k: v for k, v in body.items() if k != "file"} | read_modes(folder / body["file"])
+            except (OSError, ValueError) as error:
+                faults.append(_make_file_fault(("body", i, "file"), body["file"], "CSV", error, "a table of modes"))
+        complete.append(body)
+    return data | {"body": complete}, faults
+
+
+def _check_force_files(data: dict[str, Any], folder: Path) -> Iterator[InitErrorDetails]:
+    """The faults of force files that cannot be read, or have no such channel."""
+    for i, table in tables_of(data, "force"):
+        file = table.get("file")
+        if table.get("kind") != "file" or not isinstance(file, str) or not file:
+            continue
+        try:
+            channels = _count_channels(folder / file)
+        except (OSError, RuntimeError, TypeError, ValueError) as error:  # soundfile's own are RuntimeErrors
+            yield _make_file_fault(("force", i, "file"), file, "audio", error, "a WAV, FLAC or OGG file")
+            continue
+        channel = table.get("channel", 1)
+        if isinstance(channel, int) and channel > channels:
+            message = f"the file has {channels} channel(s)"
+            yield make_fault(("force", i, "channel"), channel, message, f"1 to {channels}")
+
+
+def _make_file_fault(path: KeyPath, file: str, file_format: str, error: Exception, remedy: str) -> InitErrorDetails:
+    """The fault of a file that cannot be read."""
+    if isinstance(error, FileNotFoundError):
+        message = f"no such file: {to_one_line(str(error.filename), MAX_PATH_CHARACTERS)}"
+        return make_fault(path, file, message, "a path relative to the patch")
+    reason = to_one_line(error_reason(error), MAX_PATH_CHARACTERS)
+    return make_fault(path, file, f"cannot be read as {file_format} ({reason})", remedy)
+
+
+def _count_channels(path: Path) -> int:
+    """How many channels an audio file has. Raises OSError, RuntimeError or ValueError if it cannot be a force."""
+    import soundfile
+
+    check_regular_file(path)
+    info = soundfile.info(str(path))
+    if info.frames * info.channels > MAX_FORCE_SAMPLES:
+        raise ValueError(f"it has {info.frames * info.channels} samples, more than {MAX_FORCE_SAMPLES}")
+    low, high = SAMPLE_RATE_RANGE
+    if not low <= info.samplerate <= high:
+        raise ValueError(f"its sample rate is {info.samplerate} Hz, not {low} to {high}")
+    return int(info.channels)
+
+
+def _with_absolute_file(force: Any, folder: Path) -> Any:
+    """The force with the absolute path of its file, so that what is kept of a scene can be read from anywhere."""
+    if not isinstance(force, SampledForce):
+        return force
+    return force.model_copy(update={"file": str((folder / force.file).resolve())})

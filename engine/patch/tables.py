@@ -1,0 +1,192 @@
+"""The tables of a patch beside its bodies: contacts, forces, events, pickups, each validated on its own.
+
+Field descriptions carry unit and meaning; ranges are part of the fields.
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from engine.bodies.table import Displacement, Fraction, Metres, Name, Offsets, Positions, Table, Velocity
+
+MAX_SECONDS = 3_600.0  # of a rendering
+MAX_CHANNELS = 16
+MAX_CONTACT_POINTS = 256  # of a bridge, or of frets
+MAX_EXPONENT = 12.0
+MAX_FORCE_AT_1_MM = 1e15  # N, of a contact: far beyond any material
+
+Newtons = Annotated[float, Field(ge=-1e6, le=1e6)]
+Stiffness = Annotated[float, Field(ge=0.0, le=MAX_FORCE_AT_1_MM * 1e3**MAX_EXPONENT)]  # see also max_stiffness
+Exponent = Annotated[float, Field(ge=1.0, le=MAX_EXPONENT)]
+Seconds = Annotated[float, Field(ge=0.0, le=MAX_SECONDS)]
+
+
+def max_stiffness(exponent: float) -> float:
+    """The largest stiffness of a contact with an exponent α, N/m^α. Beyond it, rounding a compression changes the force
+    by more than any sound has, and energy cannot be accounted for."""
+    return float(MAX_FORCE_AT_1_MM * 1e3**exponent)
+
+
+# --- contacts
+
+
+class Bridge(Table):
+    """A parabolic bridge under a string or bar: points evenly spread over its width."""
+
+    at: float = Field(ge=0.0, le=1.0, description="where its top is, fraction of the length")
+    width: float = Field(gt=0.0, le=1e3, description="width, m")
+    points: int = Field(
+        default=30, ge=2, le=MAX_CONTACT_POINTS, description="points of contact, which share the stiffness"
+    )
+    height: Metres = Field(default=0.0, description="of its top, m")
+    depth: float = Field(default=0.0, ge=0.0, le=1e3, description="how much lower its edges are than its top, m")
+
+
+class Frets(Table):
+    """Frets under a string in equal temperament, or at given places."""
+
+    count: int | None = Field(
+        default=None, ge=1, le=MAX_CONTACT_POINTS, description="frets at 1 - 2^(-n/12) of the length from the far end"
+    )
+    at: list[Fraction] | None = Field(
+        default=None,
+        min_length=1,
+        max_length=MAX_CONTACT_POINTS,
+        description="places, fractions of the length; instead of the count",
+    )
+    height: Offsets = Field(description="of each, m; or of all; or of the first and last of a straight row")
+
+
+class Contact(Table):
+    """A one-sided power law between a body and a barrier, or between two bodies."""
+
+    name: Name | None = Field(default=None, description="name, by which events refer to it")
+    body: Name = Field(description="the body that touches")
+    at: Positions = Field(default=None, description="where on it: a place, or a list of places that each touch")
+    on: Name | None = Field(default=None, description="the body it touches; without it, a fixed barrier")
+    on_at: Positions = Field(default=None, description="where on that body: a place, or a list as long as `at`")
+    barrier: Offsets | None = Field(
+        default=None, description="position of the fixed barrier, m; or a list as long as `at`"
+    )
+    gap: Offsets | None = Field(
+        default=None, description="distance between two bodies when both are at 0, m; 0 if absent; or a list"
+    )
+    bridge: Bridge | None = Field(default=None, description="a bridge under the body, instead of at and barrier")
+    frets: Frets | None = Field(default=None, description="frets under the body, instead of at and barrier")
+    side: Literal["above", "below"] = Field(
+        default="above", description="where the barrier, or the other body, lies seen from the body"
+    )
+    stiffness: Stiffness = Field(description="stiffness kc, N/m^exponent; at 1 mm of compression at most 1e15 N")
+    exponent: Exponent = Field(description="exponent α of the power law, at least 1")
+    loss: float = Field(default=0.0, ge=0.0, le=1e9, description="Hunt-Crossley loss μ, s/m")
+
+
+# --- forces and events
+
+
+class _ForceTable(Table):
+    body: Name = Field(description="the body it acts on")
+    at: Positions = Field(default=None, description="where on it")
+    start: Seconds = Field(default=0.0, description="when it begins, s")
+    amplitude: Newtons = Field(description="force at its largest, N; positive pushes upwards")
+
+
+class ConstantForce(_ForceTable):
+    """A force that stays from its start on."""
+
+    kind: Literal["constant"]
+
+
+class PulseForce(_ForceTable):
+    """A rectangular pulse."""
+
+    kind: Literal["pulse"]
+    duration: float = Field(gt=0.0, le=MAX_SECONDS, description="how long it lasts, s")
+
+
+class HalfSineForce(_ForceTable):
+    """Half a period of a sine."""
+
+    kind: Literal["half_sine"]
+    duration: float = Field(gt=0.0, le=MAX_SECONDS, description="how long it lasts, s")
+
+
+class PluckForce(_ForceTable):
+    """A finger or plectrum: the force rises as ½(1 - cos), and lets go."""
+
+    kind: Literal["pluck"]
+    duration: float = Field(gt=0.0, le=MAX_SECONDS, description="how long it rises, s")
+    release: float = Field(default=0.0, ge=0.0, le=MAX_SECONDS, description="how long it takes to let go, s")
+
+
+class SampledForce(_ForceTable):
+    """Force from an audio file; full scale is the amplitude."""
+
+    kind: Literal["file"]
+    file: str = Field(min_length=1, description="WAV or other audio file, relative to the patch")
+    channel: int = Field(default=1, ge=1, description="channel of the file")
+
+
+Force = Annotated[ConstantForce | PulseForce | HalfSineForce | PluckForce | SampledForce, Field(discriminator="kind")]
+
+
+class _EventTable(Table):
+    time: Seconds = Field(description="when it happens, s")
+
+
+class StrikeEvent(_EventTable):
+    """A mass or oscillator is put at a displacement, with a velocity: a hammer thrown (again)."""
+
+    kind: Literal["strike"]
+    body: Name = Field(description="the hammer")
+    velocity: Velocity = Field(description="velocity, m/s")
+    displacement: Displacement | None = Field(default=None, description="displacement, m; that at time 0 if absent")
+
+
+class PluckEvent(_EventTable):
+    """A pluck as in [[force]], at a time of the score."""
+
+    kind: Literal["pluck"]
+    body: Name = Field(description="the body it acts on")
+    at: Positions = Field(default=None, description="where on it")
+    amplitude: Newtons = Field(description="force at its largest, N")
+    duration: float = Field(gt=0.0, le=MAX_SECONDS, description="how long it rises, s")
+    release: float = Field(default=0.0, ge=0.0, le=MAX_SECONDS, description="how long it takes to let go, s")
+
+
+class DampEvent(_EventTable):
+    """Extra loss on all modes of a body, for a while or for good."""
+
+    kind: Literal["damp"]
+    body: Name = Field(description="the body that is damped")
+    sigma: float = Field(gt=0.0, le=1e6, description="extra decay rate, 1/s")
+    duration: float | None = Field(default=None, gt=0.0, le=MAX_SECONDS, description="how long, s; for good if absent")
+
+
+class ChangeEvent(_EventTable):
+    """A contact's stiffness, exponent, or the place of its barrier, glides to a new value."""
+
+    kind: Literal["change"]
+    contact: Name = Field(description="the contact")
+    stiffness: Stiffness | None = Field(default=None, description="new stiffness, N/m^exponent")
+    exponent: Exponent | None = Field(default=None, description="new exponent")
+    barrier: Metres | None = Field(
+        default=None, description="new position of its barrier, m; a list moves by as much as its first"
+    )
+    gap: Metres | None = Field(default=None, description="new gap, m")
+    duration: float = Field(default=0.005, ge=0.0, le=MAX_SECONDS, description="how long it glides, s")
+
+
+Event = Annotated[StrikeEvent | PluckEvent | DampEvent | ChangeEvent, Field(discriminator="kind")]
+
+
+class Pickup(Table):
+    """What is heard."""
+
+    body: Name = Field(description="the body that is heard")
+    at: Positions = Field(default=None, description="where on it; no matter for its force")
+    quantity: Literal["displacement", "velocity", "acceleration", "force"] = Field(
+        default="velocity", description="what of it is heard, in SI units; force: all contact forces on the body"
+    )
+    channel: int = Field(default=1, ge=1, le=MAX_CHANNELS, description="channel of the output, 1 is left")
+    gain: float = Field(default=1.0, ge=-1e12, le=1e12, description="factor")

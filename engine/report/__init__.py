@@ -1,0 +1,1 @@
+"""Reports for people: text on the console, plots, HTML pages."""

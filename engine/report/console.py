@@ -1,0 +1,194 @@
+"""Text on the console: summaries of a rendering, a profile, a work-precision study and a sweep."""
+
+import math
+import sys
+from typing import Any
+
+from engine.output_files import SILENT_PEAK, largest_safe_gain
+
+MAX_LISTED_ISLANDS = 32
+REAL_TIME_MARGIN = 0.8  # of the time there is, that a scene should take
+
+
+def print_summary(stats: dict[str, Any], companions: list[str]) -> None:
+    """Print the statistics of a rendering. companions: the files written beside the sound"""
+    rows = summary_rows(stats) | ({"beside it": ", ".join(companions)} if companions else {})
+    for name, value in rows.items():
+        print(f"{name:<18} {value}")
+    print(stats["output"])
+
+
+def summary_rows(stats: dict[str, Any]) -> dict[str, str]:
+    """The statistics of a rendering in words, by headings."""
+    newton, energy, activity = stats["newton"], stats["energy"], stats["activity"]
+    regimes, cores = newton["regimes"], f" on {stats['cores']} cores" if stats["cores"] > 1 else ""
+    iterations = f"mean {newton['mean']:.2f}, p99 {newton['p99']}, max {newton['max']}; "
+    iterations += ", ".join(f"{n}: {count}" for n, count in enumerate(newton["histogram"]) if count)
+    samples = max(1, sum(regimes.values()))
+    shares = ", ".join(f"{name.replace('_', ' ')} {n / samples:.2%}" for name, n in regimes.items() if n)
+    rows = {
+        "duration": f"{stats['seconds']:g} s at {stats['samplerate']} Hz, channels: {stats['channels']}",
+        "peak": f"{_describe_peak(stats)} (gain {stats['gain_db']:+.1f} dB on SI units)",
+        "speed": f"{format_factor(stats['real_time_factor'])} real time,"
+        f" {stats['ns_per_sample']:.1f} ns per sample{cores}",
+        "Newton iterations": iterations if newton["solves"] else "none needed",
+        "solved": shares or "no contacts",
+        "energy error": f"{energy['error_max']:.1e} of the largest energy held,"
+        f" {energy['error_per_step_max']:.1e} per step",
+        "energy": f"{energy['initial']:.4g} J at first, {energy['supplied']:.4g} supplied,"
+        f" {energy['dissipated']:.4g} dissipated, {energy['final']:.4g} left",
+        "compiled in": ", ".join(stats["effects"]["compiled"]) or "none",
+        "left out": ", ".join(stats["effects"]["left_out"]) or "none",
+        "time": f"{activity['free']:.1%} free, {activity['contact']:.1%} in contact, {activity['asleep']:.1%} asleep",
+    }
+    rows |= _chosen_setting_rows(stats.get("chosen"))
+    if not stats["trusted"]:
+        rows["NOT TO BE TRUSTED"] = "; ".join(stats["reasons"])
+    if stats["real_time_factor"] < 1.0:
+        rows["TOO SLOW"] = explain_too_slow(stats)
+    return rows
+
+
+def _describe_peak(stats: dict[str, Any]) -> str:
+    """The peak of a rendering, or why it is silent."""
+    peak = stats["peak"]
+    if stats.get("silent"):
+        return f"silent: {stats['silent']}"
+    level = f"{20 * math.log10(peak):.1f} dBFS" if peak > SILENT_PEAK else "silent"
+    if peak > 1.0:
+        cut = f"{stats['clipped']} samples are clipped" if stats.get("clipped") else "players will clip it"
+        level += f" (above full scale: {cut}; --gain {largest_safe_gain(stats['gain_db'], peak):.1f} fits)"
+    return level
+
+
+def _chosen_setting_rows(chosen: dict[str, Any] | None) -> dict[str, str]:
+    """Rows of the setting that was chosen for a given error; none if none was."""
+    if not chosen:
+        return {}
+    if chosen["unmeasured"]:
+        return {"error asked for": f"{chosen['asked']}: nothing can be measured ({chosen['unmeasured']})"}
+    verdict = "the cheapest that does" if chosen["met"] else "NO SETTING DOES; this errs least"
+    measured = (
+        f"{chosen['error']:.1e} over the first {chosen['horizon'] * 1e3:.0f} ms, {chosen['bands_db']:.2f} dB of the"
+        f" worst band, {chosen['ns_per_sample']:.0f} ns per sample"
+    )
+    return {"error asked for": f"{chosen['asked']}: {chosen['setting']}, {verdict}", "error measured": measured}
+
+
+def format_factor(factor: float) -> str:
+    """A factor as text, such as 0.39 ×, 1.2 × or 120 ×."""
+    return f"{factor:.2g} ×" if factor < 9.95 else f"{factor:.0f} ×"
+
+
+def explain_too_slow(stats: dict[str, Any]) -> str:
+    """Why a scene is too slow for real time, and what would help: cost grows with the modes, and with the square of the
+    points of contact (engine.build.layout)."""
+    largest, islands, factor = stats["islands"]["largest"], stats["islands"]["count"], stats["real_time_factor"]
+    modes, contacts, bodies = largest["modes"], largest["contacts"], largest["bodies"]
+    reason = f"for real time: the island of {', '.join(bodies[:4])}{' …' if len(bodies) > 4 else ''} has"
+    reason += f" {modes} modes and {contacts} points of contact"
+    reason += f", the most of {islands} islands" if islands > 1 else ""
+    goal = REAL_TIME_MARGIN * factor
+    if islands > 1:
+        return f"{reason}; as a whole it has to cost {goal:.2g} of what it does: inspect tells what each island costs"
+    if modes * (1 + contacts / 4) >= contacts**2:
+        return f"{reason}; about {max(1, int(modes * goal))} modes would do"
+    return f"{reason}; about {max(1, int(contacts * math.sqrt(goal)))} points of contact would do"
+
+
+def print_profile(profile: dict[str, Any], seconds: float) -> None:
+    """Print islands, effects and costs (engine.analysis.profile) of the first seconds of a scene."""
+    print(f"kernel {profile['kernel']}; costs in ns per sample on one core, energies measured, over {seconds:g} s")
+    print_table(island_rows(profile))
+    if len(profile["islands"]) > MAX_LISTED_ISLANDS:
+        print(f"… {len(profile['islands'])} islands in all; --json lists every one")
+    for name, remark in profile["effects"].items():
+        print(f"{name:<24} {remark}")
+    for remark in profile["contacts_left_out"]:
+        print(f"{'contact left out':<24} {remark}")
+
+
+def island_rows(profile: dict[str, Any]) -> list[tuple[str, ...]]:
+    """The first islands of a profile as rows of cells, their heads first."""
+    head = ("island", "modes", "dropped", "contacts", "solver", "expected", "mean", "busiest", "free/contact/asleep")
+    rows: list[tuple[str, ...]] = [head]
+    for island in profile["islands"][:MAX_LISTED_ISLANDS]:
+        names = ", ".join(island["bodies"][:3]) + (" …" if len(island["bodies"]) > 3 else "")
+        shares = "/".join(f"{island['activity'][s]:.0%}" for s in ("free", "contact", "asleep"))
+        costs = tuple(f"{island[f'ns_{c}']:.0f}" for c in ("expected", "mean", "busiest"))
+        counts = (str(island["modes"]), str(island["modes_dropped"]), str(island["contacts"]))
+        rows.append((names, *counts, island["solver"], *costs, shares))
+    return rows
+
+
+def print_table(rows: list[tuple[str, ...]]) -> None:
+    """Print rows of cells in columns as wide as they need."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+
+
+def print_work_precision(study: dict[str, Any]) -> None:
+    """Print error and time of every setting (engine.analysis.work_precision)."""
+    if study["unmeasured"]:
+        print(study["verdict"])
+        return
+    print(reference_note(study))
+    print_table(work_precision_rows(study))
+    print("* nothing else is both nearer and faster")
+    print(study["verdict"])
+
+
+def reference_note(study: dict[str, Any]) -> str:
+    """What the errors are measured against, and how far they can be believed."""
+    return (
+        f"error over the first {study['horizon'] * 1e3:.0f} ms against {study['reference']}, which is sure to"
+        f" {study['disagreement']:.0e}; bands within {study['spread_db']:.2g} dB are chance"
+    )
+
+
+def work_precision_rows(study: dict[str, Any]) -> list[tuple[str, ...]]:
+    """Settings and other methods as rows of cells, their heads first. A star marks settings that are Pareto-optimal."""
+    head = "setting", "error", "bands", "decay", "pitch", "1st contact", "rebound", "impulse", "ns/sample", "real time"
+    rows: list[tuple[str, ...]] = [("", *head, "Newton mean/p99/max", "energy error")]
+    for row in study["rows"]:
+        newton = row["newton"]
+        rows.append(
+            (
+                "*" if row["front"] else "",
+                row["setting"],
+                f"{row['error']:.1e}",
+                f"{row['bands_db']:.2f} dB",
+                f"{row['decay_db']:.2f} dB",
+                f"{row['cents']:+.2f} c",
+                "" if math.isnan(row["first_contact_ms"]) else f"{row['first_contact_ms']:.2f} ms",
+                "" if math.isnan(row["rebound"]) else f"{row['rebound']:+.4f} m/s",
+                f"{row['impulse']:.1e}",
+                f"{row['ns_per_sample']:.0f}",
+                format_factor(row["real_time_factor"]),
+                f"{newton['mean']:.2f}/{newton['p99']}/{newton['max']}",
+                f"{row['energy_error']:.0e}",
+            )
+        )
+    for row in study["others"]:
+        error = row["failed"] or f"{row['error']:.1e}"
+        speed = format_factor(1e9 / row["ns_per_sample"] / study["samplerate"])
+        measured = (f"{row['ns_per_sample']:.0f}", speed, "", f"{row['energy_error']:.0e}")
+        rows.append(("", row["setting"], error, *[""] * 6, *measured))
+    return rows
+
+
+def print_sweep(outcome: dict[str, Any]) -> None:
+    """Print how a sweep went, and where its sounds are (engine.sweep.sweep)."""
+    done, points, failed = outcome["done"], outcome["points"], outcome["failed"]
+    before = f", {outcome['before']} of them before" if outcome["before"] else ""
+    if outcome["replaced"]:
+        print(f"{outcome['replaced']} sounds of other settings were replaced", file=sys.stderr)
+    if outcome["interrupted"]:
+        print(f"interrupted; {done} of {points} done; run the same command to go on", file=sys.stderr)
+        return
+    if outcome["gone"]:
+        print(f"{outcome['gone']} sounds are gone again; run the same command for them", file=sys.stderr)
+    if failed:
+        print(f"{failed} of {points} failed; the column status of {outcome['index']} says why", file=sys.stderr)
+    print(f"{done} of {points} done{before}\n{outcome['index']}")

@@ -1,0 +1,190 @@
+"""Axes of a sweep: which value of a patch varies, and over what."""
+
+import math
+import typing
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import BaseModel
+
+from engine.bodies.table import KeyPath
+from engine.patch.error_messages import suggestion
+from engine.patch.scene import Scene
+
+MAX_GRID_POINTS = 100_000  # more are taken for a mistake
+VALUE_DIGITS = 12  # of a value between two bounds: 0.3, not 0.30000000000000004
+AXIS_FORMS = "PATH=A..B:N, PATH=A..B:log:N or PATH=A,B,C"
+
+Value = int | float | str
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One value of a patch that varies.
+
+    path:     what the user calls it
+    key_path: its path in the document
+    bounds:   the values of a list, or the two ends of a range
+    count:    how many values a range has; None for a list, or for a range of which random values are taken
+    """
+
+    path: str
+    key_path: KeyPath
+    bounds: tuple[Value, ...]
+    is_range: bool = False
+    log: bool = False
+    integer: bool = False
+    count: int | None = None
+
+    def value_at(self, fraction: float) -> Value:
+        """The value at a fraction of the range, 0 to 1; of a list, one of its values."""
+        if not self.is_range:
+            return self.bounds[min(int(fraction * len(self.bounds)), len(self.bounds) - 1)]
+        low, high = (float(bound) for bound in self.bounds)
+        if self.integer and self.count is None and not self.log:  # each is as likely as any other
+            first, last = math.ceil(min(low, high)), math.floor(max(low, high))
+            return min(first + int(fraction * (last - first + 1)), last)
+        if fraction in (0.0, 1.0):
+            value = high if fraction else low
+        else:
+            value = low * (high / low) ** fraction if self.log else low + (high - low) * fraction
+            value = float(f"{value:.{VALUE_DIGITS}g}")
+        return round(value) if self.integer else value
+
+    def grid_values(self) -> list[Value]:
+        """All values of the grid along this axis; integers of a range are not repeated."""
+        if self.count is None:
+            return list(self.bounds)
+        return list(dict.fromkeys(self.value_at(n / (self.count - 1)) for n in range(self.count)))
+
+
+def parse_axis(text: str, scene: Scene, data: dict[str, Any], is_random: bool = False) -> Axis:
+    """Make an axis of PATH=RANGE. Raises ValueError, whose message is one line.
+
+    scene, data: the patch, and the document that it was read from
+    is_random:   values are taken at random, so that a range needs no count
+    """
+    path, equals, values = (part.strip() for part in text.partition("="))
+    if not equals or not path or not values:
+        raise ValueError(f'"{text}" is no variation; {AXIS_FORMS}')
+    key_path, integer = locate(path, scene, data)
+    try:
+        if ".." not in values or "/" in values:  # ../bell.csv is a file
+            return Axis(path, key_path, tuple(_parse_value(word.strip()) for word in values.split(",")))
+        low, _, rest = values.partition("..")
+        high, *options = rest.split(":")
+        bounds = float(low), float(high)
+        log = options[:1] == ["log"]
+        count = [int(word) for word in options[log:]]
+    except ValueError:
+        raise ValueError(f'{path}: "{values}" is neither a range nor a list; {AXIS_FORMS}') from None
+    if len(count) > 1 or not all(map(math.isfinite, bounds)) or bounds[0] == bounds[1]:
+        raise ValueError(f'{path}: "{values}" is no range; {AXIS_FORMS}')
+    if log and min(bounds) <= 0.0:
+        raise ValueError(f'{path}: "{values}" reaches to 0 or below, where there is no logarithm; A..B:N')
+    if not count and not is_random:
+        remedy = f"{values}:16 for as many, or --random N for points at random"
+        raise ValueError(f'{path}: "{values}" does not say how many; {remedy}')
+    if count and not 2 <= count[0] <= MAX_GRID_POINTS:
+        raise ValueError(f'{path}: {count[0]} values from "{low}" to "{high}"; 2 to {MAX_GRID_POINTS}')
+    if integer and math.ceil(min(bounds)) > math.floor(max(bounds)):
+        raise ValueError(f'{path}: "{values}" holds no whole number; {AXIS_FORMS}')
+    return Axis(path, key_path, bounds, True, log, integer, count[0] if count else None)
+
+
+def _parse_value(word: str) -> Value:
+    """A number if the word is one, else the word. Raises ValueError if it is empty."""
+    if not word:
+        raise ValueError(word)
+    try:
+        return int(word)
+    except ValueError:
+        pass
+    try:
+        return float(word)
+    except ValueError:
+        return word
+
+
+def locate(path: str, scene: Scene, data: dict[str, Any]) -> tuple[KeyPath, bool]:
+    """Find the keys in the document that a path such as contact.glass.loss leads to, and whether integers belong there.
+
+    Raises ValueError, which says what is not there, and what is.
+    """
+    node: Any = scene
+    key_path: KeyPath = ()
+    integer, prefix = False, ""
+    for part in path.split("."):
+        integer, suffix = False, path[len(prefix + part) :]
+        if isinstance(node, BaseModel):
+            fields = type(node).model_fields
+            if part not in fields:
+                remedy = suggestion(part, list(fields), prefix, suffix)
+                raise ValueError(f'{path}: there is no "{prefix}{part}"; {remedy}')
+            key_path, node, integer = (*key_path, part), getattr(node, part), _takes_integers(fields[part].annotation)
+        elif isinstance(node, list):
+            index = _item_index(part, node, prefix, path)
+            key_path, node = (*key_path, index), node[index]
+        elif isinstance(node, dict) and part in node:
+            key_path, node = (*key_path, part), node[part]
+        elif isinstance(node, dict):
+            raise ValueError(f'{path}: there is no "{prefix}{part}"; {suggestion(part, list(node), prefix, suffix)}')
+        else:
+            fault = "is not in the patch; write it there" if node is None else "has no parts; leave out what follows it"
+            raise ValueError(f"{path}: {prefix[:-1]} {fault}")
+        prefix += f"{part}."
+    _refuse_table(path, node)
+    _check_in_document(data, key_path, path)
+    return key_path, integer
+
+
+def _refuse_table(path: str, node: Any) -> None:
+    """Raise ValueError, which lists its keys, if a path leads to a table and not to a value."""
+    is_array = isinstance(node, list)
+    if not isinstance(node, BaseModel | dict) and not (is_array and any(isinstance(i, BaseModel) for i in node)):
+        return
+    inner = type(node[0] if is_array else node)
+    keys = list(inner.model_fields) if issubclass(inner, BaseModel) else list(node)
+    table = f"{path}.0" if is_array else path
+    raise ValueError(f"{path}: a table; give one of its keys: {', '.join(f'{table}.{key}' for key in keys)}")
+
+
+def _item_index(part: str, items: list[Any], prefix: str, path: str) -> int:
+    """Index of the item of a list that a part of a path names: by its index, or as the only one of that name, or on
+    that body. Raises ValueError."""
+    section = prefix[:-1]
+    if part.isdecimal() and int(part) < len(items):
+        return int(part)
+    names = [getattr(item, "name", None) or getattr(item, "body", None) for item in items]
+    if all(hasattr(item, "name") for item in items):  # contacts without a name have an index only
+        names = [item.name for item in items]
+    indices = [n for n, name in enumerate(names) if name == part]
+    if len(indices) == 1:
+        return indices[0]
+    if indices:
+        choices = " or ".join(f"{prefix}{n}" for n in indices)
+        raise ValueError(f'{path}: {len(indices)} of {section} are on "{part}"; {choices}')
+    if not items:
+        raise ValueError(f"{path}: the patch has no {section}; write it there")
+    known = [name for name in names if name] if not part.isdecimal() else []
+    remedy = f"{prefix}0" + (f" to {prefix}{len(items) - 1}" if len(items) > 1 else "")
+    remedy = suggestion(part, known, prefix, path[len(prefix + part) :]) if known else remedy
+    raise ValueError(f'{path}: there is no "{prefix}{part}"; {remedy}')
+
+
+def _takes_integers(annotation: Any) -> bool:
+    """Whether the values of a field are integers only."""
+    inner = typing.get_args(annotation)
+    return annotation is int or isinstance(annotation, int) or (float not in inner and any(map(_takes_integers, inner)))
+
+
+def _check_in_document(data: dict[str, Any], key_path: KeyPath, path: str) -> None:
+    """Raise ValueError unless all but the last key of a path stand in the document; [accuracy] may be missing."""
+    node: Any = data
+    for n, key in enumerate(key_path[:-1]):
+        if isinstance(node, dict) and key not in node:
+            if key_path[:1] == ("accuracy",):
+                return
+            fault = "its modes come from a file" if "file" in node else "it is not in the patch"
+            raise ValueError(f"{path}: {fault}; write {'.'.join(map(str, key_path[: n + 1]))} there")
+        node = node[key]

@@ -1,0 +1,155 @@
+"""The plan of a sweep: the points at which a patch is to be rendered, and what is wrong with what was asked for."""
+
+import argparse
+import copy
+import itertools
+import math
+import os
+import random
+import tomllib
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from engine.output_files import absolute_path, check_audio_format
+from engine.patch.error_messages import format_path
+from engine.patch.faults import PatchError
+from engine.patch.reader import validate_document
+from engine.patch.scene import Scene
+from engine.sweep.axes import MAX_GRID_POINTS, Axis, Value, parse_axis
+from engine.sweep.index_csv import check_index
+
+GridPoint = tuple[Value, ...]  # a value per axis
+OptionFaults = list[tuple[str, str]]  # the option, and what is wrong with it and would be right
+
+
+@dataclass(frozen=True)
+class SweepPlan:
+    """What is to be rendered: a patch at some points.
+
+    data: the document of the patch, as it was read
+    """
+
+    patch: str
+    data: dict[str, Any]
+    axes: list[Axis]
+    points: list[GridPoint]
+
+    def scene(self, point: GridPoint) -> Scene:
+        """The scene of a point. Raises PatchError."""
+        return scene_at(self.data, self.patch, self.axes, point)
+
+
+def scene_at(data: dict[str, Any], patch: str, axes: list[Axis], point: GridPoint) -> Scene:
+    """The scene of a point: the document with the values of the point in place. Raises PatchError."""
+    data = copy.deepcopy(data)
+    for axis, value in zip(axes, point, strict=True):
+        node: Any = data
+        for key in axis.key_path[:-1]:
+            node = node.setdefault(key, {}) if isinstance(node, dict) else node[key]
+        node[axis.key_path[-1]] = value
+    return validate_document(data, Path(patch).parent, patch, "")
+
+
+def grid_points(axes: list[Axis]) -> list[GridPoint]:
+    """All points of the grid; the last axis varies fastest."""
+    return list(itertools.product(*(axis.grid_values() for axis in axes)))
+
+
+def random_points(axes: list[Axis], count: int, seed: int) -> list[GridPoint]:
+    """Random points, the same for the same seed; fewer of them are the first of more."""
+    draw = random.Random(seed).random  # every version of Python draws the same
+    return [tuple(axis.value_at(draw()) for axis in axes) for _ in range(count)]
+
+
+def plan_sweep(args: argparse.Namespace, scene: Scene) -> tuple[SweepPlan, OptionFaults]:
+    """Plan the sweep that the arguments of the command line ask for. Its points are empty if there are faults."""
+    data = tomllib.loads(Path(args.patch).read_text("utf-8-sig"))
+    numbers, faults = _parse_numbers(args)
+    axes: list[Axis] = []
+    for text in args.vary:
+        try:
+            axis = parse_axis(text, scene, data, args.random is not None)
+        except ValueError as error:
+            faults.append(("--vary", str(error)))
+            continue
+        faults += _check_axis(axis, axes, args)
+        axes.append(axis)
+    count = numbers["random"] or math.prod(axis.count or len(axis.bounds) for axis in axes)
+    if count > MAX_GRID_POINTS:
+        faults.append(("--vary", f"{count} points; at most {MAX_GRID_POINTS}, such as --random 1000 of them"))
+    if faults:
+        return SweepPlan(args.patch, data, axes, []), faults
+    points = random_points(axes, count, numbers["seed"] or 0) if numbers["random"] else grid_points(axes)
+    return SweepPlan(args.patch, data, axes, points), check_axes(data, args.patch, axes)
+
+
+def _parse_numbers(args: argparse.Namespace) -> tuple[dict[str, int | None], OptionFaults]:
+    """The numbers of --random and --seed."""
+    numbers: dict[str, int | None] = {}
+    faults: OptionFaults = []
+    for name, least in (("random", 1), ("seed", 0)):
+        text = getattr(args, name)
+        if text is not None and not (text.isdecimal() and least <= int(text) <= 10**9):
+            faults.append((f"--{name}", f'"{text}" is not a whole number; {least} to 1000000000'))
+        numbers[name] = int(text) if text is not None and text.isdecimal() else None
+    if args.seed is not None and args.random is None:
+        faults.append(("--seed", "for --random; give that too"))
+    return numbers, faults
+
+
+def _check_axis(axis: Axis, others: list[Axis], args: argparse.Namespace) -> OptionFaults:
+    """Faults of an axis that varies what another one varies, or what an option gives."""
+    faults: OptionFaults = []
+    if any(axis.key_path == other.key_path for other in others):
+        faults.append(("--vary", f"{axis.path}: it varies twice; give it once"))
+    option = axis.key_path[-1] if axis.key_path[0] in ("seconds", "accuracy") else None
+    if option is not None and getattr(args, str(option), None) is not None:
+        faults.append(("--vary", f"{axis.path}: --{option} is given too; give one of them"))
+    return faults
+
+
+def check_axes(data: dict[str, Any], patch: str, axes: list[Axis]) -> OptionFaults:
+    """Faults of the patch at both bounds of each axis, or at each value of a list; the other axes are at their first
+    value."""
+    faults: dict[tuple[str, str], None] = {}  # in order, each once
+    by_path = {format_path(axis.key_path): axis for axis in axes}
+    for n, axis in enumerate(axes):
+        for fraction, bound in enumerate(axis.bounds):
+            value = axis.value_at(float(fraction)) if axis.is_range else bound
+            point = tuple(value if k == n else other.value_at(0.0) for k, other in enumerate(axes))
+            try:
+                scene_at(data, patch, axes, point)
+            except PatchError as error:
+                for fault in error.faults:
+                    culprit = by_path.get(fault.path)
+                    name = f"{culprit.path}" if culprit else f"{axis.path} = {value}: {fault.path}"
+                    faults["--vary", f"{name}: {fault.message}"] = None
+    return list(faults)
+
+
+def sweep_folder(args: argparse.Namespace) -> Path:
+    """The folder to write to."""
+    return Path(args.output or Path(args.patch).stem)
+
+
+def check_output(args: argparse.Namespace) -> OptionFaults:
+    """Faults of the folder to write to, and of where the points are to be rendered."""
+    folder, faults = sweep_folder(args), check_audio_format(Path("a.wav"), args.subtype, "--subtype")
+    parent = folder if folder.is_dir() else absolute_path(folder).parent
+    if folder.exists() and not folder.is_dir():
+        faults.append(("--output", f"{folder} is a file; a sweep writes a folder, give the name of one"))
+    elif not parent.is_dir():
+        faults.append(("--output", f"no such folder: {parent}; make it, or write elsewhere"))
+    elif not os.access(parent, os.W_OK):
+        faults.append(("--output", f"{parent} cannot be written to; write elsewhere"))
+    elif folder.is_dir() and any(folder.glob("[!.]*")) and not (folder / "index.csv").exists():
+        faults.append(("--output", f"{folder} holds other things; give a folder that is empty, or not there yet"))
+    elif message := check_index(folder / "index.csv", [text.partition("=")[0].strip() for text in args.vary]):
+        faults.append(("--output", message))
+    if args.cluster is not None and find_spec("distributed") is None:
+        faults.append(("--cluster", "needs distributed; uv sync --extra cluster, or pip install distributed"))
+    if args.cluster is not None and args.cores is not None:
+        faults.append(("--cores", "not for --cluster; its workers have cores of their own"))
+    return faults

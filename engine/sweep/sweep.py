@@ -1,0 +1,258 @@
+"""A sweep: many points of a patch rendered, one sound each, with an index that grows as they are done.
+
+A sweep that is stopped at any time goes on when it is started again: what is done is not done twice.
+"""
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from engine.output_files import apply_gain, error_reason, save_audio
+from engine.patch.faults import PatchError
+from engine.patch.scene import Scene
+from engine.provenance import source_digest
+from engine.sweep import index_csv
+from engine.sweep.index_csv import Cell, IndexRow
+from engine.sweep.local_workers import run_local
+from engine.sweep.plan import GridPoint, SweepPlan
+from engine.sweep.task import RenderResult, RenderTask, Results
+
+Progress = Callable[[float], None]
+Renderer = Callable[[list[RenderTask]], Results]
+
+
+@dataclass
+class SweepOutcome:
+    """How far a sweep has come.
+
+    points:       of the plan
+    done:         of these, now or before
+    already_done: of these, before
+    failed:       of these
+    overwritten:  sounds of other settings that were in the folder, and are no more
+    gone:         sounds of this sweep that were removed while it ran
+    """
+
+    points: int
+    done: int = 0
+    already_done: int = 0
+    failed: int = 0
+    overwritten: int = 0
+    gone: int = 0
+    interrupted: bool = False
+
+    @property
+    def exit_code(self) -> int:
+        """Of the command line: 0 if all points are done."""
+        return 130 if self.interrupted else 1 if self.failed or self.gone else 0
+
+    def as_dict(self, folder: Path) -> dict[str, Any]:
+        """The outcome by the names of --json, with the folder and its index."""
+        return {
+            "folder": str(folder),
+            "points": self.points,
+            "done": self.done,
+            "before": self.already_done,
+            "failed": self.failed,
+            "replaced": self.overwritten,
+            "gone": self.gone,
+            "interrupted": self.interrupted,
+            "index": str(folder / "index.csv"),
+        }
+
+
+def sweep_from_arguments(
+    plan: SweepPlan,
+    folder: Path,
+    numbers: dict[str, float | None],
+    accuracy: dict[str, Any],
+    subtype: str | None,
+    cluster: str | None,
+    progress: Progress,
+) -> SweepOutcome:
+    """Run a sweep as the command line asks for it (`run_sweep`), on this machine or on a cluster.
+
+    numbers: of the options --seconds, --samplerate, --gain and --cores; None where they are not given
+    cluster: address of a Dask scheduler; None for this machine
+    """
+    rate, cores = int(numbers["samplerate"] or 44_100), int(numbers["cores"] or os.cpu_count() or 1)
+    options = {"seconds": numbers["seconds"], "samplerate": rate} | accuracy
+    renderer: Renderer = partial(run_local, cores=cores)
+    if cluster is not None:
+        from engine.sweep.dask_workers import run_dask
+
+        renderer = partial(run_dask, address=cluster)
+    return run_sweep(plan, folder, renderer, options, numbers["gain"], subtype, progress)
+
+
+def run_sweep(
+    plan: SweepPlan,
+    folder: Path,
+    renderer: Renderer,
+    options: dict[str, Any],
+    gain: float | None = None,
+    subtype: str | None = None,
+    progress: Progress = lambda share: None,
+) -> SweepOutcome:
+    """Render the points of a plan into a folder, which is made if it is missing, with its index.csv.
+
+    renderer: gives the results of tasks, in any order, each once
+    options:  seconds, samplerate and accuracy (engine.offline.render.render)
+    gain:     dB on SI units; each sound is normalised if None
+
+    Rows of the index that say "done" of the same point, with its file there, are kept. Raises OSError or
+    RuntimeError if a file cannot be written, or the folder has an index of something else.
+    """
+    if message := index_csv.check_index(folder / "index.csv", [axis.path for axis in plan.axes]):
+        raise RuntimeError(message)
+    tasks, values, failures = _make_tasks(plan, options, (gain, subtype, source_digest()), progress)
+    sounds = SoundFolder(folder, plan, tasks, values, gain, subtype)
+    try:
+        with _open_for_append(sounds.index) as file:
+            for number, result in failures.items():
+                sounds.add(number, result, file)
+            remaining = [task for number, task in tasks.items() if number not in sounds.rows]
+            with closing(renderer(remaining)) as results:
+                for item in results:
+                    if item is not None:
+                        sounds.add(*item, file)
+                    progress(len(sounds.rows) / len(plan.points))
+    except KeyboardInterrupt:
+        sounds.outcome.interrupted = True
+    sounds.finish()
+    return sounds.outcome
+
+
+class SoundFolder:
+    """The folder of a sweep: sounds, and an index whose rows are kept if they are of the same points.
+
+    tasks:  by the number of their point
+    values: what the rows of all points begin with: number, values and fingerprint
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        plan: SweepPlan,
+        tasks: dict[int, RenderTask],
+        values: dict[int, dict[str, Cell]],
+        gain: float | None,
+        subtype: str | None,
+    ) -> None:
+        """Make the folder, remove what a killed sweep left half-written, and read and rewrite the index."""
+        self.folder, self.index = folder, folder / "index.csv"
+        self.header = index_csv.index_header([axis.path for axis in plan.axes])
+        self.tasks, self.values, self.gain, self.subtype = tasks, values, gain, subtype
+        folder.mkdir(exist_ok=True)
+        for pattern in (".[0-9][0-9][0-9][0-9]*.wav.*.part", ".index.csv.*.part"):
+            for path in [*folder.glob(pattern)]:
+                path.unlink(missing_ok=True)
+        previous = index_csv.read_index(self.index)
+        self.rows = {
+            n: row for n, row in previous.items() if n in tasks and _is_current(row, values[n], folder, tasks[n])
+        }
+        self.outdated = {n for n, row in previous.items() if n not in self.rows and row["status"] == "done"}
+        self.outcome = SweepOutcome(len(plan.points), done=len(self.rows), already_done=len(self.rows))
+        self._write_index()
+
+    def add(self, number: int, result: RenderResult, file: int) -> None:
+        """Write the sound of a point, and append its row to the index, whose descriptor is given. Raises
+        RuntimeError."""
+        name, cells = index_csv.sound_name(number), dict(result.cells)
+        if result.audio is not None:
+            peak = 0.0 if result.cells["silent"] else float(abs(result.audio).max())
+            audio, cells["gain_db"] = apply_gain(result.audio, peak, self.gain)
+            self.outcome.overwritten += number in self.outdated and (self.folder / name).exists()
+            samplerate = self.tasks[number].options["samplerate"]
+            try:
+                save_audio(self.folder / name, audio, samplerate, self.subtype)
+            except (OSError, RuntimeError) as error:
+                raise _write_error(self.folder / name, error) from error
+        cells = self.values[number] | cells
+        cells |= {"file": name if result.audio is not None else "", "status": result.error or "done"}
+        self.rows[number] = {column: index_csv.format_cell(cells.get(column)) for column in self.header}
+        try:
+            line = index_csv.csv_line(self.rows[number].values()).encode()
+            while line:  # a disk that is nearly full takes a part of it
+                line = line[os.write(file, line) :]
+        except OSError as error:
+            raise _write_error(self.index, error) from error
+        self.outcome.done += result.audio is not None
+        self.outcome.failed += result.audio is None
+
+    def finish(self) -> None:
+        """Drop the rows whose sounds were removed meanwhile, and write the index in order. Raises RuntimeError."""
+        done = [(number, row) for number, row in self.rows.items() if row["status"] == "done"]
+        for number, row in done:
+            if not (self.folder / row["file"]).is_file():
+                del self.rows[number]
+                self.outcome.gone, self.outcome.done = self.outcome.gone + 1, self.outcome.done - 1
+        self._write_index()
+
+    def _write_index(self) -> None:
+        try:
+            index_csv.write_index(self.index, self.header, self.rows)
+        except OSError as error:
+            raise _write_error(self.index, error) from error
+
+
+def _write_error(path: Path, error: Exception) -> RuntimeError:
+    """The error that a file could not be written, with how to go on."""
+    return RuntimeError(f"cannot write {path} ({error_reason(error)}); when it can be, the same command goes on")
+
+
+def _make_tasks(
+    plan: SweepPlan, options: dict[str, Any], settings: tuple[Any, ...], progress: Progress
+) -> tuple[dict[int, RenderTask], dict[int, dict[str, Cell]], dict[int, RenderResult]]:
+    """The tasks of a plan, what the rows of its points begin with, and the results of points that have no valid scene;
+    all by the numbers of the points, from 1.
+
+    settings: what else makes a sound another one
+    """
+    tasks, values, failures = {}, {}, {}
+    for number, point in enumerate(plan.points, 1):
+        progress(0.0)
+        values[number] = {"number": number} | _values_by_path(plan, point)
+        try:
+            task = RenderTask(number, plan.scene(point).model_dump(exclude_unset=True), options)
+            values[number]["fingerprint"] = task.fingerprint(*settings)
+            tasks[number] = task
+        except (PatchError, OSError) as error:
+            faults = [f"{f.path}: {f.message}" for f in error.faults] if isinstance(error, PatchError) else [str(error)]
+            failures[number] = RenderResult(None, {}, "; ".join(faults))
+    return tasks, values, failures
+
+
+def _values_by_path(plan: SweepPlan, point: GridPoint) -> dict[str, Cell]:
+    """The values of a point by their paths, with all their digits."""
+    return {axis.path: str(value) for axis, value in zip(plan.axes, point, strict=True)}
+
+
+def _is_current(row: IndexRow, values: dict[str, Cell], folder: Path, task: RenderTask) -> bool:
+    """Whether a row is of this very point, and its sound is there, and whole as far as header and length tell."""
+    is_same = row["status"] == "done" and row["fingerprint"] == values["fingerprint"]
+    path, rate = folder / row["file"], task.options["samplerate"]
+    if not is_same or not row["file"] or not path.is_file():
+        return False
+    import soundfile
+
+    seconds = task.options["seconds"] or task.document.get("seconds") or Scene.model_fields["seconds"].default
+    try:
+        info = soundfile.info(str(path))
+    except (OSError, RuntimeError):
+        return False
+    return bool((info.frames, info.samplerate) == (max(1, round(seconds * rate)), rate))
+
+
+@contextmanager
+def _open_for_append(path: Path) -> Iterator[int]:
+    """Open a file to append lines to, without a buffer. Gives its descriptor."""
+    file = os.open(path, os.O_WRONLY | os.O_APPEND)
+    try:
+        yield file
+    finally:
+        os.close(file)

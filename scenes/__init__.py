@@ -1,0 +1,1 @@
+"""Scenes that tests, bench and guides share."""

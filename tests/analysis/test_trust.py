@@ -1,0 +1,183 @@
+"""What a render says of itself: that it is not to be trusted, or that something begins inside something else."""
+
+import json
+
+import numpy as np
+import pytest
+import soundfile
+from conftest import ROOT
+
+import engine
+from engine.build.build import BuildError
+from engine.cli import main
+from engine.offline.trust import doubts, warnings
+from scenes.small import barrier, mass, oscillator, scene
+
+PIANO = ROOT / "patches" / "piano_c4.toml"
+
+
+def test_a_sound_render_is_trusted(tmp_path, capsys):
+    assert main.main([str(PIANO), "-o", str(tmp_path / "a.wav"), "--seconds", "0.05", "--json"]) == 0
+    stats = json.loads(capsys.readouterr().out)
+    assert stats["trusted"] is True and stats["reasons"] == [] and stats["warnings"] == []
+
+
+NEWTON = {"unconverged": 0, "regimes": {"free": 10, "newton": 90, "capped": 0}}
+CLEAN = {"error_max": 1e-14}
+
+
+@pytest.mark.parametrize(
+    "newton, energy, finite, why",
+    [
+        (NEWTON | {"unconverged": 3}, CLEAN, True, "3 contact solves failed"),
+        (NEWTON, {"error_max": float("nan")}, True, "energies are not finite"),
+        (NEWTON, {"error_max": 2e-9}, True, "off by 2.0e-09"),
+        (NEWTON, CLEAN, False, "samples are not finite"),
+        (NEWTON | {"regimes": {"free": 0, "newton": 80, "capped": 20}}, CLEAN, True, "20% of the contact solves were"),
+    ],
+)
+def test_what_cannot_be_vouched_for_is_said(newton, energy, finite, why):
+    (reason,) = doubts(newton, energy, finite)
+    assert why in reason
+    assert doubts(NEWTON, CLEAN, True) == []
+
+
+def test_the_paper_scheme_is_not_trusted_with_heavy_damping(tmp_path, capsys):
+    """It moves a heavily damped mass too far, its energies closing all the same."""
+    heavy = scene([mass(damping=1e5)], gravity=9.81)
+    fdh, exact = (engine.render(heavy, seconds=0.05, scheme=name) for name in ("fdh", "exact"))
+    assert fdh.stats["energy"]["error_max"] <= 1e-12
+    assert not fdh.stats["trusted"] and "paper's scheme" in fdh.stats["reasons"][0]
+    assert exact.stats["trusted"]
+    patch = tmp_path / "heavy.toml"
+    body = '[[body]]\nname = "body"\nkind = "mass"\nmass = 1.0\ndamping = 1e5\n[[pickup]]\nbody = "body"\n'
+    patch.write_text(f"gravity = 9.81\n{body}")
+    assert main.main([str(patch), "-o", str(tmp_path / "a.wav"), "--seconds", "0.05", "--scheme", "fdh"]) == 0
+    assert "NOT TO BE TRUSTED" in capsys.readouterr().out
+
+
+@pytest.mark.hard
+def test_a_damped_mass_on_a_stop_too_hard_for_it_is_not_trusted():
+    """Its compression alternates about the static one; substeps mend that."""
+    stop = [barrier(stiffness=1e11, exponent=1.0, side="below"), barrier(barrier=1e5, stiffness=1.0, exponent=7.7)]
+    pressed = scene([mass(damping=1e6)], gravity=9.81, contact=stop)
+    found = [engine.render(pressed, seconds=0.01, substeps=n).stats for n in (1, 64)]
+    assert [s["trusted"] for s in found] == [False, True]
+    assert "pressed on a stop too hard for it" in found[0]["reasons"][0]
+
+
+@pytest.mark.parametrize(
+    "hammer, contact, right",
+    [
+        ({"displacement": 2e-3, "velocity": 4.0}, {"barrier": 0.0}, "displacement = -0.002 is likely meant"),
+        ({"displacement": -1e-3, "velocity": 4.0}, {"barrier": -3e-3}, "barrier = 0.003 is likely meant"),
+        (
+            {"displacement": -2e-3, "velocity": -4.0},
+            {"barrier": 0.0, "side": "below"},
+            "displacement = 0.002 is likely",
+        ),
+    ],
+)
+def test_a_hammer_that_begins_inside_is_said(hammer, contact, right):
+    """Which, in what, how deep, with how much energy, and which sign was likely meant."""
+    (said,) = warnings(scene([mass(mass=3e-3) | hammer], contact=[barrier(exponent=2.5, stiffness=4.5e9) | contact]))
+    assert '"body" begins 0.002 m inside its barrier, which holds' in said
+    assert right in said
+
+
+def test_what_begins_beside_or_rests_is_not_said():
+    assert warnings(engine.load(PIANO)) == []
+    resting = {"displacement": -1e-6}
+    stop = barrier(stiffness=9.81e6, exponent=1.0, side="below")
+    assert warnings(scene([mass() | resting], gravity=9.81, contact=[stop])) == []
+    for path in sorted((ROOT / "patches").glob("*.toml")):
+        assert warnings(engine.load(path)) == [], path.name
+
+
+def test_a_hammer_thrown_inside_by_the_score_is_said():
+    event = {"kind": "strike", "time": 0.5, "body": "body", "velocity": 2.0, "displacement": 1e-3}
+    (said,) = warnings(scene([mass(displacement=-1e-3)], contact=[barrier()], event=[event]))
+    assert "inside its barrier when struck at 0.5 s" in said
+
+
+def test_the_warning_goes_to_standard_error(tmp_path, capsys):
+    text = PIANO.read_text("utf-8").replace("displacement = -2e-3", "displacement = 2e-3")
+    assert "displacement = 2e-3" in text
+    (tmp_path / "slip.toml").write_text(text, "utf-8")
+    slip = str(tmp_path / "slip.toml")
+    assert main.main([slip, "-o", str(tmp_path / "a.wav"), "--seconds", "0.05"]) == 0
+    assert f'{slip}: "hammer" begins 0.002 m inside "string"' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("subtype, most", [("FLOAT", 3.5e38), ("DOUBLE", 1.8e308)])
+def test_a_gain_is_no_larger_than_the_file_holds(tmp_path, capsys, subtype, most):
+    loud = tmp_path / "loud.toml"
+    loud.write_text(
+        '[[body]]\nname = "body"\nkind = "oscillator"\nmass = 1e-9\nvelocity = 1e4\nfrequency = 2e4\n'
+        '[[pickup]]\nbody = "body"\ngain = 1e12\nquantity = "acceleration"\n'
+    )
+    out = tmp_path / "a.wav"
+    options = ["--gain", "400", "--subtype", subtype, "--seconds", "0.05", "-o", str(out), "--json"]
+    assert main.main([str(loud), *options]) == 0
+    audio, _ = soundfile.read(out)
+    assert np.isfinite(audio).all() and np.abs(audio).max() < most
+    said = capsys.readouterr()
+    lowered = subtype == "FLOAT"
+    assert ("--gain 400 is more than its numbers hold" in said.err) == lowered
+    assert json.loads(said.out)["gain_db"] == pytest.approx(345.0 if lowered else 400.0, abs=5.0)
+
+
+# --- limits that say themselves
+
+
+def test_a_damper_too_strong_for_its_body_is_refused():
+    """Above about a sixth of the impedance of a string, decay rates would be wrong: -18.7 dB where 0 dB is right."""
+    string = {"name": "body", "kind": "string", "length": 0.65, "density": 6e-3, "tension": 700.0, "sigma0": 0.5}
+    impedance = (700.0 * 6e-3) ** 0.5
+    for share in (0.02, 0.1):
+        light = string | {"modes": 40, "support": [{"at": 0.3, "damping": share * impedance}]}
+        assert engine.render(scene([light], pickup=[{"body": "body", "at": 0.1}]), seconds=0.01).stats["trusted"]
+    for damping in (3.0, 300.0):
+        heavy = string | {"modes": 40, "support": [{"at": 0.3, "damping": damping}]}
+        with pytest.raises(BuildError, match=rf"damping of {damping:g} kg/s is too much: right up to 0\.4\d kg/s here"):
+            engine.render(scene([heavy], pickup=[{"body": "body", "at": 0.1}]), seconds=0.01)
+
+
+def test_the_decay_rates_of_supported_strings_are_those_of_the_state_space():
+    """At the limit, within 1 %: eigenvalues of the damped string, not of its undamped modes."""
+    from engine.bodies import String
+
+    body = {
+        "name": "s",
+        "kind": "string",
+        "length": 0.65,
+        "density": 6e-3,
+        "tension": 700.0,
+        "sigma0": 0.5,
+        "modes": 30,
+    }
+    damper = {"at": 0.37, "damping": 0.1 * (700.0 * 6e-3) ** 0.5, "stiffness": 1e3}
+    held = String.model_validate(body | {"support": [damper]})
+    omega, sigma, shape = String.model_validate(body | {"modes": 120}).free_modes(np.inf)
+    row = shape(0.37)
+    stiffness = np.diag(omega**2) + 1e3 * np.outer(row, row)
+    damping = np.diag(2 * sigma) + damper["damping"] * np.outer(row, row)
+    n = omega.size
+    roots = np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -damping]]))
+    roots = roots[roots.imag > 0]
+    own = held.modal_body()
+    for m in range(18):
+        nearest = roots[np.argmin(np.abs(roots.imag - own.omega[m]))]
+        assert own.sigma[m] == pytest.approx(-nearest.real, rel=0.01)
+
+
+@pytest.mark.parametrize("stiffness, exponent", [(1e60, 1.0), (1.1e18, 1.0), (1e23, 2.5)])
+def test_a_contact_harder_than_anything_is_refused(stiffness, exponent):
+    with pytest.raises(ValueError, match=r"is harder than anything; at most .* 1e\+15 N at 1 mm"):
+        scene([mass()], contact=[barrier(stiffness=stiffness, exponent=exponent)])
+
+
+def test_a_contact_that_begins_deeper_than_any_force_is_refused():
+    deep = scene([oscillator(frequency=1.0)], contact=[barrier(barrier=-1e3, stiffness=1e13, exponent=1.0)])
+    with pytest.raises(BuildError, match=r"begins 1e.03 m deep, where it pushes with 1.0e.16 N"):
+        engine.render(deep, seconds=0.01)

@@ -1,0 +1,139 @@
+"""The guides in docs: their commands run, one after the other, as a reader would type them; so does their Python."""
+
+import csv
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+import soundfile
+from conftest import PATCHES, ROOT, needs_alsa, needs_portaudio
+
+import engine
+
+GUIDES = ["first_patch", "scheme", "accuracy"]
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def follow(guide: str, folder: Path, environment: dict[str, str], root: Path = ROOT) -> str:
+    """Do what a guide says, in a folder that has the patches; returns all that was printed."""
+    (folder / "patches").symlink_to(ROOT / "patches")
+    told = {"cwd": folder, "env": os.environ | {"PYTHONPATH": str(root)} | environment}
+    told |= {"capture_output": True, "text": True, "timeout": 300.0, "stdin": subprocess.DEVNULL}
+    said = []
+    for kind, text in BLOCK.findall((ROOT / "docs" / f"{guide}.md").read_text("utf-8")):
+        commands: list[list[str]] = []
+        if kind == "sh":
+            lines = [line for line in text.splitlines() if line.startswith("uv run fdh ")]
+            words = [shlex.split(line, comments=True)[3:] for line in lines]
+            commands = [[sys.executable, "-m", "engine", *rest] for rest in words]
+        elif kind == "python":
+            commands = [[sys.executable, "-c", text]]
+        elif kind == "toml":  # to be added to the patch that the guide has made
+            with open(folder / "mine.toml", "a", encoding="utf-8") as file:
+                file.write("\n" + text)
+        elif kind == "diff":
+            (root / "change.diff").write_text(text, "utf-8")
+            commands = [["git", "apply", f"--directory={root.name}", str(root / "change.diff")]]
+        for command in commands:
+            done = subprocess.run(command, **told)
+            assert done.returncode == 0, f"{guide}: {' '.join(command)}\n{done.stderr}"
+            said.append(done.stdout)
+    assert said, "the guide has nothing to do"
+    return "".join(said)
+
+
+@pytest.mark.hard
+@pytest.mark.parametrize("guide", GUIDES)
+@needs_portaudio
+@needs_alsa
+def test_what_a_guide_says_works(guide, tmp_path, file_device):
+    assert "nan" not in follow(guide, tmp_path, file_device[0]).lower().split()
+
+
+@pytest.mark.hard
+@needs_portaudio
+@needs_alsa
+def test_playing_live(tmp_path, file_device):
+    """What was played is what its log says."""
+    mido = pytest.importorskip("mido", reason="needs mido")
+    track = mido.MidiTrack([mido.Message("note_on", note=60, velocity=80), mido.Message("note_off", note=60, time=480)])
+    mido.MidiFile(tracks=[track]).save(tmp_path / "tune.mid")
+    follow("live", tmp_path, file_device[0])
+    take, again = (soundfile.read(tmp_path / f"{name}.wav", dtype="float32")[0] for name in ("take", "again"))
+    assert take.any() and (take == again[: len(take)]).all()
+
+
+@pytest.mark.hard
+def test_the_worked_example_of_a_law(tmp_path):
+    """The change that the guide shows, made to a copy of the engine."""
+    copy = tmp_path / "copy"
+    copy.mkdir()
+    shutil.copytree(ROOT / "engine", copy / "engine", ignore=shutil.ignore_patterns("__pycache__"))
+    assert "energy off by" in follow("extending", tmp_path, {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}, copy)
+
+
+LINK = re.compile(r"\]\(([^)#]+)(#[^)]*)?\)")
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))], ids=lambda p: p.stem)
+def test_links_lead_somewhere(page):
+    for target, _ in LINK.findall(page.read_text("utf-8")):
+        assert target.startswith("https://") or (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))], ids=lambda p: p.stem)
+def test_files_named_in_pages_exist(page):
+    named = set(re.findall(r"`((?:engine|tests|bench|patches|docs)/[\w/]+(?:\.\w+)+)", page.read_text("utf-8")))
+    assert all((ROOT / name).exists() for name in named), [name for name in named if not (ROOT / name).exists()]
+
+
+@pytest.mark.hard
+def test_the_notebook_runs(tmp_path):
+    """From top to bottom, in a kernel of its own; it shows sounds and pictures."""
+    nbformat, nbclient = (pytest.importorskip(name, reason=f"needs {name}") for name in ("nbformat", "nbclient"))
+    notebook = nbformat.read(ROOT / "docs" / "first_sound.ipynb", as_version=4)
+    assert not any(cell.get("outputs") for cell in notebook.cells), "it is kept without what it shows"
+    nbclient.NotebookClient(notebook, timeout=200, resources={"metadata": {"path": ROOT / "docs"}}).execute()
+    shown = {kind for cell in notebook.cells for out in cell.get("outputs", []) for kind in out.get("data", {})}
+    assert {"text/html", "image/png"} <= shown
+
+
+def test_the_gallery_is_that_of_the_patches():
+    """Made of the patches as they are, with a sound and a picture of each; sounds fit in 4 MB."""
+    from bench.publish.gallery import LIMIT, PAGE, PICTURES, SOUNDS, WORDS, changed, mark
+
+    words, page = tomllib.loads(WORDS.read_text("utf-8")), PAGE.read_text("utf-8")
+    assert set(words) == {p.stem for p in PATCHES} and len(words) >= 12
+    for path in PATCHES:
+        assert mark(path) in page, f"{path.stem} has changed: uv run python -m bench gallery"
+        assert words[path.stem]["listen"] in page and len(words[path.stem]["try"]) == 2
+        for trial in words[path.stem]["try"]:
+            assert trial["what"] in page and changed(path, trial["set"]) != engine.load(path)
+        heard = soundfile.info(SOUNDS / f"{path.stem}.ogg")
+        assert heard.frames / heard.samplerate == pytest.approx(engine.load(path).seconds, abs=0.01)
+        assert (PICTURES / f"{path.stem}.png").read_bytes().startswith(b"\x89PNG")
+    assert sum(p.stat().st_size for p in SOUNDS.iterdir()) < LIMIT
+    assert {p.stem for p in [*SOUNDS.iterdir(), *PICTURES.iterdir()]} == set(words)
+
+
+def test_a_dozen_patches_sound_different():
+    """By more than a tenth in pitch, decay or brightness, each from each."""
+    with open(ROOT / "bench" / "results" / "gallery.csv", newline="", encoding="utf-8") as file:
+        rows = [row[2:5] for row in list(csv.reader(file))[2:]]
+
+    def apart(a: str, b: str) -> bool:
+        if "none" in (a, b):
+            return a != b
+        return abs(float(a) - float(b)) > 0.1 * min(float(a), float(b))
+
+    different: list[list[str]] = []
+    for row in rows:
+        if all(any(map(apart, row, other)) for other in different):
+            different.append(row)
+    assert len(different) >= 12

@@ -1,0 +1,117 @@
+"""Who may import whom, and that stale caches cannot be."""
+
+import ast
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+# a package imports only from those to its left; those of one group do not know each other, but all know the first
+ORDER = [
+    ["wording", "files", "audio_formats", "output_files", "provenance", "compiler"],
+    ["bodies", "kernel"],
+    ["patch"],
+    ["build"],
+    ["offline"],
+    ["live", "analysis"],
+    ["sweep", "report"],
+    ["cli"],
+]
+PLACE = {room: place for place, rooms in enumerate(ORDER) for room in rooms}
+FILES = [path for path in (ROOT / "engine").rglob("*.py") if path.parent != ROOT / "engine" or path.stem[0] != "_"]
+MODULES = {".".join(path.relative_to(ROOT / "engine").with_suffix("").parts): path for path in FILES}
+
+
+def imports(path: Path) -> set[str]:
+    """The modules that a file imports, anywhere in it, but not for type checking alone."""
+    tree = ast.parse(path.read_text("utf-8"))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            node.body = []
+    modules = {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    return modules | {a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names}
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_a_package_imports_only_from_those_to_its_left(module):
+    room = module.partition(".")[0]
+    others = {name.split(".")[1] for name in imports(MODULES[module]) if name.startswith("engine.")} - {room}
+    assert all(PLACE[other] < PLACE[room] or (PLACE[room] == 0 and other != "compiler") for other in others), others
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_only_the_compiler_knows_the_inner_parts_of_numba(module):
+    inner = {
+        name for name in imports(MODULES[module]) if name.startswith(("llvmlite", "numba.core", "numba.extending"))
+    }
+    assert not inner or module.startswith("compiler."), inner
+
+
+@pytest.mark.parametrize("module", [name for name in MODULES if name.startswith("kernel.")])
+def test_kernels_import_nothing_but_the_compiler_and_numbers(module):
+    outside = {name for name in imports(MODULES[module]) if not name.startswith(("engine.kernel", "engine.compiler"))}
+    known = {"math", "typing", "numpy", "enum", "types", "dataclasses", "collections"}
+    assert {name.partition(".")[0] for name in outside} <= known
+
+
+def test_no_numba_is_imported_before_something_is_computed():
+    rooms = (
+        "files",
+        "provenance",
+        "bodies",
+        "patch",
+        "build",
+        "offline",
+        "sweep",
+        "report",
+        "kernel.model",
+        "kernel.state",
+    )
+    names = [f"engine.{name}" for name in MODULES if name.startswith(rooms) and not name.endswith("__init__")]
+    code = f"import sys\nimport {', '.join(names)}\nsys.exit('numba' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
+
+
+def test_there_are_at_most_ten_files_beside_the_packages():
+    assert sum(1 for path in (ROOT / "engine").iterdir() if not path.is_dir()) <= 10
+
+
+def test_public_names_are_the_documented_ones():
+    import engine
+
+    for name in engine.__all__:
+        assert getattr(engine, name).__doc__
+    with pytest.raises(AttributeError, match="no attribute 'rendr'"):
+        engine.rendr  # noqa: B018
+
+
+def test_an_edited_kernel_is_used(tmp_path):
+    """After an edit of a file that the sample loop imports, the next run computes with the edit."""
+    shutil.copytree(ROOT / "engine", tmp_path / "engine", ignore=shutil.ignore_patterns("__pycache__"))
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
+    code = (
+        "import engine; take = engine.render(engine.Scene.model_validate({"
+        "'body': [{'name': 'b', 'kind': 'mass', 'mass': 1.0, 'velocity': 1.0}],"
+        "'pickup': [{'body': 'b', 'quantity': 'displacement'}]}), seconds=0.01); print(take.audio[-1, 0])"
+    )
+
+    def last() -> float:
+        run = [sys.executable, "-c", code]
+        return float(subprocess.run(run, cwd=tmp_path, env=environment, capture_output=True, check=True).stdout)
+
+    first = last()
+    assert last() == first
+    assert list((tmp_path / "cache").rglob("*.nbc")), "nothing was cached"
+    kernel = tmp_path / "engine" / "kernel" / "modes.py"
+    text = kernel.read_text("utf-8")
+    assert "h.drift[m] * p" in text
+    kernel.write_text(text.replace("h.drift[m] * p", "2.0 * h.drift[m] * p"), "utf-8")
+    assert last() == pytest.approx(2 * first, rel=1e-12)
+
+
+def test_patches_are_small_enough_to_read():
+    assert all(Path(p).stat().st_size < 8000 for p in (ROOT / "patches").glob("*.toml"))

@@ -1,0 +1,118 @@
+"""Knobs turned fast while a scene sounds: whatever they do to the energy is booked, and nothing blows up."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import engine
+from engine.live.player import Player
+from engine.live.replay import replay
+
+PIANO = ROOT / "patches" / "piano_c4.toml"
+RANGES = {"stiffness": (1e4, 1e12), "gap": (-2e-3, 2e-3), "exponent": (1.0, 8.0)}
+BLOCK = 64
+
+
+def swept(player: Player, knobs: list[str], frames: int) -> np.ndarray:
+    """Play with the knobs swept from end to end of their ranges and back, 20 times a second, while hammers fly."""
+    out = np.zeros((frames, player.channels), np.float32)
+    for n in range(frames // BLOCK):
+        if n % 60 == 0:
+            player.strike(velocity=4.0, displacement=-1e-4)
+        share = 0.5 - 0.5 * math.cos(2 * math.pi * 20 * n * BLOCK / 44_100)
+        for knob in knobs:
+            low, high = RANGES[knob.rpartition(".")[2]]
+            value = low * (high / low) ** share if low > 0.0 else low + (high - low) * share
+            player.set(knob, value, BLOCK / 44_100)
+        player.render_into(out[n * BLOCK : (n + 1) * BLOCK])
+    return out
+
+
+@pytest.mark.parametrize(
+    "keys", [["stiffness"], ["gap"], *(pytest.param(k, marks=pytest.mark.hard) for k in (["exponent"], list(RANGES)))]
+)
+def test_a_sweep_keeps_the_balance_of_energy(keys):
+    """Of stiffness over 8 decades, of the gap over 4 mm, of the exponent from 1 to 8; and a replay is the same."""
+    player = Player(engine.load(PIANO), gain=1e-4, seconds=math.inf, general="exponent" in keys)
+    played = swept(player, [f"contact.felt.{key}" for key in keys], 44_100)
+    now = player.meter()
+    assert played.any() and now["not_finite"] == 0 and now["newton"]["unconverged"] == 0
+    assert now["energy_error"] <= 1e-12
+    again = replay(json.loads(json.dumps(player.log())))
+    np.testing.assert_array_equal(played[: len(again)], again)
+
+
+@pytest.mark.hard
+def test_a_turned_exponent_is_that_of_the_patch():
+    """Before the hammer arrives, the exponent is turned from 2.5 to 3: the sound is that of a felt of 3."""
+    scene = engine.load(PIANO)
+    player = Player(scene, gain=1e-3, seconds=math.inf, general=True)
+    assert "contact.felt.exponent" in player.live_parameters
+    assert "contact.felt.exponent" not in Player(scene).live_parameters  # of a law of its own
+    player.set("contact.felt.exponent", 3.0, seconds=0.0)
+    turned = np.zeros((8820, player.channels), np.float32)
+    player.render_into(turned)
+    told = scene.model_dump(exclude_none=True)
+    told["contact"][0]["exponent"] = 3.0
+    built = engine.render(engine.Scene.model_validate(told), seconds=0.2).audio * 1e-3
+    assert np.abs(turned[300:] - built[300:]).max() <= 1e-6 * np.abs(built).max()
+    told["contact"][0]["exponent"] = 2.5
+    told["event"] = [{"kind": "change", "time": 0.0, "contact": "felt", "exponent": 3.0, "duration": 0.0}]
+    scored = engine.render(engine.Scene.model_validate(told), seconds=0.2)
+    np.testing.assert_allclose(scored.audio * 1e-3, built, atol=1e-9 * np.abs(built).max())
+    assert scored.stats["energy"]["error_max"] <= 1e-12
+
+
+def test_a_pitch_glides():
+    """Two octaves up and down, over and over, while a string sounds: no step in the sound, energy in balance; a glide
+    ends where a voice is that was tuned at once; and a replay is the same."""
+    glides, stays = (Player(engine.load(PIANO), gain=1e-3, seconds=math.inf, voices=1, lowest=0.5) for _ in range(2))
+    heard = []
+    for player in (glides, stays):
+        player.tune(0, 1.0)
+        player.strike("hammer_0")
+        heard.append(np.zeros((44_100, player.channels), np.float32))
+        player.render_into(heard[-1][:4410])
+    for n in range(1, 10):
+        glides.tune(0, 2.0 if n % 2 else 0.5, seconds=0.1)
+        for player, out in zip((glides, stays), heard, strict=True):
+            player.render_into(out[n * 4410 : (n + 1) * 4410])
+    steps = [np.abs(np.diff(out[4410:], axis=0)).max() for out in heard]
+    assert steps[0] <= 3 * steps[1]  # √2 as loud, at twice the pitch
+    assert glides.meter()["energy_error"] <= 1e-12
+    stays.tune(0, 2.0)
+    for player in (glides, stays):  # the last step of the last glide is due now
+        player.render_into(np.zeros((64, player.channels), np.float32))
+    most = Player(engine.load(PIANO), voices=1, lowest=2.0).model.step.kick.size - 2  # above, none is heard
+    for name in ("kick", "drift", "spring_kick"):
+        ours, theirs = (getattr(player.model.step, name) for player in (glides, stays))
+        np.testing.assert_array_equal(ours[:most], theirs[:most])
+    again = replay(json.loads(json.dumps(glides.log())))
+    np.testing.assert_array_equal(heard[0], again[: len(heard[0])])
+
+
+def test_a_long_glide_arrives_and_a_refused_one_changes_nothing(monkeypatch):
+    player = Player(engine.load(PIANO), gain=1e-3, seconds=math.inf, voices=1, lowest=0.5)
+    player.tune(0, 0.7, seconds=5.0)
+    player.strike("hammer_0")
+    out = np.zeros((5 * 44_100 + 64, player.channels), np.float32)
+    player.render_into(out)
+    events = player.log()["events"]
+    assert all(e["frame"] is not None for e in events)
+    assert [e["why"] for e in events if e["frame"] == 0] == [["strike", "hammer_0"]]
+    assert events[-1]["why"] == ["tune", 0, 0.7] and events[-1]["frame"] == 5 * 44_100
+    before, table = len(events), player._tuning.table
+
+    def refused(target: tuple, voice: int, ratio: float, body: str | None) -> np.ndarray:
+        if ratio > 1.0:
+            raise ValueError("vibrates too fast")
+        return table(target, voice, ratio, body)
+
+    monkeypatch.setattr(player._tuning, "table", refused)
+    with pytest.raises(ValueError, match="vibrates too fast"):
+        player.tune(0, 1.1, seconds=0.1)
+    player.render_into(out[:64])
+    assert len(player.log()["events"]) == before and player._tuning._pitch == [(0.7, None)]

@@ -1,0 +1,317 @@
+"""Notes: each sounds at its pitch and time, voices are shared, and nothing clicks."""
+
+import math
+import os
+import sys
+import types
+
+import numpy as np
+import pytest
+import soundfile
+from conftest import ROOT, mostly_hard
+
+import engine
+from engine.analysis.metrics import strongest_partial
+from engine.cli import main
+from engine.live import midi
+from engine.live.player import Player
+
+mido = pytest.importorskip("mido", reason="needs mido")
+PIANO = ROOT / "patches" / "piano_c4.toml"
+RATE = 44_100
+
+
+def written(path, *messages):
+    """A .mid file at 120 beats a minute, 480 ticks a beat: (what, ticks)."""
+    track = mido.MidiTrack([mido.MetaMessage("set_tempo", tempo=500_000)])
+    track += [message.copy(time=ticks) for message, ticks in messages]
+    mido.MidiFile(tracks=[track]).save(path)
+    return path
+
+
+def on(note, velocity=64):
+    return mido.Message("note_on", note=note, velocity=velocity)
+
+
+def off(note):
+    return mido.Message("note_off", note=note)
+
+
+def pedal(value):
+    return mido.Message("control_change", control=64, value=value)
+
+
+def test_notes_have_their_pitch_and_time(tmp_path):
+    path = written(tmp_path / "two.mid", (on(57), 0), (off(57), 960), (on(64, 90), 480), (off(64), 960))
+    audio, player, played = midi.render(engine.load(PIANO), str(path), RATE, None, 4)
+    assert len(audio) == round((2.5 + midi.TAIL) * RATE)
+    assert played == {"string": "A3 (-300 c), E4 (+400 c)"}
+    assert not audio[0].any() and audio[100:500].any()
+    for begin, note in ((0.0, 57), (1.5, 64)):
+        part = audio[round((begin + 0.05) * RATE) :][:RATE]
+        partials = np.abs(np.fft.rfft(part[:, 0] * np.hanning(len(part))))
+        wanted = midi.frequency(note)
+        near = slice(round(0.97 * wanted), round(1.03 * wanted) + 1)  # bins of 1 Hz
+        assert near.start + int(np.argmax(partials[near])) == pytest.approx(wanted, abs=1.5)
+    assert player.meter()["energy_error"] <= 1e-12
+    assert strongest_partial(audio.astype(float)) > 0.0
+
+
+MARIMBA = {"c": 48, "g": 55, "a": 57, "c_high": 60, "e_high": 64}
+
+
+def fundamental(audio: np.ndarray, hertz: float) -> tuple[float, float]:
+    """Where the partial nearest to a frequency is, Hz, and its amplitude, from a second of sound."""
+    part = audio[round(0.05 * RATE) :][:RATE]
+    t, window = np.arange(len(part)) / RATE, np.hanning(len(part))
+
+    def level(f):
+        return abs(np.sum(part * window * np.exp(-2j * np.pi * f * t)))
+
+    near = hertz * 2 ** (np.linspace(-5, 5, 201) / 1200)
+    found = max(near, key=level)
+    return float(found), float(level(found))
+
+
+@pytest.mark.parametrize("note", mostly_hard([60, 51, 72], 60))
+def test_a_note_sounds_one_body(tmp_path, note):
+    """The nearest in pitch, tuned to the note to a cent; the other bars' fundamentals stay below -40 dB."""
+    path = written(tmp_path / "one.mid", (on(note), 0), (off(note), 1920))
+    audio, _, played = midi.render(engine.load(ROOT / "patches" / "marimba.toml"), str(path), RATE, 1.2, 2)
+    mono = audio.sum(axis=1)
+    pitch, loud = fundamental(mono, midi.frequency(note))
+    assert abs(1200 * math.log2(pitch / midi.frequency(note))) < 1.0
+    name = min(MARIMBA, key=lambda bar: abs(MARIMBA[bar] - note))
+    others = [other for bar, other in MARIMBA.items() if bar != name]
+    assert all(fundamental(mono, midi.frequency(other))[1] < 0.01 * loud for other in others)
+    away = 100 * (note - MARIMBA[name])
+    assert played == {name: midi.name_of(note) + (f" ({away:+d} c)" if away else "")}
+
+
+def test_plucked_bodies_sound_too(tmp_path):
+    """Two strings, one plucked by a force, one by the score: the nearest is, harder for a harder key."""
+    string = {"kind": "string", "length": 0.6, "mass": 4e-3, "sigma0": 1.0, "modes": 20}
+    pluck = {"kind": "pluck", "at": 0.2, "amplitude": 1.0, "duration": 1e-3}
+    harp = engine.Scene.model_validate(
+        {
+            "body": [string | {"name": "low", "frequency": 220.0}, string | {"name": "high", "frequency": 440.0}],
+            "force": [pluck | {"body": "low", "start": 0.1}],
+            "event": [pluck | {"body": "high", "time": 0.5}],
+            "pickup": [{"body": "low", "at": 0.4}, {"body": "high", "at": 0.4}],
+        }
+    )
+    for note, name in ((58, "low"), (67, "high")):
+        peaks = []
+        for velocity in (40, 80):
+            path = written(tmp_path / "one.mid", (on(note, velocity), 0), (off(note), 1920))
+            audio, _, played = midi.render(harp, str(path), RATE, 1.2, 2)
+            pitch, _ = fundamental(audio[:, 0], midi.frequency(note))
+            assert abs(1200 * math.log2(pitch / midi.frequency(note))) < 1.0
+            assert list(played) == [name]
+            peaks.append(np.abs(audio).max())
+        assert 2.0 * peaks[0] < peaks[1]
+
+
+def test_a_key_lifts_its_damper(tmp_path):
+    """Struck again while it is being damped, a note rings as at first."""
+    again = written(tmp_path / "again.mid", (on(60), 0), (off(60), 480), (on(60), 96), (off(60), 1920))
+    once = written(tmp_path / "once.mid", (on(60), 576), (off(60), 1920))
+    sounds = [midi.render(engine.load(PIANO), str(path), RATE, 1.5, 1)[0] for path in (again, once)]
+    late = [float(np.sqrt(np.mean(audio[round(1.1 * RATE) :] ** 2))) for audio in sounds]
+    assert abs(20 * math.log10(late[0] / late[1])) < 1.0
+
+
+def test_harder_is_louder(tmp_path):
+    peaks = []
+    for velocity in (30, 60, 120):
+        path = written(tmp_path / "one.mid", (on(60, velocity), 0), (off(60), 480))
+        peaks.append(np.abs(midi.render(engine.load(PIANO), str(path), RATE, 0.5, 1)[0]).max())
+    assert peaks[0] < 0.6 * peaks[1] < 0.36 * peaks[2]
+
+
+def test_dampers_and_the_pedal(tmp_path):
+    """A key let go is damped, unless the pedal is down; then when the pedal is let go."""
+
+    def level(name, *messages):
+        audio, *_ = midi.render(engine.load(PIANO), str(written(tmp_path / name, *messages)), RATE, 3.0, 2)
+        return [float(np.sqrt(np.mean(audio[round(t * RATE) :][: RATE // 5] ** 2))) for t in (0.3, 1.2, 2.5)]
+
+    held = level("held.mid", (on(60), 0), (off(60), 5000))
+    short = level("short.mid", (on(60), 0), (off(60), 480))
+    kept = level("kept.mid", (on(60), 0), (pedal(127), 10), (off(60), 470), (pedal(0), 1440))
+    assert short[0] == pytest.approx(held[0], rel=1e-3) and kept[0] == pytest.approx(held[0], rel=1e-3)
+    assert short[1] < 0.05 * held[1] and kept[1] == pytest.approx(held[1], rel=1e-3)
+    assert kept[2] < 0.05 * held[2]
+
+
+def test_the_oldest_quietest_voice_is_taken_without_a_click():
+    player = Player(engine.load(PIANO), RATE, math.inf, 0.02, voices=2, lowest=0.5)
+    keys = midi.Keys(player)
+    out = np.zeros((RATE, player.channels), np.float32)
+    for n, note in enumerate((60, 64, 67, 72, 60, 59)):
+        keys.play(midi.Note(0.0, "on", note, 64))
+        player.render_into(out[n * 4410 : (n + 1) * 4410])
+    assert keys.stolen == 4
+    assert set(keys._note) == {60, 59}
+    steps = np.abs(np.diff(out, axis=0)).max(axis=1)
+    calm = Player(engine.load(PIANO), RATE, math.inf, 0.02, voices=2)
+    alone = np.zeros((4410, player.channels), np.float32)
+    midi.Keys(calm).play(midi.Note(0.0, "on", 72, 64))
+    calm.render_into(alone)
+    assert steps.max() <= 3 * np.abs(np.diff(alone, axis=0)).max()
+    assert player.meter()["energy_error"] <= 1e-12
+
+
+@pytest.fixture
+def ports(monkeypatch):
+    """Two MIDI ports, of a driver that is none; what is sent to one comes out of it."""
+    opened = []
+
+    class Port(mido.ports.EchoPort):
+        def __init__(self, name=None, **told):
+            super().__init__(name)
+            opened.append(self)
+
+    driver = types.ModuleType("no_driver")
+    driver.Input = Port
+    driver.get_devices = lambda **told: [
+        {"name": name, "is_input": True, "is_output": False} for name in ("Keys 1", "Keys 2", "Drum")
+    ]
+    monkeypatch.setitem(sys.modules, "no_driver", driver)
+    before = mido.backend
+    mido.set_backend("no_driver")
+    yield opened
+    mido.set_backend(before)
+
+
+def test_notes_of_a_port(ports):
+    """Keys pressed at a port are heard at the next block, let go when they are let go; other messages are passed by."""
+    scene = engine.load(PIANO)
+    player = Player(scene, RATE, math.inf, 0.02, voices=2, lowest=midi.lowest("drum", scene))
+    look = midi.source("drum", midi.Keys(player))
+    (port,) = ports
+    assert port.name == "Drum"
+    out = np.zeros((RATE, player.channels), np.float32)
+    player.render_into(out[:4410])
+    assert look() is False and not out[:4410].any()
+    for message in (on(57), mido.Message("pitchwheel", pitch=100), mido.Message("program_change", program=3)):
+        port.send(message)
+    assert look() is False
+    player.render_into(out[4410 : RATE // 2])
+    partials = np.abs(np.fft.rfft(out[6000 : RATE // 2, 0] * np.hanning(RATE // 2 - 6000)))
+    near = midi.frequency(57) / RATE * (RATE // 2 - 6000)
+    assert abs(float(np.argmax(partials[: round(1.5 * near)])) - near) < 1.0
+    port.send(off(57))
+    look()
+    player.render_into(out[RATE // 2 :])
+    assert np.abs(out[-4410:]).max() < 0.01 * np.abs(out).max()
+
+
+def test_ports_that_cannot_be_told_apart(ports):
+    with pytest.raises(midi.MidiError, match='several MIDI ports match "keys"; there are Keys 1, Keys 2, Drum'):
+        midi.port("keys")
+    with pytest.raises(midi.MidiError, match='no MIDI port is called "organ"; there are Keys 1, Keys 2, Drum'):
+        midi.port("organ")
+    assert ports == []
+
+
+def test_what_is_wrong_with_notes_is_said(tmp_path, capsys):
+    (tmp_path / "no.mid").write_bytes(b"no notes")
+    cases = {"none": "cannot be read as MIDI", "no": "cannot be read as MIDI", "empty": "has no notes"}
+    written(tmp_path / "empty.mid", (pedal(1), 0))
+    for name, what in cases.items():
+        path = tmp_path / f"{name}.mid"
+        assert main.main([str(PIANO), "--midi", str(path), "-o", str(tmp_path / "a.wav")]) == 2
+        assert what in capsys.readouterr().err
+    path = str(written(tmp_path / "one.mid", (on(60), 0), (off(60), 100)))
+    mass = tmp_path / "mass.toml"
+    mass.write_text('[[body]]\nname = "m"\nkind = "mass"\nmass = 1.0\nvelocity = 1.0\n[[pickup]]\nbody = "m"\n')
+    assert main.main([str(mass), "--midi", path, "-o", str(tmp_path / "a.wav")]) == 2
+    assert "m has no pitch that could be tuned" in capsys.readouterr().err
+    out = tmp_path / "out.wav"
+    assert main.main([str(PIANO), "--midi", path, "-o", str(out), "--seconds", "0.5"]) == 0
+    assert soundfile.info(out).frames == RATE // 2
+    assert "8 voices, energy error" in capsys.readouterr().out
+
+
+def test_no_mido_says_what_to_install(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(__import__("sys").modules, "mido", None)
+    assert main.main([str(PIANO), "--midi", "x.mid", "-o", str(tmp_path / "a.wav")]) == 2
+    assert "uv sync --extra midi" in capsys.readouterr().err
+
+
+FRET = '[[contact]]\nbody = "string"\nat = 0.4\nside = "below"\nbarrier = -1e-4\nstiffness = 1e7\nexponent = 2.5\n'
+
+
+@pytest.mark.hard
+def test_a_voice_of_a_string_over_a_fret_is_as_if_built_at_its_pitch(tmp_path):
+    """Contacts that push each other have a matrix of their own for each pitch."""
+    path = tmp_path / "fretted.toml"
+    path.write_text(PIANO.read_text("utf-8") + FRET, "utf-8")
+    scene = engine.load(path)
+    player, alone = (Player(scene, RATE, math.inf, 0.1, voices=n, lowest=low) for n, low in ((3, 0.5), (1, 1.5)))
+    player.tune(1, 1.5)
+    heard = []
+    for one, hammer in ((player, "hammer_1"), (alone, "hammer_0")):
+        one.strike(hammer)
+        heard.append(np.zeros((8820, one.channels), np.float32))
+        one.render_into(heard[-1])
+    np.testing.assert_array_equal(*heard)
+    player.tune(2, 0.7, seconds=0.05)
+    player.strike("hammer_2")
+    player.render_into(heard[0])
+    assert heard[0].any() and player.meter()["energy_error"] <= 1e-12
+
+
+NO_NOTES = {
+    "type 2": (
+        b"MThd\0\0\0\6\0\2\0\1\0\x60",
+        "is of type 2, whose tracks are pieces of their own; save it as type 0 or 1",
+    ),
+    "no ticks": (b"MThd\0\0\0\6\0\1\0\1\0\0", "has 0 ticks a beat"),
+    "film": (b"MThd\0\0\0\6\0\1\0\1\xe7\x28", "counts frames of film (SMPTE)"),
+    "short header": (b"MThd\0\0\0\2\0\1", "cannot be read as MIDI"),
+    "long header": (b"MThd\xff\xff\xff\xff\0\1", "cannot be read as MIDI"),
+}
+
+
+@pytest.mark.parametrize("name", NO_NOTES)
+def test_a_file_that_is_none_is_refused_in_a_line(tmp_path, name):
+    head, says = NO_NOTES[name]
+    track = bytes([0, 0x90, 60, 64, 96, 0x80, 60, 0, 0, 0xFF, 0x2F, 0])
+    (tmp_path / "a.mid").write_bytes(head + b"MTrk" + len(track).to_bytes(4, "big") + track)
+    with pytest.raises(midi.MidiError, match=r"a\.mid .*") as found:
+        midi.notes_of(tmp_path / "a.mid")
+    assert says in str(found.value) and "\n" not in str(found.value)
+
+
+def test_files_that_are_too_much_are_refused(tmp_path, monkeypatch, capsys):
+    """In time, messages or bytes; what lasts longer than a render may is played in part."""
+    path = tmp_path / "a.mid"
+    written(path, (on(60), 0), (off(60), 480 * 2 * 40_000))
+    with pytest.raises(midi.MidiError, match=r"lasts 11\.1 hours; at most 10"):
+        midi.notes_of(path)
+    written(path, (on(60), 0), (off(60), 480 * 2 * 7200))
+    words = [str(PIANO), "--midi", str(path), "-o", str(tmp_path / "a.wav")]
+    assert main.main(words) == 2
+    assert "lasts 7203 s; at most 3600, such as --seconds 3600 of it" in capsys.readouterr().err
+    monkeypatch.setattr(midi, "MESSAGES", 3)
+    with pytest.raises(midi.MidiError, match="has 4 messages; at most 3"):
+        midi.notes_of(path)
+    monkeypatch.setattr(midi, "LARGEST", 10)
+    with pytest.raises(midi.MidiError, match=r"is larger than 1e-05 MB; give a \.mid file"):
+        midi.notes_of(path)
+    os.mkfifo(tmp_path / "pipe.mid")
+    with pytest.raises(midi.MidiError, match="is not a file, but a pipe"):
+        midi.notes_of(tmp_path / "pipe.mid")
+
+
+def test_no_memory_for_so_many_samples_is_said(tmp_path, monkeypatch, capsys):
+    path = written(tmp_path / "a.mid", (on(60), 0), (off(60), 480))
+
+    def render(*told):
+        raise MemoryError
+
+    monkeypatch.setattr(midi, "render", render)
+    assert main.main([str(PIANO), "--midi", str(path), "-o", str(tmp_path / "a.wav")]) == 1
+    assert "not enough memory" in capsys.readouterr().err

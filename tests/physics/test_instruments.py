@@ -1,0 +1,319 @@
+"""The instruments among the patches: in tune, dying away as they should, touching when and as long as they should.
+
+Each patch is rendered once, as it is, with more pickups beside its own.
+"""
+
+import functools
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from scipy.optimize import brentq
+
+import engine
+from bench.accuracy.jvari import TIMES, WINDOW, high_to_low
+from engine.build.contact_points import contact_points
+
+RATE = 44_100
+NAMES = [
+    "piano_c2",
+    "piano_c4",
+    "piano_c7",
+    "tanpura",
+    "tanpura_drone",
+    "guitar_frets",
+    "bass_frets",
+    "marimba",
+    "ball_on_drum",
+    "snare_wires",
+    "rattle",
+]
+
+
+class Heard(NamedTuple):
+    scene: engine.Scene
+    take: engine.Take
+
+    def between(self, start: float, end: float, channel: int = 0) -> np.ndarray:
+        return self.take.audio[round(start * RATE) : round(end * RATE), channel]
+
+    def touches(self, body: str, gap: float = 0.0) -> list[tuple[float, float]]:
+        """When a body was touched, and for how long, s; touches less than `gap` apart are one."""
+        force = self.take.audio[:, 2 + [b.name for b in self.scene.body].index(body)]
+        on = np.flatnonzero(force != 0.0)
+        cut = np.flatnonzero(np.diff(on) > max(1.0, gap * RATE))
+        first, last = on[np.r_[0, cut + 1]], on[np.r_[cut, on.size - 1]]
+        return [(float(a) / RATE, float(b - a + 1) / RATE) for a, b in zip(first, last, strict=True)]
+
+    def body(self, name: str):
+        return next(b for b in self.scene.body if b.name == name)
+
+
+@functools.lru_cache
+def heard(name: str, bridge: bool = True) -> Heard:
+    """A patch, rendered with the contact force on each body beside what it has; without its bridge if so wished."""
+    scene = engine.load(ROOT / "patches" / f"{name}.toml")
+    told = scene.model_dump(exclude_none=True)
+    if not bridge:
+        told["contact"][0]["bridge"]["height"] = -1.0  # m: out of reach
+    for k, body in enumerate(scene.body):
+        place = {"string": {"at": 0.5}, "bar": {"at": 0.5}, "membrane": {"at": [0.5, 0.5]}}.get(body.kind, {})
+        told["pickup"].append({"body": body.name, "quantity": "force", "channel": 3 + k} | place)
+    return Heard(scene, engine.render(engine.Scene.model_validate(told), silence=-np.inf))
+
+
+def partial(x: np.ndarray, near: float) -> tuple[float, float]:
+    """Frequency (Hz) and decay rate (1/s) of a partial that sounds alone within a tenth of its frequency: its
+    complex amplitude in Hann windows of 24 periods, fitted by a straight line in log amplitude and phase."""
+    size = round(24 * RATE / near)
+    hop = size // 3
+    carrier = np.exp(-2j * np.pi * near * np.arange(x.size) / RATE) * x
+    starts = np.arange(0, x.size - size, hop)
+    z = np.array([carrier[s : s + size] @ np.hanning(size) for s in starts])
+    decay = np.polyfit(starts / RATE, np.log(np.abs(z)), 1)[0]
+    turn = np.polyfit(starts / RATE, np.unwrap(np.angle(z)), 1)[0]
+    return near + float(turn) / (2 * math.pi), -float(decay)
+
+
+def cents(a: float, b: float) -> float:
+    return 1200 * math.log2(a / b)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_sounds_and_its_energy_is_exact(name):
+    take = heard(name).take
+    assert np.all(np.isfinite(take.audio))
+    assert take.stats["newton"]["unconverged"] == 0
+    assert take.stats["energy"]["error_max"] <= 1e-12
+    sounding = take.audio[:, :2]
+    assert np.max(np.abs(sounding[: RATE // 2])) > 1e-4
+    assert np.max(np.abs(sounding), axis=0).min() > 1e-3  # m/s, on both sides
+
+
+@pytest.mark.parametrize(
+    ("name", "body", "pitch", "start", "end", "channel"),
+    [
+        ("piano_c2", "string", 65.4064, 0.5, 3.4, 0),
+        ("piano_c4", "string", 261.6256, 0.3, 1.95, 0),
+        ("piano_c7", "string", 2093.0045, 0.2, 1.45, 0),
+        ("guitar_frets", "string", 81.4519, 6.6, 8.0, 0),  # the open string
+        ("bass_frets", "string", 97.973, 0.3, 2.4, 0),
+        ("bass_frets", "string", 97.973, 3.0, 4.9, 0),
+        ("marimba", "c", 130.8128, 3.2, 5.0, 0),
+        ("marimba", "g", 195.9977, 2.3, 4.5, 1),
+        ("marimba", "e_high", 329.6276, 2.5, 3.4, 0),
+        ("snare_wires", "head", 190.0, 2.5, 3.5, 0),
+        ("rattle", "string", 73.4162, 1.5, 2.9, 0),
+    ],
+)
+def test_pitch_and_decay_of_the_free_tail(name, body, pitch, start, end, channel):
+    """Once nothing touches, the fundamental is within 1 cent of its pitch, and its decay within 2 % of the body's."""
+    take = heard(name)
+    frequency, decay = partial(take.between(start, end, channel), pitch)
+    assert abs(cents(frequency, pitch)) < 1.0
+    assert decay == pytest.approx(take.body(body).modal_body(0.49 * RATE).sigma[0], rel=0.02)
+
+
+@pytest.mark.parametrize(("name", "milliseconds"), [("piano_c2", 4.0), ("piano_c4", 2.0), ("piano_c7", 1.0)])
+def test_the_hammer_touches_for(name, milliseconds):
+    """About 4, 2 and 1 ms (Chaigne & Askenfelt): from first to last touch of the first strike."""
+    begin, duration = heard(name).touches("hammer", gap=0.02)[0]
+    assert begin < 5e-3
+    assert duration * 1e3 == pytest.approx(milliseconds, rel=0.25)
+
+
+def test_the_damper_of_the_piano():
+    """From 7.2 s on, 12 1/s more than the string's own."""
+    piano = heard("piano_c2")
+    frequency, decay = partial(piano.between(7.22, 8.0), 65.4064)
+    assert decay == pytest.approx(12.0 + piano.body("string").modal_body(0.49 * RATE).sigma[0], rel=0.01)
+    assert abs(cents(frequency, 65.4064)) < 2.0
+
+
+def centroid(x: np.ndarray) -> float:
+    power = np.abs(np.fft.rfft(x * np.hanning(x.size))) ** 2
+    return float(power @ np.fft.rfftfreq(x.size, 1 / RATE) / power.sum())
+
+
+def test_a_harder_strike_is_shorter_and_brighter():
+    """Felt stiffens as it is compressed."""
+    lengths = [duration for _, duration in heard("piano_c4").touches("hammer", gap=0.02)[1:]]
+    assert len(lengths) == 3  # at 1.2, 2.5 and 5 m/s
+    assert lengths == sorted(lengths, reverse=True)
+    told = heard("piano_c4").scene.model_dump(exclude_none=True)
+    bright = []
+    for velocity in (1.0, 2.5, 6.0):
+        told["body"][1]["velocity"] = velocity
+        x = engine.render(engine.Scene.model_validate(told), seconds=0.3).audio[RATE // 20 :, 0]
+        power, hertz = np.abs(np.fft.rfft(x * np.hanning(x.size))) ** 2, np.fft.rfftfreq(x.size, 1 / RATE)
+        bright.append(10 * math.log10(power[hertz > 2000].sum() / power[hertz < 600].sum()))
+    assert np.all(np.diff(bright) > 3.0)  # dB
+
+
+def test_the_bridge_of_the_tanpura_makes_the_jvari():
+    """High partials grow at the cost of the low ones after the pluck is over, and stay for seconds; without the
+    bridge they only die away."""
+    on, off = (heard("tanpura", bridge) for bridge in (True, False))
+    bridge, bare = ([high_to_low(h.between(t, t + WINDOW)) for t in TIMES] for h in (on, off))
+    assert max(bridge) > bridge[0] + 5.0
+    assert np.argmax(bridge) >= 2
+    assert np.all(np.diff(bare) < 0.0)
+    assert min(np.subtract(bridge, bare)) > 4.0
+    assert min(np.subtract(bridge[2:], bare[2:])) > 12.0
+    assert centroid(on.between(0.7, 0.85)) > 2 * centroid(off.between(0.7, 0.85))
+
+
+def test_the_pitch_of_the_tanpura():
+    """C3; the thread, which reaches 0.8 % of the length from the end, makes it sharper than √(T/μ)/2L, by less
+    than 1 %; and so it stays where the bridge is touched, at 1 %."""
+    frequency, decay = partial(heard("tanpura", False).between(1.0, 7.0), 130.81)
+    assert abs(cents(frequency, 130.81)) < 0.1
+    string = heard("tanpura").body("string").modal_body(0.49 * RATE)
+    assert abs(cents(frequency, string.omega[0] / 2 / math.pi)) < 0.01
+    assert 0.0 < cents(frequency, math.sqrt(32.5509 / 4.83e-4) / 2) < cents(1.01, 1.0)
+    assert decay == pytest.approx(string.sigma[0], rel=0.001)
+    frequency, decay = partial(heard("tanpura").between(3.0, 7.0), 130.81)
+    assert abs(cents(frequency, string.omega[0] / 2 / math.pi)) < 1.0
+
+
+@pytest.mark.parametrize(
+    ("start", "pitch"), [(0.1, 97.9989), (3.9, 97.9989)], ids=["first round", "second round, over the others"]
+)
+def test_the_drone_is_in_tune(start, pitch):
+    frequency, _ = partial(heard("tanpura_drone").between(start + 0.2, start + 1.0), pitch)
+    assert -1.0 < cents(frequency, pitch) < cents(1.01, 1.0)
+
+
+def held(scene: engine.Scene, frets: list[float], finger: float) -> float:
+    """Fundamental (Hz) of the guitar string held fast at two frets and by the finger, a mass on the spring that its
+    flesh is under its constant force: where the matrix of their compliances is singular."""
+    string, mass = scene.body[0], scene.body[1].mass
+    tip, push = scene.contact[1], -scene.force[0].amplitude
+    spring = tip.exponent * push / (push / tip.stiffness) ** (1 / tip.exponent)
+    own = string.modal_body(0.49 * RATE)
+    shapes = np.array([own.shape(x) for x in [*frets, finger]])
+
+    def singular(frequency: float) -> float:
+        square = (2 * math.pi * frequency) ** 2
+        matrix = (shapes / (own.omega**2 - square)) @ shapes.T
+        matrix[-1, -1] += 1 / (spring - mass * square)
+        return float(np.linalg.det(matrix * 1e4))
+
+    return float(brentq(singular, 105.0, 112.0))
+
+
+def test_the_fretted_string_sounds_from_its_fret():
+    """Pressed down behind the fifth fret: the pitch is that of a string held at frets 4 and 5 and by the finger,
+    and about five semitones above the open one (stiffness makes it sharper)."""
+    guitar = heard("guitar_frets")
+    frequency, _ = partial(guitar.between(2.6, 3.6), 109.2)
+    frets = [1 - 2 ** (-n / 12) for n in (4, 5)]
+    assert abs(cents(frequency, held(guitar.scene, frets, guitar.scene.contact[1].on_at))) < 1.0
+    assert 0.0 < cents(frequency, 81.4519 * 2 ** (5 / 12)) < 12.0
+    begin, end = guitar.touches("finger", gap=0.5)[0]
+    assert begin + end == pytest.approx(5.4, abs=0.05)
+
+
+def test_the_open_guitar_string_dies_at_the_rate_of_its_source():
+    """NESS means 120 dB by T60: its 15 s for the low partials are 6 ln 10/15 = 0.92 1/s."""
+    _, decay = partial(heard("guitar_frets").between(6.6, 8.0), 81.4519)
+    assert decay == pytest.approx(6 * math.log(10) / 15.0, rel=0.02)
+
+
+def test_the_frets_of_the_bass_are_as_measured():
+    """Issanchou et al., JASA 143 (2018): from x = 0.048 m to 0.591 m, falling fast at first and hardly at the end."""
+    bass = heard("bass_frets").scene
+    string, frets = bass.body[0], contact_points(bass.contact[0], bass.body[0], None)
+    measured = [0.63, 0.88, 1.13, 1.33, 1.58, 1.73, 1.88, 1.98, 2.13, 2.18, 2.23, *[2.33] * 6, *[2.335] * 3]  # mm
+    assert [-1e3 * fret.offset for fret in frets] == pytest.approx(measured, abs=1e-9)
+    assert [frets[k].at * string.length for k in (0, -1)] == pytest.approx([0.048, 0.591], abs=5e-4)
+
+
+def test_the_bass_dies_nearly_as_measured():
+    """Partials 1, 3, 80 and 110 at 0.20, 1.65, 56 and 144 1/s. No sum of positive powers of frequency follows the
+    first two and the last two: the low ones are within a factor of 1.7, the high ones within 13 %."""
+    bass = heard("bass_frets")
+    tail = bass.between(3.0, 4.9)
+    assert abs(math.log(partial(tail, 97.973)[1] / 0.20)) < math.log(1.7)
+    assert abs(math.log(partial(tail, 293.960)[1] / 1.65)) < math.log(1.7)
+    sigma = bass.body("string").modal_body(0.49 * RATE).sigma
+    assert sigma[[79, 109]] == pytest.approx([56.0, 144.0], rel=0.13)
+
+
+def test_the_bass_slaps_its_frets():
+    """A soft pluck stays clear of them, a hard one does not; the thumb drives the string down."""
+    bass = heard("bass_frets")
+    times = np.array([t for t, _ in bass.touches("string")])
+    soft, hard = np.sum(times < 2.4), np.sum((times > 2.5) & (times < 4.9))
+    assert soft == 0
+    assert hard > 20
+    assert np.sum(bass.between(5.0, 5.1, channel=2) > 0.0) > 20  # N upwards: frets push so, the thumb does not
+    begin, duration = bass.touches("thumb", gap=0.02)[0]
+    assert begin == pytest.approx(5.0, abs=0.03)
+    assert 2e-3 < duration < 15e-3
+
+
+def test_the_mallet_touches_for_some_milliseconds():
+    strikes = heard("marimba").touches("mallet_c", gap=0.02)
+    assert [round(t, 1) for t, _ in strikes] == [0.0, 2.1, 3.0]
+    assert all(1e-3 < duration < 4e-3 for _, duration in strikes)
+
+
+def test_the_ball_falls_bounces_and_comes_to_rest():
+    """It lands after √(2h/g), and weighs m·g on the drum in the end."""
+    drum = heard("ball_on_drum")
+    bounces = drum.touches("ball")
+    assert bounces[0][0] == pytest.approx(math.sqrt(2 * 0.25 / 9.81), abs=1.5 / RATE)
+    assert len(bounces) > 10
+    weight = drum.take.audio[-RATE // 4 :, 2 + 1].mean()
+    assert weight == pytest.approx(4e-3 * 9.81, rel=0.01)
+
+
+def test_every_stroke_makes_the_wires_rattle():
+    snare = heard("snare_wires")
+    strokes = [t for t, _ in snare.touches("stick", gap=0.05)]
+    thrown = [f.start for f in snare.scene.force]
+    assert [round(t - s, 3) for t, s in zip(strokes, thrown, strict=True)] == pytest.approx([0.008] * 9, abs=6e-3)
+    rattle = np.array([t for t, _ in snare.touches("wire1")])
+    assert all(np.sum((rattle > t) & (rattle < t + 0.1)) > 10 for t in strokes)
+    assert max(rattle) < 2.5
+
+
+def test_the_snare_is_short():
+    """The head falls by 60 dB in 0.5 s at 190 Hz, in 0.12 s at 2 kHz; so 0.3 s after the last stroke the whole is
+    40 dB lower."""
+    snare = heard("snare_wires")
+    head = snare.body("head").modal_body(0.49 * RATE)
+    sigma = np.interp([190.0, 2000.0], head.omega / 2 / math.pi, head.sigma)
+    assert 3 * math.log(10) / sigma == pytest.approx([0.5, 0.12], rel=0.01)
+    for channel in (0, 1):
+        early, late = (snare.between(t, t + 0.05, channel).std() for t in (2.0, 2.3))
+        assert 20 * math.log10(early / late) > 40.0
+
+
+def test_the_hiss_of_the_snare_is_that_of_its_wires():
+    """Above 2 kHz there is a tenth of the power or more while they rattle; let down, they leave next to none."""
+    told = heard("snare_wires").scene.model_dump(exclude_none=True)
+    for contact in told["contact"][1:]:
+        contact["gap"] = 5e-3  # m: out of reach
+    down = engine.render(engine.Scene.model_validate(told), seconds=0.2).audio[:, :2]
+    up = heard("snare_wires").take.audio[: down.shape[0], :2]
+
+    def hiss(x: np.ndarray) -> float:
+        """Share of the power above 2 kHz, dB, from 0.05 to 0.15 s: the stick has left by then."""
+        x = x[RATE // 20 : RATE * 3 // 20]
+        power, hertz = np.abs(np.fft.rfft(x * np.hanning(x.size))) ** 2, np.fft.rfftfreq(x.size, 1 / RATE)
+        return 10 * math.log10(power[hertz > 2000].sum() / power.sum())
+
+    for channel in (0, 1):
+        assert -10.0 < hiss(up[:, channel]) < -3.0
+        assert hiss(down[:, channel]) < -50.0
+
+
+def test_the_bolt_rattles_and_falls_silent():
+    knocks = np.array([t for t, _ in heard("rattle").touches("bolt")])
+    counts = [int(np.sum((knocks > t) & (knocks < t + 0.25))) for t in (0.0, 0.25, 0.75, 1.25)]
+    assert counts[0] > counts[1] > counts[2] > counts[3] == 0
+    assert counts[0] > 100

@@ -11,16 +11,19 @@ from engine.kernel.contacts import contact_energy
 
 @reduction
 def kinetic_and_potential(omega_squared, weight, q, p):
-    """½p², and ½ω²q² - weight·q, summed over modes, J."""
+    """½p², ½ω²q² - weight·q, and the same with each mode's weight·q without its sign, summed over modes, J."""
     kinetic = 0.0
     potential = 0.0
+    absolute = 0.0
     for m in range(p.shape[0]):
         kinetic += 0.5 * p[m] * p[m]
         if omega_squared is not None:
             potential += 0.5 * omega_squared[m] * q[m] * q[m]
+            absolute += 0.5 * omega_squared[m] * q[m] * q[m]
         if weight is not None:
             potential -= weight[m] * q[m]
-    return kinetic, potential
+            absolute += abs(weight[m] * q[m])
+    return kinetic, potential, absolute
 
 
 @inline
@@ -35,10 +38,11 @@ def accumulate(totals, column, amount):
 @inline
 def write_ledger(ledger, begin, count, is_first, model, state):
     """Write an island's energies into `count` rows of the ledger from `begin` on; all but the first island add."""
-    kinetic, potential = kinetic_and_potential(model.omega_squared, model.weight, state.q, state.p)
+    kinetic, potential, absolute_potential = kinetic_and_potential(model.omega_squared, model.weight, state.q, state.p)
     squeezed = contact_energy(model.contact, state)
     total = kinetic + potential + squeezed
-    absolute = kinetic + abs(potential) + squeezed  # a falling ball holds energy, though its total may be 0
+    # a falling ball holds energy, though its total may be 0; so do two at heights that cancel
+    absolute = kinetic + absolute_potential + squeezed
     spent = state.energy_totals[EnergyTotal.DISSIPATED] - state.energy_totals[EnergyTotal.SUPPLIED]
     for row in range(begin, begin + count):
         if is_first:

@@ -151,7 +151,7 @@ def execute_event(model, state, j, frame):
 @noinline
 def island_energy(model, state):
     """Energy of an island, J."""
-    kinetic, potential = kinetic_and_potential(model.omega_squared, model.weight, state.q, state.p)
+    kinetic, potential, _ = kinetic_and_potential(model.omega_squared, model.weight, state.q, state.p)
     return kinetic + potential + contact_energy(model.contact, state)
 
 

@@ -201,7 +201,7 @@ def write_trace(trace, begin, count, bounds, model, state, frame):
             trace.compression[i, column] = traced_compression(model.contact, state, k, frame)
             trace.force[i, column] = state.contact_force[k]
         trace.iterations[i] += state.law_evaluations[0]
-        kinetic, potential = kinetic_and_potential(model.omega_squared, model.weight, state.q, state.p)
+        kinetic, potential, _ = kinetic_and_potential(model.omega_squared, model.weight, state.q, state.p)
         trace.kinetic[i] += kinetic
         trace.potential[i] += potential
         trace.contact[i] += contact_energy(model.contact, state)

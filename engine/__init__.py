@@ -2,28 +2,28 @@
 
 import engine
 scene = engine.load("tanpura")  # a shipped patch; or the path of a file
-take = engine.render(scene, seconds=2.0)
-take.audio, take.stats
+rendering = engine.render(scene, seconds=2.0)
+rendering.audio, rendering.stats
 """
 
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from engine.live.player import Player
-    from engine.offline.render import Take, render
+    from engine.offline.render import Rendering, render
     from engine.patch.faults import PatchError
     from engine.patch.reader import load
     from engine.patch.scene import Scene
 
     __version__: str
 
-__all__ = ["PatchError", "Player", "Scene", "Take", "load", "render"]
+__all__ = ["PatchError", "Player", "Rendering", "Scene", "load", "render"]
 
 _HOME = {
     "PatchError": "patch.faults",
     "Player": "live.player",
+    "Rendering": "offline.render",
     "Scene": "patch.scene",
-    "Take": "offline.render",
     "load": "patch.reader",
     "render": "offline.render",
 }

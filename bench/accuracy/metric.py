@@ -13,7 +13,7 @@ ALPHAS = [1, 1.3, 1.5, 2, 2.5, 3, 4, 5, 6, 8]
 DECADES = range(-3, 9)
 
 
-def collision(alpha: float, beta: float, bodies: int) -> tuple[engine.Take, float]:
+def collision(alpha: float, beta: float, bodies: int) -> tuple[engine.Rendering, float]:
     """A collision with a barrier, traced: unit masses that start between 1.6 and 2 m/s (the paper's Figs. 1 and 2:
     2 m/s) and 10 to 20 mm from it; and the barrier's stiffness. β in m^(1-α)."""
     stiffness = beta * RATE**2
@@ -38,14 +38,14 @@ def collision(alpha: float, beta: float, bodies: int) -> tuple[engine.Take, floa
 @functools.cache
 def preservation(alpha: float, beta: float) -> float:
     """P: mean |H(n+1) - H(n)|/H(0) over the samples of a collision with a barrier; mean over many bodies."""
-    take, stiffness = collision(alpha, beta, BODIES)
+    rendering, stiffness = collision(alpha, beta, BODIES)
     # evaluated in extended precision: the error of the states, not of this line
-    speed, compression = (take.trace[name].astype(np.longdouble) for name in ("velocity", "compression"))
+    speed, compression = (rendering.trace[name].astype(np.longdouble) for name in ("velocity", "compression"))
     compression = np.maximum(compression, 0.0)
     total = 0.5 * speed**2 + np.longdouble(stiffness) / (alpha + 1) * compression * compression**alpha
     found = []
     for i in range(BODIES):
-        touching = np.flatnonzero(take.trace["force"][:, i])
+        touching = np.flatnonzero(rendering.trace["force"][:, i])
         first, last = touching[0] - 1, touching[-1]
         steps = np.abs(np.diff(total[first : last + 1, i]))
         found.append(steps.sum() / ((last - first + 1) * total[0, i]))

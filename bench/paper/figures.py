@@ -19,8 +19,8 @@ Rows = list[list[str]]
 def traced(name: str, seconds: float | None = None, **more: object) -> dict[str, np.ndarray]:
     """A shipped patch in the paper's scheme, sample by sample."""
     settings = {"scheme": "fdh"} | more
-    take = engine.render(engine.load(ROOT / "patches" / f"{name}.toml"), seconds=seconds, trace=True, **settings)
-    return take.trace
+    rendering = engine.render(engine.load(ROOT / "patches" / f"{name}.toml"), seconds=seconds, trace=True, **settings)
+    return rendering.trace
 
 
 def off(trace: dict[str, np.ndarray]) -> np.ndarray:

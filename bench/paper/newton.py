@@ -54,12 +54,12 @@ def paper(s, g, compliance, alpha):
 @functools.cache
 def counts(alpha: float, beta: float) -> tuple[float, int, float, int, float]:
     """Mean and largest count of a collision, ours and of the paper's iteration, and the share of its that are few."""
-    take, stiffness = collision(alpha, beta, BODIES)
-    ours = take.stats["newton"]
+    rendering, stiffness = collision(alpha, beta, BODIES)
+    ours = rendering.stats["newton"]
     assert ours["unconverged"] == 0
     found = []
     for i in range(BODIES):
-        s, v = take.trace["compression"][:-1, i], take.trace["velocity"][:-1, i]
+        s, v = rendering.trace["compression"][:-1, i], rendering.trace["velocity"][:-1, i]
         found.append(paper(s, v / RATE, 0.5 * stiffness / RATE**2, float(alpha)))
     theirs = np.concatenate(found)
     theirs = theirs[theirs > 0]
@@ -86,16 +86,18 @@ def surface() -> None:
 
 
 def patches() -> None:
-    """Counts and regimes of every shipped patch."""
+    """Counts and solve outcomes of every shipped patch."""
     rows = []
     for path in sorted((ROOT / "patches").glob("*.toml")):
-        stats = engine.render(engine.load(path), cores=1).stats["newton"]
-        samples = max(1, sum(stats["regimes"].values()))
-        shares = [f"{stats['regimes'][name] / samples:.2%}" for name in ("free", "separation", "closed_form", "newton")]
-        few = ", ".join(f"{n}: {count}" for n, count in enumerate(stats["histogram"]) if count)
-        counted = [f"{stats['mean']:.2f}", str(stats["p99"]), str(stats["max"])] if stats["solves"] else ["–"] * 3
-        rows.append([path.stem, *counted, few, *shares, f"{stats['regimes']['capped'] / samples:.2%}",
-                     str(stats["unconverged"])])  # fmt: skip
+        newton = engine.render(engine.load(path), cores=1).stats.newton
+        outcomes = newton.solve_outcomes
+        samples = max(1, outcomes.free + outcomes.solved)
+        shares = [
+            f"{outcomes[name] / samples:.2%}" for name in ("free", "separation", "closed_form", "newton", "capped")
+        ]
+        histogram = ", ".join(f"{n}: {count}" for n, count in enumerate(newton.histogram) if count)
+        counts = [f"{newton.mean:.2f}", str(newton.p99), str(newton.max)] if newton.solves else ["–"] * 3
+        rows.append([path.stem, *counts, histogram, *shares, str(newton.unconverged)])
     header = ["patch", "mean", "p99", "max", "histogram", "free", "separating", "closed form", "iterated", "capped"]
     publish("newton", [*header, "unconverged"], rows)
 

@@ -63,11 +63,11 @@ def run() -> None:
 def exhibit(path: Path, words: dict[str, Any]) -> tuple[list[str], str]:
     """A row of the table, and a part of the page."""
     scene = engine.load(path)
-    take = engine.render(scene, trace=True)
-    found = features(take.audio, take.samplerate)
-    hear(take, SOUNDS / f"{path.stem}.ogg")
-    see(take, scene.title, PICTURES / f"{path.stem}.png")
-    energy = take.stats["energy"]["error_max"]
+    rendering = engine.render(scene, trace=True)
+    found = features(rendering.audio, rendering.samplerate)
+    hear(rendering, SOUNDS / f"{path.stem}.ogg")
+    see(rendering, scene.title, PICTURES / f"{path.stem}.png")
+    energy = rendering.stats["energy"]["error_max"]
     numbers = [cell(found[key]) for key in ("fundamental_hz", "t60_s", "centroid_hz")]
     link = f"[{path.stem}](#{path.stem})"
     row = [link, f"{scene.seconds:g}", *numbers, f"{found['peak']:.2g}", f"{energy:.0e}", mark(path)]
@@ -122,21 +122,21 @@ def sources(path: Path) -> str:
     return " ".join(found)
 
 
-def hear(take: engine.Take, path: Path) -> None:
+def hear(rendering: engine.Rendering, path: Path) -> None:
     """A small file of the sound, normalised."""
-    audio, _ = apply_gain(take.audio, float(take.stats["peak"]), None)
-    end = round(FADE * take.samplerate)
+    audio, _ = apply_gain(rendering.audio, float(rendering.stats["peak"]), None)
+    end = round(FADE * rendering.samplerate)
     audio[-end:] *= np.linspace(1.0, 0.0, end)[:, None]
-    with soundfile.SoundFile(path, "w", take.samplerate, audio.shape[1], format="OGG", subtype="VORBIS") as file:
+    with soundfile.SoundFile(path, "w", rendering.samplerate, audio.shape[1], format="OGG", subtype="VORBIS") as file:
         for begin in range(0, len(audio), 4096):  # libsndfile loses its way in longer pieces
             file.write(audio[begin : begin + 4096])
 
 
-def see(take: engine.Take, title: str, path: Path) -> None:
+def see(rendering: engine.Rendering, title: str, path: Path) -> None:
     """A small picture of the render."""
     from PIL import Image
 
-    plots.plot_rendering(take, title, path)
+    plots.plot_rendering(rendering, title, path)
     with Image.open(path) as drawn:
         small = drawn.convert("RGB").quantize(COLOURS)
     small.save(path, optimize=True)

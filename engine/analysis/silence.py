@@ -7,6 +7,7 @@ import numpy as np
 
 from engine.bodies import Mass, MeasuredBody, Oscillator
 from engine.bodies.distributed import SheetBody
+from engine.offline.statistics import SimulationStatistics
 from engine.output_files import SILENT_PEAK
 from engine.patch.scene import Scene, connected_bodies
 from engine.patch.tables import ChangeEvent, Contact, Force, Pickup, PluckEvent, StrikeEvent
@@ -16,28 +17,34 @@ NODE_THRESHOLD = 1e-9  # a shape this much smaller than elsewhere is rounding
 GENERIC_POSITIONS = 0.137, 0.29, 0.41  # at no simple fraction, and so at no node of a low mode
 
 
-def explain_silence(scene: Scene, stats: dict[str, Any]) -> str | None:
+def explain_silence(
+    scene: Scene, seconds: float, samplerate: int, peak: float, simulated: SimulationStatistics
+) -> str | None:
     """What makes a rendering silent, and what would make it sound; None if it sounds.
 
-    stats: of the rendering (engine.offline.render)
+    samplerate: Hz
+    peak:       its largest absolute sample
 
     What is heard or pushed at nodes alone counts as silent, though rounding leaves something there.
     """
     audible = [p for p in scene.pickup if p.gain != 0.0]
     at_nodes = [p for p in audible if p.quantity != "force" and is_node(scene, p.body, p.at)]
-    seconds = stats["seconds"]
-    if seconds * stats["samplerate"] < 1.5 and stats["peak"] <= SILENT_PEAK:
+    if seconds * samplerate < 1.5 and peak <= SILENT_PEAK:
         return "it has one sample, before anything has moved; give more seconds"
     effective = [f for f in _acting_forces(scene, seconds) if not is_node(scene, f.body, f.at)]
     moving = _moving_bodies(scene, seconds) + [f.body for f in effective]
-    is_at_rest = not moving and stats["energy"]["initial"] == 0.0
-    if stats["peak"] > SILENT_PEAK and len(at_nodes) < len(audible) and not is_at_rest:
+    is_at_rest = not moving and simulated.energy.initial == 0.0
+    if peak > SILENT_PEAK and len(at_nodes) < len(audible) and not is_at_rest:
         return None
     if not audible:
         return "every pickup has gain = 0; give one another gain"
     if is_at_rest:
         return _explain_no_motion(scene, seconds)
-    return "; and ".join(dict.fromkeys(_explain_pickup(scene, p, moving, stats, p in at_nodes) for p in audible))
+    has_touched = simulated.newton.solve_outcomes.solved > 0
+    why = [
+        _explain_node(p) if p in at_nodes else _explain_pickup(scene, p, moving, has_touched, seconds) for p in audible
+    ]
+    return "; and ".join(dict.fromkeys(why))
 
 
 def is_inaudible(scene: Scene) -> bool:
@@ -101,11 +108,14 @@ def _explain_no_motion(scene: Scene, seconds: float) -> str:
     return f"nothing moves at the start, and no force or strike acts; {remedy}"
 
 
-def _explain_pickup(scene: Scene, pickup: Pickup, moving: list[str], stats: dict[str, Any], at_node: bool) -> str:
-    """Why one pickup hears nothing. moving: the bodies that move by themselves"""
+def _explain_node(pickup: Pickup) -> str:
+    """A pickup at a node hears nothing."""
+    return f'the pickup on "{pickup.body}" is at {pickup.at}, where it never moves; another place'
+
+
+def _explain_pickup(scene: Scene, pickup: Pickup, moving: list[str], has_touched: bool, seconds: float) -> str:
+    """Why one pickup hears nothing to the end (s). moving: the bodies that move by themselves"""
     name = pickup.body
-    if at_node:
-        return f'the pickup on "{name}" is at {pickup.at}, where it never moves; another place'
     connected = connected_bodies(scene, name)
     contacts = [c for c in scene.contact if c.body in connected and c.stiffness > 0.0]
     if pickup.quantity == "force" and not any(name in (c.body, c.on) for c in contacts):
@@ -113,10 +123,9 @@ def _explain_pickup(scene: Scene, pickup: Pickup, moving: list[str], stats: dict
     if moving and not connected & set(moving):
         names = ", ".join(f'"{n}"' for n in dict.fromkeys(moving))
         return f'"{name}" is heard, and what moves ({names}) has no contact with it; add a [[contact]] between them'
-    has_touched = any(count for regime, count in stats["newton"]["regimes"].items() if regime != "free")
     if contacts and not has_touched:
         first = next((c for c in contacts if {c.body, c.on} & set(moving)), contacts[0])
-        return "no contact ever closes: " + _explain_open_contact(scene, first, moving, stats["seconds"])
+        return "no contact ever closes: " + _explain_open_contact(scene, first, moving, seconds)
     return "no pickup moves; another place or quantity"
 
 

@@ -28,9 +28,9 @@ from engine.build.build import BuildError, build
 from engine.kernel.codes import EventKind
 from engine.kernel.model import Model
 from engine.kernel.state import State
-from engine.offline import render
+from engine.offline.decimation import decimate, decimation_tail
 from engine.offline.simulation import Simulation, time_block
-from engine.offline.statistics import statistics
+from engine.offline.statistics import SimulationStatistics, simulation_statistics
 from engine.patch.accuracy import Accuracy
 from engine.patch.scene import Scene
 from engine.patch.tables import MAX_CHANNELS
@@ -57,7 +57,7 @@ class Run(NamedTuple):
     audio: np.ndarray  # [frames, channels]
     forces: np.ndarray  # [frames, bodies that touch], N
     velocities: np.ndarray  # [frames, the first of these, which are masses or oscillators], m/s
-    stats: dict[str, Any]
+    stats: SimulationStatistics
 
 
 class Reference(NamedTuple):
@@ -165,8 +165,8 @@ def _result_row(
         "decay_db": decay_error(run.audio, exact.audio, samplerate),
         "cents": detuning_cents(run.audio, exact.audio),
         **cost,
-        "newton": {k: run.stats["newton"][k] for k in ("mean", "p99", "max", "unconverged")},
-        "energy_error": run.stats["energy"]["error_max"],
+        "newton": {k: run.stats.newton[k] for k in ("mean", "p99", "max", "unconverged")},
+        "energy_error": run.stats.energy.error_max,
     }
 
 
@@ -217,8 +217,7 @@ def _explain_unmeasurable(scene: Scene, run: Run, seconds: float, samplerate: in
     """Why a run has nothing of which an error could be taken; None if it has."""
     if len(run.audio) < 2:
         return "it has one sample; give more seconds"
-    stats = run.stats | {"seconds": seconds, "samplerate": samplerate, "peak": float(np.abs(run.audio).max())}
-    silence = explain_silence(scene, stats)
+    silence = explain_silence(scene, seconds, samplerate, float(np.abs(run.audio).max()), run.stats)
     return f"silent; {silence}" if silence else None
 
 
@@ -282,12 +281,12 @@ def _run(
     simulation = Simulation(model, state)
     frames = max(1, round(seconds * samplerate))
     fine = frames * accuracy.oversample
-    out = np.zeros((fine + render.beyond(accuracy.oversample), max(p.channel for p in scene.pickup)))
+    out = np.zeros((fine + decimation_tail(accuracy.oversample), max(p.channel for p in scene.pickup)))
     simulation.render_block(out[:fine])
-    stats = statistics(simulation)
+    stats = simulation_statistics(simulation)
     if accuracy.oversample > 1:
         simulation.render_block(out[fine:])
-        out = render.decimated(out, accuracy.oversample, frames)
+        out = decimate(out, accuracy.oversample, frames)
     forces, velocities = columns
     return Run(out[:, :forces], out[:, forces:velocities], out[:, velocities:], stats)
 

@@ -31,8 +31,8 @@ def add_accuracy_command(commands: "arguments.Commands") -> None:
     arguments.add_length_and_rate(parser)
     arguments.add_plot(parser, "error against time")
     arguments.add_report(parser, "of the comparison and of a rendering, which is written too")
-    told = "the sound of the --report (default: the patch's name, here)"
-    parser.add_argument("-o", "--output", metavar="OUT.wav", help=told)
+    output_help = "the sound of the --report (default: the patch's name, here)"
+    parser.add_argument("-o", "--output", metavar="OUT.wav", help=output_help)
     arguments.add_json(parser, "the comparison")
     parser.set_defaults(run=accuracy_command, **AS_THE_PATCH_SAYS)
 
@@ -59,14 +59,14 @@ def accuracy_command(args: argparse.Namespace) -> int:
     if scene is None or faults:
         print_faults(faults)
         return 2
-    plot, made, companions = plot_path(args), None, list[Path]()
+    plot, outputs, companions = plot_path(args), None, list[Path]()
     try:
-        found = rendering.run_work_precision(scene, numbers["seconds"], numbers, args)
+        study = rendering.run_work_precision(scene, numbers["seconds"], numbers, args)
         if args.report is not None:
-            made = rendering.render_from_arguments(scene, numbers, args, found)
-            companions = rendering.write_outputs(made, args)
+            outputs = rendering.render_from_arguments(scene, numbers, args, study)
+            companions = rendering.write_outputs(outputs, args)
         elif plot is not None:
-            draw = lambda part: plots.plot_work_precision(found, Path(args.patch).stem, part)
+            draw = lambda part: plots.plot_work_precision(study, Path(args.patch).stem, part)
             rendering.write_or_raise(plot, lambda path: rendering.write_atomically(path, draw))
     except BuildError as error:
         print_faults(locate_build_faults(args.patch, error.faults))
@@ -77,15 +77,15 @@ def accuracy_command(args: argparse.Namespace) -> int:
     except rendering.WriteError as error:
         print_error(error)
         return 1
-    for warning in made.warnings if made is not None else []:
+    for warning in outputs.warnings if outputs is not None else []:
         print(warning, file=sys.stderr)
     if args.json:
-        told = made.stats if made is not None else {"patch": args.patch}
-        print(json.dumps(json_safe(told | {"price": found})))
+        printed = outputs.stats if outputs is not None else {"patch": args.patch}
+        print(json.dumps(json_safe(printed | {"price": study})))
         return 0
-    console.print_work_precision(found)
-    if made is not None:
-        console.print_summary(made.stats, [str(path) for path in companions])
+    console.print_work_precision(study)
+    if outputs is not None:
+        console.print_summary(outputs.stats, [str(path) for path in companions])
     elif plot is not None:
         print(plot)
     return 0

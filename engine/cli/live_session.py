@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -279,11 +280,11 @@ def print_summary(player: Player, args: argparse.Namespace, played: dict[str, st
     """What there is to be said at the end. played: which body played which notes."""
     now = player.meter()
     if args.json:
-        print(json.dumps({"patch": args.patch, "live": json_safe(now), "notes": played}))
+        print(json.dumps({"patch": args.patch, "live": json_safe(now.as_dict()), "notes": played}))
         return
     for body, notes in played.items():
         print(f"{body} plays {notes}")
-    print(format_meter(now | {"peak": 0.0}, int(args.block_size)).replace("  silent  ", "  "))
+    print(format_meter(replace(now, peak=0.0), int(args.block_size)).replace("  silent  ", "  "))
     said = {
         "dropouts": f"dropouts: try --block-size {2 * int(args.block_size)}, or --latency high",
         "limited": "samples held back by the limiter; a lower --gain",

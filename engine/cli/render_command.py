@@ -45,19 +45,19 @@ def add_render_command(commands: "arguments.Commands") -> None:
         "render", help="render a patch to a sound file", description="Render a patch to a sound file."
     )
     arguments.add_patch(parser)
-    told = "the file to write (default: the patch's name, here)"
-    parser.add_argument("-o", "--output", metavar="OUT.wav", help=told)
+    what = "the file to write (default: the patch's name, here)"
+    parser.add_argument("-o", "--output", metavar="OUT.wav", help=what)
     arguments.add_length_and_rate(parser)
     arguments.add_sound_format(parser)
     arguments.add_gain(parser)
     arguments.add_cores(parser)
     arguments.add_accuracy_options(parser)
-    told = "render at the cheapest setting that errs less: 1e-4, or 0.1dB of a band"
-    parser.add_argument("--target-error", metavar="E", help=told)
+    what = "render at the cheapest setting that errs less: 1e-4, or 0.1dB of a band"
+    parser.add_argument("--target-error", metavar="E", help=what)
     parser.add_argument("--midi", metavar="FILE.mid", help="play the notes of a file")
     arguments.add_voices(parser)
-    told = "also write every sample's displacements, forces, energies"
-    parser.add_argument("--trace", metavar="OUT.npz", help=told)
+    what = "also write every sample's displacements, forces, energies"
+    parser.add_argument("--trace", metavar="OUT.npz", help=what)
     arguments.add_plot(parser, "waveform, spectrogram, energies and contacts")
     arguments.add_report(parser, "to listen to and look at")
     arguments.add_json(parser)
@@ -99,8 +99,8 @@ def scene_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namesp
     from engine.report import console
 
     try:
-        made = rendering.render_from_arguments(scene, numbers, args)
-        companions = rendering.write_outputs(made, args)
+        outputs = rendering.render_from_arguments(scene, numbers, args)
+        companions = rendering.write_outputs(outputs, args)
     except BuildError as error:
         print_faults(locate_build_faults(args.patch, error.faults))
         return 2
@@ -110,12 +110,12 @@ def scene_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namesp
     except rendering.WriteError as error:
         print_error(error)
         return 1
-    for warning in made.warnings:
+    for warning in outputs.warnings:
         print(warning, file=sys.stderr)
     if args.json:
-        print(json.dumps(json_safe(made.stats)))
+        print(json.dumps(json_safe(outputs.stats)))
     else:
-        console.print_summary(made.stats, [str(path) for path in companions])
+        console.print_summary(outputs.stats, [str(path) for path in companions])
     return 0
 
 
@@ -151,16 +151,16 @@ def midi_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespa
         print(f"{output}: {cut}", file=sys.stderr)
     for warning in describe_lowered_gain(output, gain, numbers["gain"]):
         print(warning, file=sys.stderr)
-    now = player.meter()
-    reasons = doubts(now["newton"], {"error_max": now["energy_error"]}, not now["not_finite"])
+    reading = player.meter()
+    reasons = doubts(reading.newton, reading.energy_error, not reading.not_finite)
     if args.json:
-        stats = {"patch": args.patch, "output": str(output), "seconds": len(audio) / rate, "gain_db": gain, "live": now}
-        stats |= {"notes": played, "trusted": not reasons, "reasons": reasons}
+        stats = {"patch": args.patch, "output": str(output), "seconds": len(audio) / rate, "gain_db": gain}
+        stats |= {"live": reading.as_dict(), "notes": played, "trusted": not reasons, "reasons": reasons}
         print(json.dumps(json_safe(stats)))
     else:
         for body, notes in played.items():
             print(f"{body} plays {notes}")
         for why in reasons:
             print(f"NOT TO BE TRUSTED: {why}")
-        print(f"{len(audio) / rate:g} s, {player.voices} voices, energy error {now['energy_error']:.1e}\n{output}")
+        print(f"{len(audio) / rate:g} s, {player.voices} voices, energy error {reading.energy_error:.1e}\n{output}")
     return 0

@@ -31,20 +31,20 @@ from engine.output_files import (
 if TYPE_CHECKING:
     import numpy as np
 
-    from engine.offline.render import Take
+    from engine.offline.render import Rendering
     from engine.patch.scene import Scene
 
-TOLD = ("setting", "error", "bands_db", "ns_per_sample")  # of the setting that is chosen
+CHOSEN_SETTING_KEYS = ("setting", "error", "bands_db", "ns_per_sample")
 
 
 @dataclass(frozen=True)
-class Rendering:
-    """What was computed."""
+class Outputs:
+    """A rendering, and all that is to be written and printed of it."""
 
     title: str
-    take: "Take"
+    rendering: "Rendering"
     audio: "np.ndarray"  # as the file will have it
-    stats: dict[str, Any]  # of the take, and of the file
+    stats: dict[str, Any]  # as `--json` prints them: of the rendering, and of the file
     comparison: dict[str, Any] | None  # what accuracy costs, if that was asked
     page: str | None  # likewise
     warnings: list[str]
@@ -56,7 +56,7 @@ class WriteError(RuntimeError):
 
 def render_from_arguments(
     scene: "Scene", numbers: NumericOptions, args: argparse.Namespace, comparison: dict[str, Any] | None = None
-) -> Rendering:
+) -> Outputs:
     """Render a scene as the options say. Raises BuildError, MemoryError.
 
     comparison: what accuracy costs, for the page
@@ -69,7 +69,7 @@ def render_from_arguments(
     if args.target_error is not None:
         accuracy, chosen = cheapest_setting(scene, numbers, args, accuracy)
     with progress_feedback(args.json) as progress:
-        take = render(
+        rendering = render(
             scene,
             seconds=numbers["seconds"],
             samplerate=samplerate_of(numbers),
@@ -78,44 +78,50 @@ def render_from_arguments(
             progress=progress,
             **accuracy,
         )
-    output, silent = sound_path(args), explain_silence(scene, take.stats)
-    audio, gain = apply_gain(take.audio, 0.0 if silent else float(take.stats["peak"]), numbers["gain"], args.subtype)
+    output, stats = sound_path(args), rendering.stats
+    silence = explain_silence(scene, stats.seconds, stats.samplerate, stats.peak, stats)
+    audio, gain = apply_gain(rendering.audio, 0.0 if silence else stats.peak, numbers["gain"], args.subtype)
     cut = count_clipped(output, audio, gain, args.subtype)
-    told = {"patch": args.patch, "output": str(output), "peak": float(abs(audio).max()), "gain_db": gain}
-    told |= {"silent": silent, "clipped": cut.count if cut else 0} | ({"chosen": chosen} if chosen else {})
-    stats, title = take.stats | told, scene.title or Path(args.patch).stem
-    warnings = [f"{args.patch}: silent; {silent}"] if silent else []
-    warnings += [f"{args.patch}: {warning}" for warning in take.stats["warnings"]]
+    printed = stats.as_dict()
+    printed |= {"patch": args.patch, "output": str(output), "peak": float(abs(audio).max()), "gain_db": gain}
+    printed |= {"silent": silence, "clipped": cut.count if cut else 0} | ({"chosen": chosen} if chosen else {})
+    warnings = [f"{args.patch}: silent; {silence}"] if silence else []
+    warnings += [f"{args.patch}: {warning}" for warning in stats.warnings]
     warnings += describe_lowered_gain(output, gain, numbers["gain"])
     warnings += [f"{output}: {cut}"] if cut else []
-    made = Rendering(title, take, audio, stats, comparison, None, warnings)
-    return made if text is None else replace(made, page=html_report(scene, text, made, args))
+    title = scene.title or Path(args.patch).stem
+    outputs = Outputs(title, rendering, audio, printed, comparison, None, warnings)
+    return outputs if text is None else replace(outputs, page=html_report(scene, text, outputs, args))
 
 
-def html_report(scene: "Scene", text: str, made: Rendering, args: argparse.Namespace) -> str:
+def html_report(scene: "Scene", text: str, outputs: Outputs, args: argparse.Namespace) -> str:
     """The page of a rendering, whole before anything is written. text: of the patch."""
     from engine.analysis.profile import profile_scene
     from engine.report.html import compose_page
 
-    accuracy = made.stats["accuracy"]
+    accuracy = outputs.stats["accuracy"]
     with progress_feedback(args.json) as progress:
-        rate = made.take.samplerate * accuracy["oversample"]
-        explained = profile_scene(scene, made.stats["seconds"], rate, progress, **accuracy)
-    return compose_page(made.title, text, made.take, made.audio, made.stats, explained, made.comparison)
+        rate = outputs.rendering.samplerate * accuracy["oversample"]
+        explained = profile_scene(scene, outputs.stats["seconds"], rate, progress, **accuracy)
+    return compose_page(
+        outputs.title, text, outputs.rendering, outputs.audio, outputs.stats, explained, outputs.comparison
+    )
 
 
-def write_outputs(made: Rendering, args: argparse.Namespace) -> list[Path]:
+def write_outputs(outputs: Outputs, args: argparse.Namespace) -> list[Path]:
     """Write the sound and its companions: trace, picture and page; returns the names of these. Raises WriteError."""
     from engine.report import plots
 
     def picture(path: Path) -> None:
-        if made.comparison is not None:
-            plots.plot_work_precision(made.comparison, Path(args.patch).stem, path)
+        if outputs.comparison is not None:
+            plots.plot_work_precision(outputs.comparison, Path(args.patch).stem, path)
         else:
-            plots.plot_rendering(made.take, made.title, path)
+            plots.plot_rendering(outputs.rendering, outputs.title, path)
 
-    write_or_raise(sound_path(args), lambda path: save_audio(path, made.audio, made.take.samplerate, args.subtype))
-    trace, page = made.take.trace or {}, to_utf8_text(made.page or "")
+    write_or_raise(
+        sound_path(args), lambda path: save_audio(path, outputs.audio, outputs.rendering.samplerate, args.subtype)
+    )
+    trace, page = outputs.rendering.trace or {}, to_utf8_text(outputs.page or "")
     companions: list[tuple[Path | None, Callable[[Path], object]]] = [
         (optional_path(args.trace), lambda path: save_trace(path, trace)),
         (plot_path(args), lambda path: write_atomically(path, picture)),
@@ -158,9 +164,9 @@ def cheapest_setting(
     from engine.analysis.work_precision import cheapest_within
 
     amount, decibels = parse_error_target(args.target_error)
-    found = run_work_precision(scene, None, numbers, args)
-    asked = {"asked": args.target_error, "horizon": found["horizon"], "unmeasured": found["unmeasured"]}
-    if found["unmeasured"]:
-        return accuracy, dict.fromkeys(TOLD) | asked | {"met": False}
-    row, met = cheapest_within(found, amount, decibels)
-    return accuracy | row["changes"], {key: row[key] for key in TOLD} | asked | {"met": met}
+    study = run_work_precision(scene, None, numbers, args)
+    asked = {"asked": args.target_error, "horizon": study["horizon"], "unmeasured": study["unmeasured"]}
+    if study["unmeasured"]:
+        return accuracy, dict.fromkeys(CHOSEN_SETTING_KEYS) | asked | {"met": False}
+    row, met = cheapest_within(study, amount, decibels)
+    return accuracy | row["changes"], {key: row[key] for key in CHOSEN_SETTING_KEYS} | asked | {"met": met}

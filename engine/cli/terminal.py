@@ -6,7 +6,10 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from engine.live.meter import MeterReading
 
 KEYS = "keys: space strike, 1 to 9 softer to harder, m mute, n next patch, q quit"
 
@@ -80,21 +83,21 @@ def show_meter(block: int) -> Iterator[Any]:
         yield lambda player: line.update(Text(format_meter(player.meter(), block)), refresh=True)
 
 
-def format_meter(now: dict[str, Any], block: int) -> str:
+def format_meter(now: "MeterReading", block: int) -> str:
     """A meter as one line; block: frames of one, as asked for."""
-    level = f"{20 * math.log10(now['peak']):5.1f} dB" if now["peak"] > 1e-5 else "  silent"
+    level = f"{20 * math.log10(now.peak):5.1f} dB" if now.peak > 1e-5 else "  silent"
     parts = [
-        f"{now['seconds']:6.1f} s",
+        f"{now.seconds:6.1f} s",
         level,
-        f"{now['real_time_factor']:.0f} × real time",
-        f"worst block {now['worst_block']:.0%}",
-        f"dropouts {now['dropouts']}" + (f" (try --block-size {2 * block})" if now["dropouts"] else ""),
-        f"Newton {now['newton']['mean']:.2f}/{now['newton']['max']}",
-        f"energy {now['energy_error']:.0e}",
-        f"awake {now['awake']}/{now['islands']}",
+        f"{now.real_time_factor:.0f} × real time",
+        f"worst block {now.worst_block:.0%}",
+        f"dropouts {now.dropouts}" + (f" (try --block-size {2 * block})" if now.dropouts else ""),
+        f"Newton {now.newton.mean:.2f}/{now.newton.max}",
+        f"energy {now.energy_error:.0e}",
+        f"awake {now.awake}/{now.islands}",
     ]
-    if now["voices"]:
-        parts.append(f"voices {now['sounding']}/{now['voices']}")
-    if now["quality_steps"]:
-        parts.append(f"quality {now['quality']}, {now['quality_steps']} steps")
-    return "  ".join(parts) + (f"  limited {now['limited']}" if now["limited"] else "")
+    if now.voices:
+        parts.append(f"voices {now.sounding}/{now.voices}")
+    if now.quality_steps:
+        parts.append(f"quality {now.quality}, {now.quality_steps} steps")
+    return "  ".join(parts) + (f"  limited {now.limited}" if now.limited else "")

@@ -24,6 +24,7 @@ from engine.kernel.laws import Power
 from engine.live import audio_thread
 from engine.live.audio_memory import AudioMemory
 from engine.live.event_queue import EventQueue, EventRow, checked_frame, checked_integer, checked_number, make_event
+from engine.live.meter import MeterReading
 from engine.live.retuning import VoiceTuning
 from engine.live.shared_memory import Gauge, Slot
 from engine.live.voices import replicate, retune, striker_velocities
@@ -289,29 +290,29 @@ class Player:
         settings |= {name: int(self.shared[slot]) for name, slot in ends.items()}
         return settings | {"events": self._queue.entries()}
 
-    def meter(self) -> dict[str, Any]:
-        """What a meter shows; peaks are since the last call."""
+    def meter(self) -> MeterReading:
+        """Read the meter; the peak is the one since the last call."""
         gauges, shared = self.gauges, self.shared
         spent, peak = float(gauges[Gauge.SECONDS_USED]), float(gauges[Gauge.PEAK])
         gauges[Gauge.PEAK] = 0.0
         seconds = self.frame / self.samplerate
         awake = self.state.sleep[:, Sleep.WAKE_FRAME] <= self.frame
-        return {
-            "seconds": seconds,
-            "peak": peak,
-            "real_time_factor": seconds / spent if spent > 0.0 else math.inf,
-            "worst_block": float(gauges[Gauge.MAX_LOAD]),
-            "dropouts": int(shared[Slot.UNDERRUNS]),
-            "limited": int(shared[Slot.LIMITED_SAMPLES]),
-            "not_finite": int(shared[Slot.NONFINITE_SAMPLES]),
-            "dropped": self._queue.dropped(),
-            "lost": self.lost_frames,
-            "newton": newton_statistics(self.model, self.state),
-            "energy_error": float(gauges[Gauge.MAX_ENERGY_ERROR] / (gauges[Gauge.MAX_ENERGY] or 1.0)),
-            "quality_steps": int(shared[Slot.QUALITY_CHANGES]),
-            "quality": -int(shared[Slot.QUALITY]),
-            "awake": int(np.sum(awake)),
-            "islands": len(awake),
-            "voices": self.voices,
-            "sounding": int(np.sum(awake.reshape(self.voices or 1, -1).any(axis=1))),
-        }
+        return MeterReading(
+            seconds=seconds,
+            peak=peak,
+            real_time_factor=seconds / spent if spent > 0.0 else math.inf,
+            worst_block=float(gauges[Gauge.MAX_LOAD]),
+            dropouts=int(shared[Slot.UNDERRUNS]),
+            limited=int(shared[Slot.LIMITED_SAMPLES]),
+            not_finite=int(shared[Slot.NONFINITE_SAMPLES]),
+            dropped=self._queue.dropped(),
+            lost=self.lost_frames,
+            newton=newton_statistics(self.model, self.state),
+            energy_error=float(gauges[Gauge.MAX_ENERGY_ERROR] / (gauges[Gauge.MAX_ENERGY] or 1.0)),
+            quality_steps=int(shared[Slot.QUALITY_CHANGES]),
+            quality=-int(shared[Slot.QUALITY]),
+            awake=int(np.sum(awake)),
+            islands=len(awake),
+            voices=self.voices,
+            sounding=int(np.sum(awake.reshape(self.voices or 1, -1).any(axis=1))),
+        )

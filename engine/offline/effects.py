@@ -1,9 +1,11 @@
 """What a scene may call for, and whether it is compiled."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from engine.kernel.model import Model
+from engine.offline.record import Record
 
 # name, and what holds it: None where the effect is left out
 EFFECTS: dict[str, Callable[[Model], Any]] = {
@@ -21,10 +23,18 @@ EFFECTS: dict[str, Callable[[Model], Any]] = {
 }
 
 
-def effects_of(model: Model) -> dict[str, list[str]]:
+@dataclass(frozen=True)
+class EffectStatistics(Record):
     """The effects that are compiled, and those that are left out."""
+
+    compiled: list[str]
+    left_out: list[str]
+
+
+def effects_of(model: Model) -> EffectStatistics:
+    """Tell which effects a model has."""
     compiled = [name for name, find in EFFECTS.items() if find(model) is not None]
-    return {"compiled": compiled, "left_out": [name for name in EFFECTS if name not in compiled]}
+    return EffectStatistics(compiled, [name for name in EFFECTS if name not in compiled])
 
 
 def _at_contacts(model: Model, name: str) -> Any:

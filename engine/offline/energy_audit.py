@@ -1,13 +1,26 @@
 """The energy balance over a whole render, from the ledger of its blocks (engine.kernel.energy)."""
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from engine.kernel.codes import EnergyTotal, Ledger
+from engine.offline.record import Record
 
 BUFFERED_ROWS = 4096  # samples whose energies are audited together: to do so costs 30 µs
+
+
+@dataclass(frozen=True)
+class EnergyStatistics(Record):
+    """Energies in joule; errors relative to the largest energy that the scene has held, kinetic and potential counted
+    each without sign."""
+
+    initial: float
+    final: float
+    supplied: float
+    dissipated: float
+    error_max: float
+    error_per_step_max: float
 
 
 @dataclass
@@ -52,20 +65,16 @@ class EnergyAudit:
         self.rows += len(ledger)
         self.final, self.last_balance = float(ledger[-1, Ledger.STORED]), float(balance[-1])
 
-    def summary(self, energy_totals: np.ndarray) -> dict[str, Any]:
-        """Energies in joule; errors relative to the largest energy that the scene has held, kinetic and
-        potential counted each without sign.
-
-        energy_totals: State.energy_totals
-        """
+    def summary(self, energy_totals: np.ndarray) -> EnergyStatistics:
+        """The energies of what was taken. energy_totals: State.energy_totals"""
         self.flush()
         largest = self.largest if self.largest > 0 else 1.0
         with np.errstate(all="ignore"):
-            return {
-                "initial": self.initial,
-                "final": self.final,
-                "supplied": float(energy_totals[:, EnergyTotal.SUPPLIED].sum()),
-                "dissipated": float(energy_totals[:, EnergyTotal.DISSIPATED].sum()),
-                "error_max": float(np.float64(self.max_error) / largest),
-                "error_per_step_max": float(np.float64(self.max_error_per_step) / largest),
-            }
+            return EnergyStatistics(
+                initial=self.initial,
+                final=self.final,
+                supplied=float(energy_totals[:, EnergyTotal.SUPPLIED].sum()),
+                dissipated=float(energy_totals[:, EnergyTotal.DISSIPATED].sum()),
+                error_max=float(np.float64(self.max_error) / largest),
+                error_per_step_max=float(np.float64(self.max_error_per_step) / largest),
+            )

@@ -9,7 +9,7 @@ import numpy as np
 from engine.kernel.codes import Ledger
 from engine.kernel.model import Model
 from engine.kernel.state import BlockOutput, State, Trace
-from engine.offline.energy_audit import EnergyAudit
+from engine.offline.energy_audit import EnergyAudit, EnergyStatistics
 
 MIN_BUFFER_FRAMES = 1024  # that a block may have at first
 
@@ -68,7 +68,7 @@ class Simulation:
                 self._outputs.append(self._make_handle(BlockOutput(np.empty((size, channels)), ledger, None)))
         return self._outputs
 
-    def energies(self) -> dict[str, Any]:
+    def energies(self) -> EnergyStatistics:
         """Energies up to now (engine.offline.energy_audit)."""
         return self.audit.summary(self.state.energy_totals)
 

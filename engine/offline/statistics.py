@@ -1,5 +1,6 @@
 """What a render has to tell beside its sound: iterations, energy, effects and activity."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -8,55 +9,150 @@ from engine.build.layout import Layout
 from engine.kernel.codes import Sleep, SolveStatus
 from engine.kernel.model import Model
 from engine.kernel.state import State
-from engine.offline.effects import effects_of
+from engine.offline.effects import EffectStatistics, effects_of
+from engine.offline.energy_audit import EnergyStatistics
+from engine.offline.record import Record
 from engine.offline.simulation import Simulation
 
 
-def statistics(simulation: Simulation) -> dict[str, Any]:
+@dataclass(frozen=True)
+class SolveOutcomes(Record):
+    """How each sample of each island with contacts was solved, in samples."""
+
+    free: int  # no contact was in reach
+    separation: int  # none closed
+    closed_form: int
+    newton: int
+    capped: int  # the forces are those of an unfinished solve; they create no energy
+    failed: int  # the motion was turned back instead
+
+    @property
+    def solved(self) -> int:
+        """Samples that had a contact to solve."""
+        return self.separation + self.closed_form + self.newton + self.capped + self.failed
+
+
+@dataclass(frozen=True)
+class NewtonStatistics(Record):
+    """Evaluations of the contact law per iterative solve."""
+
+    solves: int
+    mean: float
+    p99: int
+    max: int
+    unconverged: int
+    histogram: list[int]  # solves by their evaluations
+    solve_outcomes: SolveOutcomes
+
+    @property
+    def regimes(self) -> SolveOutcomes:
+        """The earlier name of solve_outcomes."""
+        return self.solve_outcomes
+
+    def as_dict(self) -> dict[str, Any]:
+        """All values by their names, and by the earlier one."""
+        return super().as_dict() | {"regimes": self.solve_outcomes.as_dict()}
+
+
+@dataclass(frozen=True)
+class Activity(Record):
+    """Shares of the samples, mean over islands: they sum to 1."""
+
+    free: float
+    contact: float
+    asleep: float
+
+
+@dataclass(frozen=True)
+class LargestIsland(Record):
+    """The island with the most work."""
+
+    bodies: list[str]
+    modes: int
+    contacts: int
+
+
+@dataclass(frozen=True)
+class IslandStatistics(Record):
+    """Parts of a scene that no contact joins."""
+
+    count: int
+    largest: LargestIsland
+
+
+@dataclass(frozen=True)
+class SimulationStatistics(Record):
+    """What is known of a simulation up to now."""
+
+    newton: NewtonStatistics
+    energy: EnergyStatistics
+    effects: EffectStatistics
+    activity: Activity
+
+
+@dataclass(frozen=True)
+class RenderStatistics(SimulationStatistics):
+    """What is known of a rendering: the names of `fdh render --json` (docs/design.md, sec. 6)."""
+
+    seconds: float
+    samplerate: int  # Hz
+    channels: int
+    peak: float  # largest absolute sample, in the units of the pickups
+    real_time_factor: float
+    ns_per_sample: float
+    cores: int
+    islands: IslandStatistics
+    accuracy: dict[str, Any]  # the settings that were used
+    trusted: bool
+    reasons: list[str]  # why not
+    warnings: list[str]
+    patch: str | None = None  # the path of the patch, and of the sound; the command knows them
+    output: str | None = None
+
+
+def simulation_statistics(simulation: Simulation) -> SimulationStatistics:
     """Newton iterations, energy, effects and activity of a scene up to now."""
     model, state = simulation.model, simulation.state
     frames = max(1, int(state.frame[0]))
     contact = float(np.mean(state.contact_samples / frames))
     asleep = float(np.mean(state.sleep[:, Sleep.SAMPLES_SLEPT] / frames))
-    return {
-        "newton": newton_statistics(model, state),
-        "energy": simulation.energies(),
-        "effects": effects_of(model),
-        "activity": {"free": 1 - contact - asleep, "contact": contact, "asleep": asleep},
-    }
+    return SimulationStatistics(
+        newton=newton_statistics(model, state),
+        energy=simulation.energies(),
+        effects=effects_of(model),
+        activity=Activity(1 - contact - asleep, contact, asleep),
+    )
 
 
-def island_statistics(layout: Layout) -> dict[str, Any]:
+def island_statistics(layout: Layout) -> IslandStatistics:
     """How many islands there are, and the largest."""
     modes = np.diff(layout.islands.mode)
     largest = int(np.argmax(modes * (1 + np.diff(layout.islands.contact))))
     names = [b.name for b in layout.scene.body if layout.island_of_body[layout.body_index[b.name]] == largest]
     contacts = int(np.diff(layout.islands.contact)[largest])
-    return {"count": modes.size, "largest": {"bodies": names, "modes": int(modes[largest]), "contacts": contacts}}
+    return IslandStatistics(modes.size, LargestIsland(names, int(modes[largest]), contacts))
 
 
-def newton_statistics(model: Model, state: State) -> dict[str, Any]:
-    """Evaluations of the contact law per iterative solve, and how each sample of each island with
-    contacts was solved; "capped" are the samples that made do with unfinished forces, "failed" those
-    where the motion was turned back instead."""
-    histogram, regimes = state.iteration_histogram.sum(axis=0), state.solve_outcomes.sum(axis=0)
+def newton_statistics(model: Model, state: State) -> NewtonStatistics:
+    """Evaluations of the contact law, and how each sample of each island with contacts was solved."""
+    histogram, outcomes = state.iteration_histogram.sum(axis=0), state.solve_outcomes.sum(axis=0)
     with_contacts = np.diff(model.islands.contact) > 0
     free = state.frame[0] - state.contact_samples - state.sleep[:, Sleep.SAMPLES_SLEPT]
     solves = int(histogram.sum())
     reached = np.cumsum(histogram)
-    return {
-        "solves": solves,
-        "mean": float(histogram @ np.arange(histogram.size) / solves) if solves else 0.0,
-        "p99": int(np.searchsorted(reached, 0.99 * solves)) if solves else 0,
-        "max": int(np.flatnonzero(histogram)[-1]) if solves else 0,
-        "unconverged": int(regimes[SolveStatus.FAILED]),
-        "histogram": np.trim_zeros(histogram, "b").tolist(),
-        "regimes": {
-            "free": int(np.sum(free[with_contacts])),
-            "separation": int(regimes[SolveStatus.SEPARATION]),
-            "closed_form": int(regimes[SolveStatus.CLOSED_FORM]),
-            "newton": int(regimes[SolveStatus.NEWTON]),
-            "capped": int(regimes[SolveStatus.CAPPED]),
-            "failed": int(regimes[SolveStatus.FAILED]),
-        },
-    }
+    return NewtonStatistics(
+        solves=solves,
+        mean=float(histogram @ np.arange(histogram.size) / solves) if solves else 0.0,
+        p99=int(np.searchsorted(reached, 0.99 * solves)) if solves else 0,
+        max=int(np.flatnonzero(histogram)[-1]) if solves else 0,
+        unconverged=int(outcomes[SolveStatus.FAILED]),
+        histogram=np.trim_zeros(histogram, "b").tolist(),
+        solve_outcomes=SolveOutcomes(
+            free=int(np.sum(free[with_contacts])),
+            separation=int(outcomes[SolveStatus.SEPARATION]),
+            closed_form=int(outcomes[SolveStatus.CLOSED_FORM]),
+            newton=int(outcomes[SolveStatus.NEWTON]),
+            capped=int(outcomes[SolveStatus.CAPPED]),
+            failed=int(outcomes[SolveStatus.FAILED]),
+        ),
+    )

@@ -8,6 +8,7 @@ import numpy as np
 
 from engine.bodies import Mass, Oscillator
 from engine.build.contact_points import contact_points
+from engine.offline.statistics import NewtonStatistics
 from engine.patch.scene import Scene
 from engine.patch.tables import Contact, StrikeEvent
 
@@ -75,30 +76,29 @@ def _meant(contact: Contact, begin: float, depth: float, own: float, offset: flo
     return f'side = "{"below" if contact.side == "above" else "above"}" is likely meant, or another {key}'
 
 
-def doubts(newton: dict[str, Any], energy: dict[str, float], finite: bool, precision: str = "float64") -> list[str]:
+def doubts(newton: NewtonStatistics, energy_error: float, finite: bool, precision: str = "float64") -> list[str]:
     """Why the motion or the energies of a render cannot be vouched for; empty where they can.
 
-    newton, energy: of the statistics (engine.offline.render)
-    finite:         whether all samples are
+    energy_error: relative to the largest energy held
+    finite:       whether all samples are
     """
-    found = []
+    reasons = []
     if not finite:
-        found.append("samples are not finite")
-    if newton["unconverged"]:
-        found.append(f"{newton['unconverged']} contact solves failed, and the motion was turned back there")
-    if not math.isfinite(energy["error_max"]):
-        found.append("the energies are not finite")
-    elif energy["error_max"] > LEDGER[precision]:
-        found.append(f"the energy is off by {energy['error_max']:.1e} of the largest held")
-    regimes = newton["regimes"]
-    touching = sum(count for regime, count in regimes.items() if regime != "free")
-    if regimes["capped"] > UNFINISHED * touching:
-        share = regimes["capped"] / touching
-        found.append(
+        reasons.append("samples are not finite")
+    if newton.unconverged:
+        reasons.append(f"{newton.unconverged} contact solves failed, and the motion was turned back there")
+    if not math.isfinite(energy_error):
+        reasons.append("the energies are not finite")
+    elif energy_error > LEDGER[precision]:
+        reasons.append(f"the energy is off by {energy_error:.1e} of the largest held")
+    outcomes = newton.solve_outcomes
+    if outcomes.capped > UNFINISHED * outcomes.solved:
+        share = outcomes.capped / outcomes.solved
+        reasons.append(
             f"{share:.0%} of the contact solves were ended early (they create no energy, but their forces are not those"
             " of the law); more substeps, or accuracy.iterations"
         )
-    return found
+    return reasons
 
 
 def built_doubts(scene: Scene, layout: Any, model: Any) -> list[str]:

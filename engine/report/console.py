@@ -21,11 +21,11 @@ def print_summary(stats: dict[str, Any], companions: list[str]) -> None:
 def summary_rows(stats: dict[str, Any]) -> dict[str, str]:
     """The statistics of a rendering in words, by headings."""
     newton, energy, activity = stats["newton"], stats["energy"], stats["activity"]
-    regimes, cores = newton["regimes"], f" on {stats['cores']} cores" if stats["cores"] > 1 else ""
+    outcomes, cores = newton["solve_outcomes"], f" on {stats['cores']} cores" if stats["cores"] > 1 else ""
     iterations = f"mean {newton['mean']:.2f}, p99 {newton['p99']}, max {newton['max']}; "
     iterations += ", ".join(f"{n}: {count}" for n, count in enumerate(newton["histogram"]) if count)
-    samples = max(1, sum(regimes.values()))
-    shares = ", ".join(f"{name.replace('_', ' ')} {n / samples:.2%}" for name, n in regimes.items() if n)
+    samples = max(1, sum(outcomes.values()))
+    shares = ", ".join(f"{name.replace('_', ' ')} {n / samples:.2%}" for name, n in outcomes.items() if n)
     rows = {
         "duration": f"{stats['seconds']:g} s at {stats['samplerate']} Hz, channels: {stats['channels']}",
         "peak": f"{_describe_peak(stats)} (gain {stats['gain_db']:+.1f} dB on SI units)",

@@ -16,7 +16,7 @@ from engine.report import console, plots
 from engine.wording import json_safe
 
 if TYPE_CHECKING:
-    from engine.offline.render import Take
+    from engine.offline.render import Rendering
 
 MAX_FLAC_SECONDS = 3.0  # longer audio is embedded as Ogg Vorbis, a tenth of the size
 BROWSER_RATES = (8_000, 48_000)  # Hz, rates that every browser plays
@@ -63,7 +63,7 @@ footer { margin-top: 3rem; padding-top: .8rem; border-top: 1px solid var(--line)
 def compose_page(
     title: str,
     text: str,
-    rendering: "Take",
+    rendering: "Rendering",
     audio: np.ndarray,
     stats: dict[str, Any],
     profile: dict[str, Any],
@@ -135,13 +135,13 @@ def encode_for_browser(audio: np.ndarray, samplerate: int) -> tuple[bytes, str]:
     """
     import soundfile
 
-    from engine.offline.render import filtered_down
+    from engine.offline.decimation import resample
 
     if audio.shape[1] > 2:
         audio = np.stack([audio[:, side::2].mean(axis=1) for side in (0, 1)], axis=1)
     if not BROWSER_RATES[0] <= samplerate <= BROWSER_RATES[1]:
         frames = max(1, round(len(audio) * BROWSER_RATES[1] / samplerate))
-        audio, samplerate = filtered_down(audio, samplerate, BROWSER_RATES[1], frames), BROWSER_RATES[1]
+        audio, samplerate = resample(audio, samplerate, BROWSER_RATES[1], frames), BROWSER_RATES[1]
     is_short = len(audio) <= MAX_FLAC_SECONDS * samplerate
     file_format, subtype = ("FLAC", "PCM_16") if is_short else ("OGG", "VORBIS")
     data = io.BytesIO()
@@ -165,7 +165,7 @@ def headline_numbers(stats: dict[str, Any], profile: dict[str, Any]) -> Iterator
     yield f"<dl>{''.join(f'<div><dt>{name}</dt><dd>{value}</dd></div>' for name, value in numbers.items())}</dl>"
 
 
-def time_figures(rendering: "Take", stats: dict[str, Any]) -> Iterator[str]:
+def time_figures(rendering: "Rendering", stats: dict[str, Any]) -> Iterator[str]:
     """Waveform, spectrogram, energies and Newton iterations over the same time, one above another."""
     yield "<h2>Over time</h2>"
     energy, newton = stats["energy"], stats["newton"]

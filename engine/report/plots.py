@@ -12,7 +12,7 @@ import numpy as np
 from engine.analysis.metrics import contact_intervals
 
 if TYPE_CHECKING:
-    from engine.offline.render import Take
+    from engine.offline.render import Rendering
 
 PLOT_COLUMNS = 1600  # to which long signals are reduced, by their extremes
 SPECTROGRAM_WINDOW = 0.03  # s
@@ -25,7 +25,7 @@ PAGE_STYLE: dict[Any, Any] = dict.fromkeys(TINTED_ITEMS, GREY)
 PAGE_STYLE |= {"savefig.transparent": True, "legend.framealpha": 0.0, "font.size": 11}
 
 
-def plot_rendering(rendering: "Take", title: str, path: Path) -> None:
+def plot_rendering(rendering: "Rendering", title: str, path: Path) -> None:
     """Write all panels of a rendering as a PNG. Raises ValueError if it has no trace."""
     with open_figure(path, 10.0, 10.0, nrows=4, sharex=True) as axes:
         for panel_axes, plot_panel in zip(axes, PANELS.values(), strict=True):
@@ -34,7 +34,7 @@ def plot_rendering(rendering: "Take", title: str, path: Path) -> None:
         axes[0].set(title=title)
 
 
-def plot_waveform(axes: Any, rendering: "Take") -> None:
+def plot_waveform(axes: Any, rendering: "Rendering") -> None:
     """Plot the audio, all channels; contact is shaded."""
     shade_contact(axes, rendering)
     for channel in range(rendering.audio.shape[1]):
@@ -46,7 +46,7 @@ def plot_waveform(axes: Any, rendering: "Take") -> None:
     axes.set(ylabel="output, SI units", xlabel="time, s", xlim=(0.0, len(rendering.audio) / rendering.samplerate))
 
 
-def plot_spectrogram(axes: Any, rendering: "Take") -> None:
+def plot_spectrogram(axes: Any, rendering: "Rendering") -> None:
     """Plot the level over time and frequency, all channels together, dB below the loudest."""
     size = max(16, 1 << round(math.log2(SPECTROGRAM_WINDOW * rendering.samplerate)))
     if len(rendering.audio) < 2 * size:
@@ -67,7 +67,7 @@ def plot_spectrogram(axes: Any, rendering: "Take") -> None:
     axes.set(xlabel="time, s", xlim=(0.0, len(rendering.audio) / rendering.samplerate))
 
 
-def plot_energies(axes: Any, rendering: "Take") -> None:
+def plot_energies(axes: Any, rendering: "Rendering") -> None:
     """Plot the energies that are stored, dissipated and supplied, and their balance."""
     trace = require_trace(rendering)
     time = trace["time"]
@@ -81,7 +81,7 @@ def plot_energies(axes: Any, rendering: "Take") -> None:
     axes.legend(fontsize="x-small")
 
 
-def plot_iterations(axes: Any, rendering: "Take") -> None:
+def plot_iterations(axes: Any, rendering: "Rendering") -> None:
     """Plot the Newton iterations of every sample; contact is shaded."""
     _, high, at = min_max_envelope(require_trace(rendering)["iterations"].astype(float), trace_rate(rendering))
     axes.fill_between(at, 0.0, high, step="mid", lw=0.4)
@@ -92,7 +92,7 @@ def plot_iterations(axes: Any, rendering: "Take") -> None:
     axes.text(1.0, 1.02, name, transform=axes.transAxes, ha="right", va="bottom", fontsize="small")
 
 
-PANELS: dict[str, Callable[[Any, "Take"], None]] = {
+PANELS: dict[str, Callable[[Any, "Rendering"], None]] = {
     "waveform": plot_waveform,
     "spectrogram": plot_spectrogram,
     "energies": plot_energies,
@@ -100,7 +100,7 @@ PANELS: dict[str, Callable[[Any, "Take"], None]] = {
 }
 
 
-def shade_contact(axes: Any, rendering: "Take") -> bool:
+def shade_contact(axes: Any, rendering: "Rendering") -> bool:
     """Shade the time in which anything touches. Returns whether anything does."""
     seconds = len(rendering.audio) / rendering.samplerate
     forces = require_trace(rendering)["force"]
@@ -110,14 +110,14 @@ def shade_contact(axes: Any, rendering: "Take") -> bool:
     return bool(intervals)
 
 
-def require_trace(rendering: "Take") -> dict[str, np.ndarray]:
+def require_trace(rendering: "Rendering") -> dict[str, np.ndarray]:
     """The trace of a rendering. Raises ValueError if it has none."""
     if rendering.trace is None:
         raise ValueError("there is no trace to draw; render with trace=True")
     return rendering.trace
 
 
-def trace_rate(rendering: "Take") -> int:
+def trace_rate(rendering: "Rendering") -> int:
     """Sample rate of the trace, Hz; it is higher than that of the audio if the rendering was oversampled."""
     return round(rendering.samplerate * len(require_trace(rendering)["time"]) / len(rendering.audio))
 

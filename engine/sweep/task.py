@@ -85,14 +85,15 @@ def _render_in_folder(task: RenderTask, folder: Path) -> RenderResult:
     rendering = render(scene, cores=1, **task.options)
     if not np.isfinite(rendering.audio).all():
         return RenderResult(None, {}, "samples are not finite")
-    newton = rendering.stats["newton"]
-    statistics = {
-        "contact": rendering.stats["activity"]["contact"],
-        "newton_mean": newton["mean"],
-        "newton_max": newton["max"],
-        "unconverged": newton["unconverged"],
-        "energy_error": rendering.stats["energy"]["error_max"],
+    stats, newton = rendering.stats, rendering.stats.newton
+    cells: dict[str, Cell] = {
+        **features(rendering.audio, rendering.samplerate),
+        "contact": stats.activity.contact,
+        "newton_mean": newton.mean,
+        "newton_max": newton.max,
+        "unconverged": newton.unconverged,
+        "energy_error": stats.energy.error_max,
     }
-    if explain_silence(scene, rendering.stats):  # what rounding leaves is no sound
-        statistics["silent"] = 1.0
-    return RenderResult(rendering.audio, features(rendering.audio, rendering.samplerate) | statistics)
+    if explain_silence(scene, stats.seconds, stats.samplerate, stats.peak, stats):  # what rounding leaves is no sound
+        cells["silent"] = 1.0
+    return RenderResult(rendering.audio, cells)

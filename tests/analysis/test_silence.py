@@ -8,6 +8,9 @@ from conftest import ROOT
 from engine import Scene
 from engine.analysis.silence import explain_silence
 from engine.cli import main
+from engine.offline.effects import EffectStatistics
+from engine.offline.energy_audit import EnergyStatistics
+from engine.offline.statistics import Activity, NewtonStatistics, SimulationStatistics, SolveOutcomes
 
 TEMPLATES = ROOT / "patches" / "templates"
 OTHER = '[[body]]\nname = "other"\nkind = "string"\nlength = 1.0\nmass = 1.0\nfrequency = 50.0\n[[pickup]]'
@@ -101,17 +104,18 @@ def test_pickups_without_gain(silent):
     assert told == "every pickup has gain = 0; give one another gain"
 
 
+def untouched(initial_energy: float) -> SimulationStatistics:
+    """Of 0.1 s without any contact."""
+    newton = NewtonStatistics(0, 0.0, 0, 0, 0, [], SolveOutcomes(4410, 0, 0, 0, 0, 0))
+    energy = EnergyStatistics(initial_energy, initial_energy, 0.0, 0.0, 0.0, 0.0)
+    return SimulationStatistics(newton, energy, EffectStatistics([], []), Activity(1.0, 0.0, 0.0))
+
+
 @pytest.mark.parametrize("reverse", [False, True])
 @pytest.mark.parametrize(("side", "up"), [("above", 1.0), ("below", -1.0)])
 def test_when_a_contact_would_close(side, up, reverse):
     """A mass 1 m from a wall or a string, from either side, named first or second."""
-    stats = {
-        "peak": 0.0,
-        "seconds": 0.1,
-        "samplerate": 44_100,
-        "energy": {"initial": 1.0},
-        "newton": {"regimes": {"free": 4410}},
-    }
+    simulated = untouched(initial_energy=1.0)
     string = {"name": "s", "kind": "string", "length": 1.0, "mass": 1.0, "frequency": 50.0}
 
     def says(speed: float, gravity: float = 0.0) -> str:
@@ -124,7 +128,7 @@ def test_when_a_contact_would_close(side, up, reverse):
             touch |= {"barrier": up}
         pickup = [{"body": "b", "quantity": "force"}] if not reverse else [{"body": "s", "at": 0.3}]
         parts = {"body": [ball, string], "contact": [touch], "pickup": pickup, "gravity": gravity}
-        return explain_silence(Scene.model_validate(parts), stats) or ""
+        return explain_silence(Scene.model_validate(parts), 0.1, 44_100, 0.0, simulated) or ""
 
     target = '"s"' if reverse else "the barrier"
     assert f'"b" needs 2 s to reach {target}, and it ends at 0.1 s' in says(0.5)
@@ -140,6 +144,7 @@ def test_a_barrier_that_moves_in_is_heard():
     wall = {"name": "wall", "body": "b", "barrier": 1e-3, "stiffness": 1e8, "exponent": 1.5}
     push = {"kind": "change", "time": 0.01, "contact": "wall", "barrier": -1e-3}
     told = {"body": [body], "contact": [wall], "event": [push], "pickup": [{"body": "b"}]}
-    stats = {"peak": 0.5, "seconds": 0.1, "samplerate": 44_100, "energy": {"initial": 0.0}, "newton": {"regimes": {}}}
-    assert explain_silence(Scene.model_validate(told), stats) is None
-    assert "nothing moves" in (explain_silence(Scene.model_validate(told | {"event": []}), stats | {"peak": 0.0}) or "")
+    simulated = untouched(initial_energy=0.0)
+    assert explain_silence(Scene.model_validate(told), 0.1, 44_100, 0.5, simulated) is None
+    quiet = Scene.model_validate(told | {"event": []})
+    assert "nothing moves" in (explain_silence(quiet, 0.1, 44_100, 0.0, simulated) or "")

@@ -1,6 +1,7 @@
 """What a render says of itself: that it is not to be trusted, or that something begins inside something else."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from conftest import ROOT
 import engine
 from engine.build.build import BuildError
 from engine.cli import main
+from engine.offline.statistics import NewtonStatistics, SolveOutcomes
 from engine.offline.trust import doubts, warnings
 from scenes.small import barrier, mass, oscillator, scene
 
@@ -22,18 +24,23 @@ def test_a_sound_render_is_trusted(tmp_path, capsys):
     assert stats["trusted"] is True and stats["reasons"] == [] and stats["warnings"] == []
 
 
-NEWTON = {"unconverged": 0, "regimes": {"free": 10, "newton": 90, "capped": 0}}
-CLEAN = {"error_max": 1e-14}
+NEWTON = NewtonStatistics(90, 2.0, 2, 2, 0, [0, 0, 90], SolveOutcomes(10, 0, 0, 90, 0, 0))
+CLEAN = 1e-14
 
 
 @pytest.mark.parametrize(
     "newton, energy, finite, why",
     [
-        (NEWTON | {"unconverged": 3}, CLEAN, True, "3 contact solves failed"),
-        (NEWTON, {"error_max": float("nan")}, True, "energies are not finite"),
-        (NEWTON, {"error_max": 2e-9}, True, "off by 2.0e-09"),
+        (replace(NEWTON, unconverged=3), CLEAN, True, "3 contact solves failed"),
+        (NEWTON, float("nan"), True, "energies are not finite"),
+        (NEWTON, 2e-9, True, "off by 2.0e-09"),
         (NEWTON, CLEAN, False, "samples are not finite"),
-        (NEWTON | {"regimes": {"free": 0, "newton": 80, "capped": 20}}, CLEAN, True, "20% of the contact solves were"),
+        (
+            replace(NEWTON, solve_outcomes=SolveOutcomes(0, 0, 0, 80, 20, 0)),
+            CLEAN,
+            True,
+            "20% of the contact solves were",
+        ),
     ],
 )
 def test_what_cannot_be_vouched_for_is_said(newton, energy, finite, why):

@@ -45,12 +45,12 @@ def test_the_file_holds_the_take(tmp_path, capsys):
     """Normalised to -1 dBFS by default; SI units times a fixed gain if asked for."""
     out = tmp_path / "a.wav"
     assert main.main([BALL, "-o", str(out), "--subtype", "DOUBLE", "--gain", "0"]) == 0
-    take = engine.render(engine.load(BALL))
-    np.testing.assert_array_equal(soundfile.read(out)[0], take.audio[:, 0])
+    rendering = engine.render(engine.load(BALL))
+    np.testing.assert_array_equal(soundfile.read(out)[0], rendering.audio[:, 0])
     assert main.main([BALL, "-o", str(out), "--subtype", "DOUBLE"]) == 0
     audio = soundfile.read(out)[0]
     assert np.abs(audio).max() == pytest.approx(10 ** (-1 / 20), rel=1e-12)
-    np.testing.assert_allclose(audio / audio[9999], take.audio[:, 0] / take.audio[9999, 0], rtol=1e-12)
+    np.testing.assert_allclose(audio / audio[9999], rendering.audio[:, 0] / rendering.audio[9999, 0], rtol=1e-12)
     assert "gain +0.0 dB" in capsys.readouterr().out
 
 
@@ -262,12 +262,12 @@ def test_a_silent_patch_says_so(tmp_path, capsys):
 
 def test_too_slow_for_real_time_names_the_island(capsys):
     """As big as this one, an island would not run in real time on a slow machine: the summary says which, how big."""
-    take = engine.render(engine.load(ROOT / "patches" / "tanpura.toml"), seconds=0.1)
+    rendering = engine.render(engine.load(ROOT / "patches" / "tanpura.toml"), seconds=0.1)
     told = {"patch": "tanpura.toml", "output": "tanpura.wav", "gain_db": 0.0, "real_time_factor": 0.7}
-    console.print_summary(take.stats | told, None)
+    console.print_summary(rendering.stats.as_dict() | told, None)
     says = capsys.readouterr().out
     assert "TOO SLOW           for real time: the island of string has 80 modes and 16 points of contact" in says
-    console.print_summary(take.stats | told | {"real_time_factor": 7.0}, None)
+    console.print_summary(rendering.stats.as_dict() | told | {"real_time_factor": 7.0}, None)
     assert "TOO SLOW" not in capsys.readouterr().out
 
 

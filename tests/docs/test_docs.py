@@ -65,8 +65,8 @@ def test_playing_live(tmp_path, file_device):
     track = mido.MidiTrack([mido.Message("note_on", note=60, velocity=80), mido.Message("note_off", note=60, time=480)])
     mido.MidiFile(tracks=[track]).save(tmp_path / "tune.mid")
     follow("live", tmp_path, file_device[0])
-    take, again = (soundfile.read(tmp_path / f"{name}.wav", dtype="float32")[0] for name in ("take", "again"))
-    assert take.any() and (take == again[: len(take)]).all()
+    rendering, again = (soundfile.read(tmp_path / f"{name}.wav", dtype="float32")[0] for name in ("take", "again"))
+    assert rendering.any() and (rendering == again[: len(rendering)]).all()
 
 
 @pytest.mark.hard

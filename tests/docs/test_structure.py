@@ -94,9 +94,9 @@ def test_an_edited_kernel_is_used(tmp_path):
     shutil.copytree(ROOT / "engine", tmp_path / "engine", ignore=shutil.ignore_patterns("__pycache__"))
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
     code = (
-        "import engine; take = engine.render(engine.Scene.model_validate({"
+        "import engine; rendering = engine.render(engine.Scene.model_validate({"
         "'body': [{'name': 'b', 'kind': 'mass', 'mass': 1.0, 'velocity': 1.0}],"
-        "'pickup': [{'body': 'b', 'quantity': 'displacement'}]}), seconds=0.01); print(take.audio[-1, 0])"
+        "'pickup': [{'body': 'b', 'quantity': 'displacement'}]}), seconds=0.01); print(rendering.audio[-1, 0])"
     )
 
     def last() -> float:

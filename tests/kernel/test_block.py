@@ -47,11 +47,11 @@ def test_measuring_changes_nothing(patch):
     model, state, _ = build(scene, 44_100)
     bare = np.empty((8820, 1))
     Simulation(model, state, measure_energy=False).render_block(bare)
-    take = engine.render(scene, seconds=0.2, trace=True)
-    np.testing.assert_array_equal(take.audio, bare)
-    np.testing.assert_array_equal(take.audio, engine.render(scene, seconds=0.2).audio)
-    bell = take.trace["velocity"][:, 1]
-    np.testing.assert_array_equal(take.audio[:, 0], bell)
+    rendering = engine.render(scene, seconds=0.2, trace=True)
+    np.testing.assert_array_equal(rendering.audio, bare)
+    np.testing.assert_array_equal(rendering.audio, engine.render(scene, seconds=0.2).audio)
+    bell = rendering.trace["velocity"][:, 1]
+    np.testing.assert_array_equal(rendering.audio[:, 0], bell)
 
 
 def test_absent_effects_are_none(patch):
@@ -78,14 +78,14 @@ def test_islands_do_not_hear_each_other(patch):
     """Six hammers and bars together sound as each pair alone."""
     scene = patch("felt_arpeggio")
     assert build(scene, 44_100).model.islands.mode.size - 1 == 6
-    take = engine.render(scene, seconds=1.0)
+    rendering = engine.render(scene, seconds=1.0)
     alone = []
     for contact, pickup in zip(scene.contact, scene.pickup, strict=True):
         pair = [b for b in scene.body if b.name in (contact.body, contact.on)]
         part = scene.model_copy(update={"body": pair, "contact": [contact], "pickup": [pickup]})
         alone.append(engine.render(part, seconds=1.0).audio)
     left, right = sum(a[:, 0] for a in alone[::2]), sum(a[:, -1] for a in alone[1::2])
-    np.testing.assert_allclose(take.audio, np.stack([left, right], 1), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(rendering.audio, np.stack([left, right], 1), rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize("alpha", mostly_hard([1.0, 1.5, 2.0, 3.3]))
@@ -106,11 +106,11 @@ def test_a_body_squeezed_between_two_barriers():
     """Overlapping stops press on the body from both sides at once; energy is kept."""
     body = [oscillator(frequency=200.0, velocity=0.05)]
     contact = [barrier(barrier=-1e-4, exponent=1.5), barrier(barrier=1e-4, side="below", exponent=2.3)]
-    take = engine.render(scene(body, contact=contact), seconds=0.5, trace=True)
-    assert np.all(take.trace["force"][1:] >= 0)
-    assert np.mean((take.trace["force"] > 0).all(axis=1)) > 0.2
-    assert take.stats["energy"]["error_max"] < 1e-12
-    assert take.stats["newton"]["unconverged"] == 0
+    rendering = engine.render(scene(body, contact=contact), seconds=0.5, trace=True)
+    assert np.all(rendering.trace["force"][1:] >= 0)
+    assert np.mean((rendering.trace["force"] > 0).all(axis=1)) > 0.2
+    assert rendering.stats["energy"]["error_max"] < 1e-12
+    assert rendering.stats["newton"]["unconverged"] == 0
 
 
 def test_pickups_hear_what_they_say(patch):
@@ -118,8 +118,8 @@ def test_pickups_hear_what_they_say(patch):
     names = ["displacement", "velocity", "acceleration", "force"]
     pickup = [{"body": "ball", "quantity": q, "channel": i + 1, "gain": 2.0} for i, q in enumerate(names)]
     dump = patch("bouncing_ball").model_dump(exclude_none=True) | {"pickup": pickup}
-    take = engine.render(engine.Scene.model_validate(dump), seconds=0.5, trace=True)
-    audio, trace = take.audio / 2, take.trace
+    rendering = engine.render(engine.Scene.model_validate(dump), seconds=0.5, trace=True)
+    audio, trace = rendering.audio / 2, rendering.trace
     np.testing.assert_array_equal(audio[:, 0], trace["displacement"][:, 0])
     np.testing.assert_array_equal(audio[:, 1], trace["velocity"][:, 0])
     np.testing.assert_allclose(audio[1:, 2], np.diff(trace["velocity"][:, 0]) * 44_100, atol=1e-9)

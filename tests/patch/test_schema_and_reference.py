@@ -170,9 +170,9 @@ def test_templates_are_short_good_and_commented(path, tmp_path, monkeypatch, cap
 @pytest.mark.hard
 @pytest.mark.parametrize("path", TEMPLATES, ids=lambda p: p.stem)
 def test_templates_sound_at_once(path):
-    take = engine.render(engine.load(path), seconds=0.5)
-    assert take.stats["peak"] > 1e-3 and take.stats["newton"]["unconverged"] == 0
-    assert take.stats["energy"]["error_max"] < 1e-11
+    rendering = engine.render(engine.load(path), seconds=0.5)
+    assert rendering.stats["peak"] > 1e-3 and rendering.stats["newton"]["unconverged"] == 0
+    assert rendering.stats["energy"]["error_max"] < 1e-11
 
 
 def test_new_overwrites_nothing_and_knows_its_templates(tmp_path, monkeypatch, capsys):

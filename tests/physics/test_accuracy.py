@@ -14,10 +14,10 @@ REPELLED = ROOT / "patches" / "repelled_oscillator.toml"
 
 
 def audio(scene: engine.Scene, seconds: float, **accuracy) -> np.ndarray:
-    take = engine.render(scene, seconds=seconds, cores=1, silence=-np.inf, iterations=100, **accuracy)
-    assert take.stats["newton"]["unconverged"] == 0
-    assert take.stats["energy"]["error_max"] <= 1e-12
-    return take.audio
+    rendering = engine.render(scene, seconds=seconds, cores=1, silence=-np.inf, iterations=100, **accuracy)
+    assert rendering.stats["newton"]["unconverged"] == 0
+    assert rendering.stats["energy"]["error_max"] <= 1e-12
+    return rendering.audio
 
 
 def hammer(**more) -> engine.Scene:

@@ -84,17 +84,17 @@ def text_scene(text: str) -> engine.Scene:
 
 
 @lru_cache
-def everything() -> engine.Take:
+def everything() -> engine.Rendering:
     """Every kind of body, contact and event in one scene, some in one island, some apart."""
     return engine.render(text_scene(EVERYTHING), trace=True)
 
 
 def test_the_ledger_closes_with_everything_on():
-    take = everything()
-    assert np.isfinite(take.audio).all()
-    assert take.stats["energy"]["error_max"] <= 1e-12
-    assert take.stats["newton"]["unconverged"] == 0
-    assert not {"contact loss", "coupled contacts", "events", "gravity"} & set(take.stats["effects"]["left_out"])
+    rendering = everything()
+    assert np.isfinite(rendering.audio).all()
+    assert rendering.stats["energy"]["error_max"] <= 1e-12
+    assert rendering.stats["newton"]["unconverged"] == 0
+    assert not {"contact loss", "coupled contacts", "events", "gravity"} & set(rendering.stats["effects"]["left_out"])
 
 
 def test_every_contact_was_made():
@@ -113,8 +113,8 @@ def test_two_free_bodies_keep_their_momentum():
             {"name": "b", "kind": "mass", "mass": 1e-3, "velocity": -1.0},
         ]
         contact = [{"body": "a", "on": "b", "stiffness": stiffness, "exponent": 1.5}]
-        take = engine.render(build(body=bodies, contact=contact, pickup=[{"body": "a"}]), seconds=0.2, trace=True)
-        a, b = take.trace["velocity"].T
+        rendering = engine.render(build(body=bodies, contact=contact, pickup=[{"body": "a"}]), seconds=0.2, trace=True)
+        a, b = rendering.trace["velocity"].T
         momentum = a + 1e-3 * b
         assert np.abs(momentum - momentum[0]).max() <= 1e-14
         assert a[-1] == pytest.approx((2.0 * 0.999 - 2e-3) / 1.001, rel=1e-12)
@@ -131,23 +131,23 @@ def test_a_row_of_balls_passes_the_blow_on():
         {"body": "a", "on": "b", "stiffness": 1e9, "exponent": 1.5},
         {"body": "b", "on": "c", "gap": 2e-3, "stiffness": 1e9, "exponent": 1.5},
     ]
-    take = engine.render(build(body=balls, contact=contacts, pickup=[{"body": "c"}]), seconds=0.03, trace=True)
-    assert take.trace["velocity"][-1] == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
+    rendering = engine.render(build(body=balls, contact=contacts, pickup=[{"body": "c"}]), seconds=0.03, trace=True)
+    assert rendering.trace["velocity"][-1] == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
 
 
 def test_a_body_between_two_others():
     """A string between a hammer below and a rail above: both touch it, and the energy stays."""
     rail = {"body": "string", "at": [0.2, 0.5], "barrier": 2e-4, "stiffness": 1e8, "exponent": 1.5}
-    take = engine.render(build(body=[STRING, HAMMER], contact=[FELT, rail], pickup=[EAR]), seconds=0.2, trace=True)
-    assert np.all(take.trace["force"].max(axis=0) > 0.0)
-    assert take.stats["energy"]["error_max"] <= 1e-12
+    rendering = engine.render(build(body=[STRING, HAMMER], contact=[FELT, rail], pickup=[EAR]), seconds=0.2, trace=True)
+    assert np.all(rendering.trace["force"].max(axis=0) > 0.0)
+    assert rendering.stats["energy"]["error_max"] <= 1e-12
 
 
 def test_a_string_may_touch_itself_elsewhere():
     loop = {"body": "string", "at": 0.2, "on": "string", "on_at": 0.7, "gap": 1e-5, "stiffness": 1e6, "exponent": 1.5}
-    take = engine.render(build(body=[STRING, HAMMER], contact=[FELT, loop], pickup=[EAR]), seconds=0.1, trace=True)
-    assert take.trace["force"][:, 1].max() > 0.0
-    assert take.stats["energy"]["error_max"] <= 1e-12
+    rendering = engine.render(build(body=[STRING, HAMMER], contact=[FELT, loop], pickup=[EAR]), seconds=0.1, trace=True)
+    assert rendering.trace["force"][:, 1].max() > 0.0
+    assert rendering.stats["energy"]["error_max"] <= 1e-12
 
 
 def test_hammer_on_string_is_of_order_two():
@@ -167,9 +167,9 @@ def test_a_string_stays_on_a_constant_force():
     body = STRING | {"sigma0": 60.0}
     force = [{"body": "string", "at": 0.3, "kind": "constant", "amplitude": 5.0}]
     pickup = [{"body": "string", "at": 0.3, "quantity": "displacement"}]
-    take = engine.render(build(body=[body], force=force, pickup=pickup), seconds=1.0)
+    rendering = engine.render(build(body=[body], force=force, pickup=pickup), seconds=1.0)
     modes = build(body=[body], pickup=pickup).body[0].modal_body(0.49 * 44_100)
-    assert take.audio[-1, 0] == pytest.approx(5.0 * np.sum(modes.shape(0.3) ** 2 / modes.omega**2), rel=1e-12)
+    assert rendering.audio[-1, 0] == pytest.approx(5.0 * np.sum(modes.shape(0.3) ** 2 / modes.omega**2), rel=1e-12)
 
 
 def reference_string(seconds: float, rate: int, gap: float) -> tuple[np.ndarray, np.ndarray]:
@@ -207,8 +207,8 @@ def test_string_against_an_obstacle_agrees_with_finite_differences():
     contact = {"body": "string", "at": 0.5, "barrier": -gap, "side": "below", "stiffness": 1e6, "exponent": 1.5}
     pluck = {"body": "string", "at": 0.2, "kind": "pluck", "amplitude": -4.0, "duration": 0.004}
     scene = build(body=[body], contact=[contact], force=[pluck], pickup=[{"body": "string", "at": 0.3}])
-    take = engine.render(scene, seconds=seconds, trace=True)
-    ours, theirs = take.trace["force"][:, 0], None
+    rendering = engine.render(scene, seconds=seconds, trace=True)
+    ours, theirs = rendering.trace["force"][:, 0], None
     theirs, heard = reference_string(seconds, 16 * rate, gap)
     fine = len(theirs) / seconds
 
@@ -230,7 +230,7 @@ def test_string_against_an_obstacle_agrees_with_finite_differences():
         edges = 100.0 * 2 ** (np.arange(0, 15) / 3 - 1 / 6)
         return np.array([power[(frequency >= a) & (frequency < b)].sum() for a, b in pairwise(edges)])
 
-    decibels = 10 * np.log10(bands(take.audio[:, 0], rate) / bands(heard, fine))
+    decibels = 10 * np.log10(bands(rendering.audio[:, 0], rate) / bands(heard, fine))
     assert np.abs(decibels).max() <= 1.0, decibels
 
 
@@ -240,13 +240,13 @@ def test_string_against_an_obstacle_agrees_with_finite_differences():
 def test_a_hammer_strikes_again():
     """A second blow with the first one's speed gives its energy again."""
     score = [{"kind": "strike", "time": 0.1, "body": "hammer", "velocity": 4.0}]
-    take = engine.render(hammered(event=score), seconds=0.2, trace=True)
-    struck = take.trace["force"][:, 0] > 0.0
+    rendering = engine.render(hammered(event=score), seconds=0.2, trace=True)
+    struck = rendering.trace["force"][:, 0] > 0.0
     assert struck[:4410].any() and struck[4410:].any()
-    supplied = take.trace["supplied"]
-    before = 0.5 * HAMMER["mass"] * take.trace["velocity"][4410, 1] ** 2
+    supplied = rendering.trace["supplied"]
+    before = 0.5 * HAMMER["mass"] * rendering.trace["velocity"][4410, 1] ** 2
     assert supplied[-1] == pytest.approx(0.5 * HAMMER["mass"] * 16.0 - before, rel=1e-12)
-    assert take.stats["energy"]["error_max"] <= 1e-13
+    assert rendering.stats["energy"]["error_max"] <= 1e-13
 
 
 def test_a_pluck_of_the_score_is_a_force():
@@ -262,8 +262,8 @@ def test_damping_adds_its_decay_rate():
     score = [{"kind": "damp", "time": 0.5, "body": "string", "sigma": 40.0, "duration": 0.1}]
     pluck = {"kind": "pluck", "time": 0.0, "body": "string", "at": 0.5, "amplitude": 1.0, "duration": 0.001}
     scene = build(body=[body], event=[pluck, *score], pickup=[EAR])
-    take = engine.render(scene, seconds=1.0, trace=True)
-    total = take.trace["total"]
+    rendering = engine.render(scene, seconds=1.0, trace=True)
+    total = rendering.trace["total"]
     for begin, end, rate in ((0.1, 0.5, 3.0), (0.5, 0.6, 43.0), (0.65, 0.95, 3.0)):
         a, b = total[round(begin * 44_100)], total[round(end * 44_100)]
         assert math.log(a / b) / 2 / (end - begin) == pytest.approx(rate, rel=0.02)
@@ -276,11 +276,11 @@ def test_a_barrier_moves_and_the_ledger_knows():
     score = [{"kind": "change", "time": 0.01, "contact": "rail", "barrier": 1e-3, "duration": 0.05}]
     body = STRING | {"sigma0": 200.0}
     scene = build(body=[body], contact=[rail], event=score, pickup=[EAR | {"quantity": "displacement"}])
-    take = engine.render(scene, seconds=0.2, trace=True)
-    assert take.trace["compression"][0] == pytest.approx([-1e-3] * 3)
-    assert take.audio[-1, 0] == pytest.approx(1e-3 * 0.37 / 0.45, rel=0.1)
-    assert take.trace["supplied"][-1] > 0.9 * take.trace["total"][-1] > 0.0
-    assert take.stats["energy"]["error_max"] <= 1e-12
+    rendering = engine.render(scene, seconds=0.2, trace=True)
+    assert rendering.trace["compression"][0] == pytest.approx([-1e-3] * 3)
+    assert rendering.audio[-1, 0] == pytest.approx(1e-3 * 0.37 / 0.45, rel=0.1)
+    assert rendering.trace["supplied"][-1] > 0.9 * rendering.trace["total"][-1] > 0.0
+    assert rendering.stats["energy"]["error_max"] <= 1e-12
 
 
 def test_stiffness_glides_from_nothing():
@@ -295,13 +295,13 @@ def test_stiffness_glides_from_nothing():
         "exponent": 1.5,
     }
     score = [{"kind": "change", "time": 0.05, "contact": "rail", "stiffness": 1e7, "duration": 0.02}]
-    take = engine.render(
+    rendering = engine.render(
         build(body=[STRING, HAMMER], contact=[FELT, rail], event=score, pickup=[EAR]), seconds=0.2, trace=True
     )
-    force = take.trace["force"][:, 1]
+    force = rendering.trace["force"][:, 1]
     assert force[: round(0.05 * 44_100)].max() == 0.0
     assert force[round(0.07 * 44_100) :].max() > 0.0
-    assert take.stats["energy"]["error_max"] <= 1e-12
+    assert rendering.stats["energy"]["error_max"] <= 1e-12
 
 
 @pytest.mark.parametrize("blocks", [[64], [1, 7, 300]])
@@ -347,9 +347,9 @@ def test_a_lossless_tanpura_drifts_nowhere(stiffness):
     scene = tanpuras(1, 30, stiffness=stiffness)
     bare = scene.body[0].model_copy(update={"sigma0": 0.0, "sigma1": 0.0, "sigma3": 0.0})
     scene = scene.model_copy(update={"body": [bare]})
-    take = engine.render(scene, seconds=600_000 / 44_100)
-    assert take.stats["newton"]["unconverged"] == 0
-    assert take.stats["energy"]["error_max"] <= 1e-11
+    rendering = engine.render(scene, seconds=600_000 / 44_100)
+    assert rendering.stats["newton"]["unconverged"] == 0
+    assert rendering.stats["energy"]["error_max"] <= 1e-11
 
 
 def test_too_many_points_of_contact_are_refused():

@@ -27,12 +27,12 @@ def moved(gamma: float, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def traced(body: dict, samplerate: int, **more) -> dict:
     more = {"accuracy": {"silence": -math.inf}} | more  # asleep, it would stand still
-    take = engine.render(scene([body], **more), seconds=SECONDS, samplerate=samplerate, trace=True)
-    assert take.stats["newton"]["unconverged"] == 0
-    energy = take.stats["energy"]
-    flow = 1.0 + energy["dissipated"] / np.max(take.trace["kinetic"] + np.abs(take.trace["potential"]))
+    rendering = engine.render(scene([body], **more), seconds=SECONDS, samplerate=samplerate, trace=True)
+    assert rendering.stats["newton"]["unconverged"] == 0
+    energy = rendering.stats["energy"]
+    flow = 1.0 + energy["dissipated"] / np.max(rendering.trace["kinetic"] + np.abs(rendering.trace["potential"]))
     assert energy["error_max"] <= 2e-12 * flow  # what passes through is far more than what is ever held
-    return take.trace
+    return rendering.trace
 
 
 @pytest.mark.parametrize("samplerate", RATES)
@@ -65,20 +65,20 @@ def test_a_damped_mass_rests_on_a_stop_as_its_weight_says(gamma, samplerate):
     stop = {"barrier": 0.0, "side": "below", "stiffness": k, "exponent": 1.0}
     far = {"barrier": 1e5, "stiffness": 1.0, "exponent": 7.7}
     body, contacts = mass(damping=gamma), [barrier(**stop), barrier(**far)]
-    take = engine.render(
+    rendering = engine.render(
         scene([body], gravity=9.81, contact=contacts),
         seconds=max(20 / gamma, 20 * gamma / k),
         samplerate=samplerate,
         trace=True,
     )
-    depth, t = take.trace["compression"][:, 0], take.trace["time"]
+    depth, t = rendering.trace["compression"][:, 0], rendering.trace["time"]
     assert depth[-1] == pytest.approx(9.81 / k, rel=0.01)
     if gamma**2 > 4 * k:
         slow = math.sqrt(gamma**2 / 4 - k)
         fast, late = -gamma / 2 - slow, -k / (gamma / 2 + slow)  # roots of s² + γ·s + k
         wanted = 9.81 / k * (1 - (fast * np.exp(late * t) - late * np.exp(fast * t)) / (fast - late))
         assert np.max(np.abs(depth - wanted)) <= 0.01 * np.max(wanted)
-    assert take.stats["energy"]["error_max"] <= 1e-11
+    assert rendering.stats["energy"]["error_max"] <= 1e-11
 
 
 @pytest.mark.parametrize("samplerate", RATES)
@@ -112,17 +112,17 @@ def test_a_damper_of_the_score_damps_as_a_loss_of_the_body(frequency, sigma):
     damper = {"time": 0.0, "kind": "damp", "body": "body", "sigma": sigma}
     for own, score in ((2 * sigma, []), (0.0, [damper])):
         body = oscillator(frequency=frequency, displacement=1e-3, damping=own)
-        take = engine.render(scene([body], event=score), seconds=0.02, trace=True)
-        slow, t = np.sqrt(complex(sigma**2 - omega**2)), take.trace["time"]
+        rendering = engine.render(scene([body], event=score), seconds=0.02, trace=True)
+        slow, t = np.sqrt(complex(sigma**2 - omega**2)), rendering.trace["time"]
         late, fast = omega**2 / (sigma + slow), sigma + slow
         wanted = 1e-3 * np.real((fast * np.exp(-late * t) - late * np.exp(-fast * t)) / (fast - late))
-        errors.append(np.max(np.abs(take.trace["displacement"][:, 0] - wanted)) / 1e-3)
-        assert take.stats["energy"]["error_max"] <= 1e-12
+        errors.append(np.max(np.abs(rendering.trace["displacement"][:, 0] - wanted)) / 1e-3)
+        assert rendering.stats["energy"]["error_max"] <= 1e-12
     assert errors[1] <= 1.1 * errors[0] + (sigma / RATE) ** 2 / 4
 
 
 @pytest.mark.parametrize("frequency", [0.0, 1e-300, 1e-160, 1e-152])
 def test_what_hardly_turns_back_flies_on(frequency):
     """A frequency whose square underflows is none."""
-    take = engine.render(scene([oscillator(frequency=frequency, velocity=1.0)]), seconds=0.01, trace=True)
-    assert take.trace["displacement"][-1, 0] == pytest.approx(take.trace["time"][-1], rel=1e-12)
+    rendering = engine.render(scene([oscillator(frequency=frequency, velocity=1.0)]), seconds=0.01, trace=True)
+    assert rendering.trace["displacement"][-1, 0] == pytest.approx(rendering.trace["time"][-1], rel=1e-12)

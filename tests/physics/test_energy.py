@@ -13,23 +13,23 @@ LOSSLESS = ["barrier_linear", "barrier_quadratic", "barrier_cubic", "bouncing_ba
 @pytest.mark.parametrize("name", LOSSLESS)
 def test_lossless_patches_keep_their_energy(patch, name, scheme):
     """To rounding, over the durations of the paper's figures."""
-    take = engine.render(patch(name), scheme=scheme, trace=True)
-    energy = take.stats["energy"]
+    rendering = engine.render(patch(name), scheme=scheme, trace=True)
+    energy = rendering.stats["energy"]
     assert energy["error_per_step_max"] <= 2e-15
     assert energy["error_max"] <= 1e-13
     assert energy["dissipated"] == energy["supplied"] == 0.0
     # the same from the trace, without the audit
-    total = take.trace["total"]
+    total = rendering.trace["total"]
     assert np.max(np.abs(total - total[0])) <= 1e-13 * total.max()
-    assert take.trace["contact"].max() > 0.01 * total.max(), "there was no collision to speak of"
+    assert rendering.trace["contact"].max() > 0.01 * total.max(), "there was no collision to speak of"
 
 
 @pytest.mark.parametrize("scheme", ["exact", "fdh"])
 def test_a_minute_of_collisions_keeps_its_energy(patch, scheme):
     """26 000 collisions of Fig. 6."""
-    take = engine.render(patch("repelled_oscillator"), seconds=60, scheme=scheme)
-    assert take.stats["energy"]["error_max"] <= 1e-12
-    assert take.stats["newton"]["regimes"]["separation"] > 26_000
+    rendering = engine.render(patch("repelled_oscillator"), seconds=60, scheme=scheme)
+    assert rendering.stats["energy"]["error_max"] <= 1e-12
+    assert rendering.stats["newton"]["regimes"]["separation"] > 26_000
 
 
 @pytest.mark.parametrize("scheme", ["exact", "fdh"])
@@ -37,16 +37,16 @@ def test_a_minute_of_collisions_keeps_its_energy(patch, scheme):
 def test_the_ledger_closes(path, scheme):
     """With everything on."""
     scene = engine.load(path)
-    take = engine.render(scene, scheme=scheme, seconds=min(3.0, scene.seconds))
-    assert take.stats["energy"]["error_max"] <= 1e-12
-    assert take.stats["newton"]["unconverged"] == 0
+    rendering = engine.render(scene, scheme=scheme, seconds=min(3.0, scene.seconds))
+    assert rendering.stats["energy"]["error_max"] <= 1e-12
+    assert rendering.stats["newton"]["unconverged"] == 0
 
 
 @pytest.mark.parametrize("name", ["driven_ball", "lossy_bounce", "marble_on_a_bell", "buzzing_reed", "tanpura"])
 def test_energy_never_rises_while_none_is_supplied(patch, name):
     """Sample by sample, from the trace."""
-    take = engine.render(patch(name), seconds=2.0, trace=True)
-    trace, stats = take.trace, take.stats["energy"]
+    rendering = engine.render(patch(name), seconds=2.0, trace=True)
+    trace, stats = rendering.trace, rendering.stats["energy"]
     balance = trace["total"] + trace["dissipated"] - trace["supplied"]
     largest = np.max(np.abs(trace["total"]))
     assert np.max(np.abs(balance - balance[0])) <= 1e-12 * largest

@@ -26,7 +26,9 @@ def faults(seed: int, order: int) -> str | None:
     simulation, out = Simulation(model, state), np.zeros((FRAMES, 1))
     simulation.render_block(out)
     energies, newton = simulation.energies(), newton_statistics(model, state)
-    finite = all(np.isfinite(x).all() for x in (out, state.q, state.p, state.compression, list(energies.values())))
+    finite = all(
+        np.isfinite(x).all() for x in (out, state.q, state.p, state.compression, list(energies.as_dict().values()))
+    )
     found = [] if finite else ["not finite"]
     found += [f"{newton['unconverged']} failed"] if newton["unconverged"] else []
     found += [f"ledger {energies['error_max']:.1e}"] if not energies["error_max"] <= 1e-9 else []

@@ -8,7 +8,7 @@ import engine
 from scenes.small import mass, oscillator, scene
 
 
-def pushed(seconds: float = 0.2, body: dict | None = None, **force) -> engine.Take:
+def pushed(seconds: float = 0.2, body: dict | None = None, **force) -> engine.Rendering:
     parts = {"body": "body", "amplitude": 3.0} | force
     return engine.render(scene([body or mass()], force=[parts]), seconds=seconds, trace=True)
 
@@ -69,8 +69,8 @@ def test_a_patch_finds_its_force_file(tmp_path, monkeypatch):
         '[[body]]\nname = "b"\nkind = "mass"\nmass = 2.0\n[[pickup]]\nbody = "b"\n'
         '[[force]]\nbody = "b"\nkind = "file"\nfile = "push.wav"\namplitude = 8.0\nstart = 0.01\n'
     )
-    take = engine.render(engine.load(tmp_path / "p.toml"), seconds=0.1)
-    assert take.audio[-1, 0] == pytest.approx(8.0 * 0.25 * 100 / 44_100 / 2.0, rel=1e-9)
+    rendering = engine.render(engine.load(tmp_path / "p.toml"), seconds=0.1)
+    assert rendering.audio[-1, 0] == pytest.approx(8.0 * 0.25 * 100 / 44_100 / 2.0, rel=1e-9)
     monkeypatch.chdir(tmp_path)
     kept = engine.load("p.toml").model_dump_json(exclude_none=True)
     monkeypatch.chdir("/")

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from conftest import PATCHES, ROOT, mostly_hard
-from test_solve import EXPONENTS, exact_force, hostile
+from worst_case_solves import EXPONENTS, exact_force, worst_case_solves
 
 import engine
 from bench.accuracy.metric import preservation
@@ -56,12 +56,13 @@ def long(scene: engine.Scene, seconds: float, samplerate: float = RATE) -> tuple
 
 def stats(scene: engine.Scene, error: float = 1e-12, **options) -> dict:
     """Render; every solve converges, all is finite, and the ledger closes."""
-    take = engine.render(scene, **options)
-    assert np.isfinite(take.audio).all()
-    assert take.stats["newton"]["unconverged"] == 0
-    assert take.stats["energy"]["error_max"] <= error
-    assert sum(take.stats["newton"]["regimes"].values()) > 0, "there was no contact"
-    return take.stats
+    rendering = engine.render(scene, **options)
+    assert np.isfinite(rendering.audio).all()
+    assert rendering.stats["newton"]["unconverged"] == 0
+    assert rendering.stats["energy"]["error_max"] <= error
+    outcomes = rendering.stats.newton.solve_outcomes
+    assert outcomes.free + outcomes.solved > 0, "there was no contact"
+    return rendering.stats
 
 
 # --- one solve
@@ -174,11 +175,11 @@ def test_many_coupled_problems():
 
 @pytest.mark.hard
 @pytest.mark.parametrize("alpha", [1.0, 1.3, 1.5, 2.0, 2.5, 3.0, 5.0, 8.0])
-def test_a_million_hostile_states(alpha):
+def test_a_million_worst_case_states(alpha):
     """At most 4 evaluations, 3 for α ≤ 3; mean ≤ 1.7 where any are needed; force to 1e-13."""
     import mpmath
 
-    s, g, compliance, out, count, how = hostile(alpha, 1_000_000)
+    s, g, compliance, out, count, how = worst_case_solves(alpha, 1_000_000)
     assert np.all(how != SolveStatus.FAILED)
     assert np.all(np.isfinite(out))
     assert count.max() <= (3 if alpha <= 3 else 4)
@@ -221,10 +222,10 @@ def test_a_resting_ball_stays(alpha):
     ball = mass(displacement=place)
     floor = barrier(stiffness=1e9, exponent=alpha)
     heard = [{"body": "body", "quantity": q, "channel": c} for c, q in ((1, "displacement"), (2, "velocity"))]
-    take = engine.render(scene([ball], gravity=-9.81, contact=[floor], pickup=heard), seconds=10)
-    assert take.stats["newton"]["unconverged"] == 0
-    assert np.max(np.abs(take.audio[:, 0] - place)) <= 1e-15 + 1e-13 * place
-    assert np.max(np.abs(take.audio[:, 1])) <= 1e-12
+    rendering = engine.render(scene([ball], gravity=-9.81, contact=[floor], pickup=heard), seconds=10)
+    assert rendering.stats["newton"]["unconverged"] == 0
+    assert np.max(np.abs(rendering.audio[:, 0] - place)) <= 1e-15 + 1e-13 * place
+    assert np.max(np.abs(rendering.audio[:, 1])) <= 1e-12
 
 
 @pytest.mark.parametrize("alpha", mostly_hard([1.0, 1.5, 2.3, 5.0], 2.3, 5.0))
@@ -335,11 +336,11 @@ def test_unfinished_solves_are_passive(stiffness, exponent, loss):
     """Four rounds are too few for a bridge of thirty points: the ledger closes all the same, and it is counted."""
     scene = tanpuras(1, 30, exponent, stiffness)
     contact = scene.contact[0].model_copy(update={"loss": loss})
-    take = engine.render(scene.model_copy(update={"contact": [contact]}), seconds=0.4, iterations=4)
-    assert np.isfinite(take.audio).all()
-    assert take.stats["newton"]["regimes"]["capped"] > 10
-    assert take.stats["newton"]["unconverged"] == 0
-    assert take.stats["energy"]["error_max"] <= 1e-11
+    rendering = engine.render(scene.model_copy(update={"contact": [contact]}), seconds=0.4, iterations=4)
+    assert np.isfinite(rendering.audio).all()
+    assert rendering.stats["newton"]["regimes"]["capped"] > 10
+    assert rendering.stats["newton"]["unconverged"] == 0
+    assert rendering.stats["energy"]["error_max"] <= 1e-11
 
 
 def bands(audio: np.ndarray) -> np.ndarray:
@@ -363,11 +364,11 @@ def test_a_bounded_worst_case_sounds_the_same(stiffness):
         heard, capped = [], 0
         for _ in range(160):
             pluck = base.force[0].model_copy(update={"amplitude": -0.4 * (1 + 1e-6 * rng.normal())})
-            take = engine.render(base.model_copy(update={"force": [pluck]}), seconds=1.5, iterations=iterations)
-            assert take.stats["energy"]["error_max"] <= 1e-11
-            assert take.stats["newton"]["unconverged"] == 0
-            capped += take.stats["newton"]["regimes"]["capped"]
-            heard.append(bands(take.audio[2205:, 0]))
+            rendering = engine.render(base.model_copy(update={"force": [pluck]}), seconds=1.5, iterations=iterations)
+            assert rendering.stats["energy"]["error_max"] <= 1e-11
+            assert rendering.stats["newton"]["unconverged"] == 0
+            capped += rendering.stats["newton"]["regimes"]["capped"]
+            heard.append(bands(rendering.audio[2205:, 0]))
         assert (capped > 0) == (iterations == 4)
         means.append(10 * np.log10(heard).mean(axis=0))
     loud = means[1] > means[1].max() - 60
@@ -398,15 +399,15 @@ def test_a_failed_solve_is_passive_and_counted(path, fault, monkeypatch):
         return fault(build(*arguments))
 
     monkeypatch.setattr(render, "build", faulty)
-    take = engine.render(
+    rendering = engine.render(
         engine.load(path), seconds=3.0 if path.stem == "bass_frets" else 0.5
     )  # its first pluck is soft
-    assert np.isfinite(take.audio).all()
-    failed = take.stats["newton"]["unconverged"]
-    assert failed == take.stats["newton"]["regimes"]["failed"]
+    assert np.isfinite(rendering.audio).all()
+    failed = rendering.stats["newton"]["unconverged"]
+    assert failed == rendering.stats["newton"]["regimes"]["failed"]
     assert failed > 0
     if fault is not overflow:  # there, the stored energy itself is infinite
-        assert take.stats["energy"]["error_max"] <= 1e-12
+        assert rendering.stats["energy"]["error_max"] <= 1e-12
 
 
 @pytest.mark.hard
@@ -419,8 +420,8 @@ def test_an_iteration_that_never_ends(tmp_path):
     assert text.count(accept) == 1
     solver.write_text(text.replace(accept, "        if done and g < 0.0:\n            return"), "utf-8")
     code = (
-        "import engine, json; scene = engine.load('reed.toml'); take = engine.render(scene, seconds=0.5); "
-        "print(json.dumps(take.stats))"
+        "import engine, json; scene = engine.load('reed.toml'); rendering = engine.render(scene, seconds=0.5); "
+        "print(json.dumps(rendering.stats.as_dict()))"
     )
     shutil.copy(ROOT / "patches" / "buzzing_reed.toml", tmp_path / "reed.toml")
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}

@@ -34,14 +34,14 @@ NAMES = [
 
 class Heard(NamedTuple):
     scene: engine.Scene
-    take: engine.Take
+    rendering: engine.Rendering
 
     def between(self, start: float, end: float, channel: int = 0) -> np.ndarray:
-        return self.take.audio[round(start * RATE) : round(end * RATE), channel]
+        return self.rendering.audio[round(start * RATE) : round(end * RATE), channel]
 
     def touches(self, body: str, gap: float = 0.0) -> list[tuple[float, float]]:
         """When a body was touched, and for how long, s; touches less than `gap` apart are one."""
-        force = self.take.audio[:, 2 + [b.name for b in self.scene.body].index(body)]
+        force = self.rendering.audio[:, 2 + [b.name for b in self.scene.body].index(body)]
         on = np.flatnonzero(force != 0.0)
         cut = np.flatnonzero(np.diff(on) > max(1.0, gap * RATE))
         first, last = on[np.r_[0, cut + 1]], on[np.r_[cut, on.size - 1]]
@@ -83,11 +83,11 @@ def cents(a: float, b: float) -> float:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_it_sounds_and_its_energy_is_exact(name):
-    take = heard(name).take
-    assert np.all(np.isfinite(take.audio))
-    assert take.stats["newton"]["unconverged"] == 0
-    assert take.stats["energy"]["error_max"] <= 1e-12
-    sounding = take.audio[:, :2]
+    rendering = heard(name).rendering
+    assert np.all(np.isfinite(rendering.audio))
+    assert rendering.stats["newton"]["unconverged"] == 0
+    assert rendering.stats["energy"]["error_max"] <= 1e-12
+    sounding = rendering.audio[:, :2]
     assert np.max(np.abs(sounding[: RATE // 2])) > 1e-4
     assert np.max(np.abs(sounding), axis=0).min() > 1e-3  # m/s, on both sides
 
@@ -110,10 +110,10 @@ def test_it_sounds_and_its_energy_is_exact(name):
 )
 def test_pitch_and_decay_of_the_free_tail(name, body, pitch, start, end, channel):
     """Once nothing touches, the fundamental is within 1 cent of its pitch, and its decay within 2 % of the body's."""
-    take = heard(name)
-    frequency, decay = partial(take.between(start, end, channel), pitch)
+    rendering = heard(name)
+    frequency, decay = partial(rendering.between(start, end, channel), pitch)
     assert abs(cents(frequency, pitch)) < 1.0
-    assert decay == pytest.approx(take.body(body).modal_body(0.49 * RATE).sigma[0], rel=0.02)
+    assert decay == pytest.approx(rendering.body(body).modal_body(0.49 * RATE).sigma[0], rel=0.02)
 
 
 @pytest.mark.parametrize(("name", "milliseconds"), [("piano_c2", 4.0), ("piano_c4", 2.0), ("piano_c7", 1.0)])
@@ -267,7 +267,7 @@ def test_the_ball_falls_bounces_and_comes_to_rest():
     bounces = drum.touches("ball")
     assert bounces[0][0] == pytest.approx(math.sqrt(2 * 0.25 / 9.81), abs=1.5 / RATE)
     assert len(bounces) > 10
-    weight = drum.take.audio[-RATE // 4 :, 2 + 1].mean()
+    weight = drum.rendering.audio[-RATE // 4 :, 2 + 1].mean()
     assert weight == pytest.approx(4e-3 * 9.81, rel=0.01)
 
 
@@ -299,7 +299,7 @@ def test_the_hiss_of_the_snare_is_that_of_its_wires():
     for contact in told["contact"][1:]:
         contact["gap"] = 5e-3  # m: out of reach
     down = engine.render(engine.Scene.model_validate(told), seconds=0.2).audio[:, :2]
-    up = heard("snare_wires").take.audio[: down.shape[0], :2]
+    up = heard("snare_wires").rendering.audio[: down.shape[0], :2]
 
     def hiss(x: np.ndarray) -> float:
         """Share of the power above 2 kHz, dB, from 0.05 to 0.15 s: the stick has left by then."""

@@ -86,10 +86,10 @@ def integrated(scene: dict, times: np.ndarray) -> np.ndarray:
 def moves_as_integrated(seed: int, substeps: int = 16) -> float:
     """How far a scene is from the integrator, over its largest displacement."""
     scene = small_scene(seed, substeps)
-    take = engine.render(engine.Scene.model_validate(scene), seconds=SECONDS, samplerate=RATE, trace=True)
-    assert take.stats["trusted"], take.stats["reasons"]
-    wanted = integrated(scene, take.trace["time"])
-    return float(np.max(np.abs(take.trace["displacement"] - wanted)) / np.max(np.abs(wanted)))
+    rendering = engine.render(engine.Scene.model_validate(scene), seconds=SECONDS, samplerate=RATE, trace=True)
+    assert rendering.stats["trusted"], rendering.stats["reasons"]
+    wanted = integrated(scene, rendering.trace["time"])
+    return float(np.max(np.abs(rendering.trace["displacement"] - wanted)) / np.max(np.abs(wanted)))
 
 
 @pytest.mark.parametrize("seed", [0])

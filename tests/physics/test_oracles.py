@@ -15,7 +15,7 @@ RATES = [96_000, 192_000, 384_000]
 
 def bounce(alpha: float, rate: int, loss: float = 0.0, stiffness: float = 1e8) -> tuple[float, float, float]:
     """Contact time, deepest compression and rebound speed of 10 g at 1 m/s that starts on the barrier."""
-    take = engine.render(
+    rendering = engine.render(
         scene(
             [mass(mass=0.01, velocity=1.0)],
             contact=[barrier(stiffness=stiffness, exponent=alpha, loss=loss)],
@@ -24,10 +24,10 @@ def bounce(alpha: float, rate: int, loss: float = 0.0, stiffness: float = 1e8) -
         samplerate=rate,
         trace=True,
     )
-    place, velocity = take.trace["displacement"][:, 0], take.trace["velocity"][:, 0]
+    place, velocity = rendering.trace["displacement"][:, 0], rendering.trace["velocity"][:, 0]
     assert place[-1] < 0, "still in contact"
     out = velocity[-1]
-    time = take.trace["time"][-1] - place[-1] / out  # it coasts since it left
+    time = rendering.trace["time"][-1] - place[-1] / out  # it coasts since it left
     n = int(np.argmax(place))
     a, b, c = place[n - 1 : n + 2]
     return time, b - (a - c) ** 2 / (8 * (a - 2 * b + c)), -out
@@ -77,7 +77,7 @@ def test_oscillator_resting_on_a_linear_barrier():
     period = math.pi / omega + math.pi / math.sqrt(omega**2 + stiffness)
     errors = []
     for rate in (44_100, 88_200, 176_400):
-        take = engine.render(
+        rendering = engine.render(
             scene(
                 [oscillator(frequency=300.0, displacement=-1e-3)],
                 contact=[barrier(stiffness=stiffness, exponent=1.0)],
@@ -86,18 +86,18 @@ def test_oscillator_resting_on_a_linear_barrier():
             samplerate=rate,
             trace=True,
         )
-        x = take.trace["displacement"][:, 0]
+        x = rendering.trace["displacement"][:, 0]
         up = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0))
-        v = take.trace["velocity"][up, 0]
+        v = rendering.trace["velocity"][up, 0]
         times = up + rate * (-x[up] / v)
         errors.append((times[-1] - times[0]) / (len(times) - 1) / rate / period - 1)
     assert abs(errors[0]) < 3e-3
     assert slope([1, 2, 4], errors) == pytest.approx(-2, abs=0.25)
 
 
-def roots(take: engine.Take) -> np.ndarray:
+def roots(rendering: engine.Rendering) -> np.ndarray:
     """The two roots z of x[n+2] = 2·Re z·x[n+1] - |z|²·x[n], fitted to the whole trajectory."""
-    x = take.trace["displacement"][:, 0]
+    x = rendering.trace["displacement"][:, 0]
     two, one = np.linalg.lstsq(np.stack([x[1:-1], x[:-2]], 1), x[2:], rcond=None)[0]
     return np.roots([1.0, -two, -one])
 
@@ -133,17 +133,19 @@ def test_fdh_detunes_by_the_bilinear_law(frequency):
 
 def test_a_damped_mass_coasts_exactly():
     """v(t) = v0·exp(-γt), x(t) = v0·(1 - exp(-γt))/γ, at any rate."""
-    take = engine.render(scene([mass(damping=30.0, velocity=2.0)]), seconds=0.1, samplerate=8000, trace=True)
-    time = take.trace["time"]
-    np.testing.assert_allclose(take.trace["velocity"][:, 0], 2 * np.exp(-30 * time), rtol=1e-12)
-    np.testing.assert_allclose(take.trace["displacement"][:, 0], 2 / 30 * -np.expm1(-30 * time), rtol=1e-11, atol=1e-16)
+    rendering = engine.render(scene([mass(damping=30.0, velocity=2.0)]), seconds=0.1, samplerate=8000, trace=True)
+    time = rendering.trace["time"]
+    np.testing.assert_allclose(rendering.trace["velocity"][:, 0], 2 * np.exp(-30 * time), rtol=1e-12)
+    np.testing.assert_allclose(
+        rendering.trace["displacement"][:, 0], 2 / 30 * -np.expm1(-30 * time), rtol=1e-11, atol=1e-16
+    )
 
 
 @pytest.mark.parametrize("alpha", [1.0, 1.5, 2.0, 2.7, 4.0])
 def test_a_resting_ball_stays(alpha):
     """Static compression (mg/kc)^(1/α); a ball placed there stays there to 1e-15 m."""
     stiffness, rest = 1e7, (9.81 / 1e7) ** (1 / alpha)
-    take = engine.render(
+    rendering = engine.render(
         scene(
             [mass(displacement=-rest)],
             gravity=9.81,
@@ -152,14 +154,14 @@ def test_a_resting_ball_stays(alpha):
         seconds=0.5,
         trace=True,
     )
-    assert np.max(np.abs(take.trace["displacement"][:, 0] + rest)) < 1e-15
-    assert take.trace["force"][1:, 0] == pytest.approx(9.81, rel=1e-11)
+    assert np.max(np.abs(rendering.trace["displacement"][:, 0] + rest)) < 1e-15
+    assert rendering.trace["force"][1:, 0] == pytest.approx(9.81, rel=1e-11)
 
 
 def test_momentum_is_conserved_when_two_bodies_collide():
     bodies = [mass(mass=0.3, velocity=2.0), {"name": "other", "kind": "mass", "mass": 0.7, "displacement": 1e-3}]
     contact = [{"body": "body", "on": "other", "stiffness": 1e7, "exponent": 1.5}]
-    take = engine.render(scene(bodies, contact=contact), seconds=0.02, trace=True)
-    velocity = take.trace["velocity"]
+    rendering = engine.render(scene(bodies, contact=contact), seconds=0.02, trace=True)
+    velocity = rendering.trace["velocity"]
     np.testing.assert_allclose(velocity @ [0.3, 0.7], 0.6, rtol=1e-13)
     np.testing.assert_allclose(velocity[-1], [0.6 - 0.7 * 2.0, 0.6 + 0.3 * 2.0], rtol=1e-12)  # elastic

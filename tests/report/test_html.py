@@ -180,9 +180,9 @@ def test_a_picture_of_an_oversampled_render_keeps_its_time():
     """The ball lands at √(2·0.2/9.81) = 0.2019 s, and nowhere else in 0.3 s."""
     from matplotlib.figure import Figure
 
-    take = engine.render(engine.load(BALL), seconds=0.3, oversample=2, trace=True)
+    rendering = engine.render(engine.load(BALL), seconds=0.3, oversample=2, trace=True)
     axes = Figure().subplots()
-    plots.plot_iterations(axes, take)
+    plots.plot_iterations(axes, rendering)
     assert axes.get_xlim() == (0.0, pytest.approx(0.3))
     (shaded,) = [patch for patch in axes.patches if patch.get_alpha() == plots.CONTACT_STYLE["alpha"]]
     assert shaded.get_x() == pytest.approx(0.2019, abs=1e-3)

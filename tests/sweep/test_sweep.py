@@ -47,10 +47,10 @@ def test_a_grid_on_two_processes(tmp_path, capsys):
     for row in found[::2]:
         assert row["status"] == "done"
         made = plan(NEAR, BELL)
-        take = engine.render(made.scene(made.points[int(row["number"]) - 1]), seconds=SECONDS)
-        np.testing.assert_array_equal(soundfile.read(folder / row["file"], always_2d=True)[0], take.audio)
-        assert float(row["peak"]) == pytest.approx(take.stats["peak"], rel=1e-8)
-        assert float(row["contact"]) == pytest.approx(take.stats["activity"]["contact"], rel=1e-8)
+        rendering = engine.render(made.scene(made.points[int(row["number"]) - 1]), seconds=SECONDS)
+        np.testing.assert_array_equal(soundfile.read(folder / row["file"], always_2d=True)[0], rendering.audio)
+        assert float(row["peak"]) == pytest.approx(rendering.stats["peak"], rel=1e-8)
+        assert float(row["contact"]) == pytest.approx(rendering.stats["activity"]["contact"], rel=1e-8)
         assert 500.0 < float(row["fundamental_hz"]) < 900.0
     assert {p.name for p in folder.iterdir()} == {"index.csv", "0001.wav", "0003.wav", "0005.wav"}
     assert swept(tmp_path / "alone", NEAR, BELL, gain=0.0)[0].failed == 3

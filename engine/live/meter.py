@@ -1,0 +1,29 @@
+"""What a meter shows of live sound."""
+
+from dataclasses import dataclass
+
+from engine.offline.record import Record
+from engine.offline.statistics import NewtonStatistics
+
+
+@dataclass(frozen=True)
+class MeterReading(Record):
+    """Live sound up to now; the names of `fdh play --json`."""
+
+    seconds: float
+    peak: float  # since the last reading
+    real_time_factor: float
+    worst_block: float  # time it took, as a share of its deadline
+    dropouts: int
+    limited: int  # samples held back by the limiter
+    not_finite: int  # samples that were no numbers, and silenced
+    dropped: int  # events, of which there were too many at once
+    lost: int  # samples of the recording
+    newton: NewtonStatistics
+    energy_error: float  # relative to the largest energy held
+    quality_steps: int
+    quality: int  # 0 is full
+    awake: int  # islands that move
+    islands: int
+    voices: int
+    sounding: int  # voices with an island that moves

@@ -1,0 +1,19 @@
+"""Typed results that are also read by name, as `--json` prints them."""
+
+from dataclasses import fields
+from typing import Any
+
+
+class Record:
+    """The base of frozen dataclasses: `record.peak` and `record["peak"]` are the same."""
+
+    def __getitem__(self, name: str) -> Any:
+        """A value by its name. Raises KeyError."""
+        if name.startswith("_") or not hasattr(self, name):
+            raise KeyError(name)
+        return getattr(self, name)
+
+    def as_dict(self) -> dict[str, Any]:
+        """All values by their names, records among them as dicts too."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
+        return {name: value.as_dict() if isinstance(value, Record) else value for name, value in values.items()}

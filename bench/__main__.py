@@ -10,7 +10,7 @@ from bench.accuracy import golden
 from bench.publish import compare
 
 MEASUREMENTS = {  # in this order
-    "performance": ["realtime", "instruments", "scaling", "effects", "start", "live"],
+    "performance": ["realtime", "instruments", "scaling", "effects", "start", "tricks", "live"],
     "accuracy": ["price", "jvari", "metric", "hard"],
     "paper": ["newton", "figures"],
     "rivals": ["peers"],

@@ -9,6 +9,7 @@ import pytest
 
 import engine
 
+pytest_plugins = ["kernel_files"]
 ROOT = Path(__file__).parent.parent
 PATCHES = sorted((ROOT / "patches").glob("*.toml"))
 ALSA = Path("/usr/share/alsa/alsa.conf")

@@ -5,15 +5,17 @@ unpacking. An `ArrayView1D` is two values, and its indices are not tested for ne
 It lives no longer than its array. Views are indexed, sliced and asked for `.shape[0]` as arrays are, so that kernels
 take either. An `ArrayView2D` is a two-dimensional array of two values, whose rows are one-dimensional views.
 
-Without the trick, views are slices of NumPy's.
+Without the trick, what is cut from an array is an array.
 """
 
 import operator
+from collections.abc import Callable
 from typing import Any
 
 from numba.core import cgutils, types
 from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_getattr, infer_global, signature
-from numba.extending import lower_builtin, lower_getattr, models, overload, register_model, type_callable
+from numba.extending import lower_builtin, lower_getattr, models, register_model, type_callable
+from numba.np.arrayobj import make_array, populate_array
 
 from engine.compiler.tricks import Trick, in_use
 
@@ -160,75 +162,85 @@ def _row(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     return _make_view(context, builder, sig.return_type, of.data, begin, builder.add(begin, of.columns))
 
 
-def _use_views() -> None:
-    """Let compiled code make views."""
+def _as_view(kind: types.Array, dimensions: int) -> Any:
+    return ArrayView1D(kind.dtype) if dimensions == 1 else ArrayView2D(kind.dtype)
+
+
+def _as_array(kind: types.Array, dimensions: int) -> Any:
+    return types.Array(kind.dtype, dimensions, "C")
+
+
+def _build_view(context: Any, builder: Any, kind: Any, data: Any, shape: list[Any]) -> Any:
+    made = cgutils.create_struct_proxy(kind)(context, builder)
+    made.data = data
+    if isinstance(kind, ArrayView1D):
+        made.size = shape[0]
+    else:
+        made.columns = shape[1]
+    return made._getvalue()
+
+
+def _build_array(context: Any, builder: Any, kind: Any, data: Any, shape: list[Any]) -> Any:
+    """An array of NumPy's, which holds no reference to the memory that it is a part of."""
+    made = make_array(kind)(context, builder)
+    item_size = context.get_constant(INDEX, context.get_abi_sizeof(context.get_data_type(kind.dtype)))
+    strides = [item_size] if len(shape) == 1 else [builder.mul(shape[1], item_size), item_size]
+    populate_array(made, data=data, shape=shape, strides=strides, itemsize=item_size, meminfo=None)
+    return made._getvalue()
+
+
+def _let_kernels_cut(result_kind: Callable[..., Any], build: Callable[..., Any]) -> None:
+    """Let compiled code cut arrays.
+
+    result_kind: from the kind of an array and a number of dimensions to the kind of what is cut from it
+    build:       makes a value of that kind from an address and a shape
+    """
+
+    def typed(cut_dimensions: int, dimensions: int) -> Callable[..., Any]:
+        def kind(array: Any, *numbers: Any) -> Any:
+            fits = isinstance(array, types.Array) and array.ndim == cut_dimensions and array.layout == "C"
+            return result_kind(array, dimensions) if fits else None
+
+        return kind
 
     @type_callable(slice_view)
     def type_slice(context: Any) -> Any:
-        def kind(array: Any, begin: Any, end: Any) -> ArrayView1D | None:
-            flat = isinstance(array, types.Array) and array.ndim == 1 and array.layout == "C"
-            return ArrayView1D(array.dtype) if flat else None
-
-        return kind
+        kind = typed(1, 1)
+        return lambda array, begin, end: kind(array)
 
     @lower_builtin(slice_view, types.Array, types.Integer, types.Integer)
     def lower_slice(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         begin, end = (context.cast(builder, args[n], sig.args[n], INDEX) for n in (1, 2))
-        return _make_view(context, builder, sig.return_type, _unpack(context, builder, sig, args).data, begin, end)
+        data = builder.gep(_unpack(context, builder, sig, args).data, [begin], inbounds=True)
+        return build(context, builder, sig.return_type, data, [builder.sub(end, begin)])
 
     @type_callable(matrix_view)
     def type_matrix(context: Any) -> Any:
-        def kind(array: Any, n: Any) -> ArrayView2D | None:
-            deep = isinstance(array, types.Array) and array.ndim == 3 and array.layout == "C"
-            return ArrayView2D(array.dtype) if deep else None
-
-        return kind
+        kind = typed(3, 2)
+        return lambda array, n: kind(array)
 
     @lower_builtin(matrix_view, types.Array, types.Integer)
     def lower_matrix(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         array = _unpack(context, builder, sig, args)
         n = context.cast(builder, args[1], sig.args[1], INDEX)
         _, rows, columns = cgutils.unpack_tuple(builder, array.shape)
-        made = cgutils.create_struct_proxy(sig.return_type)(context, builder)
-        made.data = builder.gep(array.data, [builder.mul(n, builder.mul(rows, columns))], inbounds=True)
-        made.columns = columns
-        return made._getvalue()
+        data = builder.gep(array.data, [builder.mul(n, builder.mul(rows, columns))], inbounds=True)
+        return build(context, builder, sig.return_type, data, [rows, columns])
 
     @type_callable(column_view)
     def type_columns(context: Any) -> Any:
-        def kind(array: Any, begin: Any) -> ArrayView2D | None:
-            wide = isinstance(array, types.Array) and array.ndim == 2 and array.layout == "C"
-            return ArrayView2D(array.dtype) if wide else None
-
-        return kind
+        kind = typed(2, 2)
+        return lambda array, begin: kind(array)
 
     @lower_builtin(column_view, types.Array, types.Integer)
     def lower_columns(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         array = _unpack(context, builder, sig, args)
         begin = context.cast(builder, args[1], sig.args[1], INDEX)
-        made = cgutils.create_struct_proxy(sig.return_type)(context, builder)
-        made.data = builder.gep(array.data, [begin], inbounds=True)
-        made.columns = cgutils.unpack_tuple(builder, array.shape)[1]
-        return made._getvalue()
-
-
-def _use_slices() -> None:
-    """Let compiled code make slices of arrays instead."""
-
-    @overload(slice_view)
-    def slice_array(array, begin, end):
-        return lambda array, begin, end: array[begin:end]
-
-    @overload(matrix_view)
-    def slice_matrix(array, n):
-        return lambda array, n: array[n]
-
-    @overload(column_view)
-    def slice_columns(array, begin):
-        return lambda array, begin: array[:, begin:]
+        data = builder.gep(array.data, [begin], inbounds=True)
+        return build(context, builder, sig.return_type, data, cgutils.unpack_tuple(builder, array.shape))
 
 
 if in_use(Trick.ARRAY_VIEWS, lambda: issubclass(models.StructModel, models.DataModel)):
-    _use_views()
+    _let_kernels_cut(_as_view, _build_view)
 else:
-    _use_slices()
+    _let_kernels_cut(_as_array, _build_array)

@@ -8,6 +8,7 @@ import numpy as np
 from numba.core.ccallback import CFunc
 from numba.core.sigutils import normalize_signature
 
+from engine.compiler import enum_indices  # noqa: F401, it changes what Numba knows
 from engine.compiler.cache import KernelCache
 from engine.compiler.numba_patches import SkipInlinedLibraries
 from engine.compiler.tricks import Trick, in_use

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 from numba import typeof
-from numba.core import types
+from numba.core import cgutils, types
 from numba.core.registry import cpu_target
 from numba.extending import NativeValue, lower_builtin, models, register_model, type_callable, typeof_impl, unbox
 
@@ -85,8 +85,22 @@ def _type_store(context: Any) -> Any:
 def _lower_store(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     kind = sig.args[0]
     place = builder.inttoptr(args[1], context.get_data_type(kind).as_pointer())
-    context.pack_value(builder, kind, args[0], place)
+    context.pack_value(builder, kind, _disown(context, builder, kind, args[0]), place)
     return context.get_dummy_value()
+
+
+def _disown(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    """A value whose arrays hold no reference to their memory: that of a call ends with the call."""
+    if isinstance(kind, types.Array):
+        array = context.make_array(kind)(context, builder, value)
+        for owner in ("meminfo", "parent"):
+            setattr(array, owner, ir.Constant(getattr(array, owner).type, None))
+        return array._getvalue()
+    if isinstance(kind, types.BaseTuple):
+        kinds: Any = kind.types  # type: ignore[attr-defined]  # of any tuple
+        items = zip(kinds, cgutils.unpack_tuple(builder, value), strict=True)
+        return context.make_tuple(builder, kind, [_disown(context, builder, *item) for item in items])
+    return value
 
 
 @kernel

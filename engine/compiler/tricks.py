@@ -21,6 +21,9 @@ class Trick(StrEnum):
     KERNEL_FILES = "kernel_files"  # a file for each kernel, shared by processes
 
 
+FOUND: dict[Trick, bool] = {}  # whether those that were asked for are in use
+
+
 @cache
 def switched_off() -> frozenset[str]:
     """The tricks that FDH_PLAIN names. Raises ValueError if it names none of ours."""
@@ -32,8 +35,11 @@ def switched_off() -> frozenset[str]:
 
 def in_use(trick: Trick, self_test: Callable[[], bool] = lambda: True) -> bool:
     """Whether to use a trick. A self-test that raises has failed."""
-    if trick in switched_off():
-        return False
+    FOUND[trick] = trick not in switched_off() and _passes(self_test)
+    return FOUND[trick]
+
+
+def _passes(self_test: Callable[[], bool]) -> bool:
     try:
         return self_test()
     except Exception:  # an inner part of Numba that is no longer there

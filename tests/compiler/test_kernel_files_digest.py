@@ -1,0 +1,51 @@
+"""Compiled kernels are compiled again when sources, compiler or processor change."""
+
+import shutil
+
+import pytest
+from conftest import ROOT
+
+from engine.compiler import cache
+
+
+def test_the_digest_is_of_all_kernel_sources(fresh, tmp_path, monkeypatch):
+    shutil.copytree(ROOT / "engine", tmp_path / "engine", ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(cache, "__file__", str(tmp_path / "engine" / "compiler" / "cache.py"))
+
+    def digest() -> str:
+        cache.digest.cache_clear()
+        return cache.digest()
+
+    deep, deeper = tmp_path / "engine" / "bodies_of" / "deep.py", tmp_path / "engine" / "others" / "deep.py"
+    found = [digest()]
+    deep.parent.mkdir()
+    deep.write_text("from engine.compiler.decorators import inline\n")
+    found.append(digest())
+    deep.write_text("from engine.compiler.decorators import inline\nX = 1\n")
+    found.append(digest())
+    deeper.parent.mkdir()
+    deep.rename(deeper)
+    found.append(digest())
+    assert len(set(found)) == 4
+    deep.write_text("import json\n")
+    assert digest() == found[-1]
+
+
+@pytest.mark.parametrize("module", ["numba", "llvmlite", "np"])
+def test_the_digest_is_of_the_compiler(fresh, monkeypatch, module):
+    before = cache.digest()
+    cache.digest.cache_clear()
+    monkeypatch.setattr(getattr(cache, module), "__version__", "0")
+    assert cache.digest()[:16] != before[:16]
+
+
+@pytest.mark.parametrize("what", ["name", "features"])
+def test_the_digest_is_of_the_processor(fresh, monkeypatch, what):
+    before = cache.digest()
+    cache.digest.cache_clear()
+    if what == "name":
+        monkeypatch.setattr(cache.llvmlite.binding, "get_host_cpu_name", lambda: "i486")
+    else:
+        monkeypatch.setattr(cache, "get_host_cpu_features", lambda: "+fpu")
+    after = cache.digest()
+    assert after[:17] == before[:17] and after[17:] != before[17:]

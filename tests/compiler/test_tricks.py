@@ -1,0 +1,61 @@
+"""The tricks of the compiler: all work with this Numba, and without them the samples are the same."""
+
+import hashlib
+import os
+import subprocess
+import sys
+
+import pytest
+from conftest import ROOT
+
+from engine.compiler import tricks
+from engine.compiler.tricks import FOUND, Trick
+
+SOUND = """
+import hashlib, engine
+for name, seconds in (("repelled_oscillator", 0.1), ("guitar_frets", 0.02)):
+    rendering = engine.render(engine.load(name), seconds=seconds, trace=True)
+    arrays = [rendering.audio, *(rendering.trace[key] for key in ("displacement", "velocity", "force", "iterations"))]
+    print(name, *(hashlib.sha256(array.tobytes()).hexdigest() for array in arrays))
+"""
+
+
+def test_all_are_in_use_with_this_numba():
+    import engine.live.audio_thread  # with which all of the compiler is imported
+    import engine.offline.render  # noqa: F401
+
+    assert {trick for trick, found in FOUND.items() if found} == set(Trick) - tricks.switched_off()
+
+
+def test_one_whose_self_test_fails_is_not_in_use(monkeypatch):
+    monkeypatch.setattr(tricks, "FOUND", {})
+    assert not tricks.in_use(Trick.FORCED_INLINING, lambda: {}["a part of Numba that is gone"])
+    assert tricks.in_use(Trick.FORCED_INLINING, lambda: True)
+
+
+def test_a_name_that_is_no_trick_is_refused(monkeypatch):
+    monkeypatch.setenv("FDH_PLAIN", "array_views, vectors")
+    tricks.switched_off.cache_clear()
+    try:
+        with pytest.raises(ValueError, match="no trick is named vectors; all, array_views, skip_inlined"):
+            tricks.switched_off()
+    finally:
+        monkeypatch.undo()
+        tricks.switched_off.cache_clear()
+
+
+def sound(folder, plain: str) -> str:
+    """Digests of what two patches become, in a process of its own."""
+    environment = {**os.environ, "FDH_PLAIN": plain, "NUMBA_CACHE_DIR": str(folder)}
+    command = [sys.executable, "-c", SOUND]
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=True)
+    return done.stdout
+
+
+@pytest.mark.hard
+def test_without_them_the_samples_are_the_same(tmp_path):
+    """Motion and forces, bit for bit: with plain arrays alone, and with all switched off."""
+    with_tricks = sound(tmp_path, "")
+    assert with_tricks.count(hashlib.sha256(b"").hexdigest()) == 0 and len(with_tricks.split()) == 12
+    assert sound(tmp_path, "array_views") == with_tricks
+    assert sound(tmp_path, "all") == with_tricks

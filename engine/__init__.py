@@ -9,18 +9,19 @@ rendering.audio, rendering.stats
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from engine.faults import BuildError, PatchError
     from engine.live.player import Player
     from engine.offline.render import Rendering, render
-    from engine.patch.faults import PatchError
     from engine.patch.reader import load
     from engine.patch.scene import Scene
 
     __version__: str
 
-__all__ = ["PatchError", "Player", "Rendering", "Scene", "load", "render"]
+__all__ = ["BuildError", "PatchError", "Player", "Rendering", "Scene", "load", "render"]
 
 _HOME = {
-    "PatchError": "patch.faults",
+    "BuildError": "faults",
+    "PatchError": "faults",
     "Player": "live.player",
     "Rendering": "offline.render",
     "Scene": "patch.scene",

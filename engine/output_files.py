@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from engine.audio_formats import explain_unsupported_format
+from engine.faults import Fault
 
 if TYPE_CHECKING:
     import numpy as np
@@ -193,8 +194,8 @@ def resolve_subtype(output: Path, requested: str | None) -> str | None:
     return requested or ("FLOAT" if output.suffix.lower() == ".wav" else None)
 
 
-def check_audio_format(output: Path, subtype: str | None, option: str) -> list[tuple[str, str]]:
-    """What is wrong with the format of an audio file that is to be written: pairs of an option and a message.
+def check_audio_format(output: Path, subtype: str | None, option: str) -> list[Fault]:
+    """What is wrong with the format of an audio file that is to be written.
 
     option: the one that names the file
     """
@@ -202,11 +203,13 @@ def check_audio_format(output: Path, subtype: str | None, option: str) -> list[t
 
     kind = output.suffix.lstrip(".").upper()
     if kind not in soundfile.available_formats():
-        return [(option, f'"{output.name}" names no audio format; end it in .wav')]
+        return [Fault(option, f'"{output.name}" names no audio format; end it in .wav')]
     if subtype is not None and subtype not in SUBTYPES:
-        return [("--subtype", f'unknown sample format "{subtype}"; {", ".join(SUBTYPES)}')]
+        return [Fault("--subtype", f'unknown sample format "{subtype}"; {", ".join(SUBTYPES)}')]
     if not soundfile.check_format(kind, resolve_subtype(output, subtype)):
         if subtype is None:
-            return [("--subtype", f"{kind} files do not say what they hold; give --subtype FLOAT, or write a .wav")]
-        return [("--subtype", f"{kind} files cannot hold {subtype}; write a .wav")]
+            return [
+                Fault("--subtype", f"{kind} files do not say what they hold; give --subtype FLOAT, or write a .wav")
+            ]
+        return [Fault("--subtype", f"{kind} files cannot hold {subtype}; write a .wav")]
     return []

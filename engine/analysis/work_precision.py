@@ -24,7 +24,8 @@ from engine.analysis.metrics import (
 from engine.analysis.other_methods import TIMED_RUNS, compare_methods
 from engine.analysis.silence import explain_silence
 from engine.bodies import Mass, Oscillator
-from engine.build.build import BuildError, build
+from engine.build.build import build
+from engine.faults import BuildError
 from engine.kernel.codes import EventKind
 from engine.kernel.model import Model
 from engine.kernel.state import State

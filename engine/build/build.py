@@ -14,7 +14,6 @@ from engine.build.event_table import event_table
 from engine.build.force_table import ForceTable, force_table
 from engine.build.initial_state import initial_state
 from engine.build.layout import NOWHERE, BodyPoint, Layout
-from engine.build.limits import BuildError
 from engine.build.mode_coefficients import (
     MAX_DAMPING_BACKWARDS,
     SCHEMES,
@@ -25,10 +24,11 @@ from engine.build.mode_shape_rows import mode_shape_rows
 from engine.build.reachability import contacts_to_build
 from engine.build.refinement_tables import build_refinement, end_loss
 from engine.build.step_coefficients import ModeCoefficients, step_coefficients
+from engine.faults import BuildError, Fault
 from engine.kernel.axes import align_to_cache_lines, to_single_precision
 from engine.kernel.codes import Quantity
 from engine.kernel.laws import select_law
-from engine.kernel.model import Contact, Events, ExternalForce, FreeMasses, ModalLoss, Model, Pickups
+from engine.kernel.model import Contact, ExternalForce, FreeMasses, ModalLoss, Model, Pickups
 from engine.kernel.state import State
 from engine.output_files import error_reason
 from engine.patch.accuracy import Accuracy
@@ -123,7 +123,7 @@ def mode_coefficients(layout: Layout, samplerate: float, accuracy: Accuracy) -> 
     if accuracy.order > 2 and sigma.max(initial=0.0) * h > MAX_DAMPING_BACKWARDS:
         message = f"order {accuracy.order} has steps back in time, in which heavy damping would create energy"
         limit = f"decay rates up to {MAX_DAMPING_BACKWARDS * samplerate:.4g} 1/s ({sigma.max():.4g} here)"
-        raise BuildError([("accuracy.order", f"{message}; {limit}, or order = 2 and substeps")])
+        raise BuildError(Fault("accuracy.order", f"{message}; {limit}, or order = 2 and substeps"))
     damped = is_heavily_damped(omega, sigma, h) & (accuracy.scheme == "exact" and accuracy.order == 2)
     kick, drift, decay, drag, dragged = np.empty((5, omega.size))
     kick[~damped], drift[~damped] = SCHEMES[accuracy.scheme](omega[~damped], sigma[~damped], h)
@@ -219,9 +219,8 @@ def _force_table(scene: Scene, force: object, samplerate: float, seconds: float)
         return force_table(force, samplerate, seconds)  # type: ignore[arg-type]
     except (OSError, RuntimeError, TypeError, ValueError) as error:  # it was there when the patch was read
         path = f"force[{scene.force.index(force)}].file"  # type: ignore[arg-type]
-        raise BuildError(
-            [(path, f"cannot be read as audio ({error_reason(error)}); a WAV, FLAC or OGG file")]
-        ) from None
+        message = f"cannot be read as audio ({error_reason(error)}); a WAV, FLAC or OGG file"
+        raise BuildError(Fault(path, message)) from None
 
 
 def _pickups(layout: Layout) -> Pickups:
@@ -254,12 +253,12 @@ def _refuse_loss_backwards(model: Model, accuracy: Accuracy) -> None:
     contact = model.step.contact
     if accuracy.order > 2 and contact is not None and contact.loss_rate is not None:
         message = f"order {accuracy.order} has steps back in time, in which contact loss would create energy"
-        raise BuildError([("accuracy.order", f"{message}; order = 2, and substeps instead")])
+        raise BuildError(Fault("accuracy.order", f"{message}; order = 2, and substeps instead"))
 
 
 def _refuse_deep(layout: Layout, state: State) -> None:
     """Refuse contacts that begin deeper than any force could have brought them."""
-    faults = []
+    faults: list[Fault] = []
     for slot, (k, _) in enumerate(layout.contact_points):
         depth, exponent = float(state.compression[slot]), float(state.exponent[slot])
         with np.errstate(over="ignore"):
@@ -268,9 +267,6 @@ def _refuse_deep(layout: Layout, state: State) -> None:
         if force > MAX_FORCE_AT_START:
             message = f"begins {depth:.3g} m deep, where it pushes with {force:.1e} N"
             remedy = f"at most {MAX_FORCE_AT_START:g} N; mind the signs of gap and side"
-            faults.append((f"contact[{k}]", f"{message}; {remedy}"))
+            faults.append(Fault(f"contact[{k}]", f"{message}; {remedy}"))
     if faults:
-        raise BuildError(faults[:1] if len({f for f, _ in faults}) == 1 else faults)
-
-
-__all__ = ["BuildError", "BuildResult", "Events", "build"]
+        raise BuildError(*(faults[:1] if len({fault.path for fault in faults}) == 1 else faults))

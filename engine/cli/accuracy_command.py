@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from engine.cli import arguments
-from engine.cli.messages import option_faults, print_error, print_faults, read_patch
+from engine.cli.messages import print_error, print_faults, read_patch
 from engine.cli.option_checks import (
     check_paths,
     check_rate_and_channels,
@@ -16,6 +16,7 @@ from engine.cli.option_checks import (
     samplerate_of,
     sound_path,
 )
+from engine.faults import Fault
 from engine.output_files import check_audio_format
 from engine.wording import json_safe
 
@@ -39,23 +40,21 @@ def add_accuracy_command(commands: "arguments.Commands") -> None:
 
 def accuracy_command(args: argparse.Namespace) -> int:
     """Print what accuracy costs, and draw or report it if asked; returns the exit code."""
-    from engine.build.build import BuildError
     from engine.cli import rendering
-    from engine.patch.reader import locate_build_faults
     from engine.report import console, plots
 
     scene, faults = read_patch(args.patch)
-    numbers, wrong = numeric_options(args)
+    numbers, option_faults = numeric_options(args)
     sound = None if args.report is None else sound_path(args)
-    wrong += check_paths({"--output": sound, "--plot": plot_path(args), "--report": report_path(args)})
+    option_faults += check_paths({"--output": sound, "--plot": plot_path(args), "--report": report_path(args)})
     if sound is not None:
-        wrong += check_audio_format(sound, None, "--output")
-        if scene is not None and not wrong:
+        option_faults += check_audio_format(sound, None, "--output")
+        if scene is not None and not option_faults:
             channels = max(p.channel for p in scene.pickup)
-            wrong += check_rate_and_channels("--output", sound, samplerate_of(numbers), channels)
+            option_faults += check_rate_and_channels("--output", sound, samplerate_of(numbers), channels)
     elif args.output is not None:
-        wrong.append(("--output", "for --report; give that too"))
-    faults += option_faults(wrong)
+        option_faults.append(Fault("--output", "for --report; give that too"))
+    faults += option_faults
     if scene is None or faults:
         print_faults(faults)
         return 2
@@ -68,9 +67,6 @@ def accuracy_command(args: argparse.Namespace) -> int:
         elif plot is not None:
             draw = lambda part: plots.plot_work_precision(study, Path(args.patch).stem, part)
             rendering.write_or_raise(plot, lambda path: rendering.write_atomically(path, draw))
-    except BuildError as error:
-        print_faults(locate_build_faults(args.patch, error.faults))
-        return 2
     except MemoryError:
         print_error("not enough memory for so many samples; give fewer --seconds")
         return 1

@@ -4,7 +4,7 @@ import argparse
 import json
 
 from engine.cli import arguments
-from engine.cli.messages import option_faults, print_error, print_faults, read_patch
+from engine.cli.messages import print_error, print_faults, read_patch
 from engine.cli.option_checks import accuracy_options, numeric_options, samplerate_of
 from engine.cli.progress import progress_feedback
 from engine.wording import json_safe
@@ -24,13 +24,11 @@ def add_inspect_command(commands: "arguments.Commands") -> None:
 def profile_command(args: argparse.Namespace) -> int:
     """Print what a scene is made of, and what it costs; returns the exit code."""
     from engine.analysis.profile import profile_scene
-    from engine.build.build import BuildError
-    from engine.patch.reader import locate_build_faults
     from engine.report import console
 
     scene, faults = read_patch(args.patch)
-    numbers, wrong = numeric_options(args)
-    faults += option_faults(wrong)
+    numbers, option_faults = numeric_options(args)
+    faults += option_faults
     if scene is None or faults:
         print_faults(faults)
         return 2
@@ -38,9 +36,6 @@ def profile_command(args: argparse.Namespace) -> int:
     try:
         with progress_feedback(args.json):
             found = profile_scene(scene, seconds, samplerate_of(numbers), **accuracy_options(args))
-    except BuildError as error:
-        print_faults(locate_build_faults(args.patch, error.faults))
-        return 2
     except MemoryError:
         print_error("not enough memory for so many samples; give fewer --seconds")
         return 1

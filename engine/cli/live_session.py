@@ -22,13 +22,13 @@ from engine.cli.option_checks import voice_count
 from engine.cli.play_command import parse_latency
 from engine.cli.progress import progress_feedback
 from engine.cli.terminal import format_meter, read_keyboard, show_meter
+from engine.faults import PatchError
 from engine.live import audio_device, midi, recovery
 from engine.live.hot_reload import Watch
 from engine.live.player import Player
 from engine.live.recording import Recording, Unrecorded
 from engine.live.shared_memory import Gauge
 from engine.output_files import absolute_path, atomic_write, error_reason
-from engine.patch.faults import PatchError
 from engine.patch.reader import load
 from engine.patch.scene import Scene
 from engine.wording import json_safe

@@ -7,7 +7,8 @@ import sys
 from pathlib import Path
 
 from engine.cli import arguments
-from engine.cli.messages import option_faults, print_error, print_faults
+from engine.cli.messages import print_error, print_faults
+from engine.faults import Fault
 from engine.wording import json_safe
 
 
@@ -88,7 +89,7 @@ def recover_recordings(args: argparse.Namespace) -> int:
 
     folder, kept = Path(args.folder), 0
     if not folder.is_dir():
-        print_faults(option_faults([("FOLDER", f"no such folder: {folder}")]))
+        print_faults([Fault("FOLDER", f"no such folder: {folder}")])
         return 2
     try:
         found = recovery.leftovers(folder)

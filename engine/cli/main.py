@@ -13,12 +13,13 @@ from engine.cli.accuracy_command import add_accuracy_command
 from engine.cli.arguments import CommandParser, Parser
 from engine.cli.inspect_command import add_inspect_command
 from engine.cli.machine_commands import add_machine_commands
-from engine.cli.messages import print_error
+from engine.cli.messages import print_error, print_faults
 from engine.cli.patch_commands import add_patch_commands
 from engine.cli.play_command import add_play_command
 from engine.cli.render_command import add_render_command
 from engine.cli.replay_command import add_replay_command
 from engine.cli.sweep_command import add_sweep_command
+from engine.faults import BuildError
 from engine.files import find_patch, is_folder, path_exists, shipped_names
 from engine.wording import program_name
 
@@ -69,6 +70,11 @@ def main(words: list[str] | None = None) -> int:
         args = parser.parse_args(words)
         code: int = args.run(args)
         return code
+    except BuildError as error:
+        from engine.patch.reader import locate_build_faults
+
+        print_faults(locate_build_faults(args.patch, error.faults))
+        return 2
     except KeyboardInterrupt:
         print("interrupted; nothing was written", file=sys.stderr)
         return 130

@@ -1,4 +1,4 @@
-"""Values of options: as numbers and paths, and all that is wrong with them, so that it can be said at once.
+"""Values of options, as numbers and paths, and all faults of them, so that these can be told at once.
 
 The parser leaves every value as text; it would stop at the first fault.
 """
@@ -10,7 +10,7 @@ from typing import Any
 
 from engine import audio_formats
 from engine.cli.arguments import ACCURACY_OPTIONS, VOICES
-from engine.cli.messages import OptionFaults
+from engine.faults import Fault
 from engine.files import is_folder
 from engine.output_files import absolute_path, is_writable_folder
 
@@ -24,40 +24,40 @@ KINDS = {"--report": ("page", (".html", ".htm")), "--plot": ("picture", (".png",
 KINDS["--event-log"] = ("log", (".json",))
 
 
-def numeric_options(args: argparse.Namespace) -> tuple[NumericOptions, OptionFaults]:
+def numeric_options(args: argparse.Namespace) -> tuple[NumericOptions, list[Fault]]:
     """The numbers among the options of a command, and what is wrong with the values of all of them."""
     from engine.patch.scene import SAMPLE_RATE_RANGE
     from engine.patch.tables import MAX_SECONDS
 
     ranges = {"seconds": (0.0, MAX_SECONDS, "s"), "samplerate": (*SAMPLE_RATE_RANGE, "Hz")}
     ranges |= {"gain": (-400.0, 400.0, "dB"), "cores": (1, 1024, "cores")}
-    given = vars(args)
+    options = vars(args)
     numbers: NumericOptions = {}
-    wrong: OptionFaults = []
+    faults: list[Fault] = []
     for name, (low, high, unit) in ranges.items():
-        text = given.get(name)
-        right = f"{'more than 0' if name == 'seconds' else f'{low:g}'} to {high:g} {unit}"
+        text = options.get(name)
+        range_text = f"{'more than 0' if name == 'seconds' else f'{low:g}'} to {high:g} {unit}"
         try:
             number = None if text is None else float(text)
         except ValueError:
-            wrong.append((f"--{name}", f'"{text}" is not a number; {right}'))
+            faults.append(Fault(f"--{name}", f'"{text}" is not a number; {range_text}'))
             continue
         if number is not None and (not low <= number <= high or (name == "seconds" and number == 0)):
-            wrong.append((f"--{name}", f"{text} is out of range; {right}"))
+            faults.append(Fault(f"--{name}", f"{text} is out of range; {range_text}"))
         elif name in ("samplerate", "cores") and number is not None and number != int(number):
-            wrong.append((f"--{name}", f"{text} is not a whole number; {right}"))
+            faults.append(Fault(f"--{name}", f"{text} is not a whole number; {range_text}"))
         numbers[name] = number
-    if (text := given.get("target_error")) is not None:
+    if (text := options.get("target_error")) is not None:
         try:
             parse_error_target(text)
         except ValueError:
-            wrong.append(("--target-error", f'"{text}" is no error; a share as 1e-4, or decibels as 0.1dB'))
-    if (text := given.get("voices")) is not None and not (text.isdecimal() and 1 <= int(text) <= MAX_VOICES):
-        wrong.append(("--voices", f'"{text}" is no number of voices; 1 to {MAX_VOICES}'))
+            faults.append(Fault("--target-error", f'"{text}" is no error; a share as 1e-4, or decibels as 0.1dB'))
+    if (text := options.get("voices")) is not None and not (text.isdecimal() and 1 <= int(text) <= MAX_VOICES):
+        faults.append(Fault("--voices", f'"{text}" is no number of voices; 1 to {MAX_VOICES}'))
     for name in ("plot", "report"):
-        if given.get(name) is not None and find_spec("matplotlib") is None:
-            wrong.append((f"--{name}", "needs matplotlib; uv sync --extra plot, or pip install matplotlib"))
-    return numbers, wrong + check_accuracy_options(args)
+        if options.get(name) is not None and find_spec("matplotlib") is None:
+            faults.append(Fault(f"--{name}", "needs matplotlib; uv sync --extra plot, or pip install matplotlib"))
+    return numbers, faults + check_accuracy_options(args)
 
 
 def samplerate_of(numbers: NumericOptions) -> int:
@@ -72,24 +72,24 @@ def voice_count(args: argparse.Namespace) -> int:
 
 def accuracy_options(args: argparse.Namespace) -> dict[str, Any]:
     """The accuracy asked for, as numbers where it can be; None for what the patch is to say."""
-    asked: dict[str, Any] = {}
+    options: dict[str, Any] = {}
     for name, kind in ACCURACY_OPTIONS.items():
         text = vars(args).get(name)
         try:
-            asked[name] = None if text is None else kind(text)
+            options[name] = None if text is None else kind(text)
         except ValueError:
-            asked[name] = text
-    return asked
+            options[name] = text
+    return options
 
 
-def check_accuracy_options(args: argparse.Namespace) -> OptionFaults:
+def check_accuracy_options(args: argparse.Namespace) -> list[Fault]:
     """What is wrong with the accuracy asked for."""
     from engine.patch.accuracy import Accuracy
     from engine.patch.error_messages import describe_value_error
 
-    asked = {name: value for name, value in accuracy_options(args).items() if value is not None}
-    found = ((name, describe_value_error(Accuracy, name, value)) for name, value in asked.items())
-    return [(f"--{name}", what) for name, what in found if what]
+    options = {name: value for name, value in accuracy_options(args).items() if value is not None}
+    messages = {name: describe_value_error(Accuracy, name, value) for name, value in options.items()}
+    return [Fault(f"--{name}", message) for name, message in messages.items() if message]
 
 
 def parse_error_target(text: str) -> tuple[float, bool]:
@@ -121,27 +121,27 @@ def optional_path(text: str | None) -> Path | None:
     return Path(text) if text else None
 
 
-def check_paths(targets: dict[str, Path | None]) -> OptionFaults:
+def check_paths(targets: dict[str, Path | None]) -> list[Fault]:
     """What is wrong with the files to be written, by the options that name them; None is not to be written."""
-    wrong = []
+    faults: list[Fault] = []
     paths = {option: path for option, path in targets.items() if path is not None}
     for name, path in paths.items():
-        what, endings = KINDS.get(name, ("", ()))
+        noun, endings = KINDS.get(name, ("", ()))
         if endings and path.suffix.lower() not in endings:
-            wrong.append((name, f'"{path.name}" names no {what}; end it in {endings[0]}'))
+            faults.append(Fault(name, f'"{path.name}" names no {noun}; end it in {endings[0]}'))
         elif not is_folder(path.parent):
-            wrong.append((name, f"no such folder: {path.parent}; make it, or write elsewhere"))
+            faults.append(Fault(name, f"no such folder: {path.parent}; make it, or write elsewhere"))
         elif is_folder(path):
-            wrong.append((name, f"{path} is a folder; give the name of a file, such as {path / 'sound.wav'}"))
+            faults.append(Fault(name, f"{path} is a folder; give the name of a file, such as {path / 'sound.wav'}"))
         elif not is_writable_folder(path.parent):
             where = "the folder you are in" if path.parent == Path() else path.parent
-            wrong.append((name, f"{where} cannot be written to; write elsewhere: {name} FOLDER/{path.name}"))
+            faults.append(Fault(name, f"{where} cannot be written to; write elsewhere: {name} FOLDER/{path.name}"))
         if sum(absolute_path(path) == absolute_path(other) for other in paths.values()) > 1:
-            wrong.append((name, f"{path} is to be written twice; give two names"))
-    return wrong
+            faults.append(Fault(name, f"{path} is to be written twice; give two names"))
+    return faults
 
 
-def check_rate_and_channels(option: str, output: Path, samplerate: int, channels: int) -> OptionFaults:
+def check_rate_and_channels(option: str, output: Path, samplerate: int, channels: int) -> list[Fault]:
     """What of a sound the format of its file cannot hold."""
-    what = audio_formats.explain_unsupported_format(output, samplerate, channels)
-    return [(option, what)] if what else []
+    message = audio_formats.explain_unsupported_format(output, samplerate, channels)
+    return [Fault(option, message)] if message else []

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 from engine.cli import arguments
 from engine.cli.messages import print_error, print_faults, read_patch
 from engine.cli.option_checks import RATE
+from engine.faults import BuildError, Fault
 from engine.files import SHIPPED_PATCHES, is_folder, path_exists
 from engine.wording import json_safe, program_name, to_one_line
 
 if TYPE_CHECKING:
-    from engine.patch.faults import Fault
     from engine.patch.scene import Scene
 
 TEMPLATES = SHIPPED_PATCHES / "templates"
@@ -82,10 +82,10 @@ def check_patches(args: argparse.Namespace) -> int:
     return 2 if faulty else 0
 
 
-def check_build(path: str, scene: "Scene") -> "list[Fault]":
+def check_build(path: str, scene: "Scene") -> list[Fault]:
     """What stands against rendering a patch at the usual sample rate."""
     from engine.build import limits
-    from engine.build.build import BuildError, build
+    from engine.build.build import build
     from engine.patch.reader import locate_build_faults
 
     rate = RATE * scene.accuracy.oversample
@@ -137,23 +137,22 @@ def print_parameters(args: argparse.Namespace) -> int:
 def start_patch(args: argparse.Namespace) -> int:
     """Start a patch from a template; returns the exit code."""
     from engine.output_files import atomic_write, error_reason
-    from engine.patch.faults import Fault
 
-    program, templates = program_name(), read_templates()
+    templates = read_templates()
     like, path = args.like or FIRST_TEMPLATE, Path(args.name)
     path = path if path.suffix == ".toml" or not path.name else path.with_name(path.name + ".toml")
     faults = []
     if args.name in ("", "..") or not Path(args.name).name or "\0" in args.name:
-        faults.append(Fault(program, None, "NAME", f'"{args.name}" names no file; a word, such as mine'))
+        faults.append(Fault("NAME", f'"{args.name}" names no file; a word, such as mine'))
         path = Path("none.toml")
     if like not in templates:
         near = difflib.get_close_matches(like, templates, 1, 0.5)
         right = f'did you mean "{near[0]}"?' if near else ""
-        faults.append(Fault(program, None, "--like", f'no template "{like}"; {right or ", ".join(templates)}'))
+        faults.append(Fault("--like", f'no template "{like}"; {right or ", ".join(templates)}'))
     if path_exists(path):
-        faults.append(Fault(str(path), None, "", "exists; give another NAME"))
+        faults.append(Fault("", "exists; give another NAME", str(path)))
     elif not is_folder(path.parent):
-        faults.append(Fault(str(path), None, "", f"no such folder: {path.parent}; make it, or write elsewhere"))
+        faults.append(Fault("", f"no such folder: {path.parent}; make it, or write elsewhere", str(path)))
     if faults:
         print_faults(faults)
         return 2

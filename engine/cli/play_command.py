@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from engine.cli import arguments
-from engine.cli.messages import OptionFaults, option_faults, print_error, print_faults, read_patch
+from engine.cli.messages import print_error, print_faults, read_patch
 from engine.cli.option_checks import (
     accuracy_options,
     check_paths,
@@ -13,6 +13,7 @@ from engine.cli.option_checks import (
     optional_path,
     samplerate_of,
 )
+from engine.faults import Fault
 from engine.output_files import check_audio_format, error_reason
 
 BLOCK_SIZE = "256"  # frames, unless told otherwise
@@ -23,12 +24,12 @@ MAX_LATENCY = 10.0  # s
 
 def add_play_command(commands: "arguments.Commands") -> None:
     """Add `play` and its options."""
-    told = "Play a patch live; Ctrl-C or q ends it."
-    parser = commands.add_parser("play", help="play a patch live", description=told)
+    text = "Play a patch live; Ctrl-C or q ends it."
+    parser = commands.add_parser("play", help="play a patch live", description=text)
     arguments.add_patch(parser)
     parser.add_argument("--device", metavar="NAME", help="a device's number, or part of its name (see devices)")
-    told = "frames the driver asks for at a time (default: %(default)s)"
-    parser.add_argument("--block-size", metavar="N", default=BLOCK_SIZE, help=told)
+    text = "frames the driver asks for at a time (default: %(default)s)"
+    parser.add_argument("--block-size", metavar="N", default=BLOCK_SIZE, help=text)
     parser.add_argument("--latency", metavar="L", help="low, high, or seconds (default: the device's)")
     arguments.add_length_and_rate(parser, "the device's own")
     arguments.add_gain(parser)
@@ -38,10 +39,10 @@ def add_play_command(commands: "arguments.Commands") -> None:
     parser.add_argument("--record", metavar="OUT.wav", help="also write what is played")
     arguments.add_sound_format(parser)
     parser.add_argument("--event-log", metavar="LOG.json", help="also write what was done, for replay")
-    told = "play even what is too heavy for real time"
-    parser.add_argument("--ignore-speed", action="store_true", help=told)
-    told = "compiled (default), or python to compare"
-    parser.add_argument("--callback", metavar="KIND", default=CALLBACKS[0], help=told)
+    text = "play even what is too heavy for real time"
+    parser.add_argument("--ignore-speed", action="store_true", help=text)
+    text = "compiled (default), or python to compare"
+    parser.add_argument("--callback", metavar="KIND", default=CALLBACKS[0], help=text)
     arguments.add_accuracy_options(parser)
     arguments.add_json(parser)
     parser.set_defaults(run=live_command)
@@ -50,18 +51,16 @@ def add_play_command(commands: "arguments.Commands") -> None:
 
 def live_command(args: argparse.Namespace) -> int:
     """Play a patch; returns the exit code."""
-    from engine.build.build import BuildError
-    from engine.patch.reader import locate_build_faults
 
     scene, faults = read_patch(args.patch)
-    numbers, wrong = numeric_options(args)
+    numbers, option_faults = numeric_options(args)
     record = optional_path(args.record)
-    wrong += check_paths({"--record": record, "--event-log": optional_path(args.event_log)})
-    wrong += check_audio_format(record or Path("none.wav"), args.subtype, "--record")
-    if scene is not None and not wrong and record is not None and args.samplerate is not None:
+    option_faults += check_paths({"--record": record, "--event-log": optional_path(args.event_log)})
+    option_faults += check_audio_format(record or Path("none.wav"), args.subtype, "--record")
+    if scene is not None and not option_faults and record is not None and args.samplerate is not None:
         channels = max(p.channel for p in scene.pickup)  # without a rate, it is the device's own
-        wrong += check_rate_and_channels("--record", record, samplerate_of(numbers), channels)
-    faults += option_faults(wrong + check_play_options(args))
+        option_faults += check_rate_and_channels("--record", record, samplerate_of(numbers), channels)
+    faults += option_faults + check_play_options(args)
     if scene is None or faults:
         print_faults(faults)
         return 2
@@ -77,29 +76,26 @@ def live_command(args: argparse.Namespace) -> int:
     except OSError as error:
         print_error(f"cannot write what was played ({error_reason(error)})")
         return 1
-    except BuildError as error:
-        print_faults(locate_build_faults(args.patch, error.faults))
-        return 2
 
 
-def check_play_options(args: argparse.Namespace) -> OptionFaults:
+def check_play_options(args: argparse.Namespace) -> list[Fault]:
     """What is wrong with the options of live sound."""
-    wrong = []
+    faults: list[Fault] = []
     if not args.block_size.isdecimal() or not 1 <= int(args.block_size) <= MAX_BLOCK_SIZE:
         what = f'"{args.block_size}" is no size of a block; 1 to {MAX_BLOCK_SIZE} frames'
-        wrong.append(("--block-size", what))
+        faults.append(Fault("--block-size", what))
     try:
         parse_latency(args.latency)
     except ValueError:
-        wrong.append(("--latency", f'"{args.latency}" is no latency; low, high, or seconds'))
+        faults.append(Fault("--latency", f'"{args.latency}" is no latency; low, high, or seconds'))
     if args.callback not in CALLBACKS:
-        wrong.append(("--callback", f'unknown callback "{args.callback}"; {", ".join(CALLBACKS)}'))
+        faults.append(Fault("--callback", f'unknown callback "{args.callback}"; {", ".join(CALLBACKS)}'))
     for option, text in (("--midi", args.midi), ("--event-log", args.event_log)):
         if args.watch and text:
-            wrong.append(("--watch", f"cannot be combined with {option}; one of them"))
+            faults.append(Fault("--watch", f"cannot be combined with {option}; one of them"))
     if args.voices is not None and not args.midi:
-        wrong.append(("--voices", "for --midi; give that too"))
-    return wrong
+        faults.append(Fault("--voices", "for --midi; give that too"))
+    return faults
 
 
 def parse_latency(text: str | None) -> str | float | None:

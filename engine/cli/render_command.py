@@ -6,7 +6,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from engine.cli import arguments
-from engine.cli.messages import OptionFaults, option_faults, print_error, print_faults, read_patch
+from engine.cli.messages import print_error, print_faults, read_patch
 from engine.cli.option_checks import (
     NumericOptions,
     accuracy_options,
@@ -21,6 +21,7 @@ from engine.cli.option_checks import (
     voice_count,
 )
 from engine.cli.progress import progress_feedback
+from engine.faults import Fault
 from engine.output_files import (
     apply_gain,
     check_audio_format,
@@ -67,43 +68,38 @@ def add_render_command(commands: "arguments.Commands") -> None:
 def render_command(args: argparse.Namespace) -> int:
     """Render a patch as the options say; returns the exit code."""
     scene, faults = read_patch(args.patch)
-    numbers, wrong = numeric_options(args)
+    numbers, option_faults = numeric_options(args)
     output = sound_path(args)
     targets = {"--output": output, "--trace": optional_path(args.trace)}
-    wrong += check_paths(targets | {"--plot": plot_path(args), "--report": report_path(args)})
-    wrong += check_audio_format(output, args.subtype, "--output")
-    wrong += ignored_options(args)
-    if scene is not None and not wrong:
+    option_faults += check_paths(targets | {"--plot": plot_path(args), "--report": report_path(args)})
+    option_faults += check_audio_format(output, args.subtype, "--output")
+    option_faults += ignored_options(args)
+    if scene is not None and not option_faults:
         channels = max(p.channel for p in scene.pickup)
-        wrong += check_rate_and_channels("--output", output, samplerate_of(numbers), channels)
-    faults += option_faults(wrong)
+        option_faults += check_rate_and_channels("--output", output, samplerate_of(numbers), channels)
+    faults += option_faults
     if scene is None or faults:
         print_faults(faults)
         return 2
     return midi_command(scene, numbers, args) if args.midi else scene_command(scene, numbers, args)
 
 
-def ignored_options(args: argparse.Namespace) -> OptionFaults:
+def ignored_options(args: argparse.Namespace) -> list[Fault]:
     """Options that would do nothing, given what else is asked for."""
     if not args.midi:
-        return [("--voices", "for --midi; give that too")] if args.voices is not None else []
+        return [Fault("--voices", "for --midi; give that too")] if args.voices is not None else []
     given = [option for option, name in NOT_OF_NOTES.items() if getattr(args, name) is not None]
-    return [(option, "cannot be combined with --midi") for option in given]
+    return [Fault(option, "cannot be combined with --midi") for option in given]
 
 
 def scene_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespace) -> int:
     """Render a scene as its patch says it; returns the exit code."""
-    from engine.build.build import BuildError
     from engine.cli import rendering
-    from engine.patch.reader import locate_build_faults
     from engine.report import console
 
     try:
         outputs = rendering.render_from_arguments(scene, numbers, args)
         companions = rendering.write_outputs(outputs, args)
-    except BuildError as error:
-        print_faults(locate_build_faults(args.patch, error.faults))
-        return 2
     except MemoryError:
         print_error("not enough memory for so many samples; give fewer --seconds, or no --trace, --plot or --report")
         return 1
@@ -122,10 +118,8 @@ def scene_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namesp
 def midi_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespace) -> int:
     """Render the notes of a MIDI file; returns the exit code."""
     from engine.build import limits
-    from engine.build.build import BuildError
     from engine.live import midi
     from engine.offline.trust import doubts
-    from engine.patch.reader import locate_build_faults
 
     rate, output = samplerate_of(numbers), sound_path(args)
     scene = scene.model_copy(update={"accuracy": scene.accuracy.replace(**accuracy_options(args))})
@@ -137,9 +131,6 @@ def midi_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespa
         save_audio(output, audio, rate, args.subtype)
     except midi.MidiError as error:
         print_error(error)
-        return 2
-    except BuildError as error:
-        print_faults(locate_build_faults(args.patch, error.faults))
         return 2
     except MemoryError:
         print_error("not enough memory for so many samples; give fewer --seconds or --voices")

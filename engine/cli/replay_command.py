@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 
 from engine.cli import arguments
-from engine.cli.messages import option_faults, print_error, print_faults
+from engine.cli.messages import print_error, print_faults
 from engine.cli.option_checks import check_paths, check_rate_and_channels
 from engine.cli.progress import progress_feedback
 from engine.output_files import check_audio_format, error_reason, save_audio
@@ -19,8 +19,8 @@ def add_replay_command(commands: "arguments.Commands") -> None:
         description="Render what was played live, bit for bit, from the log that play --event-log wrote.",
     )
     parser.add_argument("log", metavar="LOG.json", help="a log that play --event-log wrote")
-    told = "the file to write (default: LOG_replay.wav, here)"
-    parser.add_argument("-o", "--output", metavar="OUT.wav", help=told)
+    text = "the file to write (default: LOG_replay.wav, here)"
+    parser.add_argument("-o", "--output", metavar="OUT.wav", help=text)
     arguments.add_sound_format(parser)
     arguments.add_json(parser, "name and length of the file")
     parser.set_defaults(run=replay_command)
@@ -28,22 +28,21 @@ def add_replay_command(commands: "arguments.Commands") -> None:
 
 def replay_command(args: argparse.Namespace) -> int:
     """Render a log; returns the exit code."""
+    from engine.faults import Fault
     from engine.live.replay import read, replay
-    from engine.patch.faults import Fault
 
     output = Path(args.output or f"{Path(args.log).stem}_replay.wav")
-    wrong = check_paths({"--output": output}) + check_audio_format(output, args.subtype, "--output")
-    faults = option_faults(wrong)
+    faults = check_paths({"--output": output}) + check_audio_format(output, args.subtype, "--output")
     try:
         log = read(Path(args.log))
         channels = max(p.channel for p in log.made().pickup)
-        faults += option_faults(check_rate_and_channels("--output", output, log.samplerate, channels))
+        faults += check_rate_and_channels("--output", output, log.samplerate, channels)
         if not faults:
             with progress_feedback(args.json):
                 audio = replay(log)
     except (OSError, ValueError, RecursionError, MemoryError) as error:
         why = error_reason(error).splitlines()[0] if str(error) else "too long"
-        faults.append(Fault(args.log, None, "", f"cannot be read as a log ({why}); one that play --event-log wrote"))
+        faults.append(Fault("", f"cannot be read as a log ({why}); one that play --event-log wrote", args.log))
     if faults:
         print_faults(faults)
         return 2

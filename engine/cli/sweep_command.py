@@ -4,7 +4,7 @@ import argparse
 import json
 
 from engine.cli import arguments
-from engine.cli.messages import option_faults, print_error, print_faults, read_patch
+from engine.cli.messages import print_error, print_faults, read_patch
 from engine.cli.option_checks import accuracy_options, numeric_options
 from engine.cli.progress import progress_feedback
 from engine.output_files import error_reason
@@ -27,8 +27,8 @@ def add_sweep_command(commands: "arguments.Commands") -> None:
     )
     parser.add_argument("--random", metavar="N", help="as many points at random instead of the grid")
     parser.add_argument("--seed", metavar="S", help="of these points (default: 0)")
-    told = "the folder to write (default: the patch's name, here)"
-    parser.add_argument("-o", "--output", metavar="FOLDER", help=told)
+    text = "the folder to write (default: the patch's name, here)"
+    parser.add_argument("-o", "--output", metavar="FOLDER", help=text)
     arguments.add_length_and_rate(parser)
     arguments.add_sound_format(parser)
     arguments.add_gain(parser)
@@ -46,12 +46,12 @@ def sweep_command(args: argparse.Namespace) -> int:
     from engine.sweep import sweep
 
     scene, faults = read_patch(args.patch)
-    numbers, wrong = numeric_options(args)
-    wrong += sweep_plan.check_output(args)
+    numbers, option_faults = numeric_options(args)
+    option_faults += sweep_plan.check_output(args)
     if scene is not None:
-        plan, more = sweep_plan.plan_sweep(args, scene)
-        wrong += more
-    faults += option_faults(wrong)
+        plan, plan_faults = sweep_plan.plan_sweep(args, scene)
+        option_faults += plan_faults
+    faults += option_faults
     if scene is None or faults:
         print_faults(faults)
         return 2

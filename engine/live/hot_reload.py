@@ -4,8 +4,8 @@ import threading
 from pathlib import Path
 from typing import Any
 
+from engine.faults import PatchError
 from engine.live.player import Player
-from engine.patch.faults import PatchError
 from engine.patch.reader import load
 from engine.patch.scene import Scene
 

@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 
 from engine.bodies import Mass, Oscillator
-from engine.build.build import BuildError, build, nominal_stiffness
+from engine.build.build import build, nominal_stiffness
 from engine.build.event_table import event_rows
+from engine.faults import BuildError, Fault
 from engine.kernel.codes import NO_END, UNUSED_SLOT, EventKind, Sleep
 from engine.kernel.laws import Power
 from engine.live import audio_thread
@@ -72,7 +73,8 @@ class Player:
         if not math.isfinite(gain):
             raise ValueError(f"gain = {gain} is no factor")
         if scene.accuracy.oversample > 1:
-            raise BuildError([("accuracy.oversample", "live sound is not oversampled; order, substeps, or render it")])
+            message = "live sound is not oversampled; order, substeps, or render it"
+            raise BuildError(Fault("accuracy.oversample", message))
         self.patch, self.voices, self.lowest, self.general = scene, voices, lowest, general
         if voices:
             plain = scene.accuracy.replace(order=2, substeps=1, precision="float64")  # a voice is tuned table by table

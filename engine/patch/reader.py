@@ -4,12 +4,14 @@ import difflib
 import os
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
 from engine.bodies.table import KeyPath
+from engine.faults import Fault, PatchError
 from engine.files import MB, SHIPPED_PATCHES, UnreadableFile, find_patch, is_folder, read_bytes
 from engine.output_files import error_reason
 from engine.patch.error_messages import (
@@ -20,7 +22,6 @@ from engine.patch.error_messages import (
     path_to_blame,
     suggest_key,
 )
-from engine.patch.faults import Fault, PatchError
 from engine.patch.scene import MAX_FAULTS_COLLECTED, Scene
 from engine.patch.toml_lines import NestedTooDeep, locate_keys, nearest_line, split_statements
 from engine.wording import program_name
@@ -43,7 +44,7 @@ def load(path: str | Path) -> Scene:
     text = read_text(path)
     data = _parse_toml(str(path), text)
     if not data:
-        raise PatchError([Fault(str(path), None, "", f"empty; {program_name()} new NAME writes a patch to begin with")])
+        raise PatchError([Fault("", f"empty; {program_name()} new NAME writes a patch to begin with", str(path))])
     return validate_document(data, path.parent, str(path), text)
 
 
@@ -54,9 +55,9 @@ def read_text(path: Path) -> str:
     except UnicodeDecodeError:
         text = "\0"
     except (OSError, UnreadableFile) as error:
-        raise PatchError([Fault(str(path), None, "", _describe_read_error(path, error))]) from None
+        raise PatchError([Fault("", _describe_read_error(path, error), str(path))]) from None
     if "\0" in text:
-        raise PatchError([Fault(str(path), None, "", "not a text file; a patch is TOML in UTF-8")])
+        raise PatchError([Fault("", "not a text file; a patch is TOML in UTF-8", str(path))])
     return text
 
 
@@ -73,13 +74,13 @@ def validate_document(data: dict[str, Any], folder: Path, file: str, text: str) 
         raise PatchError(_make_faults(file, text, error.errors(include_url=False))) from None
 
 
-def locate_build_faults(file: str, faults: list[tuple[str, str]]) -> list[Fault]:
-    """Add the lines of a patch to the faults of a BuildError, pairs of a path and a message."""
+def locate_build_faults(file: str, faults: list[Fault]) -> list[Fault]:
+    """Add the file and the lines of a patch to the faults of a BuildError."""
     try:
         lines = locate_keys(read_text(Path(file)))
     except (PatchError, ValueError):  # the file was changed since
-        return [Fault(file, None, path, message) for path, message in faults]
-    return [Fault(file, nearest_line(lines, _parse_path(path)), path, message) for path, message in faults]
+        return [replace(fault, file=file) for fault in faults]
+    return [replace(fault, file=file, line=nearest_line(lines, _parse_path(fault.path))) for fault in faults]
 
 
 def _parse_path(path: str) -> KeyPath:
@@ -94,14 +95,14 @@ def _parse_toml(file: str, text: str) -> dict[str, Any]:
             pass
         return tomllib.loads(text)
     except NestedTooDeep as error:
-        raise PatchError([Fault(file, error.line, "", f"{error}; a patch needs three")]) from None
+        raise PatchError([Fault("", f"{error}; a patch needs three", file, error.line)]) from None
     except tomllib.TOMLDecodeError as error:
         raise PatchError([_make_syntax_fault(file, text, error)]) from None
     except ValueError:  # of int(), which does not say where
         long = (number.start() for number in re.finditer("[0-9_]++", text) if len(number[0]) > MAX_NUMBER_DIGITS)
         line = text.count("\n", 0, next(long, 0)) + 1
         message = f"a number of over {MAX_NUMBER_DIGITS} digits; as 1e9, for instance"
-        raise PatchError([Fault(file, line, "", message)]) from None
+        raise PatchError([Fault("", message, file, line)]) from None
 
 
 def _make_syntax_fault(file: str, text: str, error: tomllib.TOMLDecodeError) -> Fault:
@@ -113,7 +114,7 @@ def _make_syntax_fault(file: str, text: str, error: tomllib.TOMLDecodeError) -> 
     message = message[: position.start()] if position else message.removesuffix(" (at end of document)")
     default = 'write key = value, with text in "quotes"'
     remedy = next((remedy for words, remedy in SYNTAX_REMEDIES.items() if words in message), default)
-    return Fault(file, line, "", f"not valid TOML{column} ({message}); {remedy}")
+    return Fault("", f"not valid TOML{column} ({message}); {remedy}", file, line)
 
 
 def _make_faults(file: str, text: str, errors: list[Any]) -> list[Fault]:
@@ -128,13 +129,13 @@ def _make_faults(file: str, text: str, errors: list[Any]) -> list[Fault]:
     for n, (line, error) in enumerate(ordered):
         if len(faults) == MAX_FAULTS_LISTED:
             rest = f"at least {MAX_FAULTS_COLLECTED}" if len(errors) >= MAX_FAULTS_COLLECTED else len(errors) - n
-            return [*faults, Fault(file, None, "", f"and {rest} more faults; these are the first")]
+            return [*faults, Fault("", f"and {rest} more faults; these are the first", file)]
         location = locate_error(error)
         path = location.path
         misspelt = unknown.get(path[:-1], [])[:MAX_FAULTS_LISTED] if error["type"] == "missing" else []
         if any(suggest_key(other) == path[-1] for other in misspelt):
             continue  # the missing key is there, misspelt
-        faults.append(Fault(file, line, format_path(path_to_blame(error)), describe_error(error, location)))
+        faults.append(Fault(format_path(path_to_blame(error)), describe_error(error, location), file, line))
     return faults
 
 

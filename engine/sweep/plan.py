@@ -12,16 +12,15 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from engine.faults import Fault, PatchError
 from engine.output_files import absolute_path, check_audio_format
 from engine.patch.error_messages import format_path
-from engine.patch.faults import PatchError
 from engine.patch.reader import validate_document
 from engine.patch.scene import Scene
 from engine.sweep.axes import MAX_GRID_POINTS, Axis, Value, parse_axis
 from engine.sweep.index_csv import check_index
 
 GridPoint = tuple[Value, ...]  # a value per axis
-OptionFaults = list[tuple[str, str]]  # the option, and what is wrong with it and would be right
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ def random_points(axes: list[Axis], count: int, seed: int) -> list[GridPoint]:
     return [tuple(axis.value_at(draw()) for axis in axes) for _ in range(count)]
 
 
-def plan_sweep(args: argparse.Namespace, scene: Scene) -> tuple[SweepPlan, OptionFaults]:
+def plan_sweep(args: argparse.Namespace, scene: Scene) -> tuple[SweepPlan, list[Fault]]:
     """Plan the sweep that the arguments of the command line ask for. Its points are empty if there are faults."""
     data = tomllib.loads(Path(args.patch).read_text("utf-8-sig"))
     numbers, faults = _parse_numbers(args)
@@ -72,48 +71,48 @@ def plan_sweep(args: argparse.Namespace, scene: Scene) -> tuple[SweepPlan, Optio
         try:
             axis = parse_axis(text, scene, data, args.random is not None)
         except ValueError as error:
-            faults.append(("--vary", str(error)))
+            faults.append(Fault("--vary", str(error)))
             continue
         faults += _check_axis(axis, axes, args)
         axes.append(axis)
     count = numbers["random"] or math.prod(axis.count or len(axis.bounds) for axis in axes)
     if count > MAX_GRID_POINTS:
-        faults.append(("--vary", f"{count} points; at most {MAX_GRID_POINTS}, such as --random 1000 of them"))
+        faults.append(Fault("--vary", f"{count} points; at most {MAX_GRID_POINTS}, such as --random 1000 of them"))
     if faults:
         return SweepPlan(args.patch, data, axes, []), faults
     points = random_points(axes, count, numbers["seed"] or 0) if numbers["random"] else grid_points(axes)
     return SweepPlan(args.patch, data, axes, points), check_axes(data, args.patch, axes)
 
 
-def _parse_numbers(args: argparse.Namespace) -> tuple[dict[str, int | None], OptionFaults]:
+def _parse_numbers(args: argparse.Namespace) -> tuple[dict[str, int | None], list[Fault]]:
     """The numbers of --random and --seed."""
     numbers: dict[str, int | None] = {}
-    faults: OptionFaults = []
+    faults: list[Fault] = []
     for name, least in (("random", 1), ("seed", 0)):
         text = getattr(args, name)
         if text is not None and not (text.isdecimal() and least <= int(text) <= 10**9):
-            faults.append((f"--{name}", f'"{text}" is not a whole number; {least} to 1000000000'))
+            faults.append(Fault(f"--{name}", f'"{text}" is not a whole number; {least} to 1000000000'))
         numbers[name] = int(text) if text is not None and text.isdecimal() else None
     if args.seed is not None and args.random is None:
-        faults.append(("--seed", "for --random; give that too"))
+        faults.append(Fault("--seed", "for --random; give that too"))
     return numbers, faults
 
 
-def _check_axis(axis: Axis, others: list[Axis], args: argparse.Namespace) -> OptionFaults:
+def _check_axis(axis: Axis, others: list[Axis], args: argparse.Namespace) -> list[Fault]:
     """Faults of an axis that varies what another one varies, or what an option gives."""
-    faults: OptionFaults = []
+    faults: list[Fault] = []
     if any(axis.key_path == other.key_path for other in others):
-        faults.append(("--vary", f"{axis.path}: it varies twice; give it once"))
+        faults.append(Fault("--vary", f"{axis.path}: it varies twice; give it once"))
     option = axis.key_path[-1] if axis.key_path[0] in ("seconds", "accuracy") else None
     if option is not None and getattr(args, str(option), None) is not None:
-        faults.append(("--vary", f"{axis.path}: --{option} is given too; give one of them"))
+        faults.append(Fault("--vary", f"{axis.path}: --{option} is given too; give one of them"))
     return faults
 
 
-def check_axes(data: dict[str, Any], patch: str, axes: list[Axis]) -> OptionFaults:
+def check_axes(data: dict[str, Any], patch: str, axes: list[Axis]) -> list[Fault]:
     """Faults of the patch at both bounds of each axis, or at each value of a list; the other axes are at their first
     value."""
-    faults: dict[tuple[str, str], None] = {}  # in order, each once
+    faults: dict[Fault, None] = {}  # in order, each once
     by_path = {format_path(axis.key_path): axis for axis in axes}
     for n, axis in enumerate(axes):
         for fraction, bound in enumerate(axis.bounds):
@@ -125,7 +124,7 @@ def check_axes(data: dict[str, Any], patch: str, axes: list[Axis]) -> OptionFaul
                 for fault in error.faults:
                     culprit = by_path.get(fault.path)
                     name = f"{culprit.path}" if culprit else f"{axis.path} = {value}: {fault.path}"
-                    faults["--vary", f"{name}: {fault.message}"] = None
+                    faults[Fault("--vary", f"{name}: {fault.message}")] = None
     return list(faults)
 
 
@@ -134,22 +133,22 @@ def sweep_folder(args: argparse.Namespace) -> Path:
     return Path(args.output or Path(args.patch).stem)
 
 
-def check_output(args: argparse.Namespace) -> OptionFaults:
+def check_output(args: argparse.Namespace) -> list[Fault]:
     """Faults of the folder to write to, and of where the points are to be rendered."""
     folder, faults = sweep_folder(args), check_audio_format(Path("a.wav"), args.subtype, "--subtype")
     parent = folder if folder.is_dir() else absolute_path(folder).parent
     if folder.exists() and not folder.is_dir():
-        faults.append(("--output", f"{folder} is a file; a sweep writes a folder, give the name of one"))
+        faults.append(Fault("--output", f"{folder} is a file; a sweep writes a folder, give the name of one"))
     elif not parent.is_dir():
-        faults.append(("--output", f"no such folder: {parent}; make it, or write elsewhere"))
+        faults.append(Fault("--output", f"no such folder: {parent}; make it, or write elsewhere"))
     elif not os.access(parent, os.W_OK):
-        faults.append(("--output", f"{parent} cannot be written to; write elsewhere"))
+        faults.append(Fault("--output", f"{parent} cannot be written to; write elsewhere"))
     elif folder.is_dir() and any(folder.glob("[!.]*")) and not (folder / "index.csv").exists():
-        faults.append(("--output", f"{folder} holds other things; give a folder that is empty, or not there yet"))
+        faults.append(Fault("--output", f"{folder} holds other things; give a folder that is empty, or not there yet"))
     elif message := check_index(folder / "index.csv", [text.partition("=")[0].strip() for text in args.vary]):
-        faults.append(("--output", message))
+        faults.append(Fault("--output", message))
     if args.cluster is not None and find_spec("distributed") is None:
-        faults.append(("--cluster", "needs distributed; uv sync --extra cluster, or pip install distributed"))
+        faults.append(Fault("--cluster", "needs distributed; uv sync --extra cluster, or pip install distributed"))
     if args.cluster is not None and args.cores is not None:
-        faults.append(("--cores", "not for --cluster; its workers have cores of their own"))
+        faults.append(Fault("--cores", "not for --cluster; its workers have cores of their own"))
     return faults

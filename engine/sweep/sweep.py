@@ -11,8 +11,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from engine.faults import PatchError
 from engine.output_files import apply_gain, error_reason, save_audio
-from engine.patch.faults import PatchError
 from engine.patch.scene import Scene
 from engine.provenance import source_digest
 from engine.sweep import index_csv

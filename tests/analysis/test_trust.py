@@ -9,8 +9,8 @@ import soundfile
 from conftest import ROOT
 
 import engine
-from engine.build.build import BuildError
 from engine.cli import main
+from engine.faults import BuildError
 from engine.offline.statistics import NewtonStatistics, SolveOutcomes
 from engine.offline.trust import doubts, warnings
 from scenes.small import barrier, mass, oscillator, scene

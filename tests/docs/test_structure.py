@@ -12,7 +12,7 @@ from conftest import ROOT
 
 # a package imports only from those to its left; those of one group do not know each other, but all know the first
 ORDER = [
-    ["wording", "files", "audio_formats", "output_files", "provenance", "compiler"],
+    ["wording", "faults", "files", "audio_formats", "output_files", "provenance", "compiler"],
     ["bodies", "kernel"],
     ["patch"],
     ["build"],

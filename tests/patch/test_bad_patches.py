@@ -21,9 +21,10 @@ from fuzzing import mutated
 import engine
 from engine.analysis.profile import kernel_id
 from engine.bodies.distributed import MAX_SHEET_MODES
-from engine.build.build import BuildError, build
+from engine.build.build import build
 from engine.build.force_table import force_table
 from engine.cli import main
+from engine.faults import BuildError
 from engine.live.player import Player
 from engine.offline.simulation import Simulation
 from engine.patch import reader

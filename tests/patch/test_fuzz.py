@@ -16,10 +16,10 @@ from sweeps import plan
 
 import engine
 from engine.bodies.modal_csv import read_modes as measured
+from engine.faults import PatchError
 from engine.live import midi
 from engine.live.player import Player
 from engine.live.replay import read, replay
-from engine.patch.faults import PatchError
 from engine.patch.reader import load
 from engine.sweep import index_csv
 

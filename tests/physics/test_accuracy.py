@@ -5,7 +5,8 @@ import pytest
 from conftest import ROOT, slope
 
 import engine
-from engine.build.build import BuildError, build
+from engine.build.build import build
+from engine.faults import BuildError
 from engine.offline.simulation import Simulation
 from engine.patch.accuracy import Accuracy
 from scenes.small import barrier, mass, oscillator, scene

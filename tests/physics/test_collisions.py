@@ -353,7 +353,7 @@ def test_a_lossless_tanpura_drifts_nowhere(stiffness):
 
 
 def test_too_many_points_of_contact_are_refused():
-    from engine.build.build import BuildError
+    from engine.faults import BuildError
 
     rail = {"body": "string", "at": [i / 300 for i in range(1, 257)], "barrier": -1e-3, "side": "below"}
     rails = [rail | {"stiffness": 1e7, "exponent": 1.5, "name": f"rail{i}"} for i in range(3)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import engine
-from engine.build.build import BuildError
+from engine.faults import BuildError
 from scenes.small import barrier, mass, oscillator, scene
 
 RATES = (8_000, 44_100, 192_000)

@@ -8,7 +8,8 @@ import os
 import numpy as np
 import pytest
 
-from engine.build.build import BuildError, build
+from engine.build.build import build
+from engine.faults import BuildError
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import newton_statistics
 from scenes import random_scenes

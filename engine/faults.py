@@ -1,8 +1,9 @@
-"""Faults of a patch: where each is, what is wrong, and what would be right."""
+"""Faults of patches, builds and options: where each is, what is wrong, and what would be right."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from engine.wording import to_one_line
+from engine.wording import program_name, to_one_line
 
 MAX_FILE_CHARACTERS = 400  # of a file's name in a fault
 MAX_MESSAGE_CHARACTERS = 500
@@ -12,19 +13,19 @@ MAX_MESSAGE_CHARACTERS = 500
 class Fault:
     """One thing that is wrong with a patch, or with an option of the command line.
 
-    file:    the patch as it was named, or the program whose option it is
-    line:    from 1; None where no line is to blame
     path:    of the key, such as "body[0].mass", or the option; "" for the file as a whole
     message: what is wrong, and after a semicolon what would be right
+    file:    the patch as it was named; "" for an option
+    line:    from 1; None where no line is to blame
     """
 
-    file: str
-    line: int | None
     path: str
     message: str
+    file: str = ""
+    line: int | None = None
 
     def __str__(self) -> str:
-        file = to_one_line(self.file, MAX_FILE_CHARACTERS)
+        file = to_one_line(self.file, MAX_FILE_CHARACTERS) if self.file else program_name()
         place = file if self.line is None else f"{file}:{self.line}"
         message = to_one_line(self.message, MAX_MESSAGE_CHARACTERS)
         return f"{place} {self.path}: {message}" if self.path else f"{place}: {message}"
@@ -33,6 +34,14 @@ class Fault:
 class PatchError(ValueError):
     """A patch that cannot be used. Its `faults` list all that is wrong with it, or the first of very many."""
 
-    def __init__(self, faults: list[Fault]) -> None:
+    def __init__(self, faults: Sequence[Fault]) -> None:
         super().__init__("\n".join(map(str, faults)))
-        self.faults = faults
+        self.faults = list(faults)
+
+
+class BuildError(ValueError):
+    """A valid scene that cannot be built as asked. Its `faults` have paths of keys, but no file."""
+
+    def __init__(self, *faults: Fault) -> None:
+        super().__init__("\n".join(f"{fault.path}: {fault.message}" for fault in faults))
+        self.faults = list(faults)

@@ -56,7 +56,7 @@ def play(compiled: bool, frames: int, load: str, seconds: float, patch: str) -> 
     from engine.live.player import Player
 
     player = Player(engine.load(ROOT / "patches" / f"{patch}.toml"), gain=0.01, seconds=np.inf)
-    stream = audio_device.stream(player, "JACK Audio", frames, None, compiled)
+    stream = audio_device.open_stream(player, "JACK Audio", frames, None, compiled)
     stream.start()
     time.sleep(0.3)
     player.shared[Slot.UNDERRUNS] = player.shared[Slot.CALLS] = 0

@@ -23,10 +23,10 @@ from engine.cli.play_command import parse_latency
 from engine.cli.progress import progress_feedback
 from engine.cli.terminal import format_meter, read_keyboard, show_meter
 from engine.faults import PatchError
-from engine.live import audio_device, midi, recovery
-from engine.live.hot_reload import Watch
+from engine.live import audio_device, midi, midi_notes, recovery, voice_allocator
+from engine.live.hot_reload import PatchWatcher
 from engine.live.player import Player
-from engine.live.recording import Recording, Unrecorded
+from engine.live.recording import NoRecording, Recording
 from engine.live.shared_memory import Gauge
 from engine.output_files import absolute_path, atomic_write, error_reason
 from engine.patch.reader import load
@@ -97,7 +97,7 @@ class PlayerFactory:
         args, many = self.args, dict[str, Any]()
         seconds = None if args.seconds is None else float(args.seconds)
         if args.midi:
-            many = {"voices": voice_count(args), "lowest": midi.lowest(args.midi, scene)}
+            many = {"voices": voice_count(args), "lowest": midi.lowest_ratio(args.midi, scene)}
         if (args.midi or args.watch) and seconds is None:
             seconds = math.inf
         with progress_feedback(args.json):
@@ -126,24 +126,25 @@ def play_patch(args: argparse.Namespace, scene: Scene, gain: float | None, accur
     path = Path(args.patch)
     while True:
         try:
-            _, name, channels, own = audio_device.output(args.device)
+            _, name, channels, own = audio_device.find_output(args.device)
             samplerate = own if args.samplerate is None else int(float(args.samplerate))
             factory = PlayerFactory(args, gain, accuracy, samplerate, channels)
             scene = factory.with_accuracy(scene)
             player = factory.make_player(scene)
             compiled, wait = args.callback != "python", parse_latency(args.latency)
-            stream = audio_device.stream(player, args.device, int(args.block_size), wait, compiled)
-            keyed = midi.Keys(player) if args.midi else None
-            notes = midi.source(args.midi, keyed) if keyed else None
-        except (audio_device.SoundError, midi.MidiError, TooSlow) as error:
+            stream = audio_device.open_stream(player, args.device, int(args.block_size), wait, compiled)
+            allocator = voice_allocator.VoiceAllocator(player) if args.midi else None
+            notes = midi.open_source(args.midi, allocator) if allocator else None
+        except (audio_device.DeviceError, midi_notes.MidiError, TooSlow) as error:
             print_error(error)
             return 1
         told = f"{scene.title or path.stem}, on {name} at {samplerate} Hz, blocks of {args.block_size}"
         print(told, file=sys.stderr if args.json else sys.stdout, flush=True)
-        watch = Watch(path, scene, player, factory.make_player, factory.with_accuracy) if args.watch else None
+        watch = PatchWatcher(path, scene, player, factory.make_player, factory.with_accuracy) if args.watch else None
         wish, code = play_to_end(args, player, stream, name, watch, notes)
         stream.close()
-        print_summary(watch.player if watch is not None else player, args, midi.told_of(keyed) if keyed else {})
+        played = voice_allocator.played_notes(allocator) if allocator else {}
+        print_summary(watch.player if watch is not None else player, args, played)
         if wish != "next" or code:
             return code
         path, scene = next_patch(path)
@@ -155,7 +156,7 @@ def play_to_end(
     player: Player,
     stream: Any,
     name: str,
-    watch: Watch | None,
+    watch: PatchWatcher | None,
     notes: midi.Source | None,
 ) -> tuple[str, int]:
     """Play to the end, and keep what is to be kept; returns how it ended, and the exit code. name: of the device."""
@@ -170,14 +171,14 @@ def play_to_end(
         write_log(player, log, kept)
     code = report_end(wish, name, kept, interrupted)
     if wish == "vanished":
-        audio_device.forget()
+        audio_device.detach_portaudio()
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(1)  # PortAudio would wait for a device that does not answer
     return wish, code
 
 
-def report_end(wish: str, name: str, kept: Recording | Unrecorded, interrupted: list[int]) -> int:
+def report_end(wish: str, name: str, kept: Recording | NoRecording, interrupted: list[int]) -> int:
     """Say how it ended; returns the exit code. name: of the device."""
     if wish == "vanished":
         print_error(f"{name} is gone; what was recorded is kept")
@@ -185,7 +186,7 @@ def report_end(wish: str, name: str, kept: Recording | Unrecorded, interrupted: 
         print_error(f"ended by {signal.Signals(interrupted[0]).name}")
     for line in kept.lines:
         print_error(line)
-    if not kept.whole or wish == "vanished":
+    if not kept.is_complete or wish == "vanished":
         return 1
     return 128 + interrupted[0] if wish == "interrupted" else 0
 
@@ -196,13 +197,13 @@ def run_session(
     write: Any,
     keys: Any,
     show: Any,
-    watch: Watch | None,
+    watch: PatchWatcher | None,
     notes: midi.Source | None,
     interrupted: list[int],
 ) -> str:
     """Start the stream; keys, notes, meter and recording while the driver plays; returns how it ended."""
     wish, deadline, player, shown = "over", math.inf, first, -math.inf
-    audio_device.start(stream)
+    audio_device.start_stream(stream)
     while True:
         pressed = keys(TICK if notes is not None else REST)
         if notes is not None and notes():
@@ -211,7 +212,7 @@ def run_session(
             shown = time.monotonic()
             write(first.fetch_recording())
             if watch is not None:
-                for line in watch.look():
+                for line in watch.poll():
                     print(line, file=sys.stderr)
                 player = watch.player
             show(player)
@@ -258,15 +259,15 @@ def catch_signals() -> Iterator[list[int]]:
 
 
 @contextmanager
-def open_recording(args: argparse.Namespace, player: Player) -> Iterator[Recording | Unrecorded]:
+def open_recording(args: argparse.Namespace, player: Player) -> Iterator[Recording | NoRecording]:
     """What takes samples, and keeps them in a file if asked."""
     if args.record is None:
-        yield Unrecorded()
+        yield NoRecording()
         return
     target = Path(args.record)
     if what := explain_unsupported_format(target, player.samplerate, player.channels):
-        raise audio_device.SoundError(f"--record: {what}")
-    if said := recovery.notice(target.parent):
+        raise audio_device.DeviceError(f"--record: {what}")
+    if said := recovery.describe_leftovers(target.parent):
         print_error(said)
     kept, played = Recording(target, player.samplerate, player.channels, args.subtype), False
     try:
@@ -300,7 +301,7 @@ def print_summary(player: Player, args: argparse.Namespace, played: dict[str, st
             print(target)
 
 
-def write_log(player: Player, path: Path | None, kept: Recording | Unrecorded) -> None:
+def write_log(player: Player, path: Path | None, kept: Recording | NoRecording) -> None:
     """Write what was done, if asked; what is to be said of it goes to what was kept of the sound."""
     if path is None:
         return
@@ -310,7 +311,7 @@ def write_log(player: Player, path: Path | None, kept: Recording | Unrecorded) -
         with atomic_write(path) as part:
             part.write_text(told, "utf-8")
     except OSError as error:
-        kept.whole = False
+        kept.is_complete = False
         kept.lines.append(f"cannot write {path} ({error_reason(error)})")
 
 

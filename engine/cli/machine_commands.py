@@ -37,18 +37,18 @@ def add_machine_commands(commands: "arguments.Commands") -> None:
 
 def list_devices(args: argparse.Namespace) -> int:
     """List what can be played on; returns the exit code."""
-    from engine.live.audio_device import SoundError, outputs
+    from engine.live.audio_device import DeviceError, output_devices
 
     try:
-        found = outputs()
-    except SoundError as error:
+        devices = output_devices()
+    except DeviceError as error:
         print_error(error)
         return 1
-    for number, name, channels, rate in found:
+    for number, name, channels, rate in devices:
         print(f"{number:>3}  {name}: {channels} channels, {rate} Hz")
-    if not found:
+    if not devices:
         print("no output device; rendering to a file needs none", file=sys.stderr)
-    return 0 if found else 1
+    return 0 if devices else 1
 
 
 def cache_command(args: argparse.Namespace) -> int:
@@ -84,7 +84,7 @@ def cache_command(args: argparse.Namespace) -> int:
 def recover_recordings(args: argparse.Namespace) -> int:
     """Keep recordings that were broken off; returns the exit code."""
     from engine.live import recovery
-    from engine.live.recording import mend
+    from engine.live.recording import repair_header
     from engine.output_files import error_reason, unused_path
 
     folder, kept = Path(args.folder), 0
@@ -92,9 +92,9 @@ def recover_recordings(args: argparse.Namespace) -> int:
         print_faults([Fault("FOLDER", f"no such folder: {folder}")])
         return 2
     try:
-        found = recovery.leftovers(folder)
-        for path, name in found:
-            if frames := mend(path):
+        leftovers = recovery.find_leftovers(folder)
+        for path, name in leftovers:
+            if frames := repair_header(path):
                 target = unused_path(folder / name)
                 os.replace(path, target)
                 kept += 1
@@ -102,7 +102,7 @@ def recover_recordings(args: argparse.Namespace) -> int:
     except OSError as error:
         print_error(f"cannot recover {folder} ({error_reason(error)})")
         return 1
-    deleted = recovery.clear([(path, name) for path, name in found if path.exists()])
+    deleted = recovery.delete_unusable([(path, name) for path, name in leftovers if path.exists()])
     if deleted:
         print(f"{deleted} other half-written files, older than a week, deleted")
     if not kept:

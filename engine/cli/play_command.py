@@ -66,11 +66,11 @@ def live_command(args: argparse.Namespace) -> int:
         return 2
 
     from engine.cli import live_session
-    from engine.live.audio_device import SoundError
+    from engine.live.audio_device import DeviceError
 
     try:
         return live_session.play_patch(args, scene, numbers["gain"], accuracy_options(args))
-    except SoundError as error:
+    except DeviceError as error:
         print_error(error)
         return 1
     except OSError as error:

@@ -118,8 +118,8 @@ def scene_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namesp
 def midi_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespace) -> int:
     """Render the notes of a MIDI file; returns the exit code."""
     from engine.build import limits
-    from engine.live import midi
-    from engine.offline.trust import doubts
+    from engine.live import midi, midi_notes
+    from engine.offline.trust import explain_doubts
 
     rate, output = samplerate_of(numbers), sound_path(args)
     scene = scene.model_copy(update={"accuracy": scene.accuracy.replace(**accuracy_options(args))})
@@ -129,7 +129,7 @@ def midi_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespa
             audio, player, played = midi.render(scene, args.midi, rate, numbers["seconds"], voice_count(args), progress)
         audio, gain = apply_gain(audio, float(abs(audio).max()), numbers["gain"], args.subtype)
         save_audio(output, audio, rate, args.subtype)
-    except midi.MidiError as error:
+    except midi_notes.MidiError as error:
         print_error(error)
         return 2
     except MemoryError:
@@ -143,7 +143,7 @@ def midi_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespa
     for warning in describe_lowered_gain(output, gain, numbers["gain"]):
         print(warning, file=sys.stderr)
     reading = player.meter()
-    reasons = doubts(reading.newton, reading.energy_error, not reading.not_finite)
+    reasons = explain_doubts(reading.newton, reading.energy_error, not reading.not_finite)
     if args.json:
         stats = {"patch": args.patch, "output": str(output), "seconds": len(audio) / rate, "gain_db": gain}
         stats |= {"live": reading.as_dict(), "notes": played, "trusted": not reasons, "reasons": reasons}

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
 
     from engine.live.player import Player
 
-MISSING = """no PortAudio library; rendering to a file needs none. To play live:
+NO_PORTAUDIO = """no PortAudio library; rendering to a file needs none. To play live:
   Debian, Ubuntu   apt install libportaudio2
   Fedora           dnf install portaudio
   macOS            brew install portaudio
@@ -16,60 +16,60 @@ MISSING = """no PortAudio library; rendering to a file needs none. To play live:
 BUSY, RATE, CHANNELS = -9985, -9997, -9998  # error numbers of PortAudio
 
 
-class SoundError(RuntimeError):
+class DeviceError(RuntimeError):
     """What stands against playing, and what would be right."""
 
 
-def library() -> Any:
-    """The module sounddevice. Raises SoundError if its library is missing."""
+def load_sounddevice() -> Any:
+    """The module sounddevice. Raises DeviceError if its library is missing."""
     try:
         import sounddevice
     except OSError as error:
-        raise SoundError(MISSING) from error
+        raise DeviceError(NO_PORTAUDIO) from error
     return sounddevice
 
 
-def outputs() -> list[tuple[int, str, int, int]]:
-    """Output devices: number, name, channels, own sample rate in Hz. Raises SoundError."""
-    sounddevice = library()
-    found = []
+def output_devices() -> list[tuple[int, str, int, int]]:
+    """Output devices: number, name, channels, own sample rate in Hz. Raises DeviceError."""
+    sounddevice = load_sounddevice()
+    devices = []
     for number, device in enumerate(sounddevice.query_devices()):
         if device["max_output_channels"] > 0:
             name = f"{device['name']}, {sounddevice.query_hostapis(device['hostapi'])['name']}"
-            found.append((number, name, device["max_output_channels"], round(device["default_samplerate"])))
-    return found
+            devices.append((number, name, device["max_output_channels"], round(device["default_samplerate"])))
+    return devices
 
 
-def output(device: str | None) -> tuple[int, str, int, int]:
-    """The output device of a number or a part of a name; the default one if None. Raises SoundError."""
-    found = outputs()
-    if not found:
-        raise SoundError("no output device; rendering to a file needs none")
+def find_output(device: str | None) -> tuple[int, str, int, int]:
+    """The output device of a number or a part of a name; the default one if None. Raises DeviceError."""
+    devices = output_devices()
+    if not devices:
+        raise DeviceError("no output device; rendering to a file needs none")
     if device is None:
-        number = library().default.device[1]
-        return next((d for d in found if d[0] == number), found[0])
-    chosen = [d for d in found if (device.isdecimal() and d[0] == int(device)) or device.lower() in d[1].lower()]
-    exact = [d for d in chosen if device.isdecimal() and d[0] == int(device)]
-    if len(exact or chosen) != 1:
-        some = "\n".join(f"  {number}  {name}" for number, name, _, _ in found)
-        what = "several devices match" if chosen else "no device is called"
-        raise SoundError(f'{what} "{device}"; there are\n{some}')
-    return (exact or chosen)[0]
+        number = load_sounddevice().default.device[1]
+        return next((d for d in devices if d[0] == number), devices[0])
+    matching = [d for d in devices if (device.isdecimal() and d[0] == int(device)) or device.lower() in d[1].lower()]
+    numbered = [d for d in matching if device.isdecimal() and d[0] == int(device)]
+    if len(numbered or matching) != 1:
+        listing = "\n".join(f"  {number}  {name}" for number, name, _, _ in devices)
+        message = "several devices match" if matching else "no device is called"
+        raise DeviceError(f'{message} "{device}"; there are\n{listing}')
+    return (numbered or matching)[0]
 
 
-def stream(
+def open_stream(
     player: "Player", device: str | None, frames: int, latency: str | float | None, compiled: bool = True
 ) -> Any:
     """A stream, not yet started, that plays; the compiled callback, or an ordinary one in Python.
 
     frames: of a block; 0 leaves it to the driver
-    Raises SoundError.
+    Raises DeviceError.
     """
     from engine.live import audio_thread
 
-    sounddevice = library()
-    number, name, channels, own = output(device)
-    told = {
+    sounddevice = load_sounddevice()
+    number, name, channels, own_rate = find_output(device)
+    options = {
         "samplerate": player.samplerate,
         "blocksize": frames,
         "device": number,
@@ -79,32 +79,32 @@ def stream(
     }
     try:
         if not compiled:
-            return sounddevice.OutputStream(callback=_answer(player, sounddevice), **told)
+            return sounddevice.OutputStream(callback=_python_callback(player, sounddevice), **options)
         ffi = sounddevice._ffi
         address = ffi.cast("PaStreamCallback *", audio_thread.portaudio_callback.address)
-        made = sounddevice._StreamBase(
-            kind="output", callback=address, userdata=ffi.cast("void *", player.shared.ctypes.data), **told
+        stream = sounddevice._StreamBase(
+            kind="output", callback=address, userdata=ffi.cast("void *", player.shared.ctypes.data), **options
         )
-        made.player = player  # it owns all that the audio thread reads
-        return made
+        stream.player = player  # it owns all that the audio thread reads
+        return stream
     except sounddevice.PortAudioError as error:
         number = error.args[1] if len(error.args) > 1 else 0
-        what = {
+        message = {
             BUSY: "is busy; end the program that plays on it, or choose another with --device",
-            RATE: f"does not play at {player.samplerate} Hz; its own rate is {own}: --samplerate {own}",
+            RATE: f"does not play at {player.samplerate} Hz; its own rate is {own_rate}: --samplerate {own_rate}",
             CHANNELS: f"has {channels} channels, and the patch {player.channels}: `channel` of its pickups",
         }.get(number, f"cannot be opened ({error.args[0]})")
-        raise SoundError(f"{name} {what}") from error
+        raise DeviceError(f"{name} {message}") from error
 
 
-def _answer(player: "Player", sounddevice: Any) -> Any:
+def _python_callback(player: "Player", sounddevice: Any) -> Any:
     """A callback in Python, of the same samples."""
     from time import perf_counter as time_now
 
     from engine.live import audio_thread
     from engine.live.shared_memory import Slot
 
-    def answer(out: "np.ndarray", frames: int, time: Any, status: Any) -> None:
+    def fill_block(out: "np.ndarray", frames: int, time: Any, status: Any) -> None:
         if status.output_underflow:
             player.shared[Slot.UNDERRUNS] += 1
         if player.finished:
@@ -114,18 +114,18 @@ def _answer(player: "Player", sounddevice: Any) -> Any:
         player.render_into(out)
         audio_thread.record_load_py(player.shared.ctypes.data, frames, time_now() - begin)
 
-    return answer
+    return fill_block
 
 
-def start(made: Any) -> None:
-    """Let a stream play. Raises SoundError."""
+def start_stream(stream: Any) -> None:
+    """Let a stream play. Raises DeviceError."""
     try:
-        made.start()
-    except library().PortAudioError as error:
-        raise SoundError(f"the device cannot be started ({error.args[0]})") from error
+        stream.start()
+    except load_sounddevice().PortAudioError as error:
+        raise DeviceError(f"the device cannot be started ({error.args[0]})") from error
 
 
-def forget() -> None:
+def detach_portaudio() -> None:
     """After a device has vanished: nothing of PortAudio is to be waited for when the program ends."""
     import atexit
 

@@ -9,16 +9,16 @@ from engine.live.player import Player
 from engine.patch.reader import load
 from engine.patch.scene import Scene
 
-KNOBS = ("stiffness", "exponent", "barrier", "gap")
+LIVE_KEYS = ("stiffness", "exponent", "barrier", "gap")
 
 
-def turned(old: Scene, new: Scene) -> dict[str, float] | None:
+def changed_parameters(old: Scene, new: Scene) -> dict[str, float] | None:
     """The knobs that make the old scene the new one, and their values; None if no knobs can."""
     before, after = old.model_dump(exclude_none=True), new.model_dump(exclude_none=True)
     found: dict[str, float] = {}
     if len(before["contact"]) == len(after["contact"]):
         for was, now in zip(before["contact"], after["contact"], strict=True):
-            for key in KNOBS:
+            for key in LIVE_KEYS:
                 plain = isinstance(was.get(key), float) and isinstance(now.get(key), float)
                 if plain and was[key] != now[key] and was[key] * now[key] != 0.0 and "name" in was:
                     found[f"contact.{was['name']}.{key}"] = now[key]
@@ -26,15 +26,17 @@ def turned(old: Scene, new: Scene) -> dict[str, float] | None:
     return found if before == after else None
 
 
-class Watch:
-    """Looks at a patch's file, and brings what is saved to its player.
+class PatchWatcher:
+    """Watches the file of a patch, and brings what is saved to its player.
 
     make:    builds a Player of a scene
-    dialled: gives a scene its accuracy
+    with_accuracy: gives a scene its accuracy
     """
 
-    def __init__(self, path: Path, scene: Scene, player: Player, make: Any, dialled: Any = lambda scene: scene) -> None:
-        self.path, self.scene, self.player, self._make, self._dialled = path, scene, player, make, dialled
+    def __init__(
+        self, path: Path, scene: Scene, player: Player, make: Any, with_accuracy: Any = lambda scene: scene
+    ) -> None:
+        self.path, self.scene, self.player, self._make, self._with_accuracy = path, scene, player, make, with_accuracy
         self._seen = self._stamp()
         self._made: list[Any] = []
         self._thread: threading.Thread | None = None
@@ -46,8 +48,8 @@ class Watch:
             return (0, 0)
         return found.st_mtime_ns, found.st_size
 
-    def look(self) -> list[str]:
-        """See to what has been saved since the last look; returns what there is to be said."""
+    def poll(self) -> list[str]:
+        """Apply what has been saved since the last call. Returns messages to print."""
         if self._made:
             return self._take_over(self._made.pop())
         stamp = self._stamp()
@@ -55,15 +57,15 @@ class Watch:
             return []
         self._seen = stamp
         try:
-            scene = self._dialled(load(str(self.path)))
+            scene = self._with_accuracy(load(str(self.path)))
         except PatchError as error:
             return [*map(str, error.faults), "the old sound goes on"]
-        knobs = turned(self.scene, scene)
-        if knobs is not None and set(knobs) <= set(self.player.live_parameters):
-            for what, value in knobs.items():
+        parameters = changed_parameters(self.scene, scene)
+        if parameters is not None and set(parameters) <= set(self.player.live_parameters):
+            for what, value in parameters.items():
                 self.player.set(what, value)
             self.scene = scene
-            return [f"{what} → {value:g}" for what, value in knobs.items()]
+            return [f"{what} → {value:g}" for what, value in parameters.items()]
         self._thread = threading.Thread(target=self._prepare, args=(scene,), daemon=True)
         self._thread.start()
         return []

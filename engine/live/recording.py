@@ -22,17 +22,17 @@ from engine.wording import program_name
 if TYPE_CHECKING:
     import numpy as np
 
-STREAMED = ("FLAC", "OGG", "MP3")  # these cannot have their header written anew while they grow
+FINAL_HEADER_FORMATS = ("FLAC", "OGG", "MP3")  # these cannot have their header written anew while they grow
 UPDATE_HEADER = 0x1061  # SFC_SET_UPDATE_HEADER_AUTO of libsndfile
 
 
-class Tape:
+class RecordingFile:
     """A file as libsndfile asks for it. An error is kept and not raised: it would come up in the midst of C."""
 
     def __init__(self, path: Path) -> None:
         self.file: BinaryIO = open(path, "w+b", buffering=0)  # noqa: SIM115
         self.error: OSError | None = None
-        lock(self.file)
+        lock_file(self.file)
 
     def write(self, data: bytes) -> int:
         """Write as much as can be; returns how many bytes."""
@@ -54,7 +54,7 @@ class Tape:
         return self.file.tell()
 
 
-def lock(file: BinaryIO) -> bool:
+def lock_file(file: BinaryIO) -> bool:
     """Mark an open file as being written, for as long as it is open; False if another process has done so. Windows
     does not let a file be renamed while it is open, and needs no mark."""
     if sys.platform == "win32":
@@ -70,11 +70,11 @@ def lock(file: BinaryIO) -> bool:
     return True
 
 
-class Unrecorded:
+class NoRecording:
     """What takes the place of a recording where none is asked for."""
 
     def __init__(self) -> None:
-        self.lines, self.whole = list[str](), True
+        self.lines, self.is_complete = list[str](), True
 
     def write(self, samples: "np.ndarray") -> None:
         """Nothing."""
@@ -84,7 +84,7 @@ class Recording:
     """Samples go to a file as they come. Once one cannot be written, no more are, and what was written is kept.
 
     lines: what is to be said at the end
-    whole: whether all of it is where it was asked for
+    is_complete: whether all of it is where it was asked for
     Raises OSError.
     """
 
@@ -92,9 +92,9 @@ class Recording:
         import soundfile
 
         self.target, self.samplerate = absolute_path(target), samplerate
-        self.part, self.lines, self.whole, self.frames = temporary_path(self.target), list[str](), True, 0
+        self.temporary, self.lines, self.is_complete, self.frames = temporary_path(self.target), list[str](), True, 0
         kind = target.suffix.lstrip(".").upper()
-        self.tape = Tape(self.part)
+        self.tape = RecordingFile(self.temporary)
         try:
             self.file = soundfile.SoundFile(
                 self.tape, "w", samplerate, channels, resolve_subtype(target, subtype), format=kind
@@ -102,39 +102,39 @@ class Recording:
         except (RuntimeError, TypeError, ValueError) as error:
             self._drop()
             raise OSError(f"{target}: {error_reason(error)}") from error
-        if kind not in STREAMED:  # so that a file that is broken off is a good one
+        if kind not in FINAL_HEADER_FORMATS:  # so that a file that is broken off is a good one
             with suppress(AttributeError):
                 soundfile._snd.sf_command(self.file._file, UPDATE_HEADER, soundfile._ffi.NULL, 1)
 
     def write(self, samples: "np.ndarray") -> None:
         """Write more samples [frames, channels]."""
-        if not self.whole:
+        if not self.is_complete:
             return
-        why = ""
+        reason = ""
         try:
             self.file.write(samples)
         except (AssertionError, OSError, RuntimeError) as error:  # soundfile asserts that all was written
-            why = error_reason(error) or "it cannot be written"
-        if why or self.tape.error is not None:
-            self._break_off(error_reason(self.tape.error) if self.tape.error is not None else why)
+            reason = error_reason(error) or "it cannot be written"
+        if reason or self.tape.error is not None:
+            self._break_off(error_reason(self.tape.error) if self.tape.error is not None else reason)
         else:
             self.frames += len(samples)
 
-    def _break_off(self, why: str) -> None:
-        self.whole = False
-        told = f"{self.target}: recording ended after {self.frames / self.samplerate:.1f} s ({why})"
-        print(f"{program_name()}: {told}; the sound goes on, and what was written is kept", file=sys.stderr)
+    def _break_off(self, reason: str) -> None:
+        self.is_complete = False
+        message = f"{self.target}: recording ended after {self.frames / self.samplerate:.1f} s ({reason})"
+        print(f"{program_name()}: {message}; the sound goes on, and what was written is kept", file=sys.stderr)
 
     def close(self, wanted: bool = True) -> None:
         """Give the file its name; wanted: also if nothing was recorded."""
         with suppress(OSError, RuntimeError):
             self.file.close()
-        if self.whole and self.tape.error is not None:
+        if self.is_complete and self.tape.error is not None:
             self._break_off(error_reason(self.tape.error))
         if not self.frames and not wanted:
             self._drop()
             return
-        mend(self.part)
+        repair_header(self.temporary)
         if sys.platform == "win32":  # an open file cannot be renamed there
             self.tape.file.close()
         try:
@@ -144,17 +144,17 @@ class Recording:
 
     def _drop(self) -> None:
         self.tape.file.close()
-        self.part.unlink(missing_ok=True)
+        self.temporary.unlink(missing_ok=True)
 
     def _name(self) -> None:
         try:
-            os.replace(self.part, self.target)
+            os.replace(self.temporary, self.target)
         except (FileNotFoundError, NotADirectoryError):
             self._rescue()
         except OSError as error:
-            self.whole = False
+            self.is_complete = False
             self.lines.append(
-                f"{self.target} cannot be written ({error_reason(error)}); the recording is kept as {self.part}"
+                f"{self.target} cannot be written ({error_reason(error)}); the recording is kept as {self.temporary}"
             )
 
     def _rescue(self) -> None:
@@ -168,21 +168,21 @@ class Recording:
                     shutil.copyfileobj(self.tape.file, copy)
             except (OSError, ValueError):
                 continue
-            self.whole = self.whole and place == self.target
+            self.is_complete = self.is_complete and place == self.target
             self.lines.append(f"{self.target.parent} was removed meanwhile; the recording is kept as {place}")
             return
-        self.whole = False
+        self.is_complete = False
         self.lines.append(f"{self.target.parent} was removed meanwhile; the recording is lost")
 
 
-def frames_of(path: Path) -> int:
+def readable_frames(path: Path) -> int:
     """Frames of an audio file that can be read, even if it was broken off; 0 if it is none."""
-    return _examined(path)[0]
+    return _count_frames(path)[0]
 
 
-def mend(path: Path) -> int:
+def repair_header(path: Path) -> int:
     """Frames of an audio file that can be read. A FLAC file that was broken off does not say how many: it is told."""
-    count, unknown = _examined(path)
+    count, unknown = _count_frames(path)
     if unknown and count:
         with suppress(OSError), path.open("r+b") as file:
             if file.read(4) == b"fLaC":
@@ -193,7 +193,7 @@ def mend(path: Path) -> int:
     return count
 
 
-def _examined(path: Path) -> tuple[int, bool]:
+def _count_frames(path: Path) -> tuple[int, bool]:
     """Frames that can be read, and whether the file itself does not say how many."""
     import soundfile
 

@@ -4,42 +4,42 @@ import re
 import time
 from pathlib import Path
 
-from engine.live.recording import frames_of, lock
+from engine.live.recording import lock_file, readable_frames
 from engine.wording import program_name
 
-PART = re.compile(r"\.(.+)\.\d+\.part", re.DOTALL)
-QUIET = 2.0  # s: what was written since then may still be at work
-WEEK = 7 * 86_400.0  # s, after which what is of no use is deleted
-MOST = 3  # names that are said
+TEMPORARY_NAME = re.compile(r"\.(.+)\.\d+\.part", re.DOTALL)
+IDLE_SECONDS = 2.0  # s: what was written since then may still be at work
+UNUSABLE_AFTER = 7 * 86_400.0  # s, after which what is of no use is deleted
+MAX_LISTED = 3  # names that are said
 
 
-def leftovers(folder: Path) -> list[tuple[Path, str]]:
+def find_leftovers(folder: Path) -> list[tuple[Path, str]]:
     """Half-written files that no process is at work on, and the names that they were to have. Raises OSError."""
-    found = []
+    leftovers = []
     for path in sorted(folder.iterdir()):
-        name = PART.fullmatch(path.name)
-        if name and path.is_file() and _left(path):
-            found.append((path, name[1]))
-    return found
+        name = TEMPORARY_NAME.fullmatch(path.name)
+        if name and path.is_file() and _is_abandoned(path):
+            leftovers.append((path, name[1]))
+    return leftovers
 
 
-def _left(path: Path) -> bool:
+def _is_abandoned(path: Path) -> bool:
     """Whether nobody writes to a file. The number of a process says little: another one may have it by now."""
     try:
-        if time.time() - path.stat().st_mtime < QUIET:
+        if time.time() - path.stat().st_mtime < IDLE_SECONDS:
             return False
         with path.open("rb") as file:
-            return lock(file)
+            return lock_file(file)
     except OSError:
         return False
 
 
-def clear(found: list[tuple[Path, str]]) -> int:
+def delete_unusable(leftovers: list[tuple[Path, str]]) -> int:
     """Delete what is older than a week and holds no sound; returns how many."""
     count = 0
-    for path, _ in found:
+    for path, _ in leftovers:
         try:
-            if time.time() - path.stat().st_mtime > WEEK and not frames_of(path):
+            if time.time() - path.stat().st_mtime > UNUSABLE_AFTER and not readable_frames(path):
                 path.unlink()
                 count += 1
         except OSError:
@@ -47,15 +47,17 @@ def clear(found: list[tuple[Path, str]]) -> int:
     return count
 
 
-def notice(folder: Path) -> str:
+def describe_leftovers(folder: Path) -> str:
     """What is to be said of a folder before something is recorded in it. Clears what is of no use."""
     try:
-        found = leftovers(folder)
+        leftovers = find_leftovers(folder)
     except OSError:
         return ""
-    names = [path.name for path, _ in found if frames_of(path)]
-    clear(found)
+    names = [path.name for path, _ in leftovers if readable_frames(path)]
+    delete_unusable(leftovers)
     if not names:
         return ""
-    some = ", ".join(names[:MOST]) + (f" and {len(names) - MOST} more" if len(names) > MOST else "")
-    return f"recordings were broken off: {some}; keep them with {program_name()} recover {folder}"
+    listing = ", ".join(names[:MAX_LISTED]) + (
+        f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
+    )
+    return f"recordings were broken off: {listing}; keep them with {program_name()} recover {folder}"

@@ -14,7 +14,7 @@ from engine.offline.decimation import decimate, decimation_tail
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import RenderStatistics, island_statistics, simulation_statistics
 from engine.offline.trace import allocate_trace, name_columns, trace_rows
-from engine.offline.trust import built_doubts, doubts, warnings
+from engine.offline.trust import explain_build_doubts, explain_doubts, warnings
 from engine.patch.scene import SAMPLE_RATE_RANGE, Scene
 from engine.patch.tables import MAX_SECONDS
 
@@ -75,8 +75,8 @@ def render(
         simulation.render_block(audio[frames:], None if kept is None else trace_rows(kept, frames, len(audio)))
         audio = decimate(audio, used.oversample, frames // used.oversample)
     finite = bool(np.isfinite(audio).all())
-    reasons = built_doubts(scene.model_copy(update={"accuracy": used}), layout, model)
-    reasons += doubts(simulated.newton, simulated.energy.error_max, finite, used.precision)
+    reasons = explain_build_doubts(scene.model_copy(update={"accuracy": used}), layout, model)
+    reasons += explain_doubts(simulated.newton, simulated.energy.error_max, finite, used.precision)
     stats = RenderStatistics(
         **vars(simulated),
         seconds=frames / fine,

@@ -12,63 +12,68 @@ from engine.offline.statistics import NewtonStatistics
 from engine.patch.scene import Scene
 from engine.patch.tables import Contact, StrikeEvent
 
-MUCH = 0.01  # of the energy of its motion: what a hammer may hold in a contact at first without a word
-LEDGER = {"float64": 1e-9, "float32": 1e-2}  # of the largest energy held: errors beyond are no rounding
-UNFINISHED = 0.05  # of the samples in contact: capped solves beyond are heard
-HEAVY = 0.15  # σh: beyond, the paper's scheme moves a damped body too far
+MAX_INITIAL_ENERGY_SHARE = (
+    0.01  # of the energy of its motion: what a hammer may hold in a contact at first without a word
+)
+MAX_ENERGY_ERROR = {"float64": 1e-9, "float32": 1e-2}  # of the largest energy held: errors beyond are no rounding
+MAX_CAPPED_SHARE = 0.05  # of the samples in contact: capped solves beyond are heard
+MAX_FDH_DAMPING = 0.15  # σh: beyond, the paper's scheme moves a damped body too far
 
 
 def warnings(scene: Scene) -> list[str]:
     """Hammers that are thrown from inside what they are to strike, at first or by an event."""
     bodies = {b.name: b for b in scene.body}
-    found = []
+    messages: list[str] = []
     for body in scene.body:
         if isinstance(body, Mass | Oscillator) and body.velocity:
-            found += list(_inside(scene, bodies, body, body.displacement, body.velocity, ""))
+            messages += _warn_of_hammer_inside(scene, bodies, body, body.displacement, body.velocity, "")
     for event in scene.event:
         hammer = bodies[event.body] if isinstance(event, StrikeEvent) else None
         if isinstance(event, StrikeEvent) and isinstance(hammer, Mass | Oscillator):
             begin = hammer.displacement if event.displacement is None else event.displacement
-            found += list(_inside(scene, bodies, hammer, begin, event.velocity, f" when struck at {event.time:g} s"))
-    return list(dict.fromkeys(found))
+            when = f" when struck at {event.time:g} s"
+            messages += _warn_of_hammer_inside(scene, bodies, hammer, begin, event.velocity, when)
+    return list(dict.fromkeys(messages))
 
 
-def _inside(
+def _warn_of_hammer_inside(
     scene: Scene, bodies: dict[str, Any], hammer: Mass | Oscillator, begin: float, velocity: float, when: str
 ) -> Iterator[str]:
     for contact in scene.contact:
         if hammer.name not in (contact.body, contact.on) or contact.stiffness == 0.0:
             continue
-        depth, own, offset = _compression(bodies, contact, hammer.name, begin)
+        depth, hammer_share, offset = _initial_compression(bodies, contact, hammer.name, begin)
         n = contact.exponent + 1
         energy = contact.stiffness / n * max(0.0, depth) ** n
-        if energy > MUCH * 0.5 * hammer.mass * velocity**2:
+        if energy > MAX_INITIAL_ENERGY_SHARE * 0.5 * hammer.mass * velocity**2:
             other = contact.on if contact.body == hammer.name else contact.body
             target = f'"{other}"' if other else "its barrier"
             times = energy / (0.5 * hammer.mass * velocity**2) if velocity else math.inf
             held = f"which holds {energy:.2g} J, {times:.2g} times the energy of its motion"
-            right = _meant(contact, begin, depth, own, offset)
+            right = _suggest_sign(contact, begin, depth, hammer_share, offset)
             yield f'"{hammer.name}" begins {depth:.3g} m inside {target}{when}, {held}; {right}'
 
 
-def _compression(bodies: dict[str, Any], contact: Contact, hammer: str, begin: float) -> tuple[float, float, float]:
+def _initial_compression(
+    bodies: dict[str, Any], contact: Contact, hammer: str, begin: float
+) -> tuple[float, float, float]:
     """Compression at time 0, the hammer's own share of it, and what is subtracted; spread bodies rest at 0."""
     sign = 1.0 if contact.side == "above" else -1.0
     on = None if contact.on is None else bodies[contact.on]
     offset = contact_points(contact, bodies[contact.body], on)[0].offset
     offset = -offset if contact.on is None and contact.side == "below" else offset
-    depth = own = 0.0
+    depth = hammer_share = 0.0
     for name, factor in ((contact.body, sign), (contact.on, -sign)):
         if name is not None:
             place = begin if name == hammer else getattr(bodies[name], "displacement", 0.0)
             depth += factor * place
-            own += factor * begin if name == hammer else 0.0
-    return depth - offset, own, offset
+            hammer_share += factor * begin if name == hammer else 0.0
+    return depth - offset, hammer_share, offset
 
 
-def _meant(contact: Contact, begin: float, depth: float, own: float, offset: float) -> str:
+def _suggest_sign(contact: Contact, begin: float, depth: float, hammer_share: float, offset: float) -> str:
     """Which sign was likely meant."""
-    if own > 0.0 and depth - 2 * own <= 0.0:
+    if hammer_share > 0.0 and depth - 2 * hammer_share <= 0.0:
         return f"displacement = {-begin:g} is likely meant"
     key, value = ("gap", contact.gap) if contact.on is not None else ("barrier", contact.barrier)
     if offset < 0.0 and depth + 2 * offset <= 0.0 and isinstance(value, float):
@@ -76,7 +81,9 @@ def _meant(contact: Contact, begin: float, depth: float, own: float, offset: flo
     return f'side = "{"below" if contact.side == "above" else "above"}" is likely meant, or another {key}'
 
 
-def doubts(newton: NewtonStatistics, energy_error: float, finite: bool, precision: str = "float64") -> list[str]:
+def explain_doubts(
+    newton: NewtonStatistics, energy_error: float, finite: bool, precision: str = "float64"
+) -> list[str]:
     """Why the motion or the energies of a render cannot be vouched for; empty where they can.
 
     energy_error: relative to the largest energy held
@@ -89,10 +96,10 @@ def doubts(newton: NewtonStatistics, energy_error: float, finite: bool, precisio
         reasons.append(f"{newton.unconverged} contact solves failed, and the motion was turned back there")
     if not math.isfinite(energy_error):
         reasons.append("the energies are not finite")
-    elif energy_error > LEDGER[precision]:
+    elif energy_error > MAX_ENERGY_ERROR[precision]:
         reasons.append(f"the energy is off by {energy_error:.1e} of the largest held")
     outcomes = newton.solve_outcomes
-    if outcomes.capped > UNFINISHED * outcomes.solved:
+    if outcomes.capped > MAX_CAPPED_SHARE * outcomes.solved:
         share = outcomes.capped / outcomes.solved
         reasons.append(
             f"{share:.0%} of the contact solves were ended early (they create no energy, but their forces are not those"
@@ -101,26 +108,30 @@ def doubts(newton: NewtonStatistics, energy_error: float, finite: bool, precisio
     return reasons
 
 
-def built_doubts(scene: Scene, layout: Any, model: Any) -> list[str]:
+def explain_build_doubts(scene: Scene, layout: Any, model: Any) -> list[str]:
     """What can be doubted before anything has moved: damping that the step is too long for."""
-    rate, found = model.samplerate, []
+    rate, reasons = model.samplerate, list[str]()
     if scene.accuracy.scheme == "fdh":
-        heavy = [b.name for b, m in zip(scene.body, layout.modal_bodies, strict=True) if (m.sigma > HEAVY * rate).any()]
+        heavy = [
+            b.name
+            for b, m in zip(scene.body, layout.modal_bodies, strict=True)
+            if (m.sigma > MAX_FDH_DAMPING * rate).any()
+        ]
         if heavy:
-            found.append(f'the paper\'s scheme moves heavily damped bodies too far ("{heavy[0]}"); scheme = "exact"')
+            reasons.append(f'the paper\'s scheme moves heavily damped bodies too far ("{heavy[0]}"); scheme = "exact"')
     damped = {b.name: b for b in scene.body if isinstance(b, Mass) and b.damping > rate and scene.gravity != 0.0}
     steps = model.step if model.refinement is None else model.refinement.stages
     compliance = np.atleast_2d(0.0 if steps.contact is None else steps.contact.compliance).max(axis=0)
     for slot, (k, point) in enumerate(layout.contact_points if damped else ()):
         contact = scene.contact[k]
         body = damped.get(contact.body) if contact.on is None else None
-        if body is not None and compliance[slot] * _slope(point.stiffness, contact, body, scene.gravity) > 1.0:
+        if body is not None and compliance[slot] * _static_slope(point.stiffness, contact, body, scene.gravity) > 1.0:
             remedy = "a higher sample rate, or substeps"
-            found.append(f'"{body.name}" is damped within a step, and pressed on a stop too hard for it; {remedy}')
-    return list(dict.fromkeys(found))
+            reasons.append(f'"{body.name}" is damped within a step, and pressed on a stop too hard for it; {remedy}')
+    return list(dict.fromkeys(reasons))
 
 
-def _slope(stiffness: float, contact: Contact, body: Any, gravity: float) -> float:
+def _static_slope(stiffness: float, contact: Contact, body: Any, gravity: float) -> float:
     """Slope of a contact's force where it carries the weight of a body, N/m."""
     weight = body.mass * abs(gravity)
     return contact.exponent * stiffness * (weight / stiffness) ** (1 - 1 / contact.exponent) if stiffness else 0.0

@@ -12,7 +12,7 @@ import engine
 from engine.cli import main
 from engine.faults import BuildError
 from engine.offline.statistics import NewtonStatistics, SolveOutcomes
-from engine.offline.trust import doubts, warnings
+from engine.offline.trust import explain_doubts, warnings
 from scenes.small import barrier, mass, oscillator, scene
 
 PIANO = ROOT / "patches" / "piano_c4.toml"
@@ -44,9 +44,9 @@ CLEAN = 1e-14
     ],
 )
 def test_what_cannot_be_vouched_for_is_said(newton, energy, finite, why):
-    (reason,) = doubts(newton, energy, finite)
+    (reason,) = explain_doubts(newton, energy, finite)
     assert why in reason
-    assert doubts(NEWTON, CLEAN, True) == []
+    assert explain_doubts(NEWTON, CLEAN, True) == []
 
 
 def test_the_paper_scheme_is_not_trusted_with_heavy_damping(tmp_path, capsys):

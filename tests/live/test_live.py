@@ -11,7 +11,7 @@ from conftest import ROOT, mostly_hard
 
 import engine
 from engine.live import audio_thread
-from engine.live.hot_reload import Watch
+from engine.live.hot_reload import PatchWatcher
 from engine.live.player import Player
 from engine.live.replay import replay
 from engine.live.shared_memory import Gauge, Slot
@@ -221,11 +221,11 @@ def test_quality_steps_down_before_the_sound_breaks_and_up_again(voices):
     np.testing.assert_array_equal(again, np.concatenate([calm, rough, better]))
 
 
-def waited(watch: Watch, frames: int = 0) -> list[str]:
+def waited(watch: PatchWatcher, frames: int = 0) -> list[str]:
     """What a watch says, once it has something to say."""
     begin = time.monotonic()
     while time.monotonic() - begin < 60.0:
-        if said := watch.look():
+        if said := watch.poll():
             return said
         time.sleep(0.02)
     raise AssertionError("nothing was said")
@@ -238,10 +238,10 @@ def test_what_is_saved_is_heard(tmp_path):
     path.write_text(text, "utf-8")
     scene = engine.load(path)
     player = Player(scene, gain=0.05, seconds=math.inf)
-    watch = Watch(path, scene, player, lambda new: Player(new, gain=0.05, seconds=math.inf))
+    watch = PatchWatcher(path, scene, player, lambda new: Player(new, gain=0.05, seconds=math.inf))
     sizes = np.array([256])
     called(player, 4096, sizes)
-    assert watch.look() == []
+    assert watch.poll() == []
     path.write_text(text.replace("stiffness = 4.5e9", "stiffness = 9.0e9"), "utf-8")
     assert waited(watch) == ["contact.felt.stiffness → 9e+09"]
     path.write_text(text.replace("stiffness = 4.5e9", "stifness = 9e9"), "utf-8")

@@ -13,7 +13,7 @@ from conftest import ROOT, mostly_hard
 import engine
 from engine.analysis.metrics import strongest_partial
 from engine.cli import main
-from engine.live import midi
+from engine.live import midi, midi_notes, voice_allocator
 from engine.live.player import Player
 
 mido = pytest.importorskip("mido", reason="needs mido")
@@ -44,13 +44,13 @@ def pedal(value):
 def test_notes_have_their_pitch_and_time(tmp_path):
     path = written(tmp_path / "two.mid", (on(57), 0), (off(57), 960), (on(64, 90), 480), (off(64), 960))
     audio, player, played = midi.render(engine.load(PIANO), str(path), RATE, None, 4)
-    assert len(audio) == round((2.5 + midi.TAIL) * RATE)
+    assert len(audio) == round((2.5 + midi.TAIL_SECONDS) * RATE)
     assert played == {"string": "A3 (-300 c), E4 (+400 c)"}
     assert not audio[0].any() and audio[100:500].any()
     for begin, note in ((0.0, 57), (1.5, 64)):
         part = audio[round((begin + 0.05) * RATE) :][:RATE]
         partials = np.abs(np.fft.rfft(part[:, 0] * np.hanning(len(part))))
-        wanted = midi.frequency(note)
+        wanted = midi_notes.note_frequency(note)
         near = slice(round(0.97 * wanted), round(1.03 * wanted) + 1)  # bins of 1 Hz
         assert near.start + int(np.argmax(partials[near])) == pytest.approx(wanted, abs=1.5)
     assert player.meter()["energy_error"] <= 1e-12
@@ -79,13 +79,13 @@ def test_a_note_sounds_one_body(tmp_path, note):
     path = written(tmp_path / "one.mid", (on(note), 0), (off(note), 1920))
     audio, _, played = midi.render(engine.load(ROOT / "patches" / "marimba.toml"), str(path), RATE, 1.2, 2)
     mono = audio.sum(axis=1)
-    pitch, loud = fundamental(mono, midi.frequency(note))
-    assert abs(1200 * math.log2(pitch / midi.frequency(note))) < 1.0
+    pitch, loud = fundamental(mono, midi_notes.note_frequency(note))
+    assert abs(1200 * math.log2(pitch / midi_notes.note_frequency(note))) < 1.0
     name = min(MARIMBA, key=lambda bar: abs(MARIMBA[bar] - note))
     others = [other for bar, other in MARIMBA.items() if bar != name]
-    assert all(fundamental(mono, midi.frequency(other))[1] < 0.01 * loud for other in others)
+    assert all(fundamental(mono, midi_notes.note_frequency(other))[1] < 0.01 * loud for other in others)
     away = 100 * (note - MARIMBA[name])
-    assert played == {name: midi.name_of(note) + (f" ({away:+d} c)" if away else "")}
+    assert played == {name: midi_notes.note_name(note) + (f" ({away:+d} c)" if away else "")}
 
 
 def test_plucked_bodies_sound_too(tmp_path):
@@ -105,8 +105,8 @@ def test_plucked_bodies_sound_too(tmp_path):
         for velocity in (40, 80):
             path = written(tmp_path / "one.mid", (on(note, velocity), 0), (off(note), 1920))
             audio, _, played = midi.render(harp, str(path), RATE, 1.2, 2)
-            pitch, _ = fundamental(audio[:, 0], midi.frequency(note))
-            assert abs(1200 * math.log2(pitch / midi.frequency(note))) < 1.0
+            pitch, _ = fundamental(audio[:, 0], midi_notes.note_frequency(note))
+            assert abs(1200 * math.log2(pitch / midi_notes.note_frequency(note))) < 1.0
             assert list(played) == [name]
             peaks.append(np.abs(audio).max())
         assert 2.0 * peaks[0] < peaks[1]
@@ -146,17 +146,17 @@ def test_dampers_and_the_pedal(tmp_path):
 
 def test_the_oldest_quietest_voice_is_taken_without_a_click():
     player = Player(engine.load(PIANO), RATE, math.inf, 0.02, voices=2, lowest=0.5)
-    keys = midi.Keys(player)
+    keys = voice_allocator.VoiceAllocator(player)
     out = np.zeros((RATE, player.channels), np.float32)
     for n, note in enumerate((60, 64, 67, 72, 60, 59)):
-        keys.play(midi.Note(0.0, "on", note, 64))
+        keys.play(midi_notes.Note(0.0, "on", note, 64))
         player.render_into(out[n * 4410 : (n + 1) * 4410])
     assert keys.stolen == 4
     assert set(keys._note) == {60, 59}
     steps = np.abs(np.diff(out, axis=0)).max(axis=1)
     calm = Player(engine.load(PIANO), RATE, math.inf, 0.02, voices=2)
     alone = np.zeros((4410, player.channels), np.float32)
-    midi.Keys(calm).play(midi.Note(0.0, "on", 72, 64))
+    voice_allocator.VoiceAllocator(calm).play(midi_notes.Note(0.0, "on", 72, 64))
     calm.render_into(alone)
     assert steps.max() <= 3 * np.abs(np.diff(alone, axis=0)).max()
     assert player.meter()["energy_error"] <= 1e-12
@@ -187,8 +187,8 @@ def ports(monkeypatch):
 def test_notes_of_a_port(ports):
     """Keys pressed at a port are heard at the next block, let go when they are let go; other messages are passed by."""
     scene = engine.load(PIANO)
-    player = Player(scene, RATE, math.inf, 0.02, voices=2, lowest=midi.lowest("drum", scene))
-    look = midi.source("drum", midi.Keys(player))
+    player = Player(scene, RATE, math.inf, 0.02, voices=2, lowest=midi.lowest_ratio("drum", scene))
+    look = midi.open_source("drum", voice_allocator.VoiceAllocator(player))
     (port,) = ports
     assert port.name == "Drum"
     out = np.zeros((RATE, player.channels), np.float32)
@@ -199,7 +199,7 @@ def test_notes_of_a_port(ports):
     assert look() is False
     player.render_into(out[4410 : RATE // 2])
     partials = np.abs(np.fft.rfft(out[6000 : RATE // 2, 0] * np.hanning(RATE // 2 - 6000)))
-    near = midi.frequency(57) / RATE * (RATE // 2 - 6000)
+    near = midi_notes.note_frequency(57) / RATE * (RATE // 2 - 6000)
     assert abs(float(np.argmax(partials[: round(1.5 * near)])) - near) < 1.0
     port.send(off(57))
     look()
@@ -208,10 +208,10 @@ def test_notes_of_a_port(ports):
 
 
 def test_ports_that_cannot_be_told_apart(ports):
-    with pytest.raises(midi.MidiError, match='several MIDI ports match "keys"; there are Keys 1, Keys 2, Drum'):
-        midi.port("keys")
-    with pytest.raises(midi.MidiError, match='no MIDI port is called "organ"; there are Keys 1, Keys 2, Drum'):
-        midi.port("organ")
+    with pytest.raises(midi_notes.MidiError, match='several MIDI ports match "keys"; there are Keys 1, Keys 2, Drum'):
+        midi_notes.open_port("keys")
+    with pytest.raises(midi_notes.MidiError, match='no MIDI port is called "organ"; there are Keys 1, Keys 2, Drum'):
+        midi_notes.open_port("organ")
     assert ports == []
 
 
@@ -280,8 +280,8 @@ def test_a_file_that_is_none_is_refused_in_a_line(tmp_path, name):
     head, says = NO_NOTES[name]
     track = bytes([0, 0x90, 60, 64, 96, 0x80, 60, 0, 0, 0xFF, 0x2F, 0])
     (tmp_path / "a.mid").write_bytes(head + b"MTrk" + len(track).to_bytes(4, "big") + track)
-    with pytest.raises(midi.MidiError, match=r"a\.mid .*") as found:
-        midi.notes_of(tmp_path / "a.mid")
+    with pytest.raises(midi_notes.MidiError, match=r"a\.mid .*") as found:
+        midi_notes.read_notes(tmp_path / "a.mid")
     assert says in str(found.value) and "\n" not in str(found.value)
 
 
@@ -289,21 +289,21 @@ def test_files_that_are_too_much_are_refused(tmp_path, monkeypatch, capsys):
     """In time, messages or bytes; what lasts longer than a render may is played in part."""
     path = tmp_path / "a.mid"
     written(path, (on(60), 0), (off(60), 480 * 2 * 40_000))
-    with pytest.raises(midi.MidiError, match=r"lasts 11\.1 hours; at most 10"):
-        midi.notes_of(path)
+    with pytest.raises(midi_notes.MidiError, match=r"lasts 11\.1 hours; at most 10"):
+        midi_notes.read_notes(path)
     written(path, (on(60), 0), (off(60), 480 * 2 * 7200))
     words = [str(PIANO), "--midi", str(path), "-o", str(tmp_path / "a.wav")]
     assert main.main(words) == 2
     assert "lasts 7203 s; at most 3600, such as --seconds 3600 of it" in capsys.readouterr().err
-    monkeypatch.setattr(midi, "MESSAGES", 3)
-    with pytest.raises(midi.MidiError, match="has 4 messages; at most 3"):
-        midi.notes_of(path)
-    monkeypatch.setattr(midi, "LARGEST", 10)
-    with pytest.raises(midi.MidiError, match=r"is larger than 1e-05 MB; give a \.mid file"):
-        midi.notes_of(path)
+    monkeypatch.setattr(midi_notes, "MAX_MESSAGES", 3)
+    with pytest.raises(midi_notes.MidiError, match="has 4 messages; at most 3"):
+        midi_notes.read_notes(path)
+    monkeypatch.setattr(midi_notes, "MAX_FILE_BYTES", 10)
+    with pytest.raises(midi_notes.MidiError, match=r"is larger than 1e-05 MB; give a \.mid file"):
+        midi_notes.read_notes(path)
     os.mkfifo(tmp_path / "pipe.mid")
-    with pytest.raises(midi.MidiError, match="is not a file, but a pipe"):
-        midi.notes_of(tmp_path / "pipe.mid")
+    with pytest.raises(midi_notes.MidiError, match="is not a file, but a pipe"):
+        midi_notes.read_notes(tmp_path / "pipe.mid")
 
 
 def test_no_memory_for_so_many_samples_is_said(tmp_path, monkeypatch, capsys):

@@ -15,7 +15,7 @@ from conftest import ROOT, needs_alsa, needs_portaudio
 
 from engine.cli import main
 from engine.live import recovery
-from engine.live.recording import Recording, mend
+from engine.live.recording import Recording, repair_header
 
 PIANO = str(ROOT / "patches" / "piano_c4.toml")
 NOISE = np.random.default_rng(1).uniform(-0.5, 0.5, (4410, 2)).astype(np.float32)
@@ -54,7 +54,7 @@ def test_a_recording_is_what_was_written(tmp_path):
     made.close()
     heard = soundfile.read(tmp_path / "a.wav", dtype="float32")[0]
     np.testing.assert_array_equal(heard, np.concatenate([NOISE] * 40))
-    assert made.whole and not made.lines and [p.name for p in tmp_path.iterdir()] == ["a.wav"]
+    assert made.is_complete and not made.lines and [p.name for p in tmp_path.iterdir()] == ["a.wav"]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -65,7 +65,7 @@ def test_a_full_disk_keeps_what_was_written(tmp_path, capsys, kind):
     limited(made, 100_001)
     for _ in range(120):
         made.write(NOISE)
-    assert not made.whole
+    assert not made.is_complete
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and "recording ended after" in said and "(no space left on device)" in said
     made.close()
@@ -82,17 +82,19 @@ def test_a_recording_that_was_broken_off_can_be_kept(tmp_path, capsys, monkeypat
     """What kill -9 leaves behind: found, named, and kept as a file that can be played; what others use is left alone.
     Of FLAC, OGG and MP3 the last tenth of a second is lost: libsndfile had not written it."""
     made = recorded(tmp_path / f"other.{kind}")
-    shutil.copy(made.part, tmp_path / f".take.{kind}.123456.part")
+    shutil.copy(made.temporary, tmp_path / f".take.{kind}.123456.part")
     (tmp_path / f"take.{kind}").write_bytes(b"precious")
-    monkeypatch.setattr(recovery, "QUIET", -1.0)
-    assert f"recordings were broken off: .take.{kind}.123456.part; keep them with" in recovery.notice(tmp_path)
+    monkeypatch.setattr(recovery, "IDLE_SECONDS", -1.0)
+    assert f"recordings were broken off: .take.{kind}.123456.part; keep them with" in recovery.describe_leftovers(
+        tmp_path
+    )
     assert main.main(["recover", str(tmp_path)]) == 0
     kept = tmp_path / f"take_2.{kind}"
     assert str(kept) in capsys.readouterr().out
     assert (tmp_path / f"take.{kind}").read_bytes() == b"precious"
     heard = soundfile.read(kept, dtype="float32")[0]
     assert len(heard) >= 40 * 4410 - (0 if kind.upper() not in ("FLAC", "OGG", "MP3") else 8820)
-    assert recovery.notice(tmp_path) == ""
+    assert recovery.describe_leftovers(tmp_path) == ""
     made.close()
     assert soundfile.info(tmp_path / f"other.{kind}").frames >= 40 * 4410 - 4410
 
@@ -106,7 +108,7 @@ def test_a_folder_that_was_removed_is_made_again(tmp_path):
     made.write(NOISE)
     made.close()
     assert soundfile.info(folder / "take.wav").frames == 41 * 4410
-    assert made.whole and f"{folder} was removed meanwhile; the recording is kept as" in made.lines[0]
+    assert made.is_complete and f"{folder} was removed meanwhile; the recording is kept as" in made.lines[0]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="an open file cannot be removed there")
@@ -121,7 +123,7 @@ def test_a_folder_that_cannot_be_made_again(tmp_path, monkeypatch):
     folder.write_text("in the way")
     monkeypatch.setattr("tempfile.tempdir", str(spare))
     made.close()
-    assert soundfile.info(spare / "take_2.wav").frames == 40 * 4410 and not made.whole
+    assert soundfile.info(spare / "take_2.wav").frames == 40 * 4410 and not made.is_complete
     assert (spare / "take.wav").read_bytes() == b"precious" and str(spare / "take_2.wav") in made.lines[0]
 
 
@@ -129,8 +131,8 @@ def test_a_name_that_cannot_be_taken(tmp_path):
     made = recorded(tmp_path / "take.wav")
     (tmp_path / "take.wav").mkdir()
     made.close()
-    assert not made.whole and str(made.part) in made.lines[0]
-    assert soundfile.info(str(made.part)).frames == 40 * 4410
+    assert not made.is_complete and str(made.temporary) in made.lines[0]
+    assert soundfile.info(str(made.temporary)).frames == 40 * 4410
 
 
 def test_what_was_left_for_a_week_is_deleted(tmp_path, capsys):
@@ -141,7 +143,7 @@ def test_what_was_left_for_a_week_is_deleted(tmp_path, capsys):
         (tmp_path / name).write_text("half")
     for name in (".a.wav.99.part", ".page.html.98.part", ".hidden"):
         os.utime(tmp_path / name, (OLD, OLD))
-    assert ".a.wav.99.part" in recovery.notice(tmp_path)
+    assert ".a.wav.99.part" in recovery.describe_leftovers(tmp_path)
     assert sorted(p.name for p in tmp_path.iterdir()) == [".a.wav.99.part", ".hidden", ".young.png.97.part"]
     assert main.main(["recover", str(tmp_path)]) == 0
     assert sorted(p.name for p in tmp_path.iterdir()) == [".hidden", ".young.png.97.part", "a.wav"]
@@ -154,7 +156,7 @@ def test_what_was_left_for_a_week_is_deleted(tmp_path, capsys):
 
 def test_what_is_no_sound_has_no_frames(tmp_path):
     (tmp_path / "a").write_bytes(b"fLaC" + bytes(100))
-    assert mend(tmp_path / "a") == 0 and (tmp_path / "a").read_bytes() == b"fLaC" + bytes(100)
+    assert repair_header(tmp_path / "a") == 0 and (tmp_path / "a").read_bytes() == b"fLaC" + bytes(100)
 
 
 # --- the program
@@ -274,7 +276,7 @@ def test_kill_leaves_what_the_next_one_finds(tmp_path, device, kind):
     made.communicate()
     part = f".r.{kind}.{made.pid}.part"
     assert [p.name for p in folder.iterdir()] == [part]
-    time.sleep(recovery.QUIET)
+    time.sleep(recovery.IDLE_SECONDS)
     again = program(device, "--seconds", "1", "--record", str(folder / "s.wav"))
     code, _, said = ended(again)
     assert code == 0 and said == (

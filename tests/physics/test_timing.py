@@ -7,7 +7,7 @@ import pytest
 from conftest import ROOT, mostly_hard
 
 import engine
-from engine.live import midi
+from engine.live import midi_notes, voice_allocator
 from engine.live.player import Player
 from engine.live.replay import replay
 
@@ -36,9 +36,9 @@ def played(block: int, frames: int, what) -> tuple[np.ndarray, Player]:
 
 
 def notes(player: Player) -> None:
-    keys = midi.Keys(player)
+    keys = voice_allocator.VoiceAllocator(player)
     for n, frame in enumerate(DUE):
-        keys.play(midi.Note(0.0, "on", 60 + n, 64), frame)
+        keys.play(midi_notes.Note(0.0, "on", 60 + n, 64), frame)
 
 
 @pytest.mark.parametrize("block", mostly_hard([64, 441, 1024, 4096, 20_000], 1024))
@@ -58,7 +58,7 @@ def test_notes_sound_at_their_frames(block):
 
 
 def one(player: Player, n: int) -> None:
-    midi.Keys(player).play(midi.Note(0.0, "on", 60 + n, 64), DUE[n])
+    voice_allocator.VoiceAllocator(player).play(midi_notes.Note(0.0, "on", 60 + n, 64), DUE[n])
 
 
 def test_a_glide_has_all_its_steps_in_any_block():

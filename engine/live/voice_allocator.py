@@ -1,0 +1,159 @@
+"""Notes are given to the voices of a player.
+
+A note sounds the body of the patch whose pitch is nearest, with what contacts join to it, tuned to the note; its
+velocity is the speed of the hammers, or the strength of the pluck; the pedal keeps the dampers away.
+"""
+
+import math
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from engine.bodies import Mass
+from engine.live.midi_notes import MidiError, Note, note_frequency, note_name
+from engine.live.player import Player
+from engine.live.voices import plucks, striker_velocities, strikers
+from engine.patch.scene import Scene, connected_bodies
+
+NOMINAL_VELOCITY = 64  # velocity of a note at which hammers are as fast as the patch has them …
+VELOCITY_EXPONENT = 1.5  # … and how their speed goes with it
+RELEASE_DAMPER = 25.0, 0.5  # damper of a key let go: decay rate, 1/s, and how long, s
+STEAL_DAMPER = 1500.0, 0.006  # damper of a voice that another note needs
+AUDIBLE_ENERGY = 1e-8  # of the largest energy a voice has had: with more, it still sounds
+
+
+class PitchedBody(NamedTuple):
+    """A body that notes can sound."""
+
+    body: str
+    frequency: float  # of its lowest mode, Hz
+    hammers: list[str]  # that are thrown at it
+    plucked: bool
+
+    def ratio(self, note: int) -> float:
+        """Of the frequency of a note to its own."""
+        return note_frequency(note) / self.frequency
+
+
+def pitched_bodies(scene: Scene) -> list[PitchedBody]:
+    """The bodies that notes can sound: those that vibrate, are struck or plucked, and are heard or in contact with what
+    is. Raises MidiError if there are none."""
+    heard, found = {p.body for p in scene.pickup}, []
+    hammers = striker_velocities(scene)
+    for body in scene.body:
+        name = body.name
+        if isinstance(body, Mass) or name in hammers or not connected_bodies(scene, name) & heard:
+            continue
+        omega = body.modal_body(20_000.0).omega
+        struck, plucked = strikers(scene, name), bool(plucks(scene, name))
+        if omega.size and omega.min() > 0.0 and (struck or plucked):
+            found.append(PitchedBody(name, float(omega.min()) / (2 * math.pi), struck, plucked))
+    if not found:
+        first = scene.pickup[0].body
+        if next(b for b in scene.body if b.name == first).kind == "mass":
+            raise MidiError(f"{first} has no pitch that could be tuned; notes need a body that vibrates")
+        raise MidiError("nothing that vibrates is struck or plucked; notes need a thrown hammer or a pluck")
+    return found
+
+
+def nearest_body(bodies: list[PitchedBody], note: int) -> PitchedBody:
+    """The body whose pitch is nearest to a note; of two alike, the first."""
+    return min(bodies, key=lambda b: abs(math.log(b.ratio(note))))
+
+
+class VoiceAllocator:
+    """Gives notes to the voices of a player."""
+
+    def __init__(self, player: Player) -> None:
+        self.player = player
+        self.bodies = pitched_bodies(player.patch)
+        self.played: dict[int, PitchedBody] = {}  # by key
+        self.stolen = self.refused = 0
+        self._note: list[int | None] = [None] * player.voices  # that a voice has
+        self._since = [-1] * player.voices  # frame
+        self._down: set[int] = set()  # keys
+        self._pedal = False
+        self._most = [0.0] * player.voices
+
+    def play(self, note: Note, frame: int = 0) -> None:
+        """Do what a note says, at a frame."""
+        if note.kind == "pedal":
+            self._pedal = note.value >= 64
+            if not self._pedal:
+                for voice, number in enumerate(self._note):
+                    if number is not None and number not in self._down:
+                        self._damp(voice, RELEASE_DAMPER, frame)
+        elif note.kind == "off":
+            self._down.discard(note.number)
+            if note.number in self._note and not self._pedal:
+                self._damp(self._note.index(note.number), RELEASE_DAMPER, frame)
+        else:
+            self._strike(note, frame)
+
+    def _strike(self, note: Note, frame: int) -> None:
+        voice, body = self._voice(note.number), nearest_body(self.bodies, note.number)
+        frame = max(frame, self.player.frame)
+        if self._note[voice] != note.number:
+            if self._energy(voice) > AUDIBLE_ENERGY * self._most[voice] > 0.0:
+                self.stolen += self._note[voice] in self._down
+                begin = max(self.player.frame, frame - self._samples(STEAL_DAMPER))
+                frame = begin + self._samples(STEAL_DAMPER)
+                self._damp(voice, STEAL_DAMPER, begin)
+            try:
+                self.player.tune(voice, body.ratio(note.number), frame, body=body.body)
+            except ValueError:  # above what the sample rate carries, or below what there is room for
+                self.refused += 1
+                return
+        self._note[voice], self._since[voice] = note.number, frame
+        self._down.add(note.number)
+        self.played[note.number] = body
+        share = (note.value / NOMINAL_VELOCITY) ** VELOCITY_EXPONENT
+        for hammer in body.hammers:
+            self.player.strike(f"{hammer}_{voice}", striker_velocities(self.player.patch)[hammer] * share, frame=frame)
+        if body.plucked:
+            self.player.pluck(f"{body.body}_{voice}", share, frame)
+
+    def _voice(self, number: int) -> int:
+        """The voice for a note: the one that has it; else of those whose keys are up, or of all, the quieter ones among
+        the older."""
+        if number in self._note:
+            return self._note.index(number)
+        voices = range(self.player.voices)
+        free = [v for v in voices if self._note[v] not in self._down] or list(voices)
+        older = sorted(free, key=lambda v: self._since[v])[: (len(free) + 1) // 2]
+        return min(older, key=lambda v: (self._energy(v), self._since[v]))
+
+    def _energy(self, voice: int) -> float:
+        """Kinetic energy of what a voice lets be heard, about, J."""
+        mode = self.player.model.islands.mode
+        islands = (mode.size - 1) // self.player.voices
+        own = slice(mode[voice * islands], mode[(voice + 1) * islands])
+        heard = np.abs(self._ears[own]) > 0.0
+        found = float(np.sum(self.player.state.p[own][heard] ** 2))
+        self._most[voice] = max(self._most[voice], found)
+        return found
+
+    @cached_property
+    def _ears(self) -> np.ndarray:
+        """Which modes belong to bodies that are heard."""
+        layout, found = self.player.layout, np.zeros(self.player.state.p.size)
+        for pickup in self.player.scene.pickup:
+            found[layout.global_modes(layout.body_index[pickup.body])] = 1.0
+        return found
+
+    def _samples(self, damper: tuple[float, float]) -> int:
+        return round(damper[1] * self.player.samplerate)
+
+    def _damp(self, voice: int, damper: tuple[float, float], frame: int) -> None:
+        for name in dict.fromkeys(p.body for p in self.player.patch.pickup):
+            self.player.damp(f"{name}_{voice}", *damper, frame=frame)
+
+
+def played_notes(keys: VoiceAllocator) -> dict[str, str]:
+    """Which notes each body has played: those in its own octave by name, with how far they are from its pitch."""
+    found: dict[str, list[str]] = {}
+    for number, body in sorted(keys.played.items()):
+        cents = 1200 * math.log2(body.ratio(number))
+        found.setdefault(body.body, []).append(note_name(number) + (f" ({cents:+.0f} c)" if abs(cents) >= 0.5 else ""))
+    return {body: ", ".join(notes) for body, notes in found.items()}

@@ -3,7 +3,7 @@ holds the array. Views of an island, alignment, precision, allocation and copies
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from types import NoneType, UnionType
 from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin, get_type_hints
@@ -46,9 +46,11 @@ class Items:
     dtype: Any = np.float64
     columns: int = 0  # of each item; 0: one number
     extra: int = 0  # items beyond those of the axis: 1 where each item has a begin, and the next is its end
+    neutral: float = 0.0  # of an item that does nothing
 
 
 PerMode = Annotated[np.ndarray, Items(Axis.MODE)]
+PerModeFactor = Annotated[np.ndarray, Items(Axis.MODE, neutral=1.0)]
 PerContact = Annotated[np.ndarray, Items(Axis.CONTACT)]
 PerCompliance = Annotated[np.ndarray, Items(Axis.COMPLIANCE)]
 PerForce = Annotated[np.ndarray, Items(Axis.FORCE)]
@@ -99,12 +101,30 @@ def map_arrays(change: Callable[[np.ndarray, Items], np.ndarray], value: Any, ro
         field = fields[name]
         if isinstance(item, np.ndarray) and field.items is not None:
             axis = row_axis if field.items.axis is Axis.ROW and row_axis is not None else field.items.axis
-            changed[name] = change(item, Items(axis, field.items.dtype, field.items.columns, field.items.extra))
+            changed[name] = change(item, replace(field.items, axis=axis))
         elif hasattr(item, "_fields"):
             changed[name] = map_arrays(change, item, field.row_axis or row_axis)
         else:
             changed[name] = item
     return type(value)(**changed)
+
+
+def pair_arrays(record: Any, ours: Any, theirs: Any) -> Iterator[tuple[Items, np.ndarray, np.ndarray | None]]:
+    """The arrays of one record with those of another at the same place, None where it has none.
+
+    record: the class of both
+    Raises ValueError if the first has not all arrays of the second.
+    """
+    for field in fields_of(record):
+        mine, other = (None if value is None else getattr(value, field.name) for value in (ours, theirs))
+        if mine is None and other is not None:
+            raise ValueError(f"no {field.name} to write to")
+        if mine is None:
+            continue
+        if field.items is not None:
+            yield field.items, mine, other
+        elif field.record is not None:
+            yield from pair_arrays(field.record, mine, other)
 
 
 def align_to_cache_lines(value: Any) -> Any:

@@ -24,6 +24,7 @@ from engine.kernel.axes import (
     PerFreeMassInt,
     PerIslandBool,
     PerMode,
+    PerModeFactor,
     PerPickup,
     PerPickupInt,
     PerRowInt,
@@ -56,7 +57,7 @@ class RowCoefficients(NamedTuple):
 class ModalLoss(NamedTuple):
     """Loss of momentum, once in a step: p ← d·p (paper, eq. 36)."""
 
-    decay_factor: PerMode  # d = exp(-σh) for a half-step
+    decay_factor: PerModeFactor  # d = exp(-σh) for a half-step
     dissipation_factor: PerMode  # energy lost over p², (1 - d²)/2 for a half-step
 
 

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
 from engine.build.build import build
 from engine.build.layout import Layout
-from engine.kernel.model import ModalLoss, Model, ModeShapeRows, RowCoefficients
+from engine.kernel.axes import Axis, Items, pair_arrays
+from engine.kernel.model import Model, ModeShapeRows, RowCoefficients, StepCoefficients
 from engine.live.voices import replicate, retune
 from engine.patch.accuracy import Accuracy
 from engine.patch.scene import Scene, connected_bodies
@@ -16,7 +16,7 @@ from engine.patch.scene import Scene, connected_bodies
 GLIDE_STEP_SECONDS, GLIDE_STEP_CENTS = 0.002, 2.0  # the smallest steps in which a pitch glides …
 MAX_GLIDE_STEPS = 128  # … and how many they are at most
 MAX_MODES_COPIED = 20_000
-ZEROS, ONES = np.zeros(MAX_MODES_COPIED), np.ones(MAX_MODES_COPIED)
+NEUTRAL = {0.0: np.zeros(MAX_MODES_COPIED), 1.0: np.ones(MAX_MODES_COPIED)}
 
 Arrays = tuple[np.ndarray, np.ndarray]  # to write, to read
 
@@ -91,40 +91,29 @@ def _pairs(target: tuple[Model, Layout], source: tuple[Model, Layout], voice: in
         yield from _contact_pairs(poly, single, n, i)
 
 
+def _tuned_arrays(poly: Model, single: Model, *axes: Axis) -> Iterator[tuple[Items, np.ndarray, np.ndarray | None]]:
+    """What a pitch changes, of some axes: the coefficients of a step, and the restoring force."""
+    for items, ours, theirs in pair_arrays(StepCoefficients, poly.step, single.step):
+        if items.axis in axes:
+            yield items, ours, theirs
+    if Axis.MODE in axes and poly.omega_squared is not None:
+        yield Items(Axis.MODE), poly.omega_squared, single.omega_squared
+
+
 def _mode_pairs(poly: Model, single: Model, to: slice, of: slice) -> Iterator[Arrays]:
     """What each mode of a body has."""
     count = min(to.stop - to.start, of.stop - of.start)
-    for name, (ours, theirs) in {
-        "kick": (poly.step.kick, single.step.kick),
-        "drift": (poly.step.drift, single.step.drift),
-        "restoring force": (poly.omega_squared, single.omega_squared),
-        "kick of the restoring force": (poly.step.spring_kick, single.step.spring_kick),
-        "loss": (poly.step.loss, single.step.loss),
-        "drag": (poly.step.drag, single.step.drag),
-    }.items():
-        if theirs is not None and ours is None:
-            raise ValueError(f"the voices have no {name}")
-        if ours is None:
-            continue
-        if theirs is None:
-            theirs = ModalLoss(ONES, ZEROS) if isinstance(ours, ModalLoss) else ZEROS
-        pairs: Any = zip(ours, theirs, strict=True) if isinstance(ours, ModalLoss) else [(ours, theirs)]
-        for a, x in pairs:
-            begin = 0 if x is ZEROS or x is ONES else of.start
-            yield a[to.start : to.start + count], x[begin : begin + count]
+    for items, ours, theirs in _tuned_arrays(poly, single, Axis.MODE):
+        read = theirs[of.start : of.start + count] if theirs is not None else NEUTRAL[items.neutral][:count]
+        yield ours[to.start : to.start + count], read
 
 
 def _contact_pairs(poly: Model, single: Model, n: int, i: int) -> Iterator[Arrays]:
     """How the bodies of an island give at its contacts."""
-    ours, theirs = poly.step.contact, single.step.contact
-    if ours is None or theirs is None:
-        return
-    to, of = (slice(*islands.contact[[m, m + 1]]) for islands, m in ((poly.islands, n), (single.islands, i)))
-    yield ours.compliance[to], theirs.compliance[of]
-    yield ours.compliance_low[to], theirs.compliance_low[of]
-    if ours.coupling is not None and theirs.coupling is not None:
-        to, of = (slice(*islands.compliance[[m, m + 1]]) for islands, m in ((poly.islands, n), (single.islands, i)))
-        yield ours.coupling[to], theirs.coupling[of]
+    for items, ours, theirs in _tuned_arrays(poly, single, Axis.CONTACT, Axis.COMPLIANCE):
+        if theirs is not None:
+            begin, start = getattr(poly.islands, items.axis), getattr(single.islands, items.axis)
+            yield ours[begin[n] : begin[n + 1]], theirs[start[i] : start[i + 1]]
 
 
 RowsAt = tuple[ModeShapeRows, RowCoefficients | None]
@@ -153,4 +142,4 @@ def _row_pairs(to: RowsAt, of: RowsAt, r: int, s: int) -> Iterator[Arrays]:
         pairs += zip(our_step, their_step, strict=True)
     for a, x in pairs:
         yield a[begin : begin + count], x[start : start + count]
-        yield a[begin + count : begin + size], ZEROS[: size - count]
+        yield a[begin + count : begin + size], NEUTRAL[0.0][: size - count]

@@ -6,6 +6,7 @@ capitals are rows.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -224,9 +225,19 @@ def line_search(problem, n):
         f[i] += at * step[i]
 
 
+class ForceEstimate(NamedTuple):
+    """A contact in the midst of a solve."""
+
+    eta: float  # change of compression, m
+    end: float  # compression at the end of the step, m
+    force: float  # N
+    slope: float  # of the force, N/m
+
+
 @inline
-def extrapolation_error(law, k, s, b, eta, f, slope, move):
+def extrapolation_error(law, k, s, estimate, move):
     """Relative errors of the force after a small further move, to first order and to second."""
+    eta, b, f, slope = estimate
     if f <= 0.0:
         none = 0.0 if b <= 0.0 or move == 0.0 else np.inf
         return none, none
@@ -238,8 +249,9 @@ def extrapolation_error(law, k, s, b, eta, f, slope, move):
 
 
 @inline
-def second_order_change(law, loss_rate, k, s, b, eta, f, move):
+def second_order_change(law, loss_rate, k, s, estimate, move):
     """Change of the force of contact k of second order in a small move."""
+    eta, b, f, _ = estimate
     if b > 0.0:
         _, _, ddf, _ = response_in_contact(law, k, s, b, eta, loss_rate_of(loss_rate, k))
         return 0.5 * ddf * move * move
@@ -264,7 +276,9 @@ def try_extrapolate(problem, n):
     for i in range(n):
         k = contacts[i]
         if slope[i] > 0.0:
-            one, two = extrapolation_error(problem.law, k, s[i], end[i], eta[i], f[i], slope[i], after[i])
+            one, two = extrapolation_error(
+                problem.law, k, s[i], ForceEstimate(eta[i], end[i], f[i], slope[i]), after[i]
+            )
             if not min(one, two) <= problem.tolerance:
                 return False
             first = max(first, one)
@@ -276,7 +290,8 @@ def try_extrapolate(problem, n):
             bend[i] = 0.0
             if slope[i] > 0.0:
                 k = contacts[i]
-                bend[i] = second_order_change(problem.law, problem.loss_rate, k, s[i], end[i], eta[i], f[i], after[i])
+                estimate = ForceEstimate(eta[i], end[i], f[i], slope[i])
+                bend[i] = second_order_change(problem.law, problem.loss_rate, k, s[i], estimate, after[i])
         for i in range(n):
             left[i] = -dot(near[i], bend, n)
         substitute(problem, n, left, more)

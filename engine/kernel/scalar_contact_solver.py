@@ -12,6 +12,7 @@ raises; failure is a returned status.
 """
 
 import math
+from typing import Any, NamedTuple
 
 from engine.compiler.decorators import inline
 from engine.kernel.codes import SolveStatus
@@ -20,6 +21,18 @@ from engine.kernel.contact_law import discrete_gradient, exponent, inverse_power
 MIN_COMPRESSION = 1e-150  # m; a compression below it is none: its square underflows
 BRACKET_SLACK = 1e-15  # its ends are rounded
 MAX_HALLEY_EVALUATIONS = 60  # bisection alone would be done by then
+
+
+class ContactEquation(NamedTuple):
+    """One contact's equation for its force (docs/design.md, sec. 3); values as in `solve_scalar_contact`."""
+
+    law: Any
+    k: int
+    s: float
+    g: float
+    compliance: float
+    rate: float  # μ/h, 1/m; 0 without loss
+    tolerance: float
 
 
 @inline
@@ -196,15 +209,16 @@ def solve_scalar_contact(law, loss_rate, k, s, g, compliance, tolerance):
         if rate > 0.0:
             b = initial_guess_lossy(law, k, s, g, scale, rate, b)
         eta = b - s
-    return bracketed_halley(law, k, s, g, compliance, rate, tolerance, b, eta)
+    return bracketed_halley(ContactEquation(law, k, s, g, compliance, rate, tolerance), b, eta)
 
 
 @inline
-def bracketed_halley(law, k, s, g, compliance, rate, tolerance, b, eta):
+def bracketed_halley(equation, b, eta):
     """Halley's iteration from b (> 0), kept inside a bracket; returns as `solve_scalar_contact`.
 
     The force is extrapolated over the last step, so no evaluation is spent on confirming.
     """
+    law, k, s, g, compliance, rate, tolerance = equation
     free_end = s + g
     lower, upper = 0.0, free_end
     if s > 0.0 and rate == 0.0:  # the sign of the residual at b = s is the sign of κ - g/s

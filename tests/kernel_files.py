@@ -17,7 +17,7 @@ PATCH = str(ROOT / "patches" / "repelled_oscillator.toml")
 @pytest.fixture
 def fresh(monkeypatch):
     """Forgets what this process knows of folders, before and after."""
-    caches = (cache.folder, cache.digest, cache._say)
+    caches = (cache.folder, cache.digest, cache.warn_once)
     for function in caches:
         function.cache_clear()
     yield

@@ -99,7 +99,7 @@ def rebound_velocity(forces: np.ndarray, velocities: np.ndarray) -> float:
     forces, velocities: [frames, bodies]
     """
     first = [contact_intervals(force[:, None], 1.0)[:1] for force in forces.T]  # in frames
-    ended = [(begin, end, body) for body, found in enumerate(first) for begin, end in found if end < len(forces)]
+    ended = [(begin, end, body) for body, values in enumerate(first) for begin, end in values if end < len(forces)]
     if not ended:
         return math.nan
     _, end, body = min(ended)

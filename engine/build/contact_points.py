@@ -22,12 +22,12 @@ def contact_points(contact: Contact, body: Body, on: Body | None) -> list[Contac
         return _bridge(contact.bridge, contact.stiffness, body.length)
     if contact.frets is not None:
         return _frets(contact.frets, contact.stiffness)
-    own, other = body.split_positions(contact.at), [None] if on is None else on.split_positions(contact.on_at)
+    touching, touched = body.split_positions(contact.at), [None] if on is None else on.split_positions(contact.on_at)
     offset = contact.gap if contact.on is not None else contact.barrier
     offsets = offset if isinstance(offset, list) else [offset or 0.0]
-    count = max(len(own), len(other), len(offsets))
-    own, other, offsets = (items * count if len(items) == 1 else items for items in (own, other, offsets))
-    return [ContactPoint(a, b, float(c), contact.stiffness) for a, b, c in zip(own, other, offsets, strict=True)]
+    count = max(len(touching), len(touched), len(offsets))
+    touching, touched, offsets = (items * count if len(items) == 1 else items for items in (touching, touched, offsets))
+    return [ContactPoint(a, b, float(c), contact.stiffness) for a, b, c in zip(touching, touched, offsets, strict=True)]
 
 
 def count_points(contact: Contact) -> int:

@@ -60,8 +60,8 @@ def count_steps(force: Force | PluckEvent, samplerate: float, seconds: float) ->
     if isinstance(force, SampledForce):
         import soundfile
 
-        found = soundfile.info(force.file)
-        start, length = force.start, float(found.frames / found.samplerate)
+        info = soundfile.info(force.file)
+        start, length = force.start, float(info.frames / info.samplerate)
     elif isinstance(force, PluckForce | PluckEvent):
         start, length = force.time if isinstance(force, PluckEvent) else force.start, force.duration + force.release
     else:

@@ -13,7 +13,7 @@ from engine.wording import to_one_line
 if TYPE_CHECKING:
     Commands = argparse._SubParsersAction["CommandParser"]
 
-LONGEST = 400  # characters of a message
+MAX_MESSAGE_CHARACTERS = 400  # characters of a message
 VOICES = 8  # notes at a time, unless told otherwise
 ACCURACY_OPTIONS = {"scheme": str, "order": int, "substeps": int, "tolerance": float, "oversample": int}
 ACCURACY_OPTIONS |= {"precision": str}
@@ -43,13 +43,13 @@ class Parser(argparse.ArgumentParser):
     old command line does.
     """
 
-    def __init__(self, **told: Any) -> None:
-        super().__init__(allow_abbrev=False, **told)
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(allow_abbrev=False, **settings)
 
     def error(self, message: str) -> NoReturn:
         """Print what is wrong, and exit with 2."""
         unknown = message.partition("unrecognized arguments: ")[2].partition(" ")[0].partition("=")[0]
-        self.exit(2, f"{self.prog}: {to_one_line(message, LONGEST)}; {self.suggest_option(unknown)}\n")
+        self.exit(2, f"{self.prog}: {to_one_line(message, MAX_MESSAGE_CHARACTERS)}; {self.suggest_option(unknown)}\n")
 
     def suggest_option(self, unknown: str) -> str:
         """Name the option that was meant by an unknown one, or where options are listed."""
@@ -60,8 +60,8 @@ class Parser(argparse.ArgumentParser):
 class CommandParser(Parser):
     """The parser of one command. It knows the others, and names the one that an option belongs to."""
 
-    def __init__(self, **told: Any) -> None:
-        super().__init__(**told)
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
         self.others: Mapping[str, CommandParser] = {}  # all commands by name; filled once they are all there
         self.instead: dict[str, str] = {}  # what to do instead of some options of other commands
 
@@ -72,10 +72,10 @@ class CommandParser(Parser):
                 break
             if answer := self.answer_old_option(word.partition("=")[0]):
                 self.exit(2, f"{self.prog}: {answer}\n")
-        found, unknown = super().parse_known_args(args, namespace)
+        known, unknown = super().parse_known_args(args, namespace)
         if unknown:
             self.error(f"unrecognized arguments: {' '.join(unknown)}")
-        return found, unknown
+        return known, unknown
 
     def answer_old_option(self, option: str) -> str:
         """What to write today for an option of before; nothing if it is none."""
@@ -91,8 +91,8 @@ class CommandParser(Parser):
 
     def owners(self, option: str) -> str:
         """Which commands have an option, as the end of a sentence."""
-        found = [other.prog for other in self.others.values() if option in other._option_string_actions]
-        return f", and belongs to {', '.join(found)}" if found else ""
+        programs = [other.prog for other in self.others.values() if option in other._option_string_actions]
+        return f", and belongs to {', '.join(programs)}" if programs else ""
 
     def suggest_option(self, unknown: str) -> str:
         """Name the commands that have an option which this one has not, or the option that was meant."""
@@ -105,14 +105,14 @@ class CommandParser(Parser):
 
 def patch_file(text: str) -> str:
     """A patch as it was given, or the file of the shipped one of that name."""
-    found = find_patch(text)
-    return text if found == Path(text) else str(found)
+    path = find_patch(text)
+    return text if path == Path(text) else str(path)
 
 
-def add_patch(parser: CommandParser, **more: Any) -> None:
+def add_patch(parser: CommandParser, **settings: Any) -> None:
     """Add the patch: what every command that needs one takes."""
-    told = "a TOML file, or the name of a shipped patch, such as tanpura"
-    parser.add_argument("patch", metavar="PATCH", type=patch_file, help=told, **more)
+    help_text = "a TOML file, or the name of a shipped patch, such as tanpura"
+    parser.add_argument("patch", metavar="PATCH", type=patch_file, help=help_text, **settings)
 
 
 def add_length_and_rate(parser: CommandParser, rate: str = "44100") -> None:
@@ -135,8 +135,8 @@ def add_gain(parser: CommandParser) -> None:
 
 def add_cores(parser: CommandParser) -> None:
     """Add how many processor cores may be used."""
-    told = "how many may share the work (default: all; the samples are the same)"
-    parser.add_argument("--cores", metavar="N", help=told)
+    help_text = "how many may share the work (default: all; the samples are the same)"
+    parser.add_argument("--cores", metavar="N", help=help_text)
 
 
 def add_voices(parser: CommandParser) -> None:
@@ -144,21 +144,21 @@ def add_voices(parser: CommandParser) -> None:
     parser.add_argument("--voices", metavar="N", help=f"notes at a time, with --midi (default: {VOICES})")
 
 
-def add_plot(parser: CommandParser, what: str) -> None:
+def add_plot(parser: CommandParser, contents: str) -> None:
     """Add a picture, of something."""
-    told = f"draw {what} (default: beside the sound)"
-    parser.add_argument("--plot", metavar="OUT.png", nargs="?", const="", help=told)
+    help_text = f"draw {contents} (default: beside the sound)"
+    parser.add_argument("--plot", metavar="OUT.png", nargs="?", const="", help=help_text)
 
 
-def add_report(parser: CommandParser, what: str) -> None:
+def add_report(parser: CommandParser, contents: str) -> None:
     """Add a page, of something."""
-    told = f"also write a page {what}, all in one file (default: beside the sound)"
-    parser.add_argument("--report", metavar="OUT.html", nargs="?", const="", help=told)
+    help_text = f"also write a page {contents}, all in one file (default: beside the sound)"
+    parser.add_argument("--report", metavar="OUT.html", nargs="?", const="", help=help_text)
 
 
-def add_json(parser: CommandParser, what: str = "the statistics") -> None:
+def add_json(parser: CommandParser, contents: str = "the statistics") -> None:
     """Add the switch to output for programs."""
-    parser.add_argument("--json", action="store_true", help=f"print {what} as one JSON object")
+    parser.add_argument("--json", action="store_true", help=f"print {contents} as one JSON object")
 
 
 def add_accuracy_options(parser: CommandParser) -> None:

@@ -12,8 +12,8 @@ from engine.wording import json_safe
 
 def add_inspect_command(commands: "arguments.Commands") -> None:
     """Add `inspect` and its options."""
-    what = "what is built and left out, and what each island costs"
-    parser = commands.add_parser("inspect", help=what, description=f"Tell {what}. No file is written.")
+    contents = "what is built and left out, and what each island costs"
+    parser = commands.add_parser("inspect", help=contents, description=f"Tell {contents}. No file is written.")
     arguments.add_patch(parser)
     arguments.add_length_and_rate(parser)
     arguments.add_accuracy_options(parser)
@@ -35,12 +35,12 @@ def profile_command(args: argparse.Namespace) -> int:
     seconds = numbers["seconds"] or scene.seconds
     try:
         with progress_feedback(args.json):
-            found = profile_scene(scene, seconds, samplerate_of(numbers), **accuracy_options(args))
+            profile = profile_scene(scene, seconds, samplerate_of(numbers), **accuracy_options(args))
     except MemoryError:
         print_error("not enough memory for so many samples; give fewer --seconds")
         return 1
     if args.json:
-        print(json.dumps({"patch": args.patch, "seconds": seconds, "explain": json_safe(found)}))
+        print(json.dumps({"patch": args.patch, "seconds": seconds, "explain": json_safe(profile)}))
     else:
-        console.print_profile(found, seconds)
+        console.print_profile(profile, seconds)
     return 0

@@ -14,12 +14,12 @@ from engine.wording import json_safe
 
 def add_machine_commands(commands: "arguments.Commands") -> None:
     """Add the commands of this file and their options."""
-    told = "list what can be played on"
-    devices = commands.add_parser("devices", help=told, description=f"{told.capitalize()}.")
+    summary = "list what can be played on"
+    devices = commands.add_parser("devices", help=summary, description=f"{summary.capitalize()}.")
     devices.set_defaults(run=list_devices)
 
-    told = "where compiled kernels are kept, and how large they are"
-    cache = commands.add_parser("cache", help=told, description=f"Tell {told}.")
+    summary = "where compiled kernels are kept, and how large they are"
+    cache = commands.add_parser("cache", help=summary, description=f"Tell {summary}.")
     cache.add_argument("--clear", action="store_true", help="delete them; a render compiles again what it needs")
     arguments.add_json(cache, "the same")
     cache.set_defaults(run=cache_command)
@@ -30,8 +30,8 @@ def add_machine_commands(commands: "arguments.Commands") -> None:
         description="Keep recordings that were broken off, as files that can be played; delete what else was left for"
         " a week.",
     )
-    told = "where they were made (default: here)"
-    recover.add_argument("folder", metavar="FOLDER", nargs="?", default=".", help=told)
+    folder_help = "where they were made (default: here)"
+    recover.add_argument("folder", metavar="FOLDER", nargs="?", default=".", help=folder_help)
     recover.set_defaults(run=recover_recordings)
 
 
@@ -68,9 +68,9 @@ def cache_command(args: argparse.Namespace) -> int:
     left = cache_files.clear(base) if args.clear else before
     kernels, size = cache_files.count(left)
     deleted = cache_files.count(before)[0] - kernels
-    told = {"folder": str(base), "kernels": kernels, "bytes": size, "limit_bytes": limit, "deleted": deleted}
+    report = {"folder": str(base), "kernels": kernels, "bytes": size, "limit_bytes": limit, "deleted": deleted}
     if args.json:
-        print(json.dumps(json_safe(told)))
+        print(json.dumps(json_safe(report)))
     elif args.clear:
         print(f"{base}: {deleted} kernels deleted")
     else:
@@ -87,7 +87,7 @@ def recover_recordings(args: argparse.Namespace) -> int:
     from engine.live.recording import repair_header
     from engine.output_files import error_reason, unused_path
 
-    folder, kept = Path(args.folder), 0
+    folder, count = Path(args.folder), 0
     if not folder.is_dir():
         print_faults([Fault("FOLDER", f"no such folder: {folder}")])
         return 2
@@ -97,7 +97,7 @@ def recover_recordings(args: argparse.Namespace) -> int:
             if frames := repair_header(path):
                 target = unused_path(folder / name)
                 os.replace(path, target)
-                kept += 1
+                count += 1
                 print(f"{target}: {frames} frames, of {path.name}")
     except OSError as error:
         print_error(f"cannot recover {folder} ({error_reason(error)})")
@@ -105,6 +105,6 @@ def recover_recordings(args: argparse.Namespace) -> int:
     deleted = recovery.delete_unusable([(path, name) for path, name in leftovers if path.exists()])
     if deleted:
         print(f"{deleted} other half-written files, older than a week, deleted")
-    if not kept:
+    if not count:
         print(f"{folder}: no recording was broken off")
     return 0

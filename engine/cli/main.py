@@ -60,8 +60,8 @@ def main(words: list[str] | None = None) -> int:
     try:
         parser, commands = build_parser()
         if not words:
-            right = f"such as {EXAMPLE}, or start one with {program_name()} new NAME"
-            parser.error(f"give a PATCH, {right}")
+            remedy = f"such as {EXAMPLE}, or start one with {program_name()} new NAME"
+            parser.error(f"give a PATCH, {remedy}")
         if words[0] not in commands and words[0] not in OF_THE_PROGRAM:
             if meant := suggest_command(words[0], list(commands)):
                 print_error(f'no command, file or shipped patch is called "{words[0]}"; {meant}')
@@ -93,10 +93,10 @@ def build_parser() -> tuple[Parser, dict[str, CommandParser]]:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", parser_class=CommandParser, required=True)
     for add in COMMAND_GROUPS:
         add(commands)
-    found: dict[str, CommandParser] = dict(commands.choices)
-    for command in found.values():
-        command.others = found
-    return parser, found
+    parsers: dict[str, CommandParser] = dict(commands.choices)
+    for command in parsers.values():
+        command.others = parsers
+    return parser, parsers
 
 
 class ShowVersion(argparse.Action):

@@ -28,24 +28,24 @@ LONGEST_PATH = 400  # characters of one that is told
 
 def add_patch_commands(commands: "arguments.Commands") -> None:
     """Add the commands of this file and their options."""
-    told = "validate patches without rendering"
-    check = commands.add_parser("check", help=told, description=f"{told.capitalize()}.")
+    summary = "validate patches without rendering"
+    check = commands.add_parser("check", help=summary, description=f"{summary.capitalize()}.")
     arguments.add_patch(check, nargs="+")
     check.set_defaults(run=check_patches)
 
-    told = "list the numbers of a patch, by their paths"
-    params = commands.add_parser("params", help=told, description=f"{told.capitalize()}.")
+    summary = "list the numbers of a patch, by their paths"
+    params = commands.add_parser("params", help=summary, description=f"{summary.capitalize()}.")
     arguments.add_patch(params)
     arguments.add_json(params, "them")
     params.set_defaults(run=print_parameters)
 
     templates = read_templates()
-    told = "start a patch from a template"
+    summary = "start a patch from a template"
     listed = "\n".join(f"  {name:<8} {text.splitlines()[0].lstrip('# ')}" for name, text in templates.items())
     new = commands.add_parser(
         "new",
-        help=told,
-        description=f"{told.capitalize()}.",
+        help=summary,
+        description=f"{summary.capitalize()}.",
         epilog=f"templates:\n{listed}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -53,11 +53,11 @@ def add_patch_commands(commands: "arguments.Commands") -> None:
     new.add_argument("--like", metavar="TEMPLATE", help=f"{', '.join(templates)} (default: {FIRST_TEMPLATE})")
     new.set_defaults(run=start_patch)
 
-    told = "Print the JSON Schema of a patch, by which editors complete and check."
-    schema = commands.add_parser("schema", help="the JSON Schema of a patch, for editors", description=told)
+    summary = "Print the JSON Schema of a patch, by which editors complete and check."
+    schema = commands.add_parser("schema", help="the JSON Schema of a patch, for editors", description=summary)
     schema.set_defaults(run=print_schema)
-    told = "Print every key of a patch, as Markdown: docs/patches.md."
-    reference = commands.add_parser("reference", help="every key of a patch, as Markdown", description=told)
+    summary = "Print every key of a patch, as Markdown: docs/patches.md."
+    reference = commands.add_parser("reference", help="every key of a patch, as Markdown", description=summary)
     reference.set_defaults(run=print_reference)
 
 
@@ -76,8 +76,8 @@ def check_patches(args: argparse.Namespace) -> int:
                 "forces": scene.force,
                 "pickups": scene.pickup,
             }
-            told = ", ".join(f"{name} {len(tables)}" for name, tables in parts.items())
-            print(f"{to_one_line(path, LONGEST_PATH)}: valid; {told}")
+            summary = ", ".join(f"{name} {len(tables)}" for name, tables in parts.items())
+            print(f"{to_one_line(path, LONGEST_PATH)}: valid; {summary}")
         print_faults(faults)
     return 2 if faulty else 0
 
@@ -124,12 +124,12 @@ def print_parameters(args: argparse.Namespace) -> int:
     if scene is None:
         print_faults(faults)
         return 2
-    found = list_parameters(scene)
+    parameters = list_parameters(scene)
     if args.json:
-        print(json.dumps(json_safe({"patch": args.patch, "params": [asdict(p) for p in found]})))
+        print(json.dumps(json_safe({"patch": args.patch, "params": [asdict(p) for p in parameters]})))
         return 0
     rows: list[tuple[str, ...]] = [("path", "value", "unit", "range", "live", "meaning")]
-    rows += [(p.path, format_number(p.value), p.unit, p.range, "knob" if p.live else "", p.meaning) for p in found]
+    rows += [(p.path, format_number(p.value), p.unit, p.range, "knob" if p.live else "", p.meaning) for p in parameters]
     print_table(rows)
     return 0
 

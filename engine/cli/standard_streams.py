@@ -66,8 +66,8 @@ def prepare() -> None:
 def _stream(before: Any, number: int) -> Stream:
     if before is None:
         return Stream(io.BufferedWriter(io.FileIO(number, "wb", closefd=False)), "utf-8", "escaped")
-    told = {"line_buffering": before.line_buffering, "write_through": before.write_through}
-    return Stream(before.detach(), before.encoding, "escaped", **told)
+    buffering = {"line_buffering": before.line_buffering, "write_through": before.write_through}
+    return Stream(before.detach(), before.encoding, "escaped", **buffering)
 
 
 def finish(code: int) -> int:
@@ -78,6 +78,6 @@ def finish(code: int) -> int:
     if trouble is None:
         return code
     if trouble.errno not in (errno.EPIPE, errno.EINVAL):  # the reader has gone; Windows says EINVAL
-        told = f"cannot write to standard output ({error_reason(trouble)})"
-        print(f"{program_name()}: {told}", file=sys.stderr, flush=True)
+        message = f"cannot write to standard output ({error_reason(trouble)})"
+        print(f"{program_name()}: {message}", file=sys.stderr, flush=True)
     return code or 1

@@ -52,12 +52,12 @@ def read_terminal(number: int) -> Iterator[Callable[[float], str]]:
         try:
             if not select.select([number], [], [], seconds)[0]:
                 return ""
-            found = os.read(number, 64)
+            pressed = os.read(number, 64)
         except OSError:
-            found = b""
-        if not found:  # it was closed, and will always answer at once
+            pressed = b""
+        if not pressed:  # it was closed, and will always answer at once
             time.sleep(seconds)
-        return found.decode(errors="replace")
+        return pressed.decode(errors="replace")
 
     before = termios.tcgetattr(number)
     try:

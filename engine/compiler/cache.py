@@ -42,12 +42,12 @@ def digest() -> str:
 
     Machines of several kinds may share a home folder: each has kernels of its own, and none counts as older sources.
     """
-    here = Path(__file__).parents[1]
+    package = Path(__file__).parents[1]
     versions = (numba.__version__, llvmlite.__version__, np.__version__, sys.version, *sorted(switched_off()))
     sources = hashlib.sha256("\0".join(versions).encode())
     for path in kernel_sources():
         content = path.read_bytes()
-        sources.update(f"\0{path.relative_to(here).as_posix()}\0{len(content)}\0".encode() + content)
+        sources.update(f"\0{path.relative_to(package).as_posix()}\0{len(content)}\0".encode() + content)
     processor = (sys.platform, llvmlite.binding.get_host_cpu_name(), get_host_cpu_features())
     return f"{sources.hexdigest()[:16]}-{hashlib.sha256(repr(processor).encode()).hexdigest()[:8]}"
 
@@ -55,31 +55,31 @@ def digest() -> str:
 @lru_cache
 def folder() -> Path:
     """The folder of kernels of the present sources; what there is too much of is deleted. Raises OSError."""
-    found = cache_files.folder(digest())
-    _prune(found)
-    return found
+    path = cache_files.folder(digest())
+    _prune(path)
+    return path
 
 
 def _prune(present: Path) -> None:
     try:
-        room = cache_files.limit()
+        size = cache_files.limit()
     except ValueError as error:
-        _say(f"{error}; {cache_files.LIMIT:g} MB is used")
-        room = cache_files.LIMIT * 1e6
-    cache_files.prune(present, room)
+        warn_once(f"{error}; {cache_files.LIMIT:g} MB is used")
+        size = cache_files.LIMIT * 1e6
+    cache_files.prune(present, size)
 
 
 @lru_cache
-def _say(what: str) -> None:
+def warn_once(message: str) -> None:
     """Tell the user, once, and not from each process of a sweep."""
     from multiprocessing import parent_process
 
     if parent_process() is None:
-        print(f"fdh-engine: {what}", file=sys.stderr)
+        print(f"fdh-engine: {message}", file=sys.stderr)
 
 
 @lru_cache
-def _stamp(path: str) -> str | None:
+def file_digest(path: str) -> str | None:
     """Digest of a source file; None if there is none, as at a prompt."""
     try:
         return hashlib.sha256(Path(path).read_bytes()).hexdigest()
@@ -145,8 +145,8 @@ class KernelCache(FunctionCache):
         if content is None:
             return None
         try:
-            found, parts = pickle.loads(content)
-            return self._impl.rebuild(target, parts) if found == key else None
+            stored_key, parts = pickle.loads(content)
+            return self._impl.rebuild(target, parts) if stored_key == key else None
         except Exception:  # whatever it is that cannot be loaded, it can be compiled
             cache_files.delete(path)
             return None
@@ -161,15 +161,15 @@ class KernelCache(FunctionCache):
             cache_files.write(path, dumps((key, self._impl.reduce(result))))
             _prune(path.parent)
         except OSError as error:
-            why = error.strerror or error
-            _say(f"compiled kernels cannot be kept ({why}); they are compiled again at each start")
+            reason = error.strerror or error
+            warn_once(f"compiled kernels cannot be kept ({reason}); they are compiled again at each start")
 
     def _key(self, signature: Any, codegen: Any) -> Any:
         """What a file must be of: source, types, processor, code and what it closes over. None if it is not kept."""
-        stamp = _stamp(self._source)
+        stamp = file_digest(self._source)
         return (stamp, *self._index_key(signature, codegen)) if self._enabled and stamp else None
 
     def _path(self, key: Any) -> Path:
         """The file of a key; after an edit, the same. Raises OSError."""
-        what = hashlib.sha256(repr((self._source, key[1:])).encode()).hexdigest()[:16]
-        return folder() / f"{self._name}-{what}{cache_files.KERNEL}"
+        key_digest = hashlib.sha256(repr((self._source, key[1:])).encode()).hexdigest()[:16]
+        return folder() / f"{self._name}-{key_digest}{cache_files.KERNEL}"

@@ -266,8 +266,8 @@ def render_partition(model, state, output, partition, frames):
             if skip_chunk(state.sleep, n, start + begin, end - begin, output.ledger, output.trace):
                 continue
             bounds = island_bounds(islands, partition, n)
-            island, own = island_model(model, state, bounds), island_state(state, bounds)
-            render_chunk(island, own, output, bounds, start, begin, end)
+            part, part_state = island_model(model, state, bounds), island_state(state, bounds)
+            render_chunk(part, part_state, output, bounds, start, begin, end)
         state.frame[partition] += end - begin
 
 

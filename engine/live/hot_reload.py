@@ -15,15 +15,15 @@ LIVE_KEYS = ("stiffness", "exponent", "barrier", "gap")
 def changed_parameters(old: Scene, new: Scene) -> dict[str, float] | None:
     """The knobs that make the old scene the new one, and their values; None if no knobs can."""
     before, after = old.model_dump(exclude_none=True), new.model_dump(exclude_none=True)
-    found: dict[str, float] = {}
+    changed: dict[str, float] = {}
     if len(before["contact"]) == len(after["contact"]):
         for was, now in zip(before["contact"], after["contact"], strict=True):
             for key in LIVE_KEYS:
                 plain = isinstance(was.get(key), float) and isinstance(now.get(key), float)
                 if plain and was[key] != now[key] and was[key] * now[key] != 0.0 and "name" in was:
-                    found[f"contact.{was['name']}.{key}"] = now[key]
+                    changed[f"contact.{was['name']}.{key}"] = now[key]
                     was[key] = now[key]
-    return found if before == after else None
+    return changed if before == after else None
 
 
 class PatchWatcher:
@@ -43,10 +43,10 @@ class PatchWatcher:
 
     def _stamp(self) -> tuple[int, int]:
         try:
-            found = self.path.stat()
+            status = self.path.stat()
         except OSError:  # between two halves of a save
             return (0, 0)
-        return found.st_mtime_ns, found.st_size
+        return status.st_mtime_ns, status.st_size
 
     def poll(self) -> list[str]:
         """Apply what has been saved since the last call. Returns messages to print."""
@@ -62,10 +62,10 @@ class PatchWatcher:
             return [*map(str, error.faults), "the old sound goes on"]
         parameters = changed_parameters(self.scene, scene)
         if parameters is not None and set(parameters) <= set(self.player.live_parameters):
-            for what, value in parameters.items():
-                self.player.set(what, value)
+            for path, value in parameters.items():
+                self.player.set(path, value)
             self.scene = scene
-            return [f"{what} → {value:g}" for what, value in parameters.items()]
+            return [f"{path} → {value:g}" for path, value in parameters.items()]
         self._thread = threading.Thread(target=self._prepare, args=(scene,), daemon=True)
         self._thread.start()
         return []
@@ -77,8 +77,8 @@ class PatchWatcher:
         except Exception as error:  # whatever it is, the sound goes on
             self._made.append((scene, error))
 
-    def _take_over(self, made: tuple[Scene, Any]) -> list[str]:
-        scene, player = made
+    def _take_over(self, prepared: tuple[Scene, Any]) -> list[str]:
+        scene, player = prepared
         if isinstance(player, Exception):
             return [f"{player}; the old sound goes on"]
         try:

@@ -39,7 +39,7 @@ class PitchedBody(NamedTuple):
 def pitched_bodies(scene: Scene) -> list[PitchedBody]:
     """The bodies that notes can sound: those that vibrate, are struck or plucked, and are heard or in contact with what
     is. Raises MidiError if there are none."""
-    heard, found = {p.body for p in scene.pickup}, []
+    heard, bodies = {p.body for p in scene.pickup}, []
     hammers = striker_velocities(scene)
     for body in scene.body:
         name = body.name
@@ -48,13 +48,13 @@ def pitched_bodies(scene: Scene) -> list[PitchedBody]:
         omega = body.modal_body(20_000.0).omega
         struck, plucked = strikers(scene, name), bool(plucks(scene, name))
         if omega.size and omega.min() > 0.0 and (struck or plucked):
-            found.append(PitchedBody(name, float(omega.min()) / (2 * math.pi), struck, plucked))
-    if not found:
+            bodies.append(PitchedBody(name, float(omega.min()) / (2 * math.pi), struck, plucked))
+    if not bodies:
         first = scene.pickup[0].body
         if next(b for b in scene.body if b.name == first).kind == "mass":
             raise MidiError(f"{first} has no pitch that could be tuned; notes need a body that vibrates")
         raise MidiError("nothing that vibrates is struck or plucked; notes need a thrown hammer or a pluck")
-    return found
+    return bodies
 
 
 def nearest_body(bodies: list[PitchedBody], note: int) -> PitchedBody:
@@ -128,19 +128,19 @@ class VoiceAllocator:
         """Kinetic energy of what a voice lets be heard, about, J."""
         mode = self.player.model.islands.mode
         islands = (mode.size - 1) // self.player.voices
-        own = slice(mode[voice * islands], mode[(voice + 1) * islands])
-        heard = np.abs(self._ears[own]) > 0.0
-        found = float(np.sum(self.player.state.p[own][heard] ** 2))
-        self._most[voice] = max(self._most[voice], found)
-        return found
+        modes = slice(mode[voice * islands], mode[(voice + 1) * islands])
+        heard = np.abs(self._ears[modes]) > 0.0
+        energy = float(np.sum(self.player.state.p[modes][heard] ** 2))
+        self._most[voice] = max(self._most[voice], energy)
+        return energy
 
     @cached_property
     def _ears(self) -> np.ndarray:
         """Which modes belong to bodies that are heard."""
-        layout, found = self.player.layout, np.zeros(self.player.state.p.size)
+        layout, weights = self.player.layout, np.zeros(self.player.state.p.size)
         for pickup in self.player.scene.pickup:
-            found[layout.global_modes(layout.body_index[pickup.body])] = 1.0
-        return found
+            weights[layout.global_modes(layout.body_index[pickup.body])] = 1.0
+        return weights
 
     def _samples(self, damper: tuple[float, float]) -> int:
         return round(damper[1] * self.player.samplerate)
@@ -152,8 +152,8 @@ class VoiceAllocator:
 
 def played_notes(keys: VoiceAllocator) -> dict[str, str]:
     """Which notes each body has played: those in its own octave by name, with how far they are from its pitch."""
-    found: dict[str, list[str]] = {}
+    names: dict[str, list[str]] = {}
     for number, body in sorted(keys.played.items()):
         cents = 1200 * math.log2(body.ratio(number))
-        found.setdefault(body.body, []).append(note_name(number) + (f" ({cents:+.0f} c)" if abs(cents) >= 0.5 else ""))
-    return {body: ", ".join(notes) for body, notes in found.items()}
+        names.setdefault(body.body, []).append(note_name(number) + (f" ({cents:+.0f} c)" if abs(cents) >= 0.5 else ""))
+    return {body: ", ".join(notes) for body, notes in names.items()}

@@ -32,11 +32,11 @@ def replicate(scene: Scene, voices: int) -> Scene:
 
 def plucks(scene: Scene, name: str) -> list[Force]:
     """The forces that pluck or strike a body and are then over; if there is none, the first pluck of the score."""
-    found: list[Force] = [
+    forces: list[Force] = [
         f for f in scene.force if f.body == name and isinstance(f, PluckForce | PulseForce | HalfSineForce)
     ]
-    again = [e for e in scene.event if isinstance(e, PluckEvent) and e.body == name]
-    return found or [PluckForce(kind="pluck", **e.model_dump(exclude={"kind", "time"})) for e in again[:1]]
+    pluck_events = [e for e in scene.event if isinstance(e, PluckEvent) and e.body == name]
+    return forces or [PluckForce(kind="pluck", **e.model_dump(exclude={"kind", "time"})) for e in pluck_events[:1]]
 
 
 def strikers(scene: Scene, name: str) -> list[str]:
@@ -47,8 +47,8 @@ def strikers(scene: Scene, name: str) -> list[str]:
 
 def striker_velocities(scene: Scene) -> dict[str, float]:
     """The hammers of a scene and their velocities: masses and oscillators that are thrown, at first or by an event."""
-    found = {b.name: b.velocity for b in scene.body if isinstance(b, Mass | Oscillator) and b.velocity}
+    forces = {b.name: b.velocity for b in scene.body if isinstance(b, Mass | Oscillator) and b.velocity}
     for event in scene.event:
         if isinstance(event, StrikeEvent):
-            found.setdefault(event.body, event.velocity)
-    return found
+            forces.setdefault(event.body, event.velocity)
+    return forces

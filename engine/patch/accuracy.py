@@ -48,11 +48,11 @@ class Accuracy(Table):
 
     def coarser(self) -> list["Accuracy"]:
         """This setting, and coarser ones down to one plain step."""
-        found = [self]
-        while found[-1].is_refined:
-            last = found[-1]
-            found.append(last.replace(order=2) if last.order > 2 else last.replace(substeps=last.substeps // 2))
-        return found
+        values = [self]
+        while values[-1].is_refined:
+            last = values[-1]
+            values.append(last.replace(order=2) if last.order > 2 else last.replace(substeps=last.substeps // 2))
+        return values
 
     @property
     def is_refined(self) -> bool:

@@ -96,7 +96,7 @@ def test_an_edited_function_is_compiled_again(base, tmp_path, monkeypatch):
     def value(factor: int) -> float:
         path = tmp_path / "edited.py"
         path.write_text(f"FACTOR = {factor}.0\ndef scaled(x):\n    return FACTOR * x\n")
-        cache._stamp.cache_clear()
+        cache.file_digest.cache_clear()
         names: dict = {}
         exec(compile(path.read_text(), str(path), "exec"), names)
         return kernel(names["scaled"])(1.0)

@@ -17,7 +17,7 @@ PATCH = str(ROOT / "patches" / "repelled_oscillator.toml")
 @pytest.fixture
 def fresh(monkeypatch):
     """Forgets what this process knows of folders, before and after."""
-    caches = (cache.folder, cache.digest, cache.warn_once)
+    caches = (cache.kernel_folder, cache.digest, cache.warn_once)
     for function in caches:
         function.cache_clear()
     yield
@@ -49,7 +49,7 @@ def twice(x):
 
 def start(argument=1.5) -> bool:
     """Use a kernel as a new process would; whether it was loaded, and not compiled."""
-    cache.folder.cache_clear()
+    cache.kernel_folder.cache_clear()
     dispatcher = kernel(twice)
     assert dispatcher(argument) == 2 * argument
     return bool(dispatcher.stats.cache_hits)

@@ -8,7 +8,7 @@ from pathlib import Path
 from conftest import ROOT
 
 import engine
-from engine.sweep.axes import Axis, parse_axis
+from engine.sweep.axes import SweepAxis, parse_axis
 from engine.sweep.plan import SweepPlan, grid_points
 from engine.sweep.sweep import run_sweep
 from engine.sweep.task import render_task
@@ -17,7 +17,7 @@ MARBLE = str(ROOT / "patches" / "marble_on_a_bell.toml")
 SECONDS = 0.02  # of a sound, in which a marble close to the bell strikes it
 
 
-def axis(text: str, patch: str = MARBLE, sampling: bool = False) -> Axis:
+def axis(text: str, patch: str = MARBLE, sampling: bool = False) -> SweepAxis:
     return parse_axis(text, engine.load(patch), tomllib.loads(Path(patch).read_text("utf-8")), sampling)
 
 

@@ -16,7 +16,7 @@ from bench.publish.report import ROOT, publish, stamp
 from engine.analysis.features import features
 from engine.output_files import apply_gain
 from engine.report import plots
-from engine.sweep.axes import Axis, locate
+from engine.sweep.axes import SweepAxis, locate
 from engine.sweep.plan import scene_at
 
 PAGE, WORDS = ROOT / "docs" / "gallery.md", ROOT / "bench" / "gallery.toml"
@@ -92,7 +92,7 @@ def attempt(path: Path, trial: dict[str, Any], before: dict[str, float | None]) 
 def changed(path: Path, values: dict[str, Any]) -> engine.Scene:
     """A patch with some of its values changed. Raises ValueError if it has no such values."""
     data, scene = tomllib.loads(path.read_text("utf-8")), engine.load(path)
-    axes = [Axis(what, locate(what, scene, data)[0], (value,)) for what, value in values.items()]
+    axes = [SweepAxis(what, locate(what, scene, data)[0], (value,)) for what, value in values.items()]
     return scene_at(data, str(path), axes, tuple(values.values()))
 
 

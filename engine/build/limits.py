@@ -19,8 +19,8 @@ from engine.patch.tables import Force, PluckEvent
 
 MAX_FREQUENCY_SHARE = 0.49  # of the sample rate; what vibrates faster would come out at another frequency
 MAX_DECAY_RATE = 1e9  # 1/s; what decays faster has lost all in a thousandth of a step
-MAX_MODES = 250_000  # of all bodies
-MAX_CONTACT_POINTS = 20_000  # of all contacts
+MAX_SCENE_MODES = 250_000  # of all bodies
+MAX_SCENE_CONTACT_POINTS = 20_000  # of all contacts
 MAX_ISLAND_CONTACTS = 512  # in an island; its coupled solve takes time of their third power
 MAX_SHAPES = 1 << 24  # numbers: a mode's shape at a place that something acts at or listens to
 MAX_FORCE_STEPS = 1 << 28  # of the tables of all forces: 2 GB
@@ -54,9 +54,9 @@ def build_modal_bodies(scene: Scene, samplerate: float, scheme: str) -> list[Mod
             faults.append(Fault(f"{path}.frequency", f"{message}; a higher frequency, or less bending"))
         bodies.append(modal)
         total += modal.omega.size
-        if total > MAX_MODES:
+        if total > MAX_SCENE_MODES:
             faults.append(
-                Fault(path, f"with it the bodies have over {MAX_MODES} modes; give fewer modes, or fewer bodies")
+                Fault(path, f"with it the bodies have over {MAX_SCENE_MODES} modes; give fewer modes, or fewer bodies")
             )
             break
     if faults:
@@ -92,9 +92,9 @@ def check_sizes(scene: Scene, modal_bodies: list[ModalBody]) -> None:
         count = count_points(contact)
         points += count
         shapes += count * (modes[contact.body] + (modes[contact.on] if contact.on is not None else 0))
-        if points > MAX_CONTACT_POINTS:
+        if points > MAX_SCENE_CONTACT_POINTS:
             raise BuildError(
-                Fault(f"contact[{k}]", f"with it there are over {MAX_CONTACT_POINTS} points of contact; fewer")
+                Fault(f"contact[{k}]", f"with it there are over {MAX_SCENE_CONTACT_POINTS} points of contact; fewer")
             )
         _check_shapes(f"contact[{k}]", shapes)
     pickups = [(f"pickup[{i}]", pickup.body) for i, pickup in enumerate(scene.pickup)]

@@ -13,7 +13,7 @@ from engine.wording import to_one_line
 if TYPE_CHECKING:
     Commands = argparse._SubParsersAction["CommandParser"]
 
-MAX_MESSAGE_CHARACTERS = 400  # characters of a message
+MAX_USAGE_CHARACTERS = 400  # characters of a message
 VOICES = 8  # notes at a time, unless told otherwise
 ACCURACY_OPTIONS = {"scheme": str, "order": int, "substeps": int, "tolerance": float, "oversample": int}
 ACCURACY_OPTIONS |= {"precision": str}
@@ -49,7 +49,7 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Print what is wrong, and exit with 2."""
         unknown = message.partition("unrecognized arguments: ")[2].partition(" ")[0].partition("=")[0]
-        self.exit(2, f"{self.prog}: {to_one_line(message, MAX_MESSAGE_CHARACTERS)}; {self.suggest_option(unknown)}\n")
+        self.exit(2, f"{self.prog}: {to_one_line(message, MAX_USAGE_CHARACTERS)}; {self.suggest_option(unknown)}\n")
 
     def suggest_option(self, unknown: str) -> str:
         """Name the option that was meant by an unknown one, or where options are listed."""

@@ -33,13 +33,14 @@ from engine.patch.reader import load
 from engine.patch.scene import Scene
 from engine.wording import json_safe
 
-TICK = 0.004  # s, between two looks at notes …
-REST = 0.1  # s, … and at the meter and the patch's file
-PILOT, LONGEST = 1.5, 30.0  # s: how long a patch is measured before it is played, and how much of it at most
+POLL_INTERVAL = 0.004  # s, between two looks at notes …
+IDLE_INTERVAL = 0.1  # s, … and at the meter and the patch's file
+PILOT_SECONDS = 1.5  # how long a patch is measured before it is played …
+MAX_PILOT_SECONDS = 30.0  # … and how much of it at most
 WINDOW = 0.05  # s, of which the dearest counts
 RETRIES = 2  # of a patch that seems too heavy
 HEADROOM = 0.5  # peak of the pilot in the output: what is struck later may be louder
-PATIENCE = 2.0  # s, for the driver to end
+DRIVER_TIMEOUT = 2.0  # s, for the driver to end
 SOFTEST = 0.2  # of a hammer's own speed, for key 1; key 5 is as the patch has it
 ENDS = {"q": "quit", "n": "next"}
 
@@ -66,8 +67,8 @@ def window_costs(player: Player, block: int, most: float) -> tuple[np.ndarray, f
         player.strike()
     rate = player.samplerate
     out, costs, spent, played = np.zeros((block, player.channels), np.float32), list[float](), 0.0, 0
-    limit, started = min(LONGEST, player.scene.seconds) * rate, time.perf_counter()
-    while player.frame < limit and time.perf_counter() - started < PILOT and len(costs) < most:
+    limit, started = min(MAX_PILOT_SECONDS, player.scene.seconds) * rate, time.perf_counter()
+    while player.frame < limit and time.perf_counter() - started < PILOT_SECONDS and len(costs) < most:
         begin = time.perf_counter()
         player.render_into(out)
         spent, played = spent + time.perf_counter() - begin, played + block
@@ -144,7 +145,7 @@ def play_patch(args: argparse.Namespace, scene: Scene, gain: float | None, accur
         wish, code = play_to_end(args, player, stream, name, watch, notes)
         stream.close()
         played = voice_allocator.played_notes(allocator) if allocator else {}
-        print_summary(watch.player if watch is not None else player, args, played)
+        print_live_summary(watch.player if watch is not None else player, args, played)
         if wish != "next" or code:
             return code
         path, scene = next_patch(path)
@@ -205,10 +206,10 @@ def run_session(
     wish, deadline, player, shown = "over", math.inf, first, -math.inf
     audio_device.start_stream(stream)
     while True:
-        pressed = keys(TICK if notes is not None else REST)
+        pressed = keys(POLL_INTERVAL if notes is not None else IDLE_INTERVAL)
         if notes is not None and notes():
             player.stop()
-        if time.monotonic() - shown >= REST:
+        if time.monotonic() - shown >= IDLE_INTERVAL:
             shown = time.monotonic()
             write(first.fetch_recording())
             if watch is not None:
@@ -220,7 +221,7 @@ def run_session(
         if wish == "over" and (interrupted or ends):
             wish = "interrupted" if interrupted else ends[0]
             player.stop()
-            deadline = time.monotonic() + PATIENCE + 2 * float(np.max(stream.latency))
+            deadline = time.monotonic() + DRIVER_TIMEOUT + 2 * float(np.max(stream.latency))
         for key in pressed:
             handle_key(player, key)
         if not stream.active:
@@ -277,7 +278,7 @@ def open_recording(args: argparse.Namespace, player: Player) -> Iterator[Recordi
         kept.close(played)
 
 
-def print_summary(player: Player, args: argparse.Namespace, played: dict[str, str]) -> None:
+def print_live_summary(player: Player, args: argparse.Namespace, played: dict[str, str]) -> None:
     """What there is to be said at the end. played: which body played which notes."""
     now = player.meter()
     if args.json:

@@ -35,7 +35,7 @@ COMMAND_GROUPS = (
 )
 DEFAULT = "render"  # what is done to a patch, where no command is given
 OF_THE_PROGRAM = ("-h", "--help", "--version")
-WORD = re.compile(r"[\w-]{1,40}")  # what may be a misspelt command or shipped patch: no path
+COMMAND_WORD = re.compile(r"[\w-]{1,40}")  # what may be a misspelt command or shipped patch: no path
 EXAMPLE = "tanpura"
 EPILOG = """{program} PATCH … is {program} render PATCH …, and {program} COMMAND --help tells the options of a command.
 PATCH is a file, or the name of a shipped patch:
@@ -123,7 +123,7 @@ def list_shipped() -> str:
 def suggest_command(word: str, commands: list[str]) -> str:
     """What was meant by a first word that is no command, no file and no shipped patch; nothing if it is one of these,
     or a path, of which the reader of patches says more."""
-    if word.startswith("-") or not WORD.fullmatch(word) or path_exists(find_patch(word)):
+    if word.startswith("-") or not COMMAND_WORD.fullmatch(word) or path_exists(find_patch(word)):
         return ""
     files = sorted(Path().glob("*.toml")) if is_folder(Path()) else []
     meant = {name: name for name in shipped_names()} | {path.stem: str(path) for path in files}

@@ -14,14 +14,18 @@ from engine.faults import Fault
 from engine.files import is_folder
 from engine.output_files import absolute_path, is_writable_folder
 
-RATE = 44_100  # Hz, if no other is asked for
+DEFAULT_SAMPLERATE = 44_100  # Hz, if no other is asked for
 MAX_VOICES = 64
 
 NumericOptions = dict[str, float | None]  # those of a command that are numbers, or not given
 
 # of a file to be written: what it is called, and the endings of its name
-KINDS = {"--report": ("page", (".html", ".htm")), "--plot": ("picture", (".png",)), "--trace": ("trace", (".npz",))}
-KINDS["--event-log"] = ("log", (".json",))
+FILE_KINDS = {
+    "--report": ("page", (".html", ".htm")),
+    "--plot": ("picture", (".png",)),
+    "--trace": ("trace", (".npz",)),
+}
+FILE_KINDS["--event-log"] = ("log", (".json",))
 
 
 def numeric_options(args: argparse.Namespace) -> tuple[NumericOptions, list[Fault]]:
@@ -62,7 +66,7 @@ def numeric_options(args: argparse.Namespace) -> tuple[NumericOptions, list[Faul
 
 def samplerate_of(numbers: NumericOptions) -> int:
     """The sample rate to render at, Hz."""
-    return int(numbers["samplerate"] or RATE)
+    return int(numbers["samplerate"] or DEFAULT_SAMPLERATE)
 
 
 def voice_count(args: argparse.Namespace) -> int:
@@ -126,7 +130,7 @@ def check_paths(targets: dict[str, Path | None]) -> list[Fault]:
     faults: list[Fault] = []
     paths = {option: path for option, path in targets.items() if path is not None}
     for name, path in paths.items():
-        noun, endings = KINDS.get(name, ("", ()))
+        noun, endings = FILE_KINDS.get(name, ("", ()))
         if endings and path.suffix.lower() not in endings:
             faults.append(Fault(name, f'"{path.name}" names no {noun}; end it in {endings[0]}'))
         elif not is_folder(path.parent):

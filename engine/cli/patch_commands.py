@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from engine.cli import arguments
 from engine.cli.messages import print_error, print_faults, read_patch
-from engine.cli.option_checks import RATE
+from engine.cli.option_checks import DEFAULT_SAMPLERATE
 from engine.faults import BuildError, Fault
 from engine.files import SHIPPED_PATCHES, is_folder, path_exists
 from engine.wording import json_safe, program_name, to_one_line
@@ -88,7 +88,7 @@ def check_build(path: str, scene: "Scene") -> list[Fault]:
     from engine.build.build import build
     from engine.patch.reader import locate_build_faults
 
-    rate = RATE * scene.accuracy.oversample
+    rate = DEFAULT_SAMPLERATE * scene.accuracy.oversample
     try:
         limits.check_forces(scene, rate, scene.seconds)
         build(scene, rate, seconds=0.0)  # with its forces, but not the tables of hours

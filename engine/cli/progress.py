@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-PATIENCE = 1.5  # s, after which the user is told what takes so long
+PROGRESS_DELAY = 1.5  # s, after which the user is told what takes so long
 
 
 @contextmanager
@@ -17,7 +17,7 @@ def progress_feedback(quiet: bool) -> Iterator[Callable[[float], None]]:
     on a terminal, once a render has lasted a while. Yields the function to call with the share done."""
     begin = time.perf_counter()
     say = "compiling the kernel for this kind of scene (once per machine) …"
-    compiling = threading.Timer(PATIENCE, lambda: print(say, file=sys.stderr))
+    compiling = threading.Timer(PROGRESS_DELAY, lambda: print(say, file=sys.stderr))
     compiling.daemon = True
     compiling.start()
     shown: list[Any] = []
@@ -35,7 +35,7 @@ def progress_feedback(quiet: bool) -> Iterator[Callable[[float], None]]:
         compiling.cancel()
         if interrupted:  # while compiling, and lost in a callback of the compiler's
             raise KeyboardInterrupt
-        late = time.perf_counter() - begin > PATIENCE and share < 0.9
+        late = time.perf_counter() - begin > PROGRESS_DELAY and share < 0.9
         if not shown and late and sys.stderr.isatty() and not quiet:
             from rich.console import Console
             from rich.progress import Progress

@@ -126,7 +126,9 @@ def midi_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespa
     try:
         limits.build_modal_bodies(scene, rate, scene.accuracy.scheme)
         with progress_feedback(args.json) as progress:
-            audio, player, played = midi.render(scene, args.midi, rate, numbers["seconds"], voice_count(args), progress)
+            audio, player, played = midi.render_notes(
+                scene, args.midi, rate, numbers["seconds"], voice_count(args), progress
+            )
         audio, gain = apply_gain(audio, float(abs(audio).max()), numbers["gain"], args.subtype)
         save_audio(output, audio, rate, args.subtype)
     except midi_notes.MidiError as error:

@@ -29,12 +29,12 @@ def add_replay_command(commands: "arguments.Commands") -> None:
 def replay_command(args: argparse.Namespace) -> int:
     """Render a log; returns the exit code."""
     from engine.faults import Fault
-    from engine.live.replay import read, replay
+    from engine.live.replay import read_log, replay
 
     output = Path(args.output or f"{Path(args.log).stem}_replay.wav")
     faults = check_paths({"--output": output}) + check_audio_format(output, args.subtype, "--output")
     try:
-        log = read(Path(args.log))
+        log = read_log(Path(args.log))
         channels = max(p.channel for p in log.made().pickup)
         faults += check_rate_and_channels("--output", output, log.samplerate, channels)
         if not faults:

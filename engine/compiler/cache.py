@@ -53,7 +53,7 @@ def digest() -> str:
 
 
 @lru_cache
-def folder() -> Path:
+def kernel_folder() -> Path:
     """The folder of kernels of the present sources; what there is too much of is deleted. Raises OSError."""
     path = cache_files.folder(digest())
     _prune(path)
@@ -122,7 +122,7 @@ class KernelCache(FunctionCache):
     def cache_path(self) -> str | None:
         """The folder, as Numba's statistics tell it."""
         try:
-            return str(folder())
+            return str(kernel_folder())
         except OSError:
             return None
 
@@ -172,4 +172,4 @@ class KernelCache(FunctionCache):
     def _path(self, key: Any) -> Path:
         """The file of a key; after an edit, the same. Raises OSError."""
         key_digest = hashlib.sha256(repr((self._source, key[1:])).encode()).hexdigest()[:16]
-        return folder() / f"{self._name}-{key_digest}{cache_files.KERNEL}"
+        return kernel_folder() / f"{self._name}-{key_digest}{cache_files.KERNEL}"

@@ -24,9 +24,9 @@ from engine.kernel.step import StepOutcome, step
 LENGTHS = {Axis.MODE: "modes", Axis.CONTACT: "contacts", Axis.COMPLIANCE: "contacts * contacts"}
 
 
-def stage_coefficients(stages: Any, s: int, modes: int, contacts: int) -> Any:
+def coefficients_of_stage(stages: Any, s: int, modes: int, contacts: int) -> Any:
     """StepCoefficients of stages of kind s, for an island of so many modes and contacts. In compiled code only."""
-    raise TypeError("stage_coefficients is for compiled code")
+    raise TypeError("coefficients_of_stage is for compiled code")
 
 
 def write_stage(kind: Any, value: str, names: dict[str, Any]) -> str:
@@ -52,7 +52,7 @@ def _write_stage_coefficients(stages: Any, s: Any, modes: Any, contacts: Any) ->
     return write_stage(stages, "stages", names), names
 
 
-overload_by_source(stage_coefficients, _write_stage_coefficients)
+overload_by_source(coefficients_of_stage, _write_stage_coefficients)
 
 
 # --- is contact possible within this sample?
@@ -157,7 +157,7 @@ def composed_step(contact, force, weight, refinement, state, frame):
     lost = apply_loss_all(refinement.end_loss, state.p)
     for i in range(refinement.sequence.shape[0]):
         s = refinement.sequence[i]
-        h = stage_coefficients(refinement.stages, s, modes, contacts)
+        h = coefficients_of_stage(refinement.stages, s, modes, contacts)
         outcome = step(contact, force, weight, h, state, frame)
         if outcome.in_contact:
             in_contact = True

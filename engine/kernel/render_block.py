@@ -141,7 +141,7 @@ def max_sleep(model, state, ledger, trace, remaining):
 
 
 @inline
-def wake_island(model, state, frame, slept):
+def finish_sleep(model, state, frame, slept):
     """After samples slept through: free masses have moved on and may be near; else, once the sleep is over,
     see whether anything is due."""
     last = frame + slept - 1
@@ -281,7 +281,7 @@ def render_chunk(model, state, output, bounds, start, begin, end):
         slept = samples_to_sleep(state, frame, max_sleep(model, state, output.ledger, output.trace, end - i))
         if slept > 0:
             record(output, i, slept, bounds, model, state, frame)
-            wake_island(model, state, frame, slept)
+            finish_sleep(model, state, frame, slept)
             i += slept
             continue
         add_pickups(model.pickups, state, model.samplerate, output.audio, i)

@@ -13,7 +13,7 @@ NO_PORTAUDIO = """no PortAudio library; rendering to a file needs none. To play 
   Fedora           dnf install portaudio
   macOS            brew install portaudio
   Windows          pip install --force-reinstall sounddevice, which brings it"""
-BUSY, RATE, CHANNELS = -9985, -9997, -9998  # error numbers of PortAudio
+DEVICE_UNAVAILABLE, INVALID_SAMPLE_RATE, INVALID_CHANNELS = -9985, -9997, -9998  # error numbers of PortAudio
 
 
 class DeviceError(RuntimeError):
@@ -68,7 +68,7 @@ def open_stream(
     from engine.live import audio_thread
 
     sounddevice = load_sounddevice()
-    number, name, channels, own_rate = find_output(device)
+    number, name, channels, rate = find_output(device)
     options = {
         "samplerate": player.samplerate,
         "blocksize": frames,
@@ -90,9 +90,9 @@ def open_stream(
     except sounddevice.PortAudioError as error:
         number = error.args[1] if len(error.args) > 1 else 0
         message = {
-            BUSY: "is busy; end the program that plays on it, or choose another with --device",
-            RATE: f"does not play at {player.samplerate} Hz; its own rate is {own_rate}: --samplerate {own_rate}",
-            CHANNELS: f"has {channels} channels, and the patch {player.channels}: `channel` of its pickups",
+            DEVICE_UNAVAILABLE: "is busy; end the program that plays on it, or choose another with --device",
+            INVALID_SAMPLE_RATE: f"does not play at {player.samplerate} Hz; its own is {rate}: --samplerate {rate}",
+            INVALID_CHANNELS: f"has {channels} channels, the patch {player.channels}: `channel` of its pickups",
         }.get(number, f"cannot be opened ({error.args[0]})")
         raise DeviceError(f"{name} {message}") from error
 

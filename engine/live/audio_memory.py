@@ -19,7 +19,7 @@ from engine.live.shared_memory import VALUES_PER_EVENT, EventSlot, Gauge, Slot
 from engine.patch.accuracy import Accuracy
 
 FADE_SECONDS = 0.005
-CHUNK_FRAMES = 1024  # computed at once
+RENDERED_AT_ONCE = 1024  # computed at once
 QUEUE_SIZE = 1024  # events
 LOAD_COUNT = 8192  # blocks whose loads are kept
 RECORD_SECONDS = 20.0  # of what was played, until it is fetched
@@ -61,7 +61,7 @@ class AudioMemory:
             Slot.STATE: handles[1].address,
             Slot.PARTITIONS: len(buffers.outputs),
             Slot.CHANNELS: self.channels,
-            Slot.CHUNK_FRAMES: CHUNK_FRAMES,
+            Slot.CHUNK_FRAMES: RENDERED_AT_ONCE,
             Slot.OUTPUTS: buffers.output_addresses.ctypes.data,
             Slot.AUDIOS: buffers.audio_addresses.ctypes.data,
             Slot.LEDGERS: buffers.ledger_addresses.ctypes.data,
@@ -116,8 +116,8 @@ class _Buffers(NamedTuple):
 
 
 def _allocate_buffers(partitions: int, channels: int) -> _Buffers:
-    audios = [np.zeros((CHUNK_FRAMES, channels)) for _ in range(partitions)]
-    ledgers = [np.zeros((CHUNK_FRAMES, len(Ledger))) for _ in range(partitions)]
+    audios = [np.zeros((RENDERED_AT_ONCE, channels)) for _ in range(partitions)]
+    ledgers = [np.zeros((RENDERED_AT_ONCE, len(Ledger))) for _ in range(partitions)]
     pairs = zip(audios, ledgers, strict=True)
     outputs = [StructHandle(BlockOutput(audio, ledger, None)) for audio, ledger in pairs]
     return _Buffers(
@@ -125,8 +125,8 @@ def _allocate_buffers(partitions: int, channels: int) -> _Buffers:
         output_addresses=np.array([output.address for output in outputs], np.int64),
         audio_addresses=np.array([audio.ctypes.data for audio in audios], np.int64),
         ledger_addresses=np.array([ledger.ctypes.data for ledger in ledgers], np.int64),
-        mix=np.zeros((CHUNK_FRAMES, channels)),
-        spare=np.zeros((CHUNK_FRAMES, channels), np.float32),
+        mix=np.zeros((RENDERED_AT_ONCE, channels)),
+        spare=np.zeros((RENDERED_AT_ONCE, channels), np.float32),
         values=np.zeros((QUEUE_SIZE, VALUES_PER_EVENT)),
         tunings=np.zeros((QUEUE_SIZE, len(EventSlot)), np.int64),
         order=np.zeros(len(EventSlot), np.int64),

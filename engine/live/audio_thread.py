@@ -29,7 +29,7 @@ EASE_SECONDS = 1.0  # after which quality rises again
 
 
 @inline
-def insert_event(shared, event, value):
+def insert_queued_event(shared, event, value):
     """Hand an event to the scene, by the addresses of its numbers."""
     model, state, frame = shared[Slot.MODEL], shared[Slot.STATE], shared[Slot.FRAME]
     call_address(shared[Slot.INSERT_EVENT], (model, state, event, value, frame))
@@ -43,7 +43,7 @@ def set_quality(shared, level):
     order = int64_view(shared[Slot.ORDER], EVENT_SLOTS)
     order[EventSlot.KIND], order[EventSlot.TARGET_BEGIN] = EventKind.SLEEP_QUIETEST, max(0, level - last)
     if level > last or shared[Slot.QUALITY] > last:
-        insert_event(shared, shared[Slot.ORDER], shared[Slot.ORDER])
+        insert_queued_event(shared, shared[Slot.ORDER], shared[Slot.ORDER])
     shared[Slot.QUALITY] = level
 
 
@@ -65,7 +65,7 @@ def book_energy(shared, event, sign):
     order = int64_view(shared[Slot.ORDER], EVENT_SLOTS)
     for n in range(event[EventSlot.ISLAND], event[EventSlot.ISLAND] + event[EventSlot.TARGET_END]):
         order[EventSlot.KIND], order[EventSlot.ISLAND], order[EventSlot.TARGET_BEGIN] = EventKind.BOOK_ENERGY, n, sign
-        insert_event(shared, shared[Slot.ORDER], shared[Slot.ORDER])
+        insert_queued_event(shared, shared[Slot.ORDER], shared[Slot.ORDER])
 
 
 @inline
@@ -138,7 +138,7 @@ def drain_queue(shared):
             event[EventSlot.TAKEN_AT] = max(event[EventSlot.LENGTH], shared[Slot.FRAME])
             postpone_tuning(shared, event)
         else:
-            insert_event(shared, place, value)
+            insert_queued_event(shared, place, value)
         store_release(shared, Slot.READ_INDEX, shared[Slot.READ_INDEX] + 1)
     apply_due_tunings(shared)
     if shared[Slot.WAITING_TUNINGS] == 0:

@@ -34,7 +34,7 @@ def insert_event(model, state, event, value, frame):
         sleep_quietest(model, state, event[EventSlot.TARGET_BEGIN], frame)
         return
     if max(state.contact_free_until[n], state.sleep[n, Sleep.WAKE_FRAME]) > frame:
-        wake_island(model, state, n, frame)
+        make_island_ready(model, state, n, frame)
     if kind == EventKind.BOOK_ENERGY:
         book_island_energy(model, state, n, event[EventSlot.TARGET_BEGIN])
     elif kind == EventKind.PLUCK:
@@ -58,7 +58,7 @@ def partition_of(islands, n):
 
 
 @inline
-def wake_island(model, state, n, frame):
+def make_island_ready(model, state, n, frame):
     """Wake an island, or bring up to date what it has not looked at while nothing could act on it."""
     bounds = island_bounds(model.islands, partition_of(model.islands, n), n)
     resync_open_contacts(island_model(model, state, bounds).contact, island_state(state, bounds))
@@ -127,7 +127,7 @@ def sleep_quietest(model, state, count, frame):
     islands, awake = state.sleep.shape[0], 0
     for n in range(islands):
         if state.sleep[n, Sleep.FORCED] != 0:
-            wake_island(model, state, n, frame)
+            make_island_ready(model, state, n, frame)
         awake += state.sleep[n, Sleep.WAKE_FRAME] <= frame
     for _ in range(count):
         quietest = -1
@@ -136,7 +136,7 @@ def sleep_quietest(model, state, count, frame):
             if is_awake and next_due(model, state, n, frame) > frame and is_quieter(state, n, quietest):
                 quietest = n
         if quietest >= 0 and awake > 1:
-            wake_island(model, state, quietest, frame)
+            make_island_ready(model, state, quietest, frame)
             due = next_due(model, state, quietest, frame)
             state.sleep[quietest, Sleep.WAKE_FRAME] = state.sleep[quietest, Sleep.STATIC_UNTIL] = due
             state.sleep[quietest, Sleep.FORCED] = 1

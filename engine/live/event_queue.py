@@ -12,7 +12,7 @@ from engine.live.audio_memory import MAX_FRAMES, QUEUE_SIZE, AudioMemory
 from engine.live.shared_memory import DROPPED, EventSlot, Slot
 from engine.patch.tables import ChangeEvent, DampEvent, StrikeEvent
 
-EventRow = tuple[int, int, int, int, int, int, float, float]  # the slots of an event but TAKEN_AT; its values
+QueuedEvent = tuple[int, int, int, int, int, int, float, float]  # the slots of an event but TAKEN_AT; its values
 E = TypeVar("E", StrikeEvent, DampEvent, ChangeEvent)
 
 
@@ -25,7 +25,7 @@ class EventQueue:
         self._pending: list[tuple[int, dict[str, Any]]] = []  # not taken yet, by their index in the queue
         self._quality_changes = 0  # that are in the log
 
-    def put(self, why: list[Any], row: EventRow) -> None:
+    def put(self, why: list[Any], row: QueuedEvent) -> None:
         """Put an event into the queue. While that is full, all one could do is wait: it is dropped, and that is said.
 
         why: the event as a person would say it, for the log

@@ -68,7 +68,7 @@ def lowest_ratio(text: str, scene: Scene) -> float:
     return 0.25
 
 
-def render(
+def render_notes(
     scene: Scene, text: str, samplerate: int, seconds: float | None, voices: int, progress: Any = None
 ) -> tuple[np.ndarray, Player, dict[str, str]]:
     """What the notes of a file sound like, in SI units [frames, channels]; the player, for what it can tell; and which

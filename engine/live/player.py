@@ -24,7 +24,7 @@ from engine.kernel.codes import NO_END, UNUSED_SLOT, EventKind, Sleep
 from engine.kernel.laws import Power
 from engine.live import audio_thread
 from engine.live.audio_memory import AudioMemory
-from engine.live.event_queue import EventQueue, EventRow, checked_frame, checked_integer, checked_number, make_event
+from engine.live.event_queue import EventQueue, QueuedEvent, checked_frame, checked_integer, checked_number, make_event
 from engine.live.meter import MeterReading
 from engine.live.retuning import VoiceTuning
 from engine.live.shared_memory import Gauge, Slot
@@ -278,7 +278,7 @@ class Player:
 
     def _put_event(self, why: list[Any], event: StrikeEvent | DampEvent | ChangeEvent | PluckEvent, frame: int) -> None:
         for island, start, end, kind, first, last, a, b in self._rows(event):
-            row: EventRow = (kind, island, first, last, frame, min(end, NO_END) - start, a, b)
+            row: QueuedEvent = (kind, island, first, last, frame, min(end, NO_END) - start, a, b)
             self._queue.put(list(why), row)
 
     # --- what it says of itself

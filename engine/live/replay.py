@@ -17,13 +17,13 @@ from engine.live.shared_memory import Slot
 from engine.patch.scene import SAMPLE_RATE_RANGE, Scene
 from engine.patch.tables import MAX_EXPONENT
 
-LONGEST = 64_000_000  # bytes of a log
+MAX_LOG_BYTES = 64_000_000  # bytes of a log
 HOURS = 10  # that a log tells of at most
 Whole = Annotated[int, Field(ge=-(1 << 62), le=1 << 62)]  # that the audio thread can hold
 Real = Annotated[float, Field(allow_inf_nan=False)]
 
 
-class Event(BaseModel):
+class LoggedEvent(BaseModel):
     """What was done: `why` as a person said it, `row` as the audio thread took it at a frame; None: it was dropped."""
 
     model_config = ConfigDict(strict=True)
@@ -48,17 +48,17 @@ class Log(BaseModel):
     voices: int = Field(ge=0, le=64)
     lowest: float = Field(gt=0.0, le=1.0)
     general: bool = False
-    events: list[Event]
+    events: list[LoggedEvent]
 
     def made(self) -> Scene:
         """The scene that was played."""
         return Scene.model_validate(self.scene)
 
 
-def read(path: Path) -> Log:
+def read_log(path: Path) -> Log:
     """A log from its file. Raises OSError or ValueError if it is none."""
     try:
-        told = json.loads(read_bytes(path, LONGEST).decode(), parse_constant=_none)
+        told = json.loads(read_bytes(path, MAX_LOG_BYTES).decode(), parse_constant=_none)
         return Log.model_validate(told)
     except RecursionError:
         raise ValueError("its brackets are nested too deeply") from None

@@ -19,7 +19,7 @@ Value = int | float | str
 
 
 @dataclass(frozen=True)
-class Axis:
+class SweepAxis:
     """One value of a patch that varies.
 
     path:     what the user calls it
@@ -58,7 +58,7 @@ class Axis:
         return list(dict.fromkeys(self.value_at(n / (self.count - 1)) for n in range(self.count)))
 
 
-def parse_axis(text: str, scene: Scene, data: dict[str, Any], is_random: bool = False) -> Axis:
+def parse_axis(text: str, scene: Scene, data: dict[str, Any], is_random: bool = False) -> SweepAxis:
     """Make an axis of PATH=RANGE. Raises ValueError, whose message is one line.
 
     scene, data: the patch, and the document that it was read from
@@ -70,7 +70,7 @@ def parse_axis(text: str, scene: Scene, data: dict[str, Any], is_random: bool = 
     key_path, integer = locate(path, scene, data)
     try:
         if ".." not in values or "/" in values:  # ../bell.csv is a file
-            return Axis(path, key_path, tuple(_parse_value(word.strip()) for word in values.split(",")))
+            return SweepAxis(path, key_path, tuple(_parse_value(word.strip()) for word in values.split(",")))
         low, _, rest = values.partition("..")
         high, *options = rest.split(":")
         bounds = float(low), float(high)
@@ -89,7 +89,7 @@ def parse_axis(text: str, scene: Scene, data: dict[str, Any], is_random: bool = 
         raise ValueError(f'{path}: {count[0]} values from "{low}" to "{high}"; 2 to {MAX_GRID_POINTS}')
     if integer and math.ceil(min(bounds)) > math.floor(max(bounds)):
         raise ValueError(f'{path}: "{values}" holds no whole number; {AXIS_FORMS}')
-    return Axis(path, key_path, bounds, True, log, integer, count[0] if count else None)
+    return SweepAxis(path, key_path, bounds, True, log, integer, count[0] if count else None)
 
 
 def _parse_value(word: str) -> Value:

@@ -17,7 +17,7 @@ from engine.output_files import absolute_path, check_audio_format
 from engine.patch.error_messages import format_path
 from engine.patch.reader import validate_document
 from engine.patch.scene import Scene
-from engine.sweep.axes import MAX_GRID_POINTS, Axis, Value, parse_axis
+from engine.sweep.axes import MAX_GRID_POINTS, SweepAxis, Value, parse_axis
 from engine.sweep.index_csv import check_index
 
 GridPoint = tuple[Value, ...]  # a value per axis
@@ -32,7 +32,7 @@ class SweepPlan:
 
     patch: str
     data: dict[str, Any]
-    axes: list[Axis]
+    axes: list[SweepAxis]
     points: list[GridPoint]
 
     def scene(self, point: GridPoint) -> Scene:
@@ -40,7 +40,7 @@ class SweepPlan:
         return scene_at(self.data, self.patch, self.axes, point)
 
 
-def scene_at(data: dict[str, Any], patch: str, axes: list[Axis], point: GridPoint) -> Scene:
+def scene_at(data: dict[str, Any], patch: str, axes: list[SweepAxis], point: GridPoint) -> Scene:
     """The scene of a point: the document with the values of the point in place. Raises PatchError."""
     data = copy.deepcopy(data)
     for axis, value in zip(axes, point, strict=True):
@@ -51,12 +51,12 @@ def scene_at(data: dict[str, Any], patch: str, axes: list[Axis], point: GridPoin
     return validate_document(data, Path(patch).parent, patch, "")
 
 
-def grid_points(axes: list[Axis]) -> list[GridPoint]:
+def grid_points(axes: list[SweepAxis]) -> list[GridPoint]:
     """All points of the grid; the last axis varies fastest."""
     return list(itertools.product(*(axis.grid_values() for axis in axes)))
 
 
-def random_points(axes: list[Axis], count: int, seed: int) -> list[GridPoint]:
+def random_points(axes: list[SweepAxis], count: int, seed: int) -> list[GridPoint]:
     """Random points, the same for the same seed; fewer of them are the first of more."""
     draw = random.Random(seed).random  # every version of Python draws the same
     return [tuple(axis.value_at(draw()) for axis in axes) for _ in range(count)]
@@ -66,7 +66,7 @@ def plan_sweep(args: argparse.Namespace, scene: Scene) -> tuple[SweepPlan, list[
     """Plan the sweep that the arguments of the command line ask for. Its points are empty if there are faults."""
     data = tomllib.loads(Path(args.patch).read_text("utf-8-sig"))
     numbers, faults = _parse_numbers(args)
-    axes: list[Axis] = []
+    axes: list[SweepAxis] = []
     for text in args.vary:
         try:
             axis = parse_axis(text, scene, data, args.random is not None)
@@ -98,7 +98,7 @@ def _parse_numbers(args: argparse.Namespace) -> tuple[dict[str, int | None], lis
     return numbers, faults
 
 
-def _check_axis(axis: Axis, others: list[Axis], args: argparse.Namespace) -> list[Fault]:
+def _check_axis(axis: SweepAxis, others: list[SweepAxis], args: argparse.Namespace) -> list[Fault]:
     """Faults of an axis that varies what another one varies, or what an option gives."""
     faults: list[Fault] = []
     if any(axis.key_path == other.key_path for other in others):
@@ -109,7 +109,7 @@ def _check_axis(axis: Axis, others: list[Axis], args: argparse.Namespace) -> lis
     return faults
 
 
-def check_axes(data: dict[str, Any], patch: str, axes: list[Axis]) -> list[Fault]:
+def check_axes(data: dict[str, Any], patch: str, axes: list[SweepAxis]) -> list[Fault]:
     """Faults of the patch at both bounds of each axis, or at each value of a list; the other axes are at their first
     value."""
     faults: dict[Fault, None] = {}  # in order, each once

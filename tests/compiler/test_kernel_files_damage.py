@@ -142,7 +142,7 @@ def test_damage_to_a_whole_render_heals(tmp_path):
         return soundfile.read(tmp_path / "a.wav")[0].tobytes(), said
 
     sound, _ = render()
-    present = cache.folder()
+    present = cache.kernel_folder()
     folder = tmp_path / "cache" / "fdh-engine" / present.name
     used = [path for path in kept(present) if path.name.startswith(("block.", "held."))]
     folder.mkdir(parents=True)

@@ -65,7 +65,7 @@ def test_folders_of_older_sources_are_deleted(base):
     store(base / "notes", "a.nbc", 1e9)
     (others[4] / "mine.txt").touch()
     start()
-    same = [store(base / (cache.folder().name[:17] + f"{i:08x}"), "a.nbc", 1e6) for i in range(6)]
+    same = [store(base / (cache.kernel_folder().name[:17] + f"{i:08x}"), "a.nbc", 1e6) for i in range(6)]
     assert start()
     assert all(path.exists() for path in same)
     assert [folder.exists() for folder in others] == [True, True, True, False, True, False]
@@ -76,7 +76,7 @@ def test_folders_of_older_sources_are_deleted(base):
 def test_a_process_whose_folder_is_deleted_goes_on(base, monkeypatch):
     dispatcher = kernel(twice)
     assert dispatcher(1.5) == 3.0
-    shutil.rmtree(base / cache.folder().name)
+    shutil.rmtree(base / cache.kernel_folder().name)
     assert dispatcher(3) == 6 and dispatcher(1.5) == 3.0
     assert only(base)
     replace, gone = os.replace, []

@@ -43,7 +43,7 @@ def pedal(value):
 
 def test_notes_have_their_pitch_and_time(tmp_path):
     path = written(tmp_path / "two.mid", (on(57), 0), (off(57), 960), (on(64, 90), 480), (off(64), 960))
-    audio, player, played = midi.render(engine.load(PIANO), str(path), RATE, None, 4)
+    audio, player, played = midi.render_notes(engine.load(PIANO), str(path), RATE, None, 4)
     assert len(audio) == round((2.5 + midi.TAIL_SECONDS) * RATE)
     assert played == {"string": "A3 (-300 c), E4 (+400 c)"}
     assert not audio[0].any() and audio[100:500].any()
@@ -77,7 +77,7 @@ def fundamental(audio: np.ndarray, hertz: float) -> tuple[float, float]:
 def test_a_note_sounds_one_body(tmp_path, note):
     """The nearest in pitch, tuned to the note to a cent; the other bars' fundamentals stay below -40 dB."""
     path = written(tmp_path / "one.mid", (on(note), 0), (off(note), 1920))
-    audio, _, played = midi.render(engine.load(ROOT / "patches" / "marimba.toml"), str(path), RATE, 1.2, 2)
+    audio, _, played = midi.render_notes(engine.load(ROOT / "patches" / "marimba.toml"), str(path), RATE, 1.2, 2)
     mono = audio.sum(axis=1)
     pitch, loud = fundamental(mono, midi_notes.note_frequency(note))
     assert abs(1200 * math.log2(pitch / midi_notes.note_frequency(note))) < 1.0
@@ -104,7 +104,7 @@ def test_plucked_bodies_sound_too(tmp_path):
         peaks = []
         for velocity in (40, 80):
             path = written(tmp_path / "one.mid", (on(note, velocity), 0), (off(note), 1920))
-            audio, _, played = midi.render(harp, str(path), RATE, 1.2, 2)
+            audio, _, played = midi.render_notes(harp, str(path), RATE, 1.2, 2)
             pitch, _ = fundamental(audio[:, 0], midi_notes.note_frequency(note))
             assert abs(1200 * math.log2(pitch / midi_notes.note_frequency(note))) < 1.0
             assert list(played) == [name]
@@ -116,7 +116,7 @@ def test_a_key_lifts_its_damper(tmp_path):
     """Struck again while it is being damped, a note rings as at first."""
     again = written(tmp_path / "again.mid", (on(60), 0), (off(60), 480), (on(60), 96), (off(60), 1920))
     once = written(tmp_path / "once.mid", (on(60), 576), (off(60), 1920))
-    sounds = [midi.render(engine.load(PIANO), str(path), RATE, 1.5, 1)[0] for path in (again, once)]
+    sounds = [midi.render_notes(engine.load(PIANO), str(path), RATE, 1.5, 1)[0] for path in (again, once)]
     late = [float(np.sqrt(np.mean(audio[round(1.1 * RATE) :] ** 2))) for audio in sounds]
     assert abs(20 * math.log10(late[0] / late[1])) < 1.0
 
@@ -125,7 +125,7 @@ def test_harder_is_louder(tmp_path):
     peaks = []
     for velocity in (30, 60, 120):
         path = written(tmp_path / "one.mid", (on(60, velocity), 0), (off(60), 480))
-        peaks.append(np.abs(midi.render(engine.load(PIANO), str(path), RATE, 0.5, 1)[0]).max())
+        peaks.append(np.abs(midi.render_notes(engine.load(PIANO), str(path), RATE, 0.5, 1)[0]).max())
     assert peaks[0] < 0.6 * peaks[1] < 0.36 * peaks[2]
 
 
@@ -133,7 +133,7 @@ def test_dampers_and_the_pedal(tmp_path):
     """A key let go is damped, unless the pedal is down; then when the pedal is let go."""
 
     def level(name, *messages):
-        audio, *_ = midi.render(engine.load(PIANO), str(written(tmp_path / name, *messages)), RATE, 3.0, 2)
+        audio, *_ = midi.render_notes(engine.load(PIANO), str(written(tmp_path / name, *messages)), RATE, 3.0, 2)
         return [float(np.sqrt(np.mean(audio[round(t * RATE) :][: RATE // 5] ** 2))) for t in (0.3, 1.2, 2.5)]
 
     held = level("held.mid", (on(60), 0), (off(60), 5000))
@@ -312,6 +312,6 @@ def test_no_memory_for_so_many_samples_is_said(tmp_path, monkeypatch, capsys):
     def render(*told):
         raise MemoryError
 
-    monkeypatch.setattr(midi, "render", render)
+    monkeypatch.setattr(midi, "render_notes", render)
     assert main.main([str(PIANO), "--midi", str(path), "-o", str(tmp_path / "a.wav")]) == 1
     assert "not enough memory" in capsys.readouterr().err

@@ -129,7 +129,7 @@ def test_a_log_that_is_none_is_refused_in_a_line(log, tmp_path, monkeypatch, cap
 
 def test_logs_that_are_too_large_or_no_files_are_refused(log, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("engine.live.replay.LONGEST", 100)
+    monkeypatch.setattr("engine.live.replay.MAX_LOG_BYTES", 100)
     (tmp_path / "log.json").write_text(json.dumps(log), "utf-8")
     assert main.main(["replay", "log.json", "-o", "a.wav"]) == 2
     assert "is larger than 0.0001 MB" in capsys.readouterr().err

@@ -19,7 +19,7 @@ from engine.bodies.modal_csv import read_modes as measured
 from engine.faults import PatchError
 from engine.live import midi_notes
 from engine.live.player import Player
-from engine.live.replay import read, replay
+from engine.live.replay import read_log, replay
 from engine.patch.reader import load
 from engine.sweep import index_csv
 
@@ -135,7 +135,7 @@ def test_logs(log, tmp_path):
         text = json.dumps(meddled(log, draw) if n % 2 else log)
         path.write_text(text if n % 2 else retold(text, draw), "utf-8", "replace")
         try:
-            told = read(path)
+            told = read_log(path)
             if min(told.frames, told.end) < 10_000 and told.voices < 8 and told.samplerate < 100_000:
                 replay(told)
                 good += 1

@@ -89,10 +89,11 @@ def open_stream(
         return stream
     except sounddevice.PortAudioError as error:
         number = error.args[1] if len(error.args) > 1 else 0
+        asked, needed = player.samplerate, player.channels
         message = {
             DEVICE_UNAVAILABLE: "is busy; end the program that plays on it, or choose another with --device",
-            INVALID_SAMPLE_RATE: f"does not play at {player.samplerate} Hz; its own is {rate}: --samplerate {rate}",
-            INVALID_CHANNELS: f"has {channels} channels, the patch {player.channels}: `channel` of its pickups",
+            INVALID_SAMPLE_RATE: f"does not play at {asked} Hz; its own rate is {rate}: --samplerate {rate}",
+            INVALID_CHANNELS: f"has {channels} channels, and the patch {needed}: `channel` of its pickups",
         }.get(number, f"cannot be opened ({error.args[0]})")
         raise DeviceError(f"{name} {message}") from error
 

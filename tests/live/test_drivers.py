@@ -216,7 +216,7 @@ def test_a_machine_busy_for_a_moment_refuses_nothing(monkeypatch):
     assert measure_speed(lambda: Player(scene), 256)[0] > 1.0
     assert next(blocks) > 3
     monkeypatch.setattr(Player, "render_into", held_up(once=False))
-    monkeypatch.setattr("engine.cli.live_session.PILOT", 0.3)
+    monkeypatch.setattr("engine.cli.live_session.PILOT_SECONDS", 0.3)
     assert measure_speed(lambda: Player(scene), 256)[0] < 1.0
 
 

@@ -204,7 +204,7 @@ def in_c(case: Case, folder: Path) -> list[str]:
         state.p[:] = 1.0  # as bench.performance.instruments.measure has it
     rival, heard, ours = Written(case, folder, model, state), np.zeros((1, AGREED)), np.zeros((AGREED, 1))
     rival.block(heard)
-    Simulation(model, state, measure_energy=False).block(ours)
+    Simulation(model, state, measure_energy=False).render_block(ours)
     pairs = [(heard[0], ours[:, 0]), *zip(rival.moving(), (state.q, state.p), strict=True)]
     off = max(float(np.abs(theirs - own).max() / np.abs(own).max()) for theirs, own in pairs)
     assert off <= DIFFERENCE, f"{case.name}: C differs by {off:.0e}"

@@ -8,7 +8,7 @@ import numpy as np
 from engine.build.compliance import contact_compliance
 from engine.build.layout import Layout
 from engine.build.mode_shape_rows import row_coefficients
-from engine.kernel.model import ContactCoefficients, ModalLoss, StepCoefficients
+from engine.kernel.model import ContactCoefficients, ModalLoss, SingleContact, StepCoefficients
 
 
 class ModeCoefficients(NamedTuple):
@@ -52,7 +52,20 @@ def contact_coefficients(
         compliance_low=low,
         loss_rate=loss * samplerate / length if loss.any() else None,
         coupling=np.concatenate([m.ravel() for m in matrices]) if any(m.size > 1 for m in matrices) else None,
+        single=_single_contacts(layout, modes),
     )
+
+
+def _single_contacts(layout: Layout, modes: ModeCoefficients) -> SingleContact | None:
+    """What the modes of each island do at its one contact; None if an island has several, or forces act."""
+    islands = layout.islands
+    if np.diff(islands.contact).max() > 1 or layout.force_order:
+        return None
+    phi = np.zeros(modes.kick.size)
+    for n in np.flatnonzero(np.diff(islands.contact)).tolist():
+        for side in layout.contact_sides(*layout.contact_points[islands.contact[n]]):
+            phi[islands.mode[n] : islands.mode[n + 1]] += layout.dense_mode_shape(side, n)
+    return SingleContact(kick_phi=modes.kick * phi, drift_phi=modes.drift * phi)
 
 
 def stack(records: Sequence[Any]) -> Any:

@@ -233,9 +233,19 @@ def energy_created(contact, state, k, s, lost, f):
 # --- the solve
 
 
+class SingleSolution(NamedTuple):
+    """The solution of one contact's equation."""
+
+    eta: float  # change of compression, m
+    end: float  # compression at the end of the step, m
+    force: float  # mean over the step, N
+    evaluations: int  # of the contact law
+    status: int  # SolveStatus
+
+
 @inline
-def solve_single_contact(contact, h, state, k):
-    """Solve contact k alone, and give the first half-kick by its force. Returns a ContactSolution."""
+def find_contact_force(contact, h, state, k):
+    """Solve contact k alone; nothing is moved. Returns a SingleSolution."""
     eta, b, f, _, evaluations, status = solve_scalar_contact(
         contact.law,
         h.loss_rate,
@@ -248,18 +258,30 @@ def solve_single_contact(contact, h, state, k):
     if not math.isfinite(eta + b + f):
         status = SolveStatus.FAILED
     count_outcome(state, evaluations, status)
+    return SingleSolution(eta, b, f, evaluations, status)
+
+
+@inline
+def store_single_solution(contact, h, state, k, solution):
+    """Give contact k what was found, where its forces do not cancel. Returns the energy lost, J."""
+    eta, b, f, _, _ = solution
+    miss = (state.free_displacement[k] - eta) - h.compliance[k] * f
+    return store_solution(contact, h, state, k, (eta, b, f, f), miss)
+
+
+@inline
+def use_single_solution(contact, h, state, k, solution):
+    """Give the first half-kick by the force that was found at contact k, and store it. Returns a ContactSolution."""
+    eta, b, f, evaluations, status = solution
     if status == SolveStatus.FAILED:
         return ContactSolution(status, evaluations, 0.0, 0.0)
     apply_contact_force(contact, contact.other_rows, h, k, f, state.p)
-    s, excess = state.compression[k], 0.0
-    if cancels(h, k, s, eta, f):
-        miss = measured_miss(contact, h, state, k, eta, f)
-        lost = store_solution(contact, h, state, k, (eta, b, f, f), miss)
-        excess = energy_created(contact, state, k, s, lost, f)
-    else:
-        miss = (state.free_displacement[k] - eta) - h.compliance[k] * f
-        lost = store_solution(contact, h, state, k, (eta, b, f, f), miss)
-    return ContactSolution(status, evaluations, lost, excess)
+    s = state.compression[k]
+    if not cancels(h, k, s, eta, f):
+        return ContactSolution(status, evaluations, store_single_solution(contact, h, state, k, solution), 0.0)
+    miss = measured_miss(contact, h, state, k, eta, f)
+    lost = store_solution(contact, h, state, k, (eta, b, f, f), miss)
+    return ContactSolution(status, evaluations, lost, energy_created(contact, state, k, s, lost, f))
 
 
 @noinline
@@ -351,4 +373,4 @@ def solve_closing(contact, h, coupling, state, last):
     if coupling is not None:  # by type, where no island of the scene has several contacts
         if state.compression.shape[0] > 1:
             return solve_coupled_contacts(contact, h, state)
-    return solve_single_contact(contact, h, state, last)
+    return use_single_solution(contact, h, state, last, find_contact_force(contact, h, state, last))

@@ -61,6 +61,14 @@ class ModalLoss(NamedTuple):
     dissipation_factor: PerMode  # energy lost over p², (1 - d²)/2 for a half-step
 
 
+class SingleContact(NamedTuple):
+    """What all modes of an island do at its one contact, the two bodies together: a step with contact then needs two
+    passes over the modes. Zeros where an island has no contact."""
+
+    kick_phi: PerMode  # t·Φ, as of rows
+    drift_phi: PerMode  # v·Φ
+
+
 class ContactCoefficients(NamedTuple):
     """What depends on the length of a step at each contact."""
 
@@ -70,6 +78,7 @@ class ContactCoefficients(NamedTuple):
     compliance_low: PerContact  # m/N: what rounding cut from B_kk
     loss_rate: PerContact | None  # μ/h, 1/m: Hunt-Crossley loss (paper, eq. 41)
     coupling: PerCompliance | None  # B of each island, m/N; where an island has several contacts
+    single: SingleContact | None  # where none has, and no external force acts
 
 
 class StepCoefficients(NamedTuple):

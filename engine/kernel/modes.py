@@ -101,6 +101,45 @@ def end_step(h, weight, compensation, q, p):
 
 
 @reduction
+def begin_step_towards(h, drift_phi, weight, compensation, q, p):
+    """As `begin_step`; returns also how far the coming drift moves a contact, m, whose v·Φ are given."""
+    if p.shape[0] == 1:
+        p[0], lost = begin_step_mode(h, weight, compensation, INT64_0, q[0], p[0])
+        return lost, drift_phi[0] * p[0]
+    lost, move = 0.0, 0.0
+    for m in range(p.shape[0]):
+        half, lost_by_mode = begin_step_mode(h, weight, compensation, m, q[m], p[m])
+        p[m] = half
+        lost += lost_by_mode
+        move += drift_phi[m] * half
+    return lost, move
+
+
+@inline
+def end_step_mode_pushed(h, push, weight, compensation, m, q, p):
+    """As `end_step_mode`, of a mode that takes `push` in either half of the kick."""
+    p += push
+    q += h.drift[m] * p
+    p, dragged = apply_loss(h.drag, m, p)
+    p += kick_of_spring(h.spring_kick, m, q)
+    p, lost = apply_loss(h.loss, m, kick_by_weight(weight, compensation, h.kick, m, p) + push)
+    return q, p, lost + dragged
+
+
+@reduction
+def end_step_pushed(h, kick_phi, force, weight, compensation, q, p):
+    """As `end_step`, with both half-kicks by a force (N) at a point whose t·Φ are given. Returns the energy lost."""
+    if p.shape[0] == 1:
+        q[0], p[0], lost = end_step_mode_pushed(h, kick_phi[0] * force, weight, compensation, INT64_0, q[0], p[0])
+        return lost
+    lost = 0.0
+    for m in range(p.shape[0]):
+        q[m], p[m], lost_by_mode = end_step_mode_pushed(h, kick_phi[m] * force, weight, compensation, m, q[m], p[m])
+        lost += lost_by_mode
+    return lost
+
+
+@reduction
 def free_step(h, weight, compensation, q, p):
     """A step of all modes on which nothing acts: both halves in one pass. Returns the energy lost."""
     if p.shape[0] == 1:

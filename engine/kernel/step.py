@@ -3,14 +3,31 @@
 loss/2 · kick/2 · [find contact forces] · drift · kick/2 · loss/2
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from engine.compiler.decorators import inline
+from engine.compiler.decorators import FALSE, INT64_0, inline, noinline
+from engine.compiler.overloads import overload_by_type
 from engine.kernel.codes import SolveStatus
-from engine.kernel.contacts import apply_contact_forces, clear_forces, solve_contacts
+from engine.kernel.contacts import (
+    apply_contact_forces,
+    cancels,
+    clear_forces,
+    find_contact_force,
+    solve_contacts,
+    store_single_solution,
+    use_single_solution,
+)
 from engine.kernel.external_forces import apply_forces, external_work
-from engine.kernel.model import StepCoefficients
-from engine.kernel.modes import apply_loss_all, begin_step, end_step, rescale_kinetic_energy, reverse_motion
+from engine.kernel.model import SingleContact, StepCoefficients
+from engine.kernel.modes import (
+    apply_loss_all,
+    begin_step,
+    begin_step_towards,
+    end_step,
+    end_step_pushed,
+    rescale_kinetic_energy,
+    reverse_motion,
+)
 
 
 class StepOutcome(NamedTuple):
@@ -62,9 +79,34 @@ def step(contact, force, weight, h, state, frame):
 
     h: StepCoefficients
     """
+    if contact is None:
+        return step_in_passes(None, contact, force, weight, h, state, frame)
+    return step_with_contacts(h.contact.single, contact, force, weight, h, state, frame)
+
+
+def step_with_contacts(
+    single: Any, contact: Any, force: Any, weight: Any, h: Any, state: Any, frame: int
+) -> StepOutcome:
+    """A step with contacts: in two passes over the modes where islands have but one. In compiled code only."""
+    raise TypeError("step_with_contacts is for compiled code")
+
+
+@inline
+def step_in_passes(single, contact, force, weight, h, state, frame):
+    """A step whose parts each go through the modes that they act on. Returns a StepOutcome."""
     dissipated = begin_step(h, weight, state.kick_compensation, state.q, state.p)
     apply_forces(force, h.force, frame, state.p)
     solution = solve_contacts(contact, h.contact, state)  # and their first half-kick
+    return finish_step_in_passes(contact, force, weight, h, state, frame, (solution, dissipated))
+
+
+@inline
+def finish_step_in_passes(contact, force, weight, h, state, frame, begun):
+    """The step from the first half-kick of the contacts on. Returns a StepOutcome.
+
+    begun: the ContactSolution, and the energy lost before it
+    """
+    solution, dissipated = begun
     in_contact, failed = solution.status != SolveStatus.FREE, solution.status == SolveStatus.FAILED
     dissipated_in_contact, work = solution.dissipated, 0.0
     if failed:
@@ -82,3 +124,38 @@ def step(contact, force, weight, h, state, frame):
     else:
         dissipated += end_step(h, weight, state.kick_compensation, state.q, state.p)
     return StepOutcome(in_contact, solution.evaluations, dissipated + dissipated_in_contact, work)
+
+
+@noinline
+def finish_rare_step(contact, weight, h, state, solution, dissipated):
+    """The rest of a step whose contact solve failed, or whose forces all but cancel. Returns a StepOutcome."""
+    used = use_single_solution(contact, h.contact, state, INT64_0, solution)
+    return finish_step_in_passes(contact, None, weight, h, state, INT64_0, (used, dissipated))
+
+
+@inline
+def step_in_two_passes(single, contact, force, weight, h, state, frame):
+    """A step of an island with one contact at most, and without external forces: a pass over the modes before the
+    solve, and one after it, instead of seven. Returns a StepOutcome."""
+    dissipated, move = begin_step_towards(h, single.drift_phi, weight, state.kick_compensation, state.q, state.p)
+    if state.compression.shape[0] == 0:
+        dissipated += end_step(h, weight, state.kick_compensation, state.q, state.p)
+        return StepOutcome(FALSE, INT64_0, dissipated, 0.0)
+    s = state.compression[0]
+    state.free_displacement[0] = move
+    if not (s > 0.0 or s + move > 0.0):
+        state.compression[0] = s + move
+        dissipated += end_step(h, weight, state.kick_compensation, state.q, state.p)
+        return StepOutcome(FALSE, INT64_0, dissipated, 0.0)
+    solution = find_contact_force(contact, h.contact, state, INT64_0)
+    is_rare = solution.status == SolveStatus.FAILED or cancels(h.contact, 0, s, solution.eta, solution.force)
+    if is_rare or state.energy_debt[0] != 0.0:
+        return finish_rare_step(contact, weight, h, state, solution, dissipated)
+    lost = store_single_solution(contact, h.contact, state, INT64_0, solution)
+    dissipated += end_step_pushed(
+        h, single.kick_phi, -solution.force, weight, state.kick_compensation, state.q, state.p
+    )
+    return StepOutcome(solution.status != SolveStatus.FREE, solution.evaluations, dissipated + lost, 0.0)
+
+
+overload_by_type(step_with_contacts, {type(None): step_in_passes.py_func, SingleContact: step_in_two_passes.py_func})

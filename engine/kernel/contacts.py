@@ -312,7 +312,7 @@ def solve_coupled_contacts(contact, h, state):
     return ContactSolution(status, rounds, lost, excess)
 
 
-@noinline
+@inline
 def store_coupled_solution(contact, h, state, status, excess):
     """Give all contacts of an island the compressions and forces that were found. Returns the energy lost and the
     energy that forces off their curves create, J."""

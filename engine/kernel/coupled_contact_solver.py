@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from engine.compiler.decorators import INT64_0, noinline
+from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.kernel.codes import Row, SolveStatus
 from engine.kernel.coupled_contact_round import (
     contact_response,
@@ -243,7 +243,7 @@ def finish_capped(problem, n, budget, least):
     return energy
 
 
-@noinline
+@inline
 def end_at_cap(problem, n, budget, least):
     """End a solve with the better of the forces on the laws and those after the Newton step. Returns how it ended, and
     the energy that the forces create, J."""
@@ -260,7 +260,7 @@ def end_at_cap(problem, n, budget, least):
 # --- the solve
 
 
-@noinline
+@inline
 def aim_at_guess(problem, n):
     """Targets of the projections from the forces GUESS: each contact alone, the others' forces fixed."""
     vectors, compliance = problem.scratch.vectors, problem.scratch.active_compliance
@@ -270,7 +270,7 @@ def aim_at_guess(problem, n):
         target[i] = vectors[Row.FREE_MOVE, i] - (dot(compliance[i], guess, n) - rho[i] * guess[i])
 
 
-@noinline
+@inline
 def aim_by_newton(problem, n, rounds):
     """Targets of the projections from the Newton step. Contacts may join that it would close; returns the size of the
     active set."""

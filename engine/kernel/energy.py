@@ -11,19 +11,16 @@ from engine.kernel.contacts import contact_energy
 
 @reduction
 def kinetic_and_potential(omega_squared, weight, q, p):
-    """½p², ½ω²q² - weight·q, and the same with each mode's weight·q without its sign, summed over modes, J."""
-    kinetic = 0.0
-    potential = 0.0
-    absolute = 0.0
+    """½p², ½ω²q² - weight·q, and ½ω²q² + |weight·q|, summed over modes, J."""
+    kinetic, elastic, fallen, absolute = 0.0, 0.0, 0.0, 0.0
     for m in range(p.shape[0]):
         kinetic += 0.5 * p[m] * p[m]
         if omega_squared is not None:
-            potential += 0.5 * omega_squared[m] * q[m] * q[m]
-            absolute += 0.5 * omega_squared[m] * q[m] * q[m]
+            elastic += 0.5 * omega_squared[m] * q[m] * q[m]
         if weight is not None:
-            potential -= weight[m] * q[m]
+            fallen += weight[m] * q[m]
             absolute += abs(weight[m] * q[m])
-    return kinetic, potential, absolute
+    return kinetic, elastic - fallen, elastic + absolute
 
 
 @inline

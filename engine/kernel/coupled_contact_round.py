@@ -62,9 +62,8 @@ def contact_response(law, loss_rate, k, s, eta):
 
 
 @noinline
-def substitute(problem, n, residual, out):
+def substitute(scratch, n, residual, out):
     """Solve (I + √J B √J) y = √J·residual by the present factor, for out = √J y."""
-    scratch = problem.scratch
     a, hot = scratch.cholesky, scratch.sloped
     slope, root, y = scratch.vectors[Row.SLOPE], scratch.vectors[Row.SQRT_SLOPE], scratch.vectors[Row.WORK]
     count = 0
@@ -87,13 +86,12 @@ def substitute(problem, n, residual, out):
 
 
 @noinline
-def newton_step(problem, n):
+def newton_step(scratch, n):
     """NEWTON_STEP = √J y with (I + √J B √J) y = √J·RESIDUAL, over the contacts with slope J > 0.
 
     The symmetric form of the Newton step: to first order, adding NEWTON_STEP to the forces on the
     laws removes RESIDUAL. The factor (Cholesky, its diagonal inverted) stays in the scratch.
     """
-    scratch = problem.scratch
     near, a, hot = scratch.active_compliance, scratch.cholesky, scratch.sloped
     slope, root = scratch.vectors[Row.SLOPE], scratch.vectors[Row.SQRT_SLOPE]
     count = 0
@@ -110,17 +108,16 @@ def newton_step(problem, n):
         for j in range(i):
             row[j] = (row[j] - dot(row, a[j], j)) * a[j, j]
         row[i] = 1.0 / math.sqrt(max(row[i] - dot(row, row, i), 1e-300))
-    substitute(problem, n, scratch.vectors[Row.RESIDUAL], scratch.vectors[Row.NEWTON_STEP])
+    substitute(scratch, n, scratch.vectors[Row.RESIDUAL], scratch.vectors[Row.NEWTON_STEP])
 
 
 @noinline
-def tangent_compliances(problem, n):
+def tangent_compliances(scratch, n):
     """Tangent compliance of each contact, RHO: the Schur complement of I + √J B √J with the other contacts
     linearised, from the present factor.
 
     With A = I + √J B √J it is (1/(A⁻¹)_kk - 1)/J_k, or without a slope B_kk - (B √J A⁻¹ √J B)_kk.
     """
-    scratch = problem.scratch
     near, a, hot = scratch.active_compliance, scratch.cholesky, scratch.sloped
     slope, root = scratch.vectors[Row.SLOPE], scratch.vectors[Row.SQRT_SLOPE]
     rho, y = scratch.vectors[Row.RHO], scratch.vectors[Row.WORK]
@@ -200,7 +197,7 @@ def line_search(problem, n):
         off[i] -= f[i]
     for i in range(n):  # Newton: (I + J B) d = φ - f, that is d = (φ - f) - J B (φ - f) + …
         left[i] = -dot(near[i], off, n)
-    newton_step(problem, n)
+    newton_step(scratch, n)
     for i in range(n):
         step[i] += off[i]
     before = 0.0
@@ -294,7 +291,7 @@ def try_extrapolate(problem, n):
                 bend[i] = second_order_change(problem.law, problem.loss_rate, k, s[i], estimate, after[i])
         for i in range(n):
             left[i] = -dot(near[i], bend, n)
-        substitute(problem, n, left, more)
+        substitute(problem.scratch, n, left, more)
         for i in range(n):
             more[i] += bend[i]
             step[i] += more[i]

@@ -282,7 +282,7 @@ def aim_by_newton(problem, n, rounds):
         vectors[Row.RHO],
     )
     step, further = vectors[Row.NEWTON_STEP], vectors[Row.FURTHER_MOVE]
-    tangent_compliances(problem, n)
+    tangent_compliances(problem.scratch, n)
     share = DAMPING if rounds >= DAMP_FROM_ROUND and rounds % 2 == 0 else 1.0
     for i in range(n):
         target[i] = (move[i] + rho[i] * f[i]) + share * (further[i] + rho[i] * step[i])
@@ -318,7 +318,7 @@ def solve_coupled(problem, cap, budget):
         residual, evaluations, status = project_onto_laws(problem, n)
         done = n == 1
         if not done:
-            newton_step(problem, n)
+            newton_step(problem.scratch, n)
             done = try_extrapolate(problem, n)
             done = done or (residual <= CONVERGED and residual >= 0.5 * best)  # stalled on rounding
         if done:

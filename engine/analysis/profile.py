@@ -3,6 +3,7 @@
 import hashlib
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from engine.kernel.model import Model
 from engine.kernel.render_block import render_block
 from engine.kernel.state import BlockOutput, State
 from engine.offline.effects import EFFECTS
+from engine.offline.record import Record
+from engine.offline.statistics import Activity
 from engine.patch.scene import Scene
 
 TIMED_CHUNK_FRAMES = 4096
@@ -37,13 +40,38 @@ REASONS_LEFT_OUT = {
 }
 
 
+@dataclass(frozen=True)
+class IslandProfile(Record):
+    """An island, and what it costs; times in ns per sample."""
+
+    bodies: list[str]
+    modes: int
+    modes_dropped: int  # too high for the sample rate
+    contacts: int  # points of contact
+    solver: str
+    activity: Activity
+    ns_expected: float  # in contact
+    ns_mean: float
+    ns_busiest: float  # mean of the slowest chunk
+
+
+@dataclass(frozen=True)
+class Profile(Record):
+    """What was built of a scene, and what it costs; the names of `fdh inspect --json`."""
+
+    kernel: str  # scenes with the same one share compiled code
+    islands: list[IslandProfile]
+    effects: dict[str, str]  # by name: compiled in, or why not
+    contacts_left_out: list[str]  # each with the reason
+
+
 def profile_scene(
     scene: Scene,
     seconds: float,
     samplerate: int = 44_100,
     on_compiled: Callable[[float], None] | None = None,
     **accuracy: Any,
-) -> dict[str, Any]:
+) -> Profile:
     """Islands, effects and costs of a scene, measured over its first `seconds`.
 
     on_compiled: called with 1.0 when the kernel is compiled, before the clock starts
@@ -55,15 +83,15 @@ def profile_scene(
     model, state, layout = build(scene, samplerate, settings, seconds, one_partition_per_island=True)
     channels = max(p.channel for p in scene.pickup)
     mean, worst = _measure_costs(model, state, round(seconds * samplerate), channels, on_compiled)
-    return {
-        "kernel": kernel_id(model, state),
-        "islands": [_island_record(layout, model, state, n, mean[n], worst[n]) for n in range(mean.size)],
-        "effects": {
+    return Profile(
+        kernel=kernel_id(model, state),
+        islands=[_profile_island(layout, model, state, n, mean[n], worst[n]) for n in range(mean.size)],
+        effects={
             name: "compiled in" if find(model) is not None else f"left out: {REASONS_LEFT_OUT[name]}"
             for name, find in EFFECTS.items()
         },
-        "contacts_left_out": _contacts_left_out(layout),
-    }
+        contacts_left_out=_contacts_left_out(layout),
+    )
 
 
 def kernel_id(model: Model, state: State) -> str:
@@ -96,23 +124,23 @@ def _measure_costs(
     return total / max(1, frames), worst
 
 
-def _island_record(layout: Layout, model: Model, state: State, n: int, mean: float, worst: float) -> dict[str, Any]:
-    """What is told of island n. mean, worst: its time, ns per sample"""
+def _profile_island(layout: Layout, model: Model, state: State, n: int, mean: float, worst: float) -> IslandProfile:
+    """The profile of island n. mean, worst: its time, ns per sample"""
     frames = max(1, int(state.frame[n]))
     bodies = [b for b in range(len(layout.scene.body)) if layout.island_of_body[b] == n]
     contacts = int(model.islands.contact[n + 1] - model.islands.contact[n])
     touching, asleep = state.contact_samples[n] / frames, state.sleep[n, Sleep.SAMPLES_SLEPT] / frames
-    return {
-        "bodies": [layout.scene.body[b].name for b in bodies],
-        "modes": int(model.islands.mode[n + 1] - model.islands.mode[n]),
-        "modes_dropped": sum(_modes_dropped(layout, b) for b in bodies),
-        "contacts": contacts,
-        "solver": SOLVER_NAMES.get(contacts, "vector"),
-        "activity": {"free": float(1 - touching - asleep), "contact": float(touching), "asleep": float(asleep)},
-        "ns_expected": float(estimate_cost(np.diff(layout.islands.mode), np.diff(layout.islands.contact))[n]),
-        "ns_mean": float(mean),
-        "ns_busiest": float(worst),
-    }
+    return IslandProfile(
+        bodies=[layout.scene.body[b].name for b in bodies],
+        modes=int(model.islands.mode[n + 1] - model.islands.mode[n]),
+        modes_dropped=sum(_modes_dropped(layout, b) for b in bodies),
+        contacts=contacts,
+        solver=SOLVER_NAMES.get(contacts, "vector"),
+        activity=Activity(float(1 - touching - asleep), float(touching), float(asleep)),
+        ns_expected=float(estimate_cost(np.diff(layout.islands.mode), np.diff(layout.islands.contact))[n]),
+        ns_mean=float(mean),
+        ns_busiest=float(worst),
+    )
 
 
 def _modes_dropped(layout: Layout, number: int) -> int:

@@ -7,6 +7,7 @@ alone (engine.analysis.metrics).
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +31,7 @@ from engine.kernel.codes import EventKind
 from engine.kernel.model import Model
 from engine.kernel.state import State
 from engine.offline.decimation import decimate, decimation_tail
+from engine.offline.record import Record
 from engine.offline.simulation import Simulation, time_block
 from engine.offline.statistics import SimulationStatistics, simulation_statistics
 from engine.patch.accuracy import Accuracy
@@ -43,6 +45,45 @@ TIMED_EMPTY_CALLS = 10  # of which the fastest is what a call costs
 SIGNIFICANT_RATIO = 3.0  # settings whose errors differ by less count as alike
 LOSSLESS_LADDER = [(2, 1), (2, 2), (2, 4), (2, 16), (4, 1), (4, 2), (4, 4)]  # order, substeps
 LOSSY_LADDER = [(2, 1), (2, 2), (2, 4), (2, 8), (2, 16)]
+
+
+@dataclass(frozen=True)
+class SettingResult(Record):
+    """Errors and costs of a scene at one setting."""
+
+    setting: str
+    changes: dict[str, Any]  # of the scene's Accuracy
+    error: float  # relative, before the horizon; infinite if that is 0
+    bands_db: float  # of the third-octave band that is farthest off
+    impulse: float  # relative, of the contact forces
+    first_contact_ms: float
+    rebound: float  # m/s
+    decay_db: float
+    cents: float
+    ns_per_sample: float
+    real_time_factor: float
+    newton: dict[str, Any]
+    energy_error: float
+    front: bool = False  # Pareto-optimal
+
+
+@dataclass(frozen=True)
+class WorkPrecisionStudy(Record):
+    """What accuracy costs; the names of `fdh accuracy --json`. Where nothing can be measured, there are no rows."""
+
+    seconds: float
+    samplerate: int
+    rows: list[SettingResult]
+    others: list[dict[str, Any]]  # other methods (engine.analysis.other_methods)
+    unmeasured: str | None  # why nothing can be measured
+    verdict: str
+    horizon: float | None = None  # s, to which errors can be taken
+    predictable: float | None = None  # s, by the perturbation alone
+    reference: str | None = None
+    disagreement: float | None = None
+    spread_db: float | None = None
+    first_contact_ms: float | None = None
+    rebound: float | None = None  # m/s
 
 
 class Setting(NamedTuple):
@@ -89,16 +130,11 @@ def measure_work_precision(
     seconds: float | None = None,
     samplerate: int = 44_100,
     progress: Callable[[float], None] | None = None,
-) -> dict[str, Any]:
+) -> WorkPrecisionStudy:
     """Errors and costs of a scene at every setting of its ladder.
 
     seconds: how much of the scene; half a second, or all of a shorter one, if None
-    Returns {"seconds", "horizon" (s), "predictable" (s, by the perturbation alone), "reference", "disagreement",
-    "spread_db", "first_contact_ms", "rebound" (m/s), "rows": [...], "others": [...] (engine.analysis.other_methods),
-    "unmeasured", "verdict"}; where the scene is silent, "unmeasured" says why, and there are no rows, and no other
-    numbers. A row has "setting", "changes", "error" (relative, before the horizon; infinite if that is 0), "bands_db",
-    "decay_db", "cents", "first_contact_ms", "rebound", "impulse", "ns_per_sample", "real_time_factor", "newton",
-    "energy_error", "front" (Pareto-optimal). Raises BuildError.
+    Raises BuildError.
     """
     seconds = min(scene.seconds, DEFAULT_SECONDS) if seconds is None else seconds
     base = scene.accuracy.replace(scheme="exact", oversample=1, precision="float64", silence=-np.inf, iterations=200)
@@ -125,80 +161,86 @@ def measure_work_precision(
     rows = []
     for setting, run in zip(ladder, runs, strict=True):
         accuracy = base.replace(**setting.changes, silence=scene.accuracy.silence)
-        cost = _measure_cost(scene, seconds, samplerate, accuracy)
-        rows.append(_result_row(setting, run, reference, samplerate, cost))
-    for row in rows:
-        row["front"] = not any(
-            other["error"] < row["error"] and other["ns_per_sample"] < row["ns_per_sample"] for other in rows
-        )
+        nanoseconds = _measure_cost(scene, seconds, samplerate, accuracy)
+        rows.append(_result_row(setting, run, reference, samplerate, nanoseconds))
     finest, frames = reference.run, reference.frames
-    study = {
-        "seconds": seconds,
-        "samplerate": samplerate,
-        "horizon": frames / samplerate,
-        "predictable": horizon(finest.audio, reference.perturbed.audio, samplerate) / samplerate,
-        "reference": reference.name,
-        "disagreement": reference.disagreement,
-        "spread_db": band_error(reference.perturbed.audio, finest.audio, samplerate),
-        "first_contact_ms": first_contact_ms(finest.forces, samplerate),
-        "rebound": _first_rebound(finest),
-        "rows": rows,
-        "others": compare_methods(scene, finest.audio[:, 0], samplerate, frames),
-        "unmeasured": None,
-    }
-    return study | {"verdict": summarise(study)}
+    study = WorkPrecisionStudy(
+        seconds=seconds,
+        samplerate=samplerate,
+        horizon=frames / samplerate,
+        predictable=horizon(finest.audio, reference.perturbed.audio, samplerate) / samplerate,
+        reference=reference.name,
+        disagreement=reference.disagreement,
+        spread_db=band_error(reference.perturbed.audio, finest.audio, samplerate),
+        first_contact_ms=first_contact_ms(finest.forces, samplerate),
+        rebound=_first_rebound(finest),
+        rows=_mark_pareto_optimal(rows),
+        others=compare_methods(scene, finest.audio[:, 0], samplerate, frames),
+        unmeasured=None,
+        verdict="",
+    )
+    return replace(study, verdict=summarise(study))
 
 
-def _result_row(
-    setting: Setting, run: Run, reference: Reference, samplerate: int, cost: dict[str, float]
-) -> dict[str, Any]:
-    """The row of a setting, but for whether it is Pareto-optimal."""
+def _mark_pareto_optimal(rows: list[SettingResult]) -> list[SettingResult]:
+    """The same results, each with whether no other is both more accurate and faster."""
+
+    def is_optimal(row: SettingResult) -> bool:
+        return not any(other.error < row.error and other.ns_per_sample < row.ns_per_sample for other in rows)
+
+    return [replace(row, front=is_optimal(row)) for row in rows]
+
+
+def _result_row(setting: Setting, run: Run, reference: Reference, samplerate: int, nanoseconds: float) -> SettingResult:
+    """The result of a setting, but for whether it is Pareto-optimal. nanoseconds: per sample"""
     exact = reference.run
     is_filtered = setting.changes.get("oversample", 1) > 1  # the filter rings, also where there is no contact
-    return {
-        "setting": setting.name,
-        "changes": setting.changes,
-        "error": relative_rms_error(run.audio, exact.audio, reference.frames),
-        "bands_db": band_error(run.audio, exact.audio, samplerate),
-        "impulse": impulse_error(run.forces, exact.forces),
-        "first_contact_ms": math.nan if is_filtered else first_contact_ms(run.forces, samplerate),
-        "rebound": math.nan if is_filtered else _first_rebound(run),
-        "decay_db": decay_error(run.audio, exact.audio, samplerate),
-        "cents": detuning_cents(run.audio, exact.audio),
-        **cost,
-        "newton": {k: run.stats.newton[k] for k in ("mean", "p99", "max", "unconverged")},
-        "energy_error": run.stats.energy.error_max,
-    }
+    return SettingResult(
+        setting=setting.name,
+        changes=setting.changes,
+        error=relative_rms_error(run.audio, exact.audio, reference.frames),
+        bands_db=band_error(run.audio, exact.audio, samplerate),
+        impulse=impulse_error(run.forces, exact.forces),
+        first_contact_ms=math.nan if is_filtered else first_contact_ms(run.forces, samplerate),
+        rebound=math.nan if is_filtered else _first_rebound(run),
+        decay_db=decay_error(run.audio, exact.audio, samplerate),
+        cents=detuning_cents(run.audio, exact.audio),
+        ns_per_sample=nanoseconds,
+        real_time_factor=1e9 / nanoseconds / samplerate,
+        newton={k: run.stats.newton[k] for k in ("mean", "p99", "max", "unconverged")},
+        energy_error=run.stats.energy.error_max,
+    )
 
 
-def summarise(study: dict[str, Any]) -> str:
+def summarise(study: WorkPrecisionStudy) -> str:
     """What more accuracy brings, in a sentence."""
-    rows = [row for row in study["rows"] if row["changes"].get("scheme") != "fdh"]
+    rows = [row for row in study.rows if row.changes.get("scheme") != "fdh"]
     plain = rows[0]
-    best = min(rows, key=lambda row: row["error"])
-    if study["predictable"] == 0.0:
+    best = min(rows, key=lambda row: row.error)
+    horizon, predictable = study.horizon or 0.0, study.predictable or 0.0
+    if predictable == 0.0:
         return "nothing pays: the motion is chaotic from the start, and all settings are equally right"
-    if study["horizon"] == 0.0:
+    if horizon == 0.0:
         return "cannot be told: contact is so stiff that the finest references disagree from the start"
-    if best["error"] * SIGNIFICANT_RATIO >= plain["error"]:
+    if best.error * SIGNIFICANT_RATIO >= plain.error:
         return "nothing pays: every setting errs about as much (stiff contact, or none)"
-    cost = best["ns_per_sample"] / plain["ns_per_sample"]
-    gain = f"{plain['error'] / best['error']:.3g} times less" if best["error"] > 0.0 else "not at all, and so less"
+    cost = best.ns_per_sample / plain.ns_per_sample
+    gain = f"{plain.error / best.error:.3g} times less" if best.error > 0.0 else "not at all, and so less"
     limit = ""
-    if study["horizon"] < study["seconds"]:
-        reason = "the motion is chaotic" if study["predictable"] < study["seconds"] else "the references disagree"
-        limit = f" up to {study['horizon'] * 1e3:.0f} ms; beyond, {reason} and nothing can be told"
-    return f"{best['setting']} errs {gain} than one plain step, for {cost:.2g} times its time{limit}"
+    if horizon < study.seconds:
+        reason = "the motion is chaotic" if predictable < study.seconds else "the references disagree"
+        limit = f" up to {horizon * 1e3:.0f} ms; beyond, {reason} and nothing can be told"
+    return f"{best.setting} errs {gain} than one plain step, for {cost:.2g} times its time{limit}"
 
 
-def cheapest_within(study: dict[str, Any], error: float, decibels: bool) -> tuple[dict[str, Any], bool]:
+def cheapest_within(study: WorkPrecisionStudy, error: float, decibels: bool) -> tuple[SettingResult, bool]:
     """The cheapest row of a study within an error (relative, or dB of the worst band) and True; the most accurate row
     and False if there is none."""
     key = "bands_db" if decibels else "error"
-    within = [row for row in study["rows"] if row[key] <= error]
+    within = [row for row in study.rows if row[key] <= error]
     if within:
-        return min(within, key=lambda row: row["ns_per_sample"]), True
-    return min(study["rows"], key=lambda row: row[key]), False
+        return min(within, key=lambda row: row.ns_per_sample), True
+    return min(study.rows, key=lambda row: row[key]), False
 
 
 def _allows_order_2_only(scene: Scene, samplerate: int, base: Accuracy) -> bool:
@@ -222,11 +264,9 @@ def _explain_unmeasurable(scene: Scene, run: Run, seconds: float, samplerate: in
     return f"silent; {silence}" if silence else None
 
 
-def _empty_study(seconds: float, samplerate: int, reason: str) -> dict[str, Any]:
+def _empty_study(seconds: float, samplerate: int, reason: str) -> WorkPrecisionStudy:
     """The study of a scene that gives nothing to measure."""
-    numbers = ("horizon", "predictable", "reference", "disagreement", "spread_db", "first_contact_ms", "rebound")
-    study: dict[str, Any] = {"seconds": seconds, "samplerate": samplerate, "rows": [], "others": []}
-    return study | dict.fromkeys(numbers) | {"unmeasured": reason, "verdict": f"nothing can be measured: {reason}"}
+    return WorkPrecisionStudy(seconds, samplerate, [], [], reason, f"nothing can be measured: {reason}")
 
 
 def _add_probes(scene: Scene) -> tuple[Scene, tuple[int, int]]:
@@ -304,7 +344,7 @@ def _perturb(model: Model, state: State, by: float) -> None:
         model.events.value2[model.events.kind == EventKind.STRIKE] *= 1 + by
 
 
-def _measure_cost(scene: Scene, seconds: float, samplerate: int, accuracy: Accuracy) -> dict[str, float]:
+def _measure_cost(scene: Scene, seconds: float, samplerate: int, accuracy: Accuracy) -> float:
     """Time per sample of the output, ns, of the fastest of some runs; that of an empty call does not count."""
     frames = max(1, round(seconds * samplerate))
     out = np.zeros((frames * accuracy.oversample, max(p.channel for p in scene.pickup)))
@@ -314,4 +354,4 @@ def _measure_cost(scene: Scene, seconds: float, samplerate: int, accuracy: Accur
         simulation = Simulation(model, state)
         call = min(time_block(simulation, out[:0]) for _ in range(TIMED_EMPTY_CALLS))
         best = min(best, time_block(simulation, out) - call)
-    return {"ns_per_sample": best / frames * 1e9, "real_time_factor": frames / samplerate / best}
+    return best / frames * 1e9

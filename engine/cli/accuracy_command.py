@@ -77,7 +77,7 @@ def accuracy_command(args: argparse.Namespace) -> int:
         print(warning, file=sys.stderr)
     if args.json:
         printed = outputs.stats if outputs is not None else {"patch": args.patch}
-        print(json.dumps(json_safe(printed | {"price": study})))
+        print(json.dumps(json_safe(printed | {"price": study.as_dict()})))
         return 0
     console.print_work_precision(study)
     if outputs is not None:

@@ -40,7 +40,7 @@ def profile_command(args: argparse.Namespace) -> int:
         print_error("not enough memory for so many samples; give fewer --seconds")
         return 1
     if args.json:
-        print(json.dumps({"patch": args.patch, "seconds": seconds, "explain": json_safe(profile)}))
+        print(json.dumps({"patch": args.patch, "seconds": seconds, "explain": json_safe(profile.as_dict())}))
     else:
         console.print_profile(profile, seconds)
     return 0

@@ -31,6 +31,7 @@ from engine.output_files import (
 if TYPE_CHECKING:
     import numpy as np
 
+    from engine.analysis.work_precision import WorkPrecisionStudy
     from engine.offline.render import Rendering
     from engine.patch.scene import Scene
 
@@ -45,7 +46,7 @@ class Outputs:
     rendering: "Rendering"
     audio: "np.ndarray"  # as the file will have it
     stats: dict[str, Any]  # as `--json` prints them: of the rendering, and of the file
-    comparison: dict[str, Any] | None  # what accuracy costs, if that was asked
+    comparison: "WorkPrecisionStudy | None"  # what accuracy costs, if that was asked
     page: str | None  # likewise
     warnings: list[str]
 
@@ -55,7 +56,7 @@ class WriteError(RuntimeError):
 
 
 def render_from_arguments(
-    scene: "Scene", numbers: NumericOptions, args: argparse.Namespace, comparison: dict[str, Any] | None = None
+    scene: "Scene", numbers: NumericOptions, args: argparse.Namespace, comparison: "WorkPrecisionStudy | None" = None
 ) -> Outputs:
     """Render a scene as the options say. Raises BuildError, MemoryError.
 
@@ -149,7 +150,7 @@ def write_or_raise(target: Path, job: Callable[[Path], object]) -> None:
 
 def run_work_precision(
     scene: "Scene", seconds: float | None, numbers: NumericOptions, args: argparse.Namespace
-) -> dict[str, Any]:
+) -> "WorkPrecisionStudy":
     """Measure what accuracy costs (engine.analysis.work_precision)."""
     from engine.analysis.work_precision import measure_work_precision
 

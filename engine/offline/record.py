@@ -16,4 +16,10 @@ class Record:
     def as_dict(self) -> dict[str, Any]:
         """All values by their names, records among them as dicts too."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
-        return {name: value.as_dict() if isinstance(value, Record) else value for name, value in values.items()}
+        return {name: _as_plain(value) for name, value in values.items()}
+
+
+def _as_plain(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_as_plain(item) for item in value]
+    return value.as_dict() if isinstance(value, Record) else value

@@ -2,9 +2,13 @@
 
 import math
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from engine.output_files import SILENT_PEAK, largest_safe_gain
+
+if TYPE_CHECKING:
+    from engine.analysis.profile import Profile
+    from engine.analysis.work_precision import WorkPrecisionStudy
 
 MAX_LISTED_ISLANDS = 32
 REAL_TIME_MARGIN = 0.8  # of the time there is, that a scene should take
@@ -96,7 +100,7 @@ def explain_too_slow(stats: dict[str, Any]) -> str:
     return f"{reason}; about {max(1, int(contacts * math.sqrt(goal)))} points of contact would do"
 
 
-def print_profile(profile: dict[str, Any], seconds: float) -> None:
+def print_profile(profile: "Profile", seconds: float) -> None:
     """Print islands, effects and costs (engine.analysis.profile) of the first seconds of a scene."""
     print(f"kernel {profile['kernel']}; costs in ns per sample on one core, energies measured, over {seconds:g} s")
     print_table(island_rows(profile))
@@ -108,7 +112,7 @@ def print_profile(profile: dict[str, Any], seconds: float) -> None:
         print(f"{'contact left out':<24} {remark}")
 
 
-def island_rows(profile: dict[str, Any]) -> list[tuple[str, ...]]:
+def island_rows(profile: "Profile") -> list[tuple[str, ...]]:
     """The first islands of a profile as rows of cells, their heads first."""
     head = ("island", "modes", "dropped", "contacts", "solver", "expected", "mean", "busiest", "free/contact/asleep")
     rows: list[tuple[str, ...]] = [head]
@@ -128,7 +132,7 @@ def print_table(rows: list[tuple[str, ...]]) -> None:
         print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
 
 
-def print_work_precision(study: dict[str, Any]) -> None:
+def print_work_precision(study: "WorkPrecisionStudy") -> None:
     """Print error and time of every setting (engine.analysis.work_precision)."""
     if study["unmeasured"]:
         print(study["verdict"])
@@ -139,7 +143,7 @@ def print_work_precision(study: dict[str, Any]) -> None:
     print(study["verdict"])
 
 
-def reference_note(study: dict[str, Any]) -> str:
+def reference_note(study: "WorkPrecisionStudy") -> str:
     """What the errors are measured against, and how far they can be believed."""
     return (
         f"error over the first {study['horizon'] * 1e3:.0f} ms against {study['reference']}, which is sure to"
@@ -147,7 +151,7 @@ def reference_note(study: dict[str, Any]) -> str:
     )
 
 
-def work_precision_rows(study: dict[str, Any]) -> list[tuple[str, ...]]:
+def work_precision_rows(study: "WorkPrecisionStudy") -> list[tuple[str, ...]]:
     """Settings and other methods as rows of cells, their heads first. A star marks settings that are Pareto-optimal."""
     head = "setting", "error", "bands", "decay", "pitch", "1st contact", "rebound", "impulse", "ns/sample", "real time"
     rows: list[tuple[str, ...]] = [("", *head, "Newton mean/p99/max", "energy error")]

@@ -16,6 +16,8 @@ from engine.report import console, plots
 from engine.wording import json_safe
 
 if TYPE_CHECKING:
+    from engine.analysis.profile import Profile
+    from engine.analysis.work_precision import WorkPrecisionStudy
     from engine.offline.render import Rendering
 
 MAX_FLAC_SECONDS = 3.0  # longer audio is embedded as Ogg Vorbis, a tenth of the size
@@ -66,8 +68,8 @@ def compose_page(
     rendering: "Rendering",
     audio: np.ndarray,
     stats: dict[str, Any],
-    profile: dict[str, Any],
-    study: dict[str, Any] | None = None,
+    profile: "Profile",
+    study: "WorkPrecisionStudy | None" = None,
 ) -> str:
     """The whole page as HTML.
 
@@ -151,7 +153,7 @@ def encode_for_browser(audio: np.ndarray, samplerate: int) -> tuple[bytes, str]:
     return data.getvalue(), f"audio/{file_format.lower()}"
 
 
-def headline_numbers(stats: dict[str, Any], profile: dict[str, Any]) -> Iterator[str]:
+def headline_numbers(stats: dict[str, Any], profile: "Profile") -> Iterator[str]:
     """The numbers to look at first: speed, energy error, iterations and contact."""
     newton, activity = stats["newton"], stats["activity"]
     rate = stats["samplerate"] * stats["accuracy"]["oversample"]
@@ -186,7 +188,7 @@ def time_figures(rendering: "Rendering", stats: dict[str, Any]) -> Iterator[str]
         yield figure_element(plots.panel_png(plots.PANELS[name], rendering, height), caption)
 
 
-def profile_section(profile: dict[str, Any]) -> Iterator[str]:
+def profile_section(profile: "Profile") -> Iterator[str]:
     """Effects, islands and their costs."""
     yield "<h2>What was built, and what was left out</h2>"
     yield from table_element(profile["effects"].items())
@@ -196,7 +198,7 @@ def profile_section(profile: dict[str, Any]) -> Iterator[str]:
     yield from table_element(console.island_rows(profile), has_head=True)
 
 
-def work_precision_section(study: dict[str, Any]) -> Iterator[str]:
+def work_precision_section(study: "WorkPrecisionStudy") -> Iterator[str]:
     """What accuracy costs: the verdict, a plot and a table."""
     yield f"<h2>What accuracy costs</h2><p>{escape(_capitalise(study['verdict']))}.</p>"
     if study["unmeasured"]:

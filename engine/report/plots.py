@@ -12,6 +12,7 @@ import numpy as np
 from engine.analysis.metrics import contact_intervals
 
 if TYPE_CHECKING:
+    from engine.analysis.work_precision import WorkPrecisionStudy
     from engine.offline.render import Rendering
 
 PLOT_COLUMNS = 1600  # to which long signals are reduced, by their extremes
@@ -136,14 +137,14 @@ def decimate_for_plot(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray,
     return time[::step], values[::step]
 
 
-def plot_work_precision(study: dict[str, Any], title: str, path: Path) -> None:
+def plot_work_precision(study: "WorkPrecisionStudy", title: str, path: Path) -> None:
     """Write a plot of error against time as a PNG (engine.analysis.work_precision)."""
     with open_figure(path, 9.0, 6.0) as axes:
         draw_work_precision(axes, study)
         axes.set_title(f"{title}: {study['verdict']}", size=9, wrap=True)
 
 
-def draw_work_precision(axes: Any, study: dict[str, Any]) -> None:
+def draw_work_precision(axes: Any, study: "WorkPrecisionStudy") -> None:
     """Draw error against time, of the settings and of other methods; methods that failed stand along the top."""
     if not study["rows"]:
         axes.set_axis_off()

@@ -48,7 +48,7 @@ def table() -> None:
             [
                 [
                     r["setting"],
-                    r.get("failed") or f"{r['error']:.1e}",
+                    ("failed" in r and r["failed"]) or f"{r['error']:.1e}",
                     f"{r['ns_per_sample']:.0f}",
                     f"{r['energy_error']:.0e}",
                     f"{r['bands_db']:.2f}" if "bands_db" in r else "",
@@ -85,7 +85,7 @@ def beside(priced: dict[str, dict[str, Any]]) -> None:
         ]
         line = [setting]
         for row in (r[0] if r else None for r in rows):
-            line.append(row.get("failed") or f"{row['error']:.0e}" if row else "")
+            line.append(("failed" in row and row["failed"]) or f"{row['error']:.0e}" if row else "")
             line.append(f"{row['ns_per_sample']:.0f}" if row else "")
         lines.append([*line, f"{max(r[0]['energy_error'] for r in rows if r):.0e}"])
     head = [f"{scene}: {what}" for scene in SHOWN.values() for what in ("error", "ns")]

@@ -5,12 +5,14 @@ Methods that fail stay in the list, with how they failed.
 
 import math
 import time
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from engine.analysis.other_method_kernels import METHODS, SingleBody, acceleration, hamiltonian, simulate
 from engine.bodies import Mass, Oscillator
+from engine.offline.record import Record
 from engine.patch.scene import Scene
 
 UNREACHABLE = 1e3  # m, where a wall is never met
@@ -63,11 +65,21 @@ def as_single_body(scene: Scene) -> SingleBodyCase | None:
     return SingleBodyCase(single, body.displacement, body.velocity, PICKUP_COLUMNS.index(pickup.quantity))
 
 
-def compare_methods(scene: Scene, reference: np.ndarray, samplerate: int, frames: int) -> list[dict[str, Any]]:
+@dataclass(frozen=True)
+class MethodResult(Record):
+    """Error and time of a scene by one method."""
+
+    setting: str
+    error: float  # relative; NaN if it failed
+    energy_error: float  # relative
+    ns_per_sample: float
+    failed: str  # in what way; "" if it did not
+
+
+def compare_methods(scene: Scene, reference: np.ndarray, samplerate: int, frames: int) -> list[MethodResult]:
     """Errors and times of the other methods over the first frames; empty if the scene is no case for them.
 
     reference: what the pickup hears [frames]
-    Rows have "setting", "error" (relative), "energy_error", "ns_per_sample" and "failed": in what way, or "".
     """
     case = as_single_body(scene)
     if case is None or frames == 0:
@@ -80,8 +92,8 @@ def compare_methods(scene: Scene, reference: np.ndarray, samplerate: int, frames
         simulate(method, case.body, case.y, case.v, 1 / samplerate, 2)  # compiled before the clock starts
         for factor in RATE_FACTORS:
             run, nanoseconds = time_method(method, case, samplerate * factor, frames * factor)
-            row = result_row(f"{method}, {factor} ×", run[::factor, case.column], reference, nanoseconds * factor)
-            rows.append(row | {"energy_error": relative_energy_change(run[:, 2])})
+            result = method_result(f"{method}, {factor} ×", run[::factor, case.column], reference, nanoseconds * factor)
+            rows.append(replace(result, energy_error=relative_energy_change(run[:, 2])))
     return rows + [dop853_with_events(case, reference, samplerate, tolerance) for tolerance in TOLERANCES]
 
 
@@ -98,14 +110,14 @@ def time_method(method: str, case: SingleBodyCase, rate: int, steps: int) -> tup
     return run, best / steps * 1e9
 
 
-def result_row(setting: str, run: np.ndarray, reference: np.ndarray, nanoseconds: float) -> dict[str, Any]:
-    """The row of a run: its relative error, NaN if it blew up, and its time, ns per sample. run, reference: [frames]"""
+def method_result(setting: str, run: np.ndarray, reference: np.ndarray, nanoseconds: float) -> MethodResult:
+    """The result of a run: its relative error, NaN if it blew up, and its time, ns per sample. Both are [frames]."""
     failed = ""
     if not np.isfinite(run).all() or np.abs(run).max(initial=0.0) > BLOW_UP_FACTOR * np.abs(reference).max(initial=0.0):
         failed = "blows up"
     with np.errstate(all="ignore"):
         error = float(np.sqrt(np.mean((run - reference) ** 2) / np.mean(reference**2)))
-    return {"setting": setting, "error": np.nan if failed else error, "ns_per_sample": nanoseconds, "failed": failed}
+    return MethodResult(setting, np.nan if failed else error, np.nan, nanoseconds, failed)
 
 
 def relative_energy_change(energy: np.ndarray) -> float:
@@ -115,10 +127,8 @@ def relative_energy_change(energy: np.ndarray) -> float:
     return change if np.isfinite(change) else np.inf
 
 
-def dop853_with_events(
-    case: SingleBodyCase, reference: np.ndarray, samplerate: int, tolerance: float
-) -> dict[str, Any]:
-    """A row of SciPy's DOP853, stopped and begun again wherever the body meets a wall or leaves it.
+def dop853_with_events(case: SingleBodyCase, reference: np.ndarray, samplerate: int, tolerance: float) -> MethodResult:
+    """The result of SciPy's DOP853, stopped and begun again wherever the body meets a wall or leaves it.
 
     reference: what the pickup hears [frames]; tolerance: relative
     """
@@ -126,10 +136,10 @@ def dop853_with_events(
     run, energy = _integrate(case, len(reference), samplerate, tolerance)
     elapsed = time.perf_counter() - begin
     frames = len(run)
-    row = result_row(f"DOP853, {tolerance:.0e}", run, reference[:frames], elapsed / max(1, frames) * 1e9)
+    result = method_result(f"DOP853, {tolerance:.0e}", run, reference[:frames], elapsed / max(1, frames) * 1e9)
     if frames < len(reference):
-        row |= {"error": np.nan, "failed": f"gave up at {frames / samplerate * 1e3:.0f} ms"}
-    return row | {"energy_error": relative_energy_change(energy)}
+        result = replace(result, error=np.nan, failed=f"gave up at {frames / samplerate * 1e3:.0f} ms")
+    return replace(result, energy_error=relative_energy_change(energy))
 
 
 def _integrate(case: SingleBodyCase, frames: int, samplerate: int, tolerance: float) -> tuple[np.ndarray, np.ndarray]:

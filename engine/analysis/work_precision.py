@@ -22,7 +22,7 @@ from engine.analysis.metrics import (
     rebound_velocity,
     relative_rms_error,
 )
-from engine.analysis.other_methods import TIMED_RUNS, compare_methods
+from engine.analysis.other_methods import TIMED_RUNS, MethodResult, compare_methods
 from engine.analysis.silence import explain_silence
 from engine.bodies import Mass, Oscillator
 from engine.build.build import build
@@ -74,7 +74,7 @@ class WorkPrecisionStudy(Record):
     seconds: float
     samplerate: int
     rows: list[SettingResult]
-    others: list[dict[str, Any]]  # other methods (engine.analysis.other_methods)
+    others: list[MethodResult]
     unmeasured: str | None  # why nothing can be measured
     verdict: str
     horizon: float | None = None  # s, to which errors can be taken

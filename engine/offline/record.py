@@ -13,6 +13,9 @@ class Record:
             raise KeyError(name)
         return getattr(self, name)
 
+    def __contains__(self, name: str) -> bool:
+        return any(field.name == name for field in fields(self))  # type: ignore[arg-type]
+
     def as_dict(self) -> dict[str, Any]:
         """All values by their names, records among them as dicts too."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]

@@ -12,6 +12,7 @@ import numpy as np
 from engine.analysis.metrics import contact_intervals
 
 if TYPE_CHECKING:
+    from engine.analysis.other_methods import MethodResult
     from engine.analysis.work_precision import WorkPrecisionStudy
     from engine.offline.render import Rendering
 
@@ -169,9 +170,9 @@ def draw_work_precision(axes: Any, study: "WorkPrecisionStudy") -> None:
         axes.legend(fontsize="x-small", loc="lower left")
 
 
-def _draw_methods(axes: Any, rows: list[dict[str, Any]]) -> None:
+def _draw_methods(axes: Any, rows: "list[MethodResult]") -> None:
     """Draw error against time of other methods, a line each."""
-    methods: dict[str, list[dict[str, Any]]] = {}
+    methods: dict[str, list[MethodResult]] = {}
     for row in rows:
         methods.setdefault(row["setting"].rpartition(",")[0], []).append(row)
     for n, (method, runs) in enumerate(methods.items()):

@@ -47,10 +47,12 @@ class Items:
     columns: int = 0  # of each item; 0: one number
     extra: int = 0  # items beyond those of the axis: 1 where each item has a begin, and the next is its end
     neutral: float = 0.0  # of an item that does nothing
+    is_shape: bool = False  # of modes at a point: 0 for a mode that does not act there
 
 
 PerMode = Annotated[np.ndarray, Items(Axis.MODE)]
 PerModeFactor = Annotated[np.ndarray, Items(Axis.MODE, neutral=1.0)]
+PerModeShape = Annotated[np.ndarray, Items(Axis.MODE, is_shape=True)]
 PerContact = Annotated[np.ndarray, Items(Axis.CONTACT)]
 PerCompliance = Annotated[np.ndarray, Items(Axis.COMPLIANCE)]
 PerForce = Annotated[np.ndarray, Items(Axis.FORCE)]

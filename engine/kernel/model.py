@@ -25,6 +25,7 @@ from engine.kernel.axes import (
     PerIslandBool,
     PerMode,
     PerModeFactor,
+    PerModeShape,
     PerPickup,
     PerPickupInt,
     PerRowInt,
@@ -65,8 +66,8 @@ class SingleContact(NamedTuple):
     """What all modes of an island do at its one contact, the two bodies together: a step with contact then needs two
     passes over the modes. Zeros where an island has no contact."""
 
-    kick_phi: PerMode  # t·Φ, as of rows
-    drift_phi: PerMode  # v·Φ
+    kick_phi: PerModeShape  # t·Φ, as of rows
+    drift_phi: PerModeShape  # v·Φ
 
 
 class ContactCoefficients(NamedTuple):

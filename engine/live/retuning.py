@@ -106,6 +106,9 @@ def _mode_pairs(poly: Model, single: Model, to: slice, of: slice) -> Iterator[Ar
     for items, ours, theirs in _tuned_arrays(poly, single, Axis.MODE):
         read = theirs[of.start : of.start + count] if theirs is not None else NEUTRAL[items.neutral][:count]
         yield ours[to.start : to.start + count], read
+        if items.is_shape:
+            missing = to.stop - to.start - count
+            yield ours[to.stop - missing : to.stop], NEUTRAL[0.0][:missing]
 
 
 def _contact_pairs(poly: Model, single: Model, n: int, i: int) -> Iterator[Arrays]:

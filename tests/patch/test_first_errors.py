@@ -249,7 +249,7 @@ def test_a_cache_that_cannot_be_written(tmp_path):
     """Compiled code goes to a temporary folder, of this user's own."""
     environment = {**os.environ, "TMPDIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
     for name, value in (("XDG_CACHE_HOME", "/proc/none"), ("NUMBA_CACHE_DIR", "/proc/none")):
-        words = [sys.executable, "-c", "from engine.compiler.cache import folder; print(folder())"]
+        words = [sys.executable, "-c", "from engine.compiler.cache import kernel_folder; print(kernel_folder())"]
         done = subprocess.run(words, env=environment | {name: value}, capture_output=True, text=True, check=True)
         assert Path(done.stdout.strip()).parent.parent == tmp_path
 

@@ -56,8 +56,8 @@ def measure_speed(make: Callable[[], Player], block: int) -> tuple[float, float]
     costs, peak = window_costs(make(), block, math.inf)
     for _ in range(RETRIES):
         if costs.max(initial=0.0) > 1.0:
-            again, _ = window_costs(make(), block, costs.size)
-            costs[: again.size] = np.minimum(costs[: again.size], again)
+            repeated, _ = window_costs(make(), block, costs.size)
+            costs[: repeated.size] = np.minimum(costs[: repeated.size], repeated)
     return 1.0 / float(costs.max(initial=1e-9)), peak
 
 
@@ -127,8 +127,8 @@ def play_patch(args: argparse.Namespace, scene: Scene, gain: float | None, accur
     path = Path(args.patch)
     while True:
         try:
-            _, name, channels, own = audio_device.find_output(args.device)
-            samplerate = own if args.samplerate is None else int(float(args.samplerate))
+            _, name, channels, device_rate = audio_device.find_output(args.device)
+            samplerate = device_rate if args.samplerate is None else int(float(args.samplerate))
             factory = PlayerFactory(args, gain, accuracy, samplerate, channels)
             scene = factory.with_accuracy(scene)
             player = factory.make_player(scene)
@@ -139,8 +139,8 @@ def play_patch(args: argparse.Namespace, scene: Scene, gain: float | None, accur
         except (audio_device.DeviceError, midi_notes.MidiError, TooSlow) as error:
             print_error(error)
             return 1
-        told = f"{scene.title or path.stem}, on {name} at {samplerate} Hz, blocks of {args.block_size}"
-        print(told, file=sys.stderr if args.json else sys.stdout, flush=True)
+        announcement = f"{scene.title or path.stem}, on {name} at {samplerate} Hz, blocks of {args.block_size}"
+        print(announcement, file=sys.stderr if args.json else sys.stdout, flush=True)
         watch = PatchWatcher(path, scene, player, factory.make_player, factory.with_accuracy) if args.watch else None
         wish, code = play_to_end(args, player, stream, name, watch, notes)
         stream.close()
@@ -164,13 +164,13 @@ def play_to_end(
     log = absolute_path(Path(args.event_log)) if args.event_log else None
     with catch_signals() as interrupted:
         with (
-            open_recording(args, player) as kept,
+            open_recording(args, player) as recording,
             read_keyboard(bool(args.record or args.event_log or args.midi)) as keys,
             show_meter(int(args.block_size)) as show,
         ):
-            wish = run_session(player, stream, kept.write, keys, show, watch, notes, interrupted)
-        write_log(player, log, kept)
-    code = report_end(wish, name, kept, interrupted)
+            wish = run_session(player, stream, recording.write, keys, show, watch, notes, interrupted)
+        write_log(player, log, recording)
+    code = report_end(wish, name, recording, interrupted)
     if wish == "vanished":
         audio_device.detach_portaudio()
         sys.stdout.flush()
@@ -179,15 +179,15 @@ def play_to_end(
     return wish, code
 
 
-def report_end(wish: str, name: str, kept: Recording | NoRecording, interrupted: list[int]) -> int:
+def report_end(wish: str, name: str, recording: Recording | NoRecording, interrupted: list[int]) -> int:
     """Say how it ended; returns the exit code. name: of the device."""
     if wish == "vanished":
         print_error(f"{name} is gone; what was recorded is kept")
     elif wish == "interrupted" and interrupted[0] != signal.SIGINT:
         print_error(f"ended by {signal.Signals(interrupted[0]).name}")
-    for line in kept.lines:
+    for line in recording.lines:
         print_error(line)
-    if not kept.is_complete or wish == "vanished":
+    if not recording.is_complete or wish == "vanished":
         return 1
     return 128 + interrupted[0] if wish == "interrupted" else 0
 
@@ -246,14 +246,14 @@ def handle_key(player: Player, key: str) -> None:
 def catch_signals() -> Iterator[list[int]]:
     """A list that holds a signal once Ctrl-C was pressed, the program was told to end, or its terminal was closed:
     nothing is broken off half-way. What the program was started to ignore, as by nohup, it ignores."""
-    found: list[int] = []
+    signals: list[int] = []
     numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
     before = {n: signal.getsignal(n) for n in numbers}
     before = {n: how for n, how in before.items() if n == signal.SIGINT or how is not signal.SIG_IGN}
     for number in before:
-        signal.signal(number, lambda number, frame: found.append(number))
+        signal.signal(number, lambda number, frame: signals.append(number))
     try:
-        yield found
+        yield signals
     finally:
         for number, how in before.items():
             signal.signal(number, how)
@@ -266,16 +266,16 @@ def open_recording(args: argparse.Namespace, player: Player) -> Iterator[Recordi
         yield NoRecording()
         return
     target = Path(args.record)
-    if what := explain_unsupported_format(target, player.samplerate, player.channels):
-        raise audio_device.DeviceError(f"--record: {what}")
-    if said := recovery.describe_leftovers(target.parent):
-        print_error(said)
-    kept, played = Recording(target, player.samplerate, player.channels, args.subtype), False
+    if message := explain_unsupported_format(target, player.samplerate, player.channels):
+        raise audio_device.DeviceError(f"--record: {message}")
+    if leftovers := recovery.describe_leftovers(target.parent):
+        print_error(leftovers)
+    recording, played = Recording(target, player.samplerate, player.channels, args.subtype), False
     try:
-        yield kept
+        yield recording
         played = True
     finally:
-        kept.close(played)
+        recording.close(played)
 
 
 def print_live_summary(player: Player, args: argparse.Namespace, played: dict[str, str]) -> None:
@@ -287,42 +287,42 @@ def print_live_summary(player: Player, args: argparse.Namespace, played: dict[st
     for body, notes in played.items():
         print(f"{body} plays {notes}")
     print(format_meter(replace(now, peak=0.0), int(args.block_size)).replace("  silent  ", "  "))
-    said = {
+    remarks = {
         "dropouts": f"dropouts: try --block-size {2 * int(args.block_size)}, or --latency high",
         "limited": "samples held back by the limiter; a lower --gain",
         "not_finite": "samples that were no numbers, and silenced: a fault of the engine; please report the patch",
         "dropped": "events dropped: too many at once",
         "lost": "samples of the recording lost: the disk was too slow",
     }
-    for key, what in said.items():
+    for key, message in remarks.items():
         if now[key]:
-            print(f"{now[key]} {what}")
+            print(f"{now[key]} {message}")
     for target in (args.record, args.event_log):
         if target and Path(target).exists():
             print(target)
 
 
-def write_log(player: Player, path: Path | None, kept: Recording | NoRecording) -> None:
+def write_log(player: Player, path: Path | None, recording: Recording | NoRecording) -> None:
     """Write what was done, if asked; what is to be said of it goes to what was kept of the sound."""
     if path is None:
         return
-    told = json.dumps(player.log())
+    text = json.dumps(player.log())
     try:
         path.parent.mkdir(parents=True, exist_ok=True)  # it was there before
         with atomic_write(path) as part:
-            part.write_text(told, "utf-8")
+            part.write_text(text, "utf-8")
     except OSError as error:
-        kept.is_complete = False
-        kept.lines.append(f"cannot write {path} ({error_reason(error)})")
+        recording.is_complete = False
+        recording.lines.append(f"cannot write {path} ({error_reason(error)})")
 
 
 def next_patch(path: Path) -> tuple[Path, Scene]:
     """The next patch of the folder that is good."""
     patches = sorted(path.parent.glob("*.toml"))
     at = patches.index(path) if path in patches else -1
-    for other in [*patches[at + 1 :], *patches[: at + 1]]:
+    for following in [*patches[at + 1 :], *patches[: at + 1]]:
         try:
-            return other, load(str(other))
+            return following, load(str(following))
         except PatchError:
             continue
     raise FileNotFoundError(path)

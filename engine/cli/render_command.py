@@ -46,19 +46,19 @@ def add_render_command(commands: "arguments.Commands") -> None:
         "render", help="render a patch to a sound file", description="Render a patch to a sound file."
     )
     arguments.add_patch(parser)
-    what = "the file to write (default: the patch's name, here)"
-    parser.add_argument("-o", "--output", metavar="OUT.wav", help=what)
+    help_text = "the file to write (default: the patch's name, here)"
+    parser.add_argument("-o", "--output", metavar="OUT.wav", help=help_text)
     arguments.add_length_and_rate(parser)
     arguments.add_sound_format(parser)
     arguments.add_gain(parser)
     arguments.add_cores(parser)
     arguments.add_accuracy_options(parser)
-    what = "render at the cheapest setting that errs less: 1e-4, or 0.1dB of a band"
-    parser.add_argument("--target-error", metavar="E", help=what)
+    help_text = "render at the cheapest setting that errs less: 1e-4, or 0.1dB of a band"
+    parser.add_argument("--target-error", metavar="E", help=help_text)
     parser.add_argument("--midi", metavar="FILE.mid", help="play the notes of a file")
     arguments.add_voices(parser)
-    what = "also write every sample's displacements, forces, energies"
-    parser.add_argument("--trace", metavar="OUT.npz", help=what)
+    help_text = "also write every sample's displacements, forces, energies"
+    parser.add_argument("--trace", metavar="OUT.npz", help=help_text)
     arguments.add_plot(parser, "waveform, spectrogram, energies and contacts")
     arguments.add_report(parser, "to listen to and look at")
     arguments.add_json(parser)

@@ -166,29 +166,29 @@ def files(base: Path) -> list[File]:
     return [file for part in _folders(base) for file in _files(part)]
 
 
-def count(found: list[File]) -> tuple[int, int]:
+def count(files: list[File]) -> tuple[int, int]:
     """How many kernels there are among files, and how many bytes all take."""
-    return sum(file.path.suffix == KERNEL for file in found), sum(file.size for file in found)
+    return sum(file.path.suffix == KERNEL for file in files), sum(file.size for file in files)
 
 
 def _folders(base: Path) -> list[Path]:
     """The folders of ours, one for each digest of sources and processor."""
     try:
         with os.scandir(base) as entries:
-            found = [e for e in entries if e.is_dir(follow_symlinks=False)]
+            folders = [e for e in entries if e.is_dir(follow_symlinks=False)]
     except OSError:
         return []
-    return [Path(entry.path) for entry in found if FOLDER.fullmatch(entry.name)]
+    return [Path(entry.path) for entry in folders if FOLDER.fullmatch(entry.name)]
 
 
 def _files(part: Path) -> Iterator[File]:
     """The files of ours in a folder. Links are not followed."""
     try:
         with os.scandir(part) as entries:
-            found = list(entries)
+            listed = list(entries)
     except OSError:  # another process has just deleted it
         return
-    for entry in found:
+    for entry in listed:
         if entry.is_dir(follow_symlinks=False):  # earlier versions of this engine made folders in it
             yield from _files(Path(entry.path))
         elif OURS.search(entry.name):
@@ -220,9 +220,9 @@ def prune(present: Path, room: float) -> None:
         used = max((file.used for file in _files(part)), default=0.0)
         newest[_sources(part)] = max(used, newest.get(_sources(part), 0.0))
     newest[_sources(present)] = math.inf
-    kept = sorted(newest, key=lambda sources: newest[sources], reverse=True)[:SOURCES]
+    recent = sorted(newest, key=lambda sources: newest[sources], reverse=True)[:SOURCES]
     for part in parts:
-        if _sources(part) not in kept:
+        if _sources(part) not in recent:
             _empty(part)
     _shrink(present.parent, room)
 

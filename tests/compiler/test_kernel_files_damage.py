@@ -144,7 +144,8 @@ def test_damage_to_a_whole_render_heals(tmp_path):
     sound, _ = render()
     present = cache.kernel_folder()
     folder = tmp_path / "cache" / "fdh-engine" / present.name
-    used = [path for path in kept(present) if path.name.startswith(("block.", "held."))]
+    used = [path for path in kept(present) if path.name.startswith(("render_block.", "struct_handle."))]
+    assert used
     folder.mkdir(parents=True)
     for i, path in enumerate(used):
         damage = list(DAMAGE.values())[i % len(DAMAGE)]

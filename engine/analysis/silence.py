@@ -41,10 +41,10 @@ def explain_silence(
     if is_at_rest:
         return _explain_no_motion(scene, seconds)
     has_touched = simulated.newton.solve_outcomes.solved > 0
-    why = [
+    explanations = [
         _explain_node(p) if p in at_nodes else _explain_pickup(scene, p, moving, has_touched, seconds) for p in audible
     ]
-    return "; and ".join(dict.fromkeys(why))
+    return "; and ".join(dict.fromkeys(explanations))
 
 
 def is_inaudible(scene: Scene) -> bool:

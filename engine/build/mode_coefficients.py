@@ -122,8 +122,8 @@ def stage_coefficients(
     """
     angle = np.arctan(omega * kick)
     exact = np.where(omega > 0.0, np.tan(length * angle) / np.where(omega > 0.0, omega, 1.0), length * kick)
-    own = length * kick if scheme == "fdh" else exact
-    return own, 2 * own / (1 + (omega * own) ** 2)
+    stage_kick = length * kick if scheme == "fdh" else exact
+    return stage_kick, 2 * stage_kick / (1 + (omega * stage_kick) ** 2)
 
 
 SCHEMES = {"exact": exact_coefficients, "fdh": midpoint_coefficients}

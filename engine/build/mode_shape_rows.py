@@ -29,8 +29,8 @@ def row_coefficients(
     places = list(_row_places(layout, points))
     chosen = [slice(first, first + phi.size) for _, _, first, phi in places]
     return RowCoefficients(
-        kick_phi=_entries(places, [phi * kick[own] for own, (_, _, _, phi) in zip(chosen, places, strict=True)]),
-        drift_phi=_entries(places, [phi * drift[own] for own, (_, _, _, phi) in zip(chosen, places, strict=True)]),
+        kick_phi=_entries(places, [phi * kick[modes] for modes, (_, _, _, phi) in zip(chosen, places, strict=True)]),
+        drift_phi=_entries(places, [phi * drift[modes] for modes, (_, _, _, phi) in zip(chosen, places, strict=True)]),
     )
 
 

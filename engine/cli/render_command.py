@@ -153,7 +153,7 @@ def midi_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespa
     else:
         for body, notes in played.items():
             print(f"{body} plays {notes}")
-        for why in reasons:
-            print(f"NOT TO BE TRUSTED: {why}")
+        for reason in reasons:
+            print(f"NOT TO BE TRUSTED: {reason}")
         print(f"{len(audio) / rate:g} s, {player.voices} voices, energy error {reading.energy_error:.1e}\n{output}")
     return 0

@@ -41,8 +41,8 @@ def replay_command(args: argparse.Namespace) -> int:
             with progress_feedback(args.json):
                 audio = replay(log)
     except (OSError, ValueError, RecursionError, MemoryError) as error:
-        why = error_reason(error).splitlines()[0] if str(error) else "too long"
-        faults.append(Fault("", f"cannot be read as a log ({why}); one that play --event-log wrote", args.log))
+        reason = error_reason(error).splitlines()[0] if str(error) else "too long"
+        faults.append(Fault("", f"cannot be read as a log ({reason}); one that play --event-log wrote", args.log))
     if faults:
         print_faults(faults)
         return 2

@@ -141,9 +141,9 @@ def tangent_compliances(scratch, n):
             row = a[i]
             y[i] = (y[i] - dot(row[begin:], y[begin:], i - begin)) * row[i]
             total += y[i] * y[i]
-        own = near[k, k]
-        less = (1.0 / total - 1.0) / slope[k] if slope[k] > 0.0 else own - total
-        rho[k] = min(own, max(less, MIN_RHO * own))
+        alone = near[k, k]
+        less = (1.0 / total - 1.0) / slope[k] if slope[k] > 0.0 else alone - total
+        rho[k] = min(alone, max(less, MIN_RHO * alone))
 
 
 @noinline

@@ -101,9 +101,9 @@ def postpone_tuning(shared, event):
         for i in range(EVENT_SLOTS):
             later[i] = sooner[i]
         n -= 1
-    own = waiting_tuning(shared, n)
+    tuning = waiting_tuning(shared, n)
     for i in range(EVENT_SLOTS):
-        own[i] = event[i]
+        tuning[i] = event[i]
     shared[Slot.WAITING_TUNINGS] += 1
 
 
@@ -117,9 +117,9 @@ def apply_due_tunings(shared):
     if due > 0:
         shared[Slot.WAITING_TUNINGS] -= due
         for n in range(shared[Slot.WAITING_TUNINGS]):
-            own, later = waiting_tuning(shared, n), waiting_tuning(shared, n + due)
+            tuning, later = waiting_tuning(shared, n), waiting_tuning(shared, n + due)
             for i in range(EVENT_SLOTS):
-                own[i] = later[i]
+                tuning[i] = later[i]
 
 
 @inline

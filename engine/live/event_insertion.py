@@ -73,10 +73,10 @@ def book_island_energy(model, state, n, sign):
     """Count the energy that island n holds as supplied, times a sign; if as supplied, its coefficients are new, and so
     are its compressions."""
     bounds = island_bounds(model.islands, partition_of(model.islands, n), n)
-    island, own = island_model(model, state, bounds), island_state(state, bounds)
+    part, part_state = island_model(model, state, bounds), island_state(state, bounds)
     if sign > 0:
-        reset_compressions(island.contact, own)
-    accumulate(own.energy_totals, EnergyTotal.SUPPLIED, sign * island_energy(island, own))
+        reset_compressions(part.contact, part_state)
+    accumulate(part_state.energy_totals, EnergyTotal.SUPPLIED, sign * island_energy(part, part_state))
 
 
 @inline

@@ -25,19 +25,19 @@ class EventQueue:
         self._pending: list[tuple[int, dict[str, Any]]] = []  # not taken yet, by their index in the queue
         self._quality_changes = 0  # that are in the log
 
-    def put(self, why: list[Any], row: QueuedEvent) -> None:
+    def put(self, description: list[Any], row: QueuedEvent) -> None:
         """Put an event into the queue. While that is full, all one could do is wait: it is dropped, and that is said.
 
-        why: the event as a person would say it, for the log
+        description: the event as a person would say it, for the log
         """
         row = (*row[:4], checked_frame(row[4]) if row[0] != EventKind.TUNE else row[4], *row[5:])
         shared = self._memory.shared
         with self._lock:  # one at a time writes to the queue
             index = int(shared[Slot.WRITE_INDEX])
             if audio_thread.enqueue(shared.ctypes.data, *row):
-                self._pending.append((index, {"why": why, "row": [*map(int, row[:6]), *row[6:]]}))
+                self._pending.append((index, {"why": description, "row": [*map(int, row[:6]), *row[6:]]}))
             else:
-                self._log.append({"frame": None, "why": [*why, "dropped: too many at once"], "row": list(row)})
+                self._log.append({"frame": None, "why": [*description, "dropped: too many at once"], "row": list(row)})
             self._drain()
 
     def entries(self) -> list[dict[str, Any]]:

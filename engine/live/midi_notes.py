@@ -84,8 +84,8 @@ def open_midi_file(path: Path) -> Any:
 
 def unreadable_file(path: Path, error: Exception) -> MidiError:
     """That a file is no MIDI, in a line."""
-    why = " ".join(error_reason(error).split()) or type(error).__name__
-    return MidiError(f"{path} cannot be read as MIDI ({why[:200]})")
+    reason = " ".join(error_reason(error).split()) or type(error).__name__
+    return MidiError(f"{path} cannot be read as MIDI ({reason[:200]})")
 
 
 def open_port(name: str) -> Any:

@@ -276,10 +276,12 @@ class Player:
         """An event as rows of the score."""
         return event_rows(self.layout, event, nominal_stiffness(self.layout), self.samplerate)
 
-    def _put_event(self, why: list[Any], event: StrikeEvent | DampEvent | ChangeEvent | PluckEvent, frame: int) -> None:
+    def _put_event(
+        self, description: list[Any], event: StrikeEvent | DampEvent | ChangeEvent | PluckEvent, frame: int
+    ) -> None:
         for island, start, end, kind, first, last, a, b in self._rows(event):
             row: QueuedEvent = (kind, island, first, last, frame, min(end, NO_END) - start, a, b)
-            self._queue.put(list(why), row)
+            self._queue.put(list(description), row)
 
     # --- what it says of itself
 

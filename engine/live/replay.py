@@ -58,8 +58,8 @@ class Log(BaseModel):
 def read_log(path: Path) -> Log:
     """A log from its file. Raises OSError or ValueError if it is none."""
     try:
-        told = json.loads(read_bytes(path, MAX_LOG_BYTES).decode(), parse_constant=_none)
-        return Log.model_validate(told)
+        record = json.loads(read_bytes(path, MAX_LOG_BYTES).decode(), parse_constant=_none)
+        return Log.model_validate(record)
     except RecursionError:
         raise ValueError("its brackets are nested too deeply") from None
     except ValidationError as error:
@@ -71,10 +71,10 @@ def _none(name: str) -> Any:
     raise ValueError(f"{name} is no number of JSON")
 
 
-def replay(told: dict[str, Any] | Log) -> np.ndarray:
+def replay(record: dict[str, Any] | Log) -> np.ndarray:
     """What was played, from its log: single precision [frames, channels], the same bit for bit. Raises ValueError
     (pydantic's, or BuildError) if the log is none."""
-    log = told if isinstance(told, Log) else Log.model_validate(told)
+    log = record if isinstance(record, Log) else Log.model_validate(record)
     if log.frames > HOURS * 3600 * log.samplerate:
         raise ValueError(f"it has {log.frames} frames; at most {HOURS} hours")
     try:

@@ -27,7 +27,7 @@ BLOCK = 256
 SHARE = 0.7  # of a deadline, that the worst block may take
 RUNS = 3
 PATCH = "tanpura_drone"
-LOADS = ("idle", "a Python loop")
+LOADS = ("idle", "a Python loop", "a long call")  # the last holds the interpreter's lock for 30 ms or more
 
 
 def serve(frames: int) -> tuple[subprocess.Popen[bytes], dict[str, str]]:
@@ -64,8 +64,10 @@ def play(compiled: bool, frames: int, load: str, seconds: float, patch: str) -> 
     while time.monotonic() - begin < seconds:
         if load == "idle":
             time.sleep(0.05)
-        else:
+        elif load == "a Python loop":
             sum(i * i for i in range(2000))
+        else:
+            sum(range(2_000_000))
     calls, gaps = int(player.shared[Slot.CALLS]), int(player.shared[Slot.UNDERRUNS])
     elapsed = time.monotonic() - begin
     times = player.loads[: min(calls, len(player.loads))]

@@ -358,12 +358,12 @@ def test_a_device_that_vanishes(tmp_path, jack):
 @needs_portaudio
 @needs_jack
 def test_the_compiled_callback_does_not_wait_for_python(jack):
-    """While Python is in a loop, the callback in Python comes late; the compiled one does not. As a ratio: a machine
-    without real-time rights may lose a block of either."""
+    """While Python is in calls that hold its lock for 30 ms or more, the callback in Python comes late; the compiled one
+    does not. As a ratio: a machine without real-time rights may lose a block of either."""
     environment, _ = jack
     late = {}
     for compiled in (True, False):
-        found = played(compiled, 256, "a Python loop", 3.0, os.environ | environment, "piano_c4")
+        found = played(compiled, 256, "a long call", 3.0, os.environ | environment, "piano_c4")
         late[compiled] = found["gaps"] + max(0.0, 1.0 - found["calls"]) * 3.0 * 44_100 / 256
     assert late[False] > 20
     assert late[True] < late[False] / 4

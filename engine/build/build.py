@@ -23,12 +23,12 @@ from engine.build.mode_coefficients import (
 from engine.build.mode_shape_rows import mode_shape_rows
 from engine.build.reachability import contacts_to_build
 from engine.build.refinement_tables import build_refinement, end_loss
-from engine.build.step_coefficients import ModeCoefficients, step_coefficients
+from engine.build.step_coefficients import ModeCoefficients, contact_basis_rows, step_coefficients
 from engine.faults import BuildError, Fault
 from engine.kernel.axes import align_to_cache_lines, to_single_precision
 from engine.kernel.codes import Quantity
 from engine.kernel.laws import select_law
-from engine.kernel.model import Contact, ExternalForce, FreeMasses, ModalLoss, Model, Pickups
+from engine.kernel.model import Contact, ContactBasis, ExternalForce, FreeMasses, ModalLoss, Model, Pickups
 from engine.kernel.state import State
 from engine.output_files import error_reason
 from engine.patch.accuracy import Accuracy
@@ -76,7 +76,8 @@ def build(
     layout = check_and_layout(scene, samplerate, accuracy, seconds, live=event_capacity > 0)
     modes = mode_coefficients(layout, samplerate, accuracy)
     events, event_begins = event_table(layout, nominal_stiffness(layout), samplerate, event_capacity)
-    islands = layout.islands._replace(event=event_begins)
+    bases = np.concatenate([[0], np.cumsum([rank for _, rank in layout.contact_shapes])])
+    islands = layout.islands._replace(event=event_begins, basis=bases.astype(np.int64))
     if one_partition_per_island:
         islands = islands._replace(partition=np.arange(event_begins.size))
     omega, weight = layout.concatenate_modes("omega"), layout.concatenate_modes("gravity_participation")
@@ -88,11 +89,11 @@ def build(
         omega_squared=omega**2 if omega.any() else None,
         weight=-scene.gravity * weight if (scene.gravity * weight).any() else None,
         force=_external_force(layout, samplerate, seconds),
-        contact=_contact(layout, accuracy, variable_exponents),
+        contact=_contact(layout, modes, accuracy, variable_exponents),
         refinement=build_refinement(layout, modes.kick, accuracy, samplerate) if accuracy.is_refined else None,
         events=events,
         pickups=_pickups(layout),
-        bodies=mode_shape_rows(layout, trace_points(layout)),
+        bodies=mode_shape_rows([layout.row(point) for point in trace_points(layout)]),
         free_masses=_free_masses(layout, omega),
         sleep_threshold=10 ** (accuracy.silence / 20),
     )
@@ -174,7 +175,7 @@ def _free_masses(layout: Layout, omega: np.ndarray) -> FreeMasses | None:
     return FreeMasses(free - np.repeat(islands.mode[:-1], np.diff(islands.free_mass)), is_audible)
 
 
-def _contact(layout: Layout, accuracy: Accuracy, variable_exponents: bool) -> Contact | None:
+def _contact(layout: Layout, modes: ModeCoefficients, accuracy: Accuracy, variable_exponents: bool) -> Contact | None:
     """The contacts of a layout; None without any."""
     if not layout.contact_points:
         return None
@@ -182,17 +183,26 @@ def _contact(layout: Layout, accuracy: Accuracy, variable_exponents: bool) -> Co
     stiffness = nominal_stiffness(layout)
     exponents = np.array([scene.contact[k].exponent for k, _ in layout.contact_points])
     changed = any(isinstance(e, ChangeEvent) and e.exponent is not None for e in scene.event)
-    sides = [layout.contact_sides(k, point) for k, point in layout.contact_points]
-    others = [b for _, b in sides]
+    others = [b for _, b in layout.contact_rows]
     return Contact(
         law=select_law(stiffness, exponents, variable_exponents or changed),
-        rows=mode_shape_rows(layout, [a for a, _ in sides]),
-        other_rows=mode_shape_rows(layout, others) if any(b.body is not None for b in others) else None,
+        rows=mode_shape_rows([layout.row(a) for a, _ in layout.contact_rows]),
+        other_rows=mode_shape_rows([layout.row(b) for b in others]) if any(b.body for b in others) else None,
+        basis=_contact_basis(layout, modes),
         nominal_stiffness=stiffness,
         nominal_barrier=np.array([layout.offset(k, point) for k, point in layout.contact_points]),
         tolerance=accuracy.tolerance,
         max_rounds=accuracy.iterations,
     )
+
+
+def _contact_basis(layout: Layout, modes: ModeCoefficients) -> ContactBasis | None:
+    """What contacts have in common; None where there is no such island."""
+    shapes, at_contacts = contact_basis_rows(layout, modes)
+    if not shapes:
+        return None
+    begins = np.cumsum([0, *(entries.size for entries in at_contacts[:-1])])
+    return ContactBasis(mode_shape_rows(shapes), begins.astype(np.int64))
 
 
 def _external_force(layout: Layout, samplerate: float, seconds: float) -> ExternalForce | None:
@@ -203,7 +213,7 @@ def _external_force(layout: Layout, samplerate: float, seconds: float) -> Extern
     tables = [_force_table(layout.scene, force, samplerate, seconds) for force in forces]
     begins = np.cumsum([0] + [t.values.size for t in tables]).astype(np.int64)
     return ExternalForce(
-        rows=mode_shape_rows(layout, layout.force_points),
+        rows=mode_shape_rows([layout.row(point) for point in layout.force_points]),
         start=np.array([t.start for t in tables], dtype=np.int64),
         table_begin=begins[:-1],
         table_end=begins[1:],
@@ -237,7 +247,7 @@ def _pickups(layout: Layout) -> Pickups:
                     sign.append(-side.factor)
         begin.append(len(contact))
     return Pickups(
-        rows=mode_shape_rows(layout, [layout.point_of(pickup) for pickup in pickups]),
+        rows=mode_shape_rows([layout.row(layout.point_of(pickup)) for pickup in pickups]),
         quantity=np.array([QUANTITIES[pickup.quantity] for pickup in pickups], dtype=np.int64),
         channel=np.array([pickup.channel - 1 for pickup in pickups], dtype=np.int64),
         gain=np.array([pickup.gain for pickup in pickups]),

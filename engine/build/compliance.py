@@ -18,8 +18,7 @@ def contact_compliance(layout: Layout, kick: np.ndarray, drift: np.ndarray) -> t
     matrices, low = [], []
     for n in range(islands.mode.size - 1):
         modes = slice(islands.mode[n], islands.mode[n + 1])
-        points = layout.contact_points[islands.contact[n] : islands.contact[n + 1]]
-        sides = [layout.contact_sides(k, point) for k, point in points]
+        sides = layout.contact_rows[islands.contact[n] : islands.contact[n + 1]]
         shapes = np.array([layout.dense_mode_shape(a, n) + layout.dense_mode_shape(b, n) for a, b in sides])
         shapes = shapes.reshape(-1, modes.stop - modes.start)
         kicks, drifts = shapes * kick[modes], shapes * drift[modes]

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from engine.build.contact_basis import SIMD_LANES
 from engine.build.layout import Layout
 from engine.kernel.axes import Axis, allocate
 from engine.kernel.codes import Row
@@ -46,18 +47,18 @@ def item_counts(model: Model) -> dict[Axis, int]:
 
 def allocate_scratch(partitions: int, contacts: int) -> Scratch:
     """Memory of each partition of a scene whose islands have up to so many contacts."""
+    lanes = -(-contacts // SIMD_LANES) * SIMD_LANES
     matrices = np.zeros((2, partitions, contacts, contacts))
     return Scratch(
-        np.zeros((partitions, len(Row), contacts)), *matrices, *np.zeros((3, partitions, contacts), np.int64)
+        np.zeros((partitions, len(Row), lanes)), *matrices, *np.zeros((3, partitions, contacts), np.int64)
     )
 
 
 def _initial_compressions(layout: Layout, q: np.ndarray) -> np.ndarray:
     """Projected displacement of each contact, before its barrier is subtracted [contacts], m."""
     mode, compression = layout.islands.mode, np.zeros(len(layout.contact_points))
-    for slot, (k, point) in enumerate(layout.contact_points):
-        island = layout.island_of_body[layout.body_index[layout.scene.contact[k].body]]
+    for slot, (a, b) in enumerate(layout.contact_rows):
+        island = int(np.searchsorted(layout.islands.contact, slot, side="right")) - 1
         inside = q[mode[island] : mode[island + 1]]
-        a, b = layout.contact_sides(k, point)
         compression[slot] = layout.dense_mode_shape(a, island) @ inside + layout.dense_mode_shape(b, island) @ inside
     return compression

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from engine.bodies.body import ModalBody
+from engine.build.contact_basis import truncate_shapes
 from engine.build.contact_points import ContactPoint, contact_points
 from engine.build.subsystems import connected_components, estimate_cost, partition_islands
 from engine.kernel.model import Islands
@@ -20,9 +21,18 @@ class BodyPoint(NamedTuple):
     body: str | None
     position: Any
     factor: float
+    phi: np.ndarray | None = None  # the mode shapes there [modes], 1/√kg, if they are not those of the body
 
 
 NOWHERE = BodyPoint(None, None, 0.0)
+
+
+class ShapeRow(NamedTuple):
+    """Mode shapes of consecutive modes at a point."""
+
+    mode_begin: int  # counted from the first of their island
+    mode_begin_of_all: int  # counted from the first of all
+    phi: np.ndarray  # [modes], 1/√kg
 
 
 class Layout:
@@ -65,6 +75,34 @@ class Layout:
         """What is subtracted from the projected displacement at a point of contact k, m."""
         return offset(self.scene.contact[k], point)
 
+    @cached_property
+    def contact_rows(self) -> list[tuple[BodyPoint, BodyPoint]]:
+        """The two sides of each point of contact, in the kernels' order, with the mode shapes of their island's
+        basis where it has one."""
+        rows = [self.contact_sides(k, point) for k, point in self.contact_points]
+        for n, (shapes, rank) in enumerate(self.contact_shapes):
+            first = self.islands.contact[n]
+            for slot in range(first, first + len(shapes)) if rank else ():
+                a, b = rows[slot]
+                rows[slot] = self._with_shape(a, shapes[slot - first]), self._with_shape(b, shapes[slot - first])
+        return rows
+
+    def _with_shape(self, point: BodyPoint, phi: np.ndarray) -> BodyPoint:
+        """A point whose body has its part of the given mode shapes there [modes of the island]."""
+        return point if point.body is None else point._replace(phi=phi[self.local_modes(self.body_index[point.body])])
+
+    @cached_property
+    def contact_shapes(self) -> list[tuple[np.ndarray, int]]:
+        """The mode shapes of each island at its contacts [contacts, modes], and the rank of their basis, or 0."""
+        found, begins = [], self.islands.contact
+        for n in range(begins.size - 1):
+            points = self.contact_points[begins[n] : begins[n + 1]]
+            sides = [self.contact_sides(k, point) for k, point in points]
+            phi = np.array([self.dense_mode_shape(a, n) + self.dense_mode_shape(b, n) for a, b in sides])
+            joins_itself = any(a.body == b.body for a, b in sides)
+            found.append((phi, 0) if joins_itself else truncate_shapes(phi))
+        return found
+
     def point_of(self, table: Any) -> BodyPoint:
         """Where a force acts, or a pickup listens; nowhere, if that is all contact forces of its body."""
         if getattr(table, "quantity", None) == "force":
@@ -81,7 +119,7 @@ class Layout:
 
     @cached_property
     def islands(self) -> Islands:
-        """Where the items of each island begin. Events are built last (engine.build.event_table)."""
+        """Where the items of each island begin, but for the bases of contacts and for events, which are built later."""
         scene = self.scene
         body = self._segment_begins(b.name for b in scene.body)
         mode = self._mode_begins[body]
@@ -90,6 +128,7 @@ class Layout:
         return Islands(
             mode=mode,
             contact=contact,
+            basis=np.zeros(body.size, dtype=np.int64),
             compliance=np.concatenate([[0], np.cumsum(np.diff(contact) ** 2)]).astype(np.int64),
             force=self._segment_begins(self.forces[j].body for j in self.force_order),
             event=np.zeros(body.size, dtype=np.int64),
@@ -135,7 +174,16 @@ class Layout:
         """The mode shapes of a body at a point, times the factor [modes], 1/√kg; empty without a body."""
         if point.body is None:
             return np.empty(0)
+        if point.phi is not None:
+            return point.phi
         return point.factor * self.modal_bodies[self.body_index[point.body]].shape(point.position)
+
+    def row(self, point: BodyPoint) -> ShapeRow:
+        """The mode shapes at a point."""
+        if point.body is None:
+            return ShapeRow(0, 0, np.empty(0))
+        number = self.body_index[point.body]
+        return ShapeRow(self.local_modes(number).start, self.global_modes(number).start, self.mode_shape(point))
 
     def dense_mode_shape(self, point: BodyPoint, island: int) -> np.ndarray:
         """The same over all modes of an island."""

@@ -6,9 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from engine.build.compliance import contact_compliance
-from engine.build.layout import Layout
+from engine.build.contact_basis import SIMD_LANES, contact_basis
+from engine.build.layout import Layout, ShapeRow
 from engine.build.mode_shape_rows import row_coefficients
-from engine.kernel.model import ContactCoefficients, ModalLoss, SingleContact, StepCoefficients
+from engine.kernel.model import BasisCoefficients, ContactCoefficients, ModalLoss, SingleContact, StepCoefficients
 
 
 class ModeCoefficients(NamedTuple):
@@ -25,6 +26,7 @@ def step_coefficients(
 ) -> StepCoefficients:
     """The coefficients of a step. length: as a share of a sample, negative for a step back in time."""
     omega = layout.concatenate_modes("omega")
+    forced = [layout.row(point) for point in layout.force_points]
     return StepCoefficients(
         kick=modes.kick,
         drift=modes.drift,
@@ -32,7 +34,7 @@ def step_coefficients(
         loss=modes.loss,
         drag=modes.drag,
         contact=contact_coefficients(layout, modes, samplerate, length) if layout.contact_points else None,
-        force=row_coefficients(layout, layout.force_points, modes.kick, modes.drift) if layout.force_order else None,
+        force=row_coefficients(forced, modes.kick, modes.drift) if forced else None,
     )
 
 
@@ -40,20 +42,38 @@ def contact_coefficients(
     layout: Layout, modes: ModeCoefficients, samplerate: float, length: float
 ) -> ContactCoefficients:
     """The coefficients of the contacts of a layout, of which there are some. length: as a share of a sample."""
-    sides = [layout.contact_sides(k, point) for k, point in layout.contact_points]
     matrices, low = contact_compliance(layout, modes.kick, modes.drift)
     loss = np.array([layout.scene.contact[k].loss for k, _ in layout.contact_points])
-    others = [b for _, b in sides]
-    joined = any(point.body is not None for point in others)
+    ours = [layout.row(a) for a, _ in layout.contact_rows]
+    theirs = [layout.row(b) for _, b in layout.contact_rows]
+    joined = any(row.phi.size for row in theirs)
+    shapes, at_contacts = contact_basis_rows(layout, modes)
     return ContactCoefficients(
-        rows=row_coefficients(layout, [a for a, _ in sides], modes.kick, modes.drift),
-        other_rows=row_coefficients(layout, others, modes.kick, modes.drift) if joined else None,
+        rows=row_coefficients(ours, modes.kick, modes.drift),
+        other_rows=row_coefficients(theirs, modes.kick, modes.drift) if joined else None,
         compliance=np.concatenate([np.diag(m) for m in matrices]),
         compliance_low=low,
         loss_rate=loss * samplerate / length if loss.any() else None,
         coupling=np.concatenate([m.ravel() for m in matrices]) if any(m.size > 1 for m in matrices) else None,
         single=_single_contacts(layout, modes),
+        basis=BasisCoefficients(row_coefficients(shapes, modes.kick, modes.drift), np.concatenate(at_contacts))
+        if shapes
+        else None,
     )
+
+
+def contact_basis_rows(layout: Layout, modes: ModeCoefficients) -> tuple[list[ShapeRow], list[np.ndarray]]:
+    """The rows of the bases of all islands' contacts, and what each moves at the contacts of its island, √(m/N), zeros
+    after them."""
+    begins, rows, at_contacts = layout.islands.mode, list[ShapeRow](), list[np.ndarray]()
+    for n, (phi, rank) in enumerate(layout.contact_shapes):
+        if rank:
+            inside = slice(begins[n], begins[n + 1])
+            basis = contact_basis(phi, rank, modes.kick[inside], modes.drift[inside])
+            rows += [ShapeRow(0, int(begins[n]), shape) for shape in basis.shapes]
+            padded = np.pad(basis.at_contacts, ((0, -len(phi) % SIMD_LANES), (0, 0)))
+            at_contacts += list(np.ascontiguousarray(padded.T))
+    return rows, at_contacts
 
 
 def _single_contacts(layout: Layout, modes: ModeCoefficients) -> SingleContact | None:
@@ -63,7 +83,7 @@ def _single_contacts(layout: Layout, modes: ModeCoefficients) -> SingleContact |
         return None
     phi = np.zeros(modes.kick.size)
     for n in np.flatnonzero(np.diff(islands.contact)).tolist():
-        for side in layout.contact_sides(*layout.contact_points[islands.contact[n]]):
+        for side in layout.contact_rows[islands.contact[n]]:
             phi[islands.mode[n] : islands.mode[n + 1]] += layout.dense_mode_shape(side, n)
     return SingleContact(kick_phi=modes.kick * phi, drift_phi=modes.drift * phi)
 

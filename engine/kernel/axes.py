@@ -18,6 +18,7 @@ class Axis(StrEnum):
 
     MODE = "mode"
     CONTACT = "contact"
+    BASIS = "basis"  # rows of the basis of each island's contacts
     COMPLIANCE = "compliance"  # matrices of the contacts of each island, one after the other, row by row
     FORCE = "force"
     EVENT = "event"
@@ -32,7 +33,7 @@ class Axis(StrEnum):
 
 
 SEGMENTED = (
-    *(Axis.MODE, Axis.CONTACT, Axis.COMPLIANCE, Axis.FORCE),
+    *(Axis.MODE, Axis.CONTACT, Axis.BASIS, Axis.COMPLIANCE, Axis.FORCE),
     *(Axis.EVENT, Axis.PICKUP, Axis.BODY, Axis.FREE_MASS),
 )
 MODAL = (Axis.MODE, Axis.SHAPE)  # these may be of single precision
@@ -54,6 +55,7 @@ PerMode = Annotated[np.ndarray, Items(Axis.MODE)]
 PerModeFactor = Annotated[np.ndarray, Items(Axis.MODE, neutral=1.0)]
 PerModeShape = Annotated[np.ndarray, Items(Axis.MODE, is_shape=True)]
 PerContact = Annotated[np.ndarray, Items(Axis.CONTACT)]
+PerBasisInt = Annotated[np.ndarray, Items(Axis.BASIS, np.int64)]
 PerCompliance = Annotated[np.ndarray, Items(Axis.COMPLIANCE)]
 PerForce = Annotated[np.ndarray, Items(Axis.FORCE)]
 PerForceInt = Annotated[np.ndarray, Items(Axis.FORCE, np.int64)]

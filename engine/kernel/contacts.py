@@ -15,6 +15,7 @@ from engine.kernel.contact_law import elastic_force, potential, potential_differ
 from engine.kernel.coupled_contact_round import contact_response
 from engine.kernel.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
 from engine.kernel.modes import bound_at_row, kick_at_row, kinetic_energy, project, project_drift
+from engine.kernel.reduced_contact_solver import add_row, dot_row, solve_reduced
 from engine.kernel.scalar_contact_solver import loss_rate_of, solve_scalar_contact
 
 CANCELLATION = 100.0  # times compression and step: what B·f may be before moves are measured instead
@@ -42,6 +43,38 @@ def count_outcome(state, evaluations, status):
 
 
 @inline
+def moves_by_basis(basis, coefficients, state):
+    """Find how the coming drift changes each compression, by the basis of the island's contacts. Returns whether it
+    has one."""
+    if basis is None:
+        return False
+    if basis.at_contacts_begin.shape[0] == 0:
+        return False
+    g = state.free_displacement
+    for k in range(g.shape[0]):
+        g[k] = 0.0
+    for j in range(basis.at_contacts_begin.shape[0]):
+        move = project_drift(basis.rows, coefficients.rows, j, state.p)
+        add_row(g, coefficients.at_contacts, basis.at_contacts_begin[j], -move, g.shape[0])
+    return True
+
+
+@inline
+def pushes_by_basis(basis, coefficients, state):
+    """Half a kick by all contact forces, by the basis of the island's contacts. Returns whether it has one."""
+    if basis is None:
+        return False
+    if basis.at_contacts_begin.shape[0] == 0:
+        return False
+    for j in range(basis.at_contacts_begin.shape[0]):
+        f = dot_row(
+            coefficients.at_contacts, basis.at_contacts_begin[j], state.contact_force, state.contact_force.shape[0]
+        )
+        kick_at_row(basis.rows, coefficients.rows, j, -f, state.p)
+    return True
+
+
+@inline
 def free_displacement_at(contact, other_rows, h, k, p):
     """How the coming drift changes compression k without contact force, m: g."""
     g = project_drift(contact.rows, h.rows, k, p)
@@ -53,6 +86,8 @@ def free_displacement_at(contact, other_rows, h, k, p):
 @inline
 def free_displacements(contact, h, state):
     """How the coming drift changes each compression."""
+    if moves_by_basis(contact.basis, h.basis, state):
+        return
     for k in range(state.compression.shape[0]):
         state.free_displacement[k] = free_displacement_at(contact, contact.other_rows, h, k, state.p)
 
@@ -69,6 +104,8 @@ def apply_contact_force(contact, other_rows, h, k, f, p):
 def apply_contact_forces(contact, h, state):
     """Half a kick by all contact forces."""
     if contact is not None:
+        if pushes_by_basis(contact.basis, h.basis, state):
+            return
         for k in range(state.compression.shape[0]):
             f = state.contact_force[k]
             if f != 0.0:
@@ -284,6 +321,25 @@ def use_single_solution(contact, h, state, k, solution):
     return ContactSolution(status, evaluations, lost, energy_created(contact, state, k, s, lost, f))
 
 
+@inline
+def solve_by_basis(basis, coefficients, law, loss_rate, state):
+    """Solve all contacts of an island in the space of their basis. Returns evaluations of the laws; 0 if there is no
+    basis, or the solve did not converge."""
+    if basis is None:
+        return INT64_0
+    if basis.at_contacts_begin.shape[0] == 0:
+        return INT64_0
+    return solve_reduced(
+        law,
+        loss_rate,
+        basis.at_contacts_begin,
+        coefficients.at_contacts,
+        state.compression,
+        state.free_displacement,
+        state.scratch,
+    )
+
+
 @noinline
 def solve_coupled_contacts(contact, h, state):
     """Solve all contacts of an island, and give the first half-kick by their forces. Returns a ContactSolution."""
@@ -292,6 +348,9 @@ def solve_coupled_contacts(contact, h, state):
     for k in range(n):
         vectors[Row.FORCE, k] = state.contact_force[k]
     rounds, status, excess, cap = INT64_0, SolveStatus.CAPPED, np.inf, contact.max_rounds
+    evaluations = solve_by_basis(contact.basis, h.basis, contact.law, h.loss_rate, state)
+    if evaluations > 0:
+        rounds, status, excess = evaluations, SolveStatus.NEWTON, 0.0
     while status == SolveStatus.CAPPED and not excess < 0.5 * kinetic_energy(state.p):
         # a second time, without a cap, if the motion could not pay for the energy created
         problem = CoupledProblem(

@@ -28,6 +28,8 @@ class IslandBounds(NamedTuple):
     mode_end: int
     contact_begin: int
     contact_end: int
+    basis_begin: int
+    basis_end: int
     compliance_begin: int
     compliance_end: int
     force_begin: int
@@ -122,6 +124,8 @@ def island_bounds(islands, partition, i):
         islands.mode[i + 1],
         islands.contact[i],
         islands.contact[i + 1],
+        islands.basis[i],
+        islands.basis[i + 1],
         islands.compliance[i],
         islands.compliance[i + 1],
         islands.force[i],

@@ -15,6 +15,7 @@ import numpy as np
 
 from engine.kernel.axes import (
     Axis,
+    PerBasisInt,
     PerCompliance,
     PerContact,
     PerEvent,
@@ -70,6 +71,13 @@ class SingleContact(NamedTuple):
     drift_phi: PerModeShape  # v·Φ
 
 
+class BasisCoefficients(NamedTuple):
+    """How the rows of a ContactBasis move in a step of length h."""
+
+    rows: RowCoefficients  # of ContactBasis.rows
+    at_contacts: Shared  # √(m/N): what each row moves at each contact
+
+
 class ContactCoefficients(NamedTuple):
     """What depends on the length of a step at each contact."""
 
@@ -80,6 +88,7 @@ class ContactCoefficients(NamedTuple):
     loss_rate: PerContact | None  # μ/h, 1/m: Hunt-Crossley loss (paper, eq. 41)
     coupling: PerCompliance | None  # B of each island, m/N; where an island has several contacts
     single: SingleContact | None  # where none has, and no external force acts
+    basis: BasisCoefficients | None
 
 
 class StepCoefficients(NamedTuple):
@@ -117,12 +126,21 @@ class ExternalForce(NamedTuple):
     scale: PerForce  # factor; events change it
 
 
+class ContactBasis(NamedTuple):
+    """What many contacts of an island have in common: their displacements are those of a few rows. Islands to which
+    it does not apply have no rows."""
+
+    rows: Annotated[ModeShapeRows, Axis.BASIS]
+    at_contacts_begin: PerBasisInt  # where the entries of a row begin in BasisCoefficients.at_contacts
+
+
 class Contact(NamedTuple):
     """Contacts: the law of each, and where it is on the bodies that it joins."""
 
     law: Law  # in a kernel, with the stiffness and the exponents of the State
     rows: Annotated[ModeShapeRows, Axis.CONTACT]  # of the body that touches
     other_rows: Annotated[ModeShapeRows, Axis.CONTACT] | None  # of the body it touches, empty for a barrier
+    basis: ContactBasis | None
     nominal_stiffness: PerContact  # N/m^α, as the patch says
     nominal_barrier: PerContact  # m, as the patch says; subtracted from the projected displacement
     tolerance: float  # relative error left in the end compression
@@ -174,6 +192,7 @@ class Islands(NamedTuple):
 
     mode: np.ndarray
     contact: np.ndarray
+    basis: np.ndarray
     compliance: np.ndarray
     force: np.ndarray
     event: np.ndarray

@@ -23,7 +23,7 @@ from engine.build.mode_coefficients import (
 from engine.build.mode_shape_rows import mode_shape_rows
 from engine.build.reachability import contacts_to_build
 from engine.build.refinement_tables import build_refinement, end_loss
-from engine.build.step_coefficients import ModeCoefficients, contact_basis_rows, step_coefficients
+from engine.build.step_coefficients import ModeCoefficients, contact_basis_tables, step_coefficients
 from engine.faults import BuildError, Fault
 from engine.kernel.axes import align_to_cache_lines, to_single_precision
 from engine.kernel.codes import Quantity
@@ -198,11 +198,14 @@ def _contact(layout: Layout, modes: ModeCoefficients, accuracy: Accuracy, variab
 
 def _contact_basis(layout: Layout, modes: ModeCoefficients) -> ContactBasis | None:
     """What contacts have in common; None where there is no such island."""
-    shapes, at_contacts = contact_basis_rows(layout, modes)
-    if not shapes:
+    tables = contact_basis_tables(layout, modes)
+    if not tables.rows:
         return None
-    begins = np.cumsum([0, *(entries.size for entries in at_contacts[:-1])])
-    return ContactBasis(mode_shape_rows(shapes), begins.astype(np.int64))
+    begins = (
+        np.repeat(np.cumsum([0, *(e.size for e in entries[:-1])]), tables.ranks)
+        for entries in (tables.at_contacts, tables.products)
+    )
+    return ContactBasis(mode_shape_rows(tables.rows), *begins)
 
 
 def _external_force(layout: Layout, samplerate: float, seconds: float) -> ExternalForce | None:

@@ -9,17 +9,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from engine.kernel.reduced_contact_solver import COLUMNS, LANES, MAX_RANK, ROWS_COLUMN
+
 MIN_CONTACTS = 10  # below, the solve in the space of all contacts is faster
-MAX_RANK = 8
 KEPT_SINGULAR_VALUE = 1e-9  # of the largest; what is left out moves the points by that much less
-SIMD_LANES = 8  # numbers that the solver takes at once; rows of entries at contacts are padded to a multiple
 
 
-class ContactBasis(NamedTuple):
-    """How an island moves at its contacts in a step, √(m/N) and 1/√(kg·m/N): B = U·Uᵀ, Φ = U·Y."""
+class BasisOfIsland(NamedTuple):
+    """How an island moves at its contacts in a step, with Φ = U·Y: B = U·Uᵀ."""
 
-    at_contacts: np.ndarray  # U [contacts, rank]
-    shapes: np.ndarray  # Y [rank, modes]
+    at_contacts: np.ndarray  # U [contacts, rank], √(m/N)
+    shapes: np.ndarray  # Y [rank, modes], 1/√(kg·m/N)
 
 
 def truncate_shapes(phi: np.ndarray) -> tuple[np.ndarray, int]:
@@ -29,16 +29,16 @@ def truncate_shapes(phi: np.ndarray) -> tuple[np.ndarray, int]:
     phi: [contacts, modes], 1/√kg
     """
     contacts = phi.shape[0]
-    if contacts < MIN_CONTACTS:
+    if contacts < MIN_CONTACTS or not phi.any():
         return phi, 0
     left, singular, right = np.linalg.svd(phi, full_matrices=False)
     rank = int(np.sum(singular > KEPT_SINGULAR_VALUE * singular[0]))
-    if rank == 0 or rank > min(MAX_RANK, contacts // 2):
+    if rank > min(MAX_RANK, contacts // 2):
         return phi, 0
     return (left[:, :rank] * singular[:rank]) @ right[:rank], rank
 
 
-def contact_basis(phi: np.ndarray, rank: int, kick: np.ndarray, drift: np.ndarray) -> ContactBasis:
+def find_basis(phi: np.ndarray, rank: int, kick: np.ndarray, drift: np.ndarray) -> BasisOfIsland:
     """The basis of mode shapes of a rank, orthonormal in the compliance of the modes: Y·diag(t·v)·Yᵀ = 1.
 
     phi:         [contacts, modes], 1/√kg
@@ -46,4 +46,25 @@ def contact_basis(phi: np.ndarray, rank: int, kick: np.ndarray, drift: np.ndarra
     """
     root = np.sqrt(kick * drift)
     left, singular, right = np.linalg.svd(phi * root, full_matrices=False)
-    return ContactBasis(left[:, :rank] * singular[:rank], right[:rank] / root)
+    return BasisOfIsland(left[:, :rank] * singular[:rank], right[:rank] / root)
+
+
+def entries_by_row(basis: BasisOfIsland) -> np.ndarray:
+    """U row by row, five rows each padded to a multiple of eight [5 × lanes]."""
+    return _padded(basis).T.ravel()
+
+
+def products_by_contact(basis: BasisOfIsland) -> np.ndarray:
+    """At each contact the products U_i·U_j of pairs j ≤ i, and U [lanes × 24]."""
+    u = _padded(basis)
+    first, second = np.tril_indices(MAX_RANK)
+    table = np.zeros((len(u), COLUMNS))
+    table[:, : first.size] = u[:, first] * u[:, second]
+    table[:, ROWS_COLUMN : ROWS_COLUMN + MAX_RANK] = u
+    return table.ravel()
+
+
+def _padded(basis: BasisOfIsland) -> np.ndarray:
+    """U with zeros in place of contacts and rows that the basis has not [lanes, 5]."""
+    contacts, rank = basis.at_contacts.shape
+    return np.pad(basis.at_contacts, ((0, -contacts % LANES), (0, MAX_RANK - rank)))

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from engine.build.contact_basis import SIMD_LANES
 from engine.build.layout import Layout
 from engine.kernel.axes import Axis, allocate
 from engine.kernel.codes import Row
 from engine.kernel.model import Model
+from engine.kernel.reduced_contact_solver import COLUMNS, LANES
 from engine.kernel.state import RefinementState, Scratch, State
 
 
@@ -47,11 +47,9 @@ def item_counts(model: Model) -> dict[Axis, int]:
 
 def allocate_scratch(partitions: int, contacts: int) -> Scratch:
     """Memory of each partition of a scene whose islands have up to so many contacts."""
-    lanes = -(-contacts // SIMD_LANES) * SIMD_LANES
+    lanes = max(-(-contacts // LANES) * LANES, COLUMNS)  # the reduced solve has up to so many sums
     matrices = np.zeros((2, partitions, contacts, contacts))
-    return Scratch(
-        np.zeros((partitions, len(Row), lanes)), *matrices, *np.zeros((3, partitions, contacts), np.int64)
-    )
+    return Scratch(np.zeros((partitions, len(Row), lanes)), *matrices, *np.zeros((3, partitions, contacts), np.int64))
 
 
 def _initial_compressions(layout: Layout, q: np.ndarray) -> np.ndarray:

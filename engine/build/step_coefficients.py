@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from engine.build.compliance import contact_compliance
-from engine.build.contact_basis import SIMD_LANES, contact_basis
+from engine.build.contact_basis import entries_by_row, find_basis, products_by_contact
 from engine.build.layout import Layout, ShapeRow
 from engine.build.mode_shape_rows import row_coefficients
 from engine.kernel.model import BasisCoefficients, ContactCoefficients, ModalLoss, SingleContact, StepCoefficients
@@ -47,7 +47,6 @@ def contact_coefficients(
     ours = [layout.row(a) for a, _ in layout.contact_rows]
     theirs = [layout.row(b) for _, b in layout.contact_rows]
     joined = any(row.phi.size for row in theirs)
-    shapes, at_contacts = contact_basis_rows(layout, modes)
     return ContactCoefficients(
         rows=row_coefficients(ours, modes.kick, modes.drift),
         other_rows=row_coefficients(theirs, modes.kick, modes.drift) if joined else None,
@@ -56,24 +55,40 @@ def contact_coefficients(
         loss_rate=loss * samplerate / length if loss.any() else None,
         coupling=np.concatenate([m.ravel() for m in matrices]) if any(m.size > 1 for m in matrices) else None,
         single=_single_contacts(layout, modes),
-        basis=BasisCoefficients(row_coefficients(shapes, modes.kick, modes.drift), np.concatenate(at_contacts))
-        if shapes
-        else None,
+        basis=_basis_coefficients(layout, modes),
     )
 
 
-def contact_basis_rows(layout: Layout, modes: ModeCoefficients) -> tuple[list[ShapeRow], list[np.ndarray]]:
-    """The rows of the bases of all islands' contacts, and what each moves at the contacts of its island, √(m/N), zeros
-    after them."""
-    begins, rows, at_contacts = layout.islands.mode, list[ShapeRow](), list[np.ndarray]()
+class BasisTables(NamedTuple):
+    """The bases of all islands' contacts, as the kernels have them."""
+
+    rows: list[ShapeRow]
+    at_contacts: list[np.ndarray]  # of each island that has one
+    products: list[np.ndarray]
+    ranks: list[int]
+
+
+def contact_basis_tables(layout: Layout, modes: ModeCoefficients) -> BasisTables:
+    """The bases of the contacts of all islands that have one."""
+    begins, tables = layout.islands.mode, BasisTables([], [], [], [])
     for n, (phi, rank) in enumerate(layout.contact_shapes):
         if rank:
             inside = slice(begins[n], begins[n + 1])
-            basis = contact_basis(phi, rank, modes.kick[inside], modes.drift[inside])
-            rows += [ShapeRow(0, int(begins[n]), shape) for shape in basis.shapes]
-            padded = np.pad(basis.at_contacts, ((0, -len(phi) % SIMD_LANES), (0, 0)))
-            at_contacts += list(np.ascontiguousarray(padded.T))
-    return rows, at_contacts
+            basis = find_basis(phi, rank, modes.kick[inside], modes.drift[inside])
+            tables.rows.extend(ShapeRow(0, int(begins[n]), shape) for shape in basis.shapes)
+            tables.at_contacts.append(entries_by_row(basis))
+            tables.products.append(products_by_contact(basis))
+            tables.ranks.append(rank)
+    return tables
+
+
+def _basis_coefficients(layout: Layout, modes: ModeCoefficients) -> BasisCoefficients | None:
+    """How the rows of the bases move in a step; None without any."""
+    tables = contact_basis_tables(layout, modes)
+    if not tables.rows:
+        return None
+    rows = row_coefficients(tables.rows, modes.kick, modes.drift)
+    return BasisCoefficients(rows, np.concatenate(tables.at_contacts), np.concatenate(tables.products))
 
 
 def _single_contacts(layout: Layout, modes: ModeCoefficients) -> SingleContact | None:

@@ -14,6 +14,7 @@ class Trick(StrEnum):
     """The name of each trick, as in FDH_PLAIN."""
 
     ARRAY_VIEWS = "array_views"  # arrays of two values instead of seven
+    LANES = "lanes"  # eight numbers at a time as vector code
     SKIP_INLINED = "skip_inlined"  # what is inlined is not optimised and translated by itself
     FORCED_INLINING = "forced_inlining"
     NO_WRAPPERS = "no_wrappers"  # for functions that only kernels call

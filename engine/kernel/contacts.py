@@ -15,7 +15,7 @@ from engine.kernel.contact_law import elastic_force, potential, potential_differ
 from engine.kernel.coupled_contact_round import contact_response
 from engine.kernel.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
 from engine.kernel.modes import bound_at_row, kick_at_row, kinetic_energy, project, project_drift
-from engine.kernel.reduced_contact_solver import add_row, dot_row, solve_reduced
+from engine.kernel.reduced_contact_solver import basis_of_island, gather_rows, solve_reduced, spread_rows
 from engine.kernel.scalar_contact_solver import loss_rate_of, solve_scalar_contact
 
 CANCELLATION = 100.0  # times compression and step: what B·f may be before moves are measured instead
@@ -50,12 +50,11 @@ def moves_by_basis(basis, coefficients, state):
         return False
     if basis.at_contacts_begin.shape[0] == 0:
         return False
-    g = state.free_displacement
-    for k in range(g.shape[0]):
-        g[k] = 0.0
-    for j in range(basis.at_contacts_begin.shape[0]):
-        move = project_drift(basis.rows, coefficients.rows, j, state.p)
-        add_row(g, coefficients.at_contacts, basis.at_contacts_begin[j], -move, g.shape[0])
+    g, momentum = state.free_displacement, state.scratch.vectors[Row.GUESS]
+    found = basis_of_island(basis, coefficients, g.shape[0])
+    for j in range(found.rank):
+        momentum[j] = project_drift(basis.rows, coefficients.rows, j, state.p)
+    spread_rows(found, momentum, state.scratch.vectors[Row.STEP], g)
     return True
 
 
@@ -66,11 +65,11 @@ def pushes_by_basis(basis, coefficients, state):
         return False
     if basis.at_contacts_begin.shape[0] == 0:
         return False
-    for j in range(basis.at_contacts_begin.shape[0]):
-        f = dot_row(
-            coefficients.at_contacts, basis.at_contacts_begin[j], state.contact_force, state.contact_force.shape[0]
-        )
-        kick_at_row(basis.rows, coefficients.rows, j, -f, state.p)
+    f, vectors = state.contact_force, state.scratch.vectors
+    found = basis_of_island(basis, coefficients, f.shape[0])
+    gather_rows(found, f, vectors[Row.FORCE], vectors[Row.GUESS])
+    for j in range(found.rank):
+        kick_at_row(basis.rows, coefficients.rows, j, -vectors[Row.GUESS, j], state.p)
     return True
 
 
@@ -329,15 +328,8 @@ def solve_by_basis(basis, coefficients, law, loss_rate, state):
         return INT64_0
     if basis.at_contacts_begin.shape[0] == 0:
         return INT64_0
-    return solve_reduced(
-        law,
-        loss_rate,
-        basis.at_contacts_begin,
-        coefficients.at_contacts,
-        state.compression,
-        state.free_displacement,
-        state.scratch,
-    )
+    found = basis_of_island(basis, coefficients, state.compression.shape[0])
+    return solve_reduced(law, loss_rate, found, state.compression, state.free_displacement, state.scratch)
 
 
 @noinline

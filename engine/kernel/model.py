@@ -75,7 +75,8 @@ class BasisCoefficients(NamedTuple):
     """How the rows of a ContactBasis move in a step of length h."""
 
     rows: RowCoefficients  # of ContactBasis.rows
-    at_contacts: Shared  # √(m/N): what each row moves at each contact
+    at_contacts: Shared  # √(m/N): what each row moves at each contact, row by row, padded to multiples of eight
+    products: Shared  # m/N: contact by contact, that of each pair of rows, and what each row moves
 
 
 class ContactCoefficients(NamedTuple):
@@ -131,7 +132,8 @@ class ContactBasis(NamedTuple):
     it does not apply have no rows."""
 
     rows: Annotated[ModeShapeRows, Axis.BASIS]
-    at_contacts_begin: PerBasisInt  # where the entries of a row begin in BasisCoefficients.at_contacts
+    at_contacts_begin: PerBasisInt  # where those of its island begin in BasisCoefficients.at_contacts
+    products_begin: PerBasisInt  # and in BasisCoefficients.products
 
 
 class Contact(NamedTuple):

@@ -4,15 +4,17 @@ Unknown w [rank], the forces seen by each row of the basis:
 
     η = g - U·w,    f = φ(s, η),    w = Uᵀ·f
 
-w - Uᵀ·f(g - U·w) is the gradient of a convex potential, whose Hessian 1 + Uᵀ·J·U is at least 1, so that Newton's
-iteration with a line search cannot fail; it begins at w = 0, where all contacts are deepest. Each evaluation takes
-all contacts at once, as vector code without branches.
+w - Uᵀ·f(g - U·w) is the gradient of a convex potential, whose Hessian 1 + Uᵀ·J·U is at least 1, J = df/dη; so Newton's
+iteration with a line search cannot fail. It begins at w = 0, where contacts are deepest. Eight contacts are evaluated
+at a time, without branches; eight that are open, and would be so without any force, take part only if the solution of
+the others closes one.
 """
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
-from engine.compiler.decorators import INT64_0, INT64_1, inline, noinline, reduction
+from engine.compiler.decorators import INT64_0, INT64_1, inline, noinline
+from engine.compiler.lanes import lane_sum, load_lanes, multiply_add, splat, store_lanes, where_positive
 from engine.compiler.overloads import overload_by_type
 from engine.kernel.codes import Row
 from engine.kernel.contact_law import exponent, power, power_difference_quotient
@@ -23,227 +25,315 @@ from engine.kernel.scalar_contact_solver import loss_rate_of
 MAX_EVALUATIONS = 40
 CONVERGED_STEP = 4e-16  # of w: a Newton step no larger is what rounding leaves
 STALLED_STEP = 1e-11  # of w: below, steps that no longer shrink are rounding
-MIN_DECREASE = 0.9  # of the slope along a Newton step, that is left where the step is not shortened
-MIN_STEP = 1e-300  # m: nothing is divided by less
+MIN_DECREASE = 0.9  # of the slope along a Newton step: more of it left, and the step is shortened
+LANES = 8
+MAX_RANK = 5  # of a basis; one of a lower rank has zeros in its last rows
+COLUMNS = 24  # of the table of products: 15 of pairs of rows, a zero, five rows, and zeros
+ROWS_COLUMN = 16
+TINY = 1e-300  # m: nothing is divided by less
+
+
+class Basis(NamedTuple):
+    """The basis of an island's contacts."""
+
+    rank: int
+    count: int  # of contacts
+    lanes: int  # count, rounded up to a multiple of eight
+    at_contacts: Any  # U [5 × lanes], row by row, √(m/N)
+    products: Any  # [lanes × 24]: at each contact U_i·U_j of each pair j ≤ i, and U
+
+
+class Groups(NamedTuple):
+    """The contacts that take part in a solve, eight by eight."""
+
+    used: int
+    begin: Any  # the first contact of each eight
 
 
 @inline
-def smooth_response(law, k, unit, rate, s, eta):
-    """Mean force (N) and its slope (N/m) for a step η from s, without branches. The slope errs by 1e-5 of itself at
-    most, which serves Newton's iteration.
+def basis_of_island(basis, coefficients, count):
+    """The Basis of an island with so many contacts, which has one."""
+    lanes = (count + LANES - 1) // LANES * LANES
+    begin, first = basis.at_contacts_begin[0], basis.products_begin[0]
+    at_contacts = coefficients.at_contacts[begin : begin + MAX_RANK * lanes]
+    products = coefficients.products[first : first + COLUMNS * lanes]
+    return Basis(basis.at_contacts_begin.shape[0], count, lanes, at_contacts, products)
+
+
+@noinline
+def spread_rows(basis, at_rows, padded, at_contacts):
+    """U times numbers of the rows. padded: memory for all lanes"""
+    for k in range(0, basis.lanes, LANES):
+        total = splat(0.0)
+        for j in range(basis.rank):
+            total = multiply_add(load_lanes(basis.at_contacts, j * basis.lanes + k), at_rows[j], total)
+        store_lanes(padded, k, total)
+    for k in range(basis.count):
+        at_contacts[k] = padded[k]
+
+
+@noinline
+def gather_rows(basis, at_contacts, padded, at_rows):
+    """Uᵀ times numbers of the contacts. padded: memory for all lanes"""
+    for k in range(basis.count, basis.lanes):
+        padded[k] = 0.0
+    for k in range(basis.count):
+        padded[k] = at_contacts[k]
+    for j in range(basis.rank):
+        total = splat(0.0)
+        for k in range(0, basis.lanes, LANES):
+            total = multiply_add(load_lanes(basis.at_contacts, j * basis.lanes + k), load_lanes(padded, k), total)
+        at_rows[j] = lane_sum(total)
+
+
+@inline
+def smooth_response(law, unit, rate, s, eta):
+    """Mean forces (N) and their slopes (N/m) of eight contacts, for steps η from s. The slopes err by 1e-6 at most,
+    which serves Newton's iteration.
 
     unit: potential_coefficient of the law; 0 where there is no contact
+    rate: of the contact loss, 1/m
     """
-    alpha = exponent(law, k)
+    alpha = exponent(law, INT64_0)
     b = s + eta
-    start, end = max(s, 0.0), max(b, 0.0)
-    stays = s > 0.0 and b > 0.0
-    mean = power_difference_quotient(law, k, start, end, 0.0)
-    over = 1.0 / (eta if abs(eta) > MIN_STEP else MIN_STEP)
-    phi = mean if stays else mean * ((end - start) * over)
-    phi = phi if start + end > 0.0 else 0.0
-    at_end = (alpha + 1.0) * power(law, k, end)
-    slope = (at_end - phi) * over
-    slope = 0.5 * alpha * at_end / end if stays and abs(eta) < 1e-5 * end else slope
-    slope = slope if start + end > 0.0 else 0.0
-    pushes = max(0.0, 1.0 + rate * eta)
-    return unit * phi * pushes, unit * (slope * pushes + (phi * rate if pushes > 0.0 else 0.0))
-
-
-@reduction
-def evaluate_as_vectors(law, loss_rate, count, lanes, vectors):
-    """ACTIVE_FORCE and SLOPE of all contacts at the steps ACTIVE_STEP."""
-    s, eta, unit, rate = vectors[Row.START], vectors[Row.ACTIVE_STEP], vectors[Row.TARGET], vectors[Row.RHO]
-    f, slope = vectors[Row.ACTIVE_FORCE], vectors[Row.SLOPE]
-    for k in range(lanes):
-        f[k], slope[k] = smooth_response(law, INT64_0, unit[k], rate[k], s[k], eta[k])
+    start, end = where_positive(s, s, 0.0), where_positive(b, b, 0.0)
+    stays = where_positive(s, b, 0.0)  # positive where a step begins and ends in contact
+    size = where_positive(eta, eta, 0.0 - eta)
+    at_end = (alpha + 1.0) * power(law, INT64_0, end)
+    is_short = where_positive(1e-6 * end - size, stays, 0.0)  # or the difference below would cancel
+    over = 1.0 / where_positive(is_short, end, where_positive(size - TINY, eta, TINY))
+    mean = power_difference_quotient(law, INT64_0, start, end, size)
+    phi = where_positive(start + end, where_positive(stays, mean, mean * ((end - start) * over)), 0.0)
+    slope = where_positive(is_short, (0.5 * alpha) * at_end, at_end - phi) * over
+    slope = where_positive(start + end, slope, 0.0)
+    w = 1.0 + rate * eta
+    return where_positive(w, unit * phi * w, 0.0), where_positive(w, unit * (slope * w + phi * rate), 0.0)
 
 
 @inline
-def evaluate_one_by_one(law, loss_rate, count, lanes, vectors):
-    """As `evaluate_as_vectors`, for a law whose exponent depends on the contact."""
-    s, eta = vectors[Row.START], vectors[Row.ACTIVE_STEP]
+def add_rows(basis, w, k, lanes):
+    """U·w of eight contacts from contact k on, added to these lanes."""
+    u, width = basis.at_contacts, basis.lanes
+    lanes = multiply_add(load_lanes(u, k), w[0], lanes)
+    lanes = multiply_add(load_lanes(u, k + width), w[1], lanes)
+    lanes = multiply_add(load_lanes(u, k + 2 * width), w[2], lanes)
+    lanes = multiply_add(load_lanes(u, k + 3 * width), w[3], lanes)
+    return multiply_add(load_lanes(u, k + 4 * width), w[4], lanes)
+
+
+@inline
+def respond_in_lanes(law, loss_rate, basis, groups, minus_w, vectors):
+    """ACTIVE_STEP, ACTIVE_FORCE and SLOPE of the contacts that take part, for minus the forces of the rows."""
+    g, s = vectors[Row.FREE_MOVE], vectors[Row.START]
+    unit, rate = vectors[Row.TARGET], vectors[Row.RHO]
+    for n in range(groups.used):
+        k = groups.begin[n]
+        eta = add_rows(basis, minus_w, k, load_lanes(g, k))
+        f, slope = smooth_response(law, load_lanes(unit, k), load_lanes(rate, k), load_lanes(s, k), eta)
+        store_lanes(vectors[Row.ACTIVE_STEP], k, eta)
+        store_lanes(vectors[Row.ACTIVE_FORCE], k, f)
+        store_lanes(vectors[Row.SLOPE], k, slope)
+
+
+@inline
+def respond_one_by_one(law, loss_rate, basis, groups, minus_w, vectors):
+    """As `respond_in_lanes`, for a law whose exponent depends on the contact."""
+    g, s, eta = vectors[Row.FREE_MOVE], vectors[Row.START], vectors[Row.ACTIVE_STEP]
     f, slope = vectors[Row.ACTIVE_FORCE], vectors[Row.SLOPE]
-    for k in range(count):
-        f[k], slope[k] = contact_response(law, loss_rate, k, s[k], eta[k])
+    for n in range(groups.used):
+        begin = groups.begin[n]
+        store_lanes(eta, begin, add_rows(basis, minus_w, begin, load_lanes(g, begin)))
+        for k in range(begin, min(begin + LANES, basis.count)):
+            f[k], slope[k] = contact_response(law, loss_rate, k, s[k], eta[k])
 
 
-def evaluate_laws(law: Any, loss_rate: Any, count: int, lanes: int, vectors: Any) -> None:
-    """ACTIVE_FORCE and SLOPE of `count` contacts in so many lanes, at the steps ACTIVE_STEP. In compiled code only."""
-    raise TypeError("evaluate_laws is for compiled code")
+def respond(law: Any, loss_rate: Any, basis: Any, groups: Any, minus_w: Any, vectors: Any) -> None:
+    """ACTIVE_STEP, ACTIVE_FORCE and SLOPE of the contacts that take part, for minus the forces of the rows. In compiled
+    code only."""
+    raise TypeError("respond is for compiled code")
 
 
-VECTOR_LAWS = Linear, Hertz, Quadratic, Felt, Cubic
 overload_by_type(
-    evaluate_laws,
-    dict.fromkeys(VECTOR_LAWS, evaluate_as_vectors.py_func) | {Power: evaluate_one_by_one.py_func},
+    respond,
+    dict.fromkeys((Linear, Hertz, Quadratic, Felt, Cubic), respond_in_lanes.py_func)
+    | {Power: respond_one_by_one.py_func},
 )
 
 
-@reduction
-def load_contacts(law, loss_rate, s, g, lanes, vectors):
+@inline
+def load_contacts(law, loss_rate, s, g, basis, vectors):
     """START, FREE_MOVE, TARGET (the stiffness of the law) and RHO (the rate of the loss) of all contacts; lanes beyond
     them are open, and have none."""
     start, move, unit, rate = vectors[Row.START], vectors[Row.FREE_MOVE], vectors[Row.TARGET], vectors[Row.RHO]
-    f, slope = vectors[Row.ACTIVE_FORCE], vectors[Row.SLOPE]
-    count = s.shape[0]
-    for k in range(count):
-        start[k], move[k], unit[k] = s[k], g[k], law.potential_coefficient[k]
-    for k in range(count, lanes):
-        start[k], move[k], unit[k], f[k], slope[k] = -1.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(count):
-        rate[k] = loss_rate_of(loss_rate, k)
-    for k in range(count, lanes):
-        rate[k] = 0.0
-
-
-@reduction
-def add_row(eta, entries, begin, weight, lanes):
-    """η ← η - U·w of one row."""
-    row = entries[begin : begin + lanes]
-    for k in range(lanes):
-        eta[k] -= row[k] * weight
-
-
-@reduction
-def dot_row(entries, begin, x, lanes):
-    """Σ over the contacts of a row of U times x."""
-    row, total = entries[begin : begin + lanes], 0.0
-    for k in range(lanes):
-        total += row[k] * x[k]
-    return total
-
-
-@reduction
-def scale_row(entries, begin, x, lanes, out):
-    """A row of U, each entry times that of x."""
-    row = entries[begin : begin + lanes]
-    for k in range(lanes):
-        out[k] = row[k] * x[k]
-
-
-@reduction
-def copy(x, out, lanes):
-    """A copy of so many numbers."""
-    for k in range(lanes):
-        out[k] = x[k]
-
-
-@noinline
-def evaluate(law, loss_rate, basis, at_contacts, w, count, lanes, vectors):
-    """Forces and slopes at w; RESIDUAL is the gradient w - Uᵀ·f. Returns the size of Uᵀ·f."""
-    eta, gradient, f = vectors[Row.ACTIVE_STEP], vectors[Row.RESIDUAL], vectors[Row.ACTIVE_FORCE]
-    copy(vectors[Row.FREE_MOVE], eta, lanes)
-    for j in range(basis.shape[0]):
-        add_row(eta, at_contacts, basis[j], w[j], lanes)
-    evaluate_laws(law, loss_rate, count, lanes, vectors)
-    size = 0.0
-    for j in range(basis.shape[0]):
-        part = dot_row(at_contacts, basis[j], f, lanes)
-        gradient[j] = w[j] - part
-        size += abs(part)
-    return size
-
-
-@noinline
-def newton_direction(basis, at_contacts, lanes, vectors, hessian):
-    """NEWTON_STEP = -(1 + Uᵀ·J·U)⁻¹·RESIDUAL, by Cholesky's factor (its diagonal inverted)."""
-    rank = basis.shape[0]
-    slope, weighted = vectors[Row.SLOPE], vectors[Row.WORK]
-    gradient, d = vectors[Row.RESIDUAL], vectors[Row.NEWTON_STEP]
-    for i in range(rank):
-        scale_row(at_contacts, basis[i], slope, lanes, weighted)
-        row = hessian[i]
-        for j in range(i + 1):
-            row[j] = dot_row(at_contacts, basis[j], weighted, lanes)
-        row[i] += 1.0
-    for i in range(rank):
-        row, y = hessian[i], -gradient[i]
-        for j in range(i):
-            left, other = row[j], hessian[j]
-            for m in range(j):
-                left -= row[m] * other[m]
-            row[j] = left * other[j]
-            y -= row[j] * d[j]
-        diagonal = row[i]
-        for m in range(i):
-            diagonal -= row[m] * row[m]
-        row[i] = 1.0 / math.sqrt(max(diagonal, 1e-300))
-        d[i] = y * row[i]
-    for i in range(rank - 1, -1, -1):
-        row = hessian[i]
-        d[i] *= row[i]
-        for m in range(i):
-            d[m] -= row[m] * d[i]
+    for k in range(basis.count, basis.lanes):
+        start[k], move[k], unit[k], rate[k] = -1.0, 0.0, 0.0, 0.0
+        vectors[Row.ACTIVE_FORCE, k], vectors[Row.SLOPE, k] = 0.0, 0.0
+    for k in range(basis.count):
+        start[k], move[k], unit[k], rate[k] = s[k], g[k], law.potential_coefficient[k], loss_rate_of(loss_rate, k)
 
 
 @inline
-def step_sizes(rank, vectors):
-    """The slope along NEWTON_STEP, the largest part of that step, and of w."""
-    gradient, d, w = vectors[Row.RESIDUAL], vectors[Row.NEWTON_STEP], vectors[Row.GUESS]
-    slope, step, size = 0.0, 0.0, 0.0
-    for j in range(rank):
-        slope += gradient[j] * d[j]
-        step = max(step, abs(d[j]))
-        size = max(size, abs(w[j]))
-    return slope, step, size
+def groups_in_reach(basis, vectors, begin):
+    """The Groups with a contact that is closed, or would be without forces."""
+    used = INT64_0
+    for k in range(0, basis.lanes, LANES):
+        s = load_lanes(vectors[Row.START], k)
+        end = s + load_lanes(vectors[Row.FREE_MOVE], k)
+        if lane_sum(where_positive(s, 1.0, where_positive(end, 1.0, 0.0))) > 0.0:
+            begin[used] = k
+            used += 1
+    return Groups(used, begin)
+
+
+@inline
+def all_groups(basis, begin):
+    """The Groups of all contacts."""
+    used = basis.lanes // LANES
+    for n in range(used):
+        begin[n] = n * LANES
+    return Groups(used, begin)
 
 
 @noinline
-def solve_reduced(law, loss_rate, basis, at_contacts, s, g, scratch):
+def evaluate(law, loss_rate, basis, groups, w, vectors):
+    """Forces and slopes for the forces w of the rows; WORK becomes the sums over the contacts of the products times
+    the slopes, the lower triangle of Uᵀ·J·U, and of the rows times the forces, Uᵀ·f."""
+    minus_w = (-w[0], -w[1], -w[2], -w[3], -w[4])
+    respond(law, loss_rate, basis, groups, minus_w, vectors)
+    f, slope, sums, table = vectors[Row.ACTIVE_FORCE], vectors[Row.SLOPE], vectors[Row.WORK], basis.products
+    a0, a1, a2 = splat(0.0), splat(0.0), splat(0.0)
+    b0, b1, b2 = splat(0.0), splat(0.0), splat(0.0)
+    for n in range(groups.used):
+        begin = groups.begin[n]
+        for k in range(begin, begin + LANES, 2):
+            at, j, push = k * COLUMNS, slope[k], f[k]
+            a0 = multiply_add(load_lanes(table, at), j, a0)
+            a1 = multiply_add(load_lanes(table, at + LANES), j, a1)
+            a2 = multiply_add(load_lanes(table, at + ROWS_COLUMN), push, a2)
+            at, j, push = at + COLUMNS, slope[k + 1], f[k + 1]
+            b0 = multiply_add(load_lanes(table, at), j, b0)
+            b1 = multiply_add(load_lanes(table, at + LANES), j, b1)
+            b2 = multiply_add(load_lanes(table, at + ROWS_COLUMN), push, b2)
+    store_lanes(sums, 0, a0 + b0)
+    store_lanes(sums, LANES, a1 + b1)
+    store_lanes(sums, ROWS_COLUMN, a2 + b2)
+
+
+@inline
+def gradient_at(w, sums):
+    """The gradient w - Uᵀ·f of the potential."""
+    at = ROWS_COLUMN
+    return w[0] - sums[at], w[1] - sums[at + 1], w[2] - sums[at + 2], w[3] - sums[at + 3], w[4] - sums[at + 4]
+
+
+@inline
+def newton_direction(r, sums):
+    """The Newton step -(1 + Uᵀ·J·U)⁻¹·r from the gradient r, by the factors L·D·Lᵀ."""
+    i0 = 1.0 / (1.0 + sums[0])
+    a10, a20, a30, a40 = sums[1], sums[3], sums[6], sums[10]
+    l10, l20, l30, l40 = a10 * i0, a20 * i0, a30 * i0, a40 * i0
+    i1 = 1.0 / (1.0 + sums[2] - l10 * a10)
+    a21, a31, a41 = sums[4] - l20 * a10, sums[7] - l30 * a10, sums[11] - l40 * a10
+    l21, l31, l41 = a21 * i1, a31 * i1, a41 * i1
+    i2 = 1.0 / (1.0 + sums[5] - l20 * a20 - l21 * a21)
+    a32, a42 = sums[8] - l30 * a20 - l31 * a21, sums[12] - l40 * a20 - l41 * a21
+    l32, l42 = a32 * i2, a42 * i2
+    i3 = 1.0 / (1.0 + sums[9] - l30 * a30 - l31 * a31 - l32 * a32)
+    a43 = sums[13] - l40 * a30 - l41 * a31 - l42 * a32
+    l43 = a43 * i3
+    i4 = 1.0 / (1.0 + sums[14] - l40 * a40 - l41 * a41 - l42 * a42 - l43 * a43)
+    y0 = -r[0]
+    y1 = -r[1] - l10 * y0
+    y2 = -r[2] - l20 * y0 - l21 * y1
+    y3 = -r[3] - l30 * y0 - l31 * y1 - l32 * y2
+    y4 = -r[4] - l40 * y0 - l41 * y1 - l42 * y2 - l43 * y3
+    d4 = y4 * i4
+    d3 = y3 * i3 - l43 * d4
+    d2 = y2 * i2 - l32 * d3 - l42 * d4
+    d1 = y1 * i1 - l21 * d2 - l31 * d3 - l41 * d4
+    return y0 * i0 - l10 * d1 - l20 * d2 - l30 * d3 - l40 * d4, d1, d2, d3, d4
+
+
+@inline
+def dot(a, b):
+    """Σ a·b over the rows."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4]
+
+
+@inline
+def largest(a):
+    """The largest size of a number of the rows."""
+    return max(max(max(abs(a[0]), abs(a[1])), max(abs(a[2]), abs(a[3]))), abs(a[4]))
+
+
+@inline
+def move_along(w, d, share):
+    """w + share·d."""
+    return w[0] + share * d[0], w[1] + share * d[1], w[2] + share * d[2], w[3] + share * d[3], w[4] + share * d[4]
+
+
+@noinline
+def solve_reduced(law, loss_rate, basis, s, g, scratch):
     """Solve the contacts of an island in the space of their basis.
 
-    basis:       where each row begins in at_contacts
-    at_contacts: U of all islands, row by row, √(m/N)
-    s, g:        compressions at the start, and their changes without contact force [contacts], m
+    basis:   Basis
+    s, g:    compressions at the start, and their changes without contact force [contacts], m
+    scratch: Scratch; on return FORCE, STEP, END and MISS hold the solution, as of the coupled solve
+             (engine.kernel.coupled_contact_solver)
 
-    On return FORCE, STEP, END and MISS of the scratch hold the solution, as of the coupled solve
-    (engine.kernel.coupled_contact_solver). Returns evaluations of the laws; 0 if it did not converge.
+    Returns evaluations of the laws; 0 if it did not converge.
     """
-    vectors, rank, count = scratch.vectors, basis.shape[0], s.shape[0]
-    w, saved, d = vectors[Row.GUESS], vectors[Row.SQRT_SLOPE], vectors[Row.NEWTON_STEP]
-    lanes = (count + 7) // 8 * 8
-    load_contacts(law, loss_rate, s, g, lanes, vectors)
-    for j in range(rank):
-        w[j] = 0.0
-    size = evaluate(law, loss_rate, basis, at_contacts, w, count, lanes, vectors)
+    vectors = scratch.vectors
+    sums = vectors[Row.WORK]
+    load_contacts(law, loss_rate, s, g, basis, vectors)
+    groups = groups_in_reach(basis, vectors, scratch.active)
+    w = (0.0, 0.0, 0.0, 0.0, 0.0)
+    evaluate(law, loss_rate, basis, groups, w, vectors)
     evaluations, best = INT64_1, math.inf
     while evaluations < MAX_EVALUATIONS:
-        newton_direction(basis, at_contacts, lanes, vectors, scratch.cholesky)
-        slope, step, largest = step_sizes(rank, vectors)
-        if step <= CONVERGED_STEP * largest or (step <= STALLED_STEP * largest and step >= 0.25 * best):
-            store_reduced_solution(basis, at_contacts, s, count, lanes, vectors)
-            return evaluations
-        best = step
-        share = 1.0
-        for j in range(rank):
-            saved[j] = w[j]
+        gradient = gradient_at(w, sums)
+        d = newton_direction(gradient, sums)
+        step, size = largest(d), largest(w)
+        if step <= CONVERGED_STEP * size or (step <= STALLED_STEP * size and step >= 0.25 * best):
+            if store_reduced_solution(basis, groups, w, gradient, vectors):
+                return evaluations
+            groups, best = all_groups(basis, scratch.active), math.inf
+            evaluate(law, loss_rate, basis, groups, w, vectors)
+            continue
+        slope, saved, best, share = dot(gradient, d), w, step, 1.0
         while True:
-            for j in range(rank):
-                w[j] = saved[j] + share * d[j]
-            size = evaluate(law, loss_rate, basis, at_contacts, w, count, lanes, vectors)
+            w = move_along(saved, d, share)
+            evaluate(law, loss_rate, basis, groups, w, vectors)
             evaluations += 1
-            here = step_sizes(rank, vectors)[0]
-            if not math.isfinite(size):
-                return INT64_0
-            if abs(here) <= MIN_DECREASE * abs(slope) or step <= STALLED_STEP * largest:
+            here = dot(gradient_at(w, sums), d)
+            if abs(here) <= MIN_DECREASE * abs(slope) or step <= STALLED_STEP * size:
                 break
-            if evaluations >= MAX_EVALUATIONS:
+            if evaluations >= MAX_EVALUATIONS or not math.isfinite(here):
                 return INT64_0
             share *= max(0.1, min(0.7, slope / (slope - here)))
     return INT64_0
 
 
 @inline
-def store_reduced_solution(basis, at_contacts, s, count, lanes, vectors):
-    """FORCE, STEP, END and MISS of all contacts, from the last evaluation."""
-    w, gradient, eta = vectors[Row.GUESS], vectors[Row.RESIDUAL], vectors[Row.ACTIVE_STEP]
-    force, step, end, miss = vectors[Row.FORCE], vectors[Row.STEP], vectors[Row.END], vectors[Row.MISS]
-    f, g = vectors[Row.ACTIVE_FORCE], vectors[Row.FREE_MOVE]
-    for k in range(lanes):
-        miss[k] = g[k] - eta[k]
-    for j in range(basis.shape[0]):
-        add_row(miss, at_contacts, basis[j], w[j], lanes)  # what rounding cut from η = g - U·w
-        add_row(miss, at_contacts, basis[j], -gradient[j], lanes)  # and the forces, Uᵀ·f, from w
-    for k in range(count):
-        force[k], step[k], end[k] = f[k], eta[k], s[k] + eta[k]
+def store_reduced_solution(basis, groups, w, gradient, vectors):
+    """FORCE, STEP, END and MISS of all contacts, from the last evaluation. Returns whether those that took no part stay
+    open."""
+    f, free_move = vectors[Row.FORCE], vectors[Row.FREE_MOVE]
+    minus_w = (-w[0], -w[1], -w[2], -w[3], -w[4])
+    for k in range(0, basis.lanes, LANES):
+        store_lanes(f, k, splat(0.0))
+    for n in range(groups.used):
+        store_lanes(f, groups.begin[n], load_lanes(vectors[Row.ACTIVE_FORCE], groups.begin[n]))
+    closed, next_used = splat(0.0), INT64_0
+    for k in range(0, basis.lanes, LANES):
+        step = add_rows(basis, minus_w, k, load_lanes(free_move, k))
+        end = load_lanes(vectors[Row.START], k) + step
+        if next_used < groups.used and groups.begin[next_used] == k:
+            next_used += 1
+        else:
+            closed += where_positive(end, 1.0, 0.0)
+        miss = add_rows(basis, minus_w, k, load_lanes(free_move, k) - step)  # what rounding cut from η = g - U·w …
+        store_lanes(vectors[Row.MISS], k, add_rows(basis, gradient, k, miss))  # … and the forces, Uᵀ·f, from w
+        store_lanes(vectors[Row.STEP], k, step)
+        store_lanes(vectors[Row.END], k, end)
+    return not lane_sum(closed) > 0.0

@@ -33,6 +33,8 @@ def truncate_shapes(phi: np.ndarray) -> tuple[np.ndarray, int]:
         return phi, 0
     left, singular, right = np.linalg.svd(phi, full_matrices=False)
     rank = int(np.sum(singular > KEPT_SINGULAR_VALUE * singular[0]))
+    if rank == MAX_RANK + 1 and singular[MAX_RANK] <= 10.0 * KEPT_SINGULAR_VALUE * singular[0]:
+        rank = MAX_RANK  # a voice whose pitch changes keeps its basis
     if rank > min(MAX_RANK, contacts // 2):
         return phi, 0
     return (left[:, :rank] * singular[:rank]) @ right[:rank], rank
@@ -62,6 +64,12 @@ def products_by_contact(basis: BasisOfIsland) -> np.ndarray:
     table[:, : first.size] = u[:, first] * u[:, second]
     table[:, ROWS_COLUMN : ROWS_COLUMN + MAX_RANK] = u
     return table.ravel()
+
+
+def entry_counts(contacts: int) -> tuple[int, int]:
+    """How many numbers `entries_by_row` and `products_by_contact` of so many contacts have."""
+    lanes = -(-contacts // LANES) * LANES
+    return MAX_RANK * lanes, COLUMNS * lanes
 
 
 def _padded(basis: BasisOfIsland) -> np.ndarray:

@@ -7,11 +7,9 @@ island's motion (engine.kernel.modes.reverse_motion), which keeps every energy a
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.kernel.codes import Row, SolveStatus
-from engine.kernel.contact_law import elastic_force, potential, potential_difference
+from engine.kernel.contact_law import elastic_force, exponent, potential, potential_difference
 from engine.kernel.coupled_contact_round import contact_response
 from engine.kernel.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
 from engine.kernel.modes import bound_at_row, kick_at_row, kinetic_energy, project, project_drift
@@ -19,6 +17,7 @@ from engine.kernel.reduced_contact_solver import basis_of_island, gather_rows, s
 from engine.kernel.scalar_contact_solver import loss_rate_of, solve_scalar_contact
 
 CANCELLATION = 100.0  # times compression and step: what B·f may be before moves are measured instead
+FEW_LINEAR_CONTACTS = 24  # of α = 1: fewer are solved faster one by one, and in the space of their basis only if capped
 LINE_SEARCHES = 16  # that the capped solves of an island may spend between two periodic checks
 
 
@@ -332,6 +331,28 @@ def solve_by_basis(basis, coefficients, law, loss_rate, state):
     return solve_reduced(law, loss_rate, found, state.compression, state.free_displacement, state.scratch)
 
 
+@inline
+def find_coupled_forces(contact, h, state):
+    """Find the forces of all contacts of an island, in the space of their basis or in that of the contacts; the scratch
+    holds them. Returns rounds, SolveStatus, and the energy that forces off their curves create, J."""
+    law, loss_rate, s, g = contact.law, h.loss_rate, state.compression, state.free_displacement
+    has_few_lines = exponent(law, INT64_0) == 1.0 and s.shape[0] < FEW_LINEAR_CONTACTS
+    if not has_few_lines:
+        evaluations = solve_by_basis(contact.basis, h.basis, law, loss_rate, state)
+        if evaluations > 0:
+            return evaluations, SolveStatus.NEWTON, 0.0
+    problem = CoupledProblem(law, loss_rate, h.coupling, s, g, contact.tolerance, state.scratch)
+    rounds, status, excess = solve_coupled(problem, contact.max_rounds, state.line_search_budget)
+    if status == SolveStatus.CAPPED and has_few_lines:
+        evaluations = solve_by_basis(contact.basis, h.basis, law, loss_rate, state)
+        if evaluations > 0:
+            return rounds + evaluations, SolveStatus.NEWTON, 0.0
+    while status == SolveStatus.CAPPED and not excess < 0.5 * kinetic_energy(state.p):
+        # a second time, without a cap, if the motion could not pay for the energy created
+        rounds, status, excess = solve_coupled(problem, NO_CAP, state.line_search_budget)
+    return rounds, status, excess
+
+
 @noinline
 def solve_coupled_contacts(contact, h, state):
     """Solve all contacts of an island, and give the first half-kick by their forces. Returns a ContactSolution."""
@@ -339,17 +360,7 @@ def solve_coupled_contacts(contact, h, state):
     n = s.shape[0]
     for k in range(n):
         vectors[Row.FORCE, k] = state.contact_force[k]
-    rounds, status, excess, cap = INT64_0, SolveStatus.CAPPED, np.inf, contact.max_rounds
-    evaluations = solve_by_basis(contact.basis, h.basis, contact.law, h.loss_rate, state)
-    if evaluations > 0:
-        rounds, status, excess = evaluations, SolveStatus.NEWTON, 0.0
-    while status == SolveStatus.CAPPED and not excess < 0.5 * kinetic_energy(state.p):
-        # a second time, without a cap, if the motion could not pay for the energy created
-        problem = CoupledProblem(
-            contact.law, h.loss_rate, h.coupling, s, state.free_displacement, contact.tolerance, state.scratch
-        )
-        rounds, status, excess = solve_coupled(problem, cap, state.line_search_budget)
-        cap = NO_CAP
+    rounds, status, excess = find_coupled_forces(contact, h, state)
     for k in range(n):
         if not math.isfinite(vectors[Row.STEP, k] + vectors[Row.END, k] + vectors[Row.FORCE, k]):
             status = SolveStatus.FAILED

@@ -37,8 +37,8 @@ class Basis(NamedTuple):
     """The basis of an island's contacts."""
 
     rank: int
-    count: int  # of contacts
-    lanes: int  # count, rounded up to a multiple of eight
+    contacts: int
+    lanes: int  # contacts, rounded up to a multiple of eight
     at_contacts: Any  # U [5 × lanes], row by row, √(m/N)
     products: Any  # [lanes × 24]: at each contact U_i·U_j of each pair j ≤ i, and U
 
@@ -51,13 +51,13 @@ class Groups(NamedTuple):
 
 
 @inline
-def basis_of_island(basis, coefficients, count):
+def basis_of_island(basis, coefficients, contacts):
     """The Basis of an island with so many contacts, which has one."""
-    lanes = (count + LANES - 1) // LANES * LANES
+    lanes = (contacts + LANES - 1) // LANES * LANES
     begin, first = basis.at_contacts_begin[0], basis.products_begin[0]
     at_contacts = coefficients.at_contacts[begin : begin + MAX_RANK * lanes]
     products = coefficients.products[first : first + COLUMNS * lanes]
-    return Basis(basis.at_contacts_begin.shape[0], count, lanes, at_contacts, products)
+    return Basis(basis.at_contacts_begin.shape[0], contacts, lanes, at_contacts, products)
 
 
 @noinline
@@ -68,16 +68,16 @@ def spread_rows(basis, at_rows, padded, at_contacts):
         for j in range(basis.rank):
             total = multiply_add(load_lanes(basis.at_contacts, j * basis.lanes + k), at_rows[j], total)
         store_lanes(padded, k, total)
-    for k in range(basis.count):
+    for k in range(basis.contacts):
         at_contacts[k] = padded[k]
 
 
 @noinline
 def gather_rows(basis, at_contacts, padded, at_rows):
     """Uᵀ times numbers of the contacts. padded: memory for all lanes"""
-    for k in range(basis.count, basis.lanes):
+    for k in range(basis.contacts, basis.lanes):
         padded[k] = 0.0
-    for k in range(basis.count):
+    for k in range(basis.contacts):
         padded[k] = at_contacts[k]
     for j in range(basis.rank):
         total = splat(0.0)
@@ -143,7 +143,7 @@ def respond_one_by_one(law, loss_rate, basis, groups, minus_w, vectors):
     for n in range(groups.used):
         begin = groups.begin[n]
         store_lanes(eta, begin, add_rows(basis, minus_w, begin, load_lanes(g, begin)))
-        for k in range(begin, min(begin + LANES, basis.count)):
+        for k in range(begin, min(begin + LANES, basis.contacts)):
             f[k], slope[k] = contact_response(law, loss_rate, k, s[k], eta[k])
 
 
@@ -165,10 +165,10 @@ def load_contacts(law, loss_rate, s, g, basis, vectors):
     """START, FREE_MOVE, TARGET (the stiffness of the law) and RHO (the rate of the loss) of all contacts; lanes beyond
     them are open, and have none."""
     start, move, unit, rate = vectors[Row.START], vectors[Row.FREE_MOVE], vectors[Row.TARGET], vectors[Row.RHO]
-    for k in range(basis.count, basis.lanes):
+    for k in range(basis.contacts, basis.lanes):
         start[k], move[k], unit[k], rate[k] = -1.0, 0.0, 0.0, 0.0
         vectors[Row.ACTIVE_FORCE, k], vectors[Row.SLOPE, k] = 0.0, 0.0
-    for k in range(basis.count):
+    for k in range(basis.contacts):
         start[k], move[k], unit[k], rate[k] = s[k], g[k], law.potential_coefficient[k], loss_rate_of(loss_rate, k)
 
 

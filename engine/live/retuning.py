@@ -6,9 +6,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from engine.build.build import build
+from engine.build.contact_basis import entry_counts
 from engine.build.layout import Layout
 from engine.kernel.axes import Axis, Items, pair_arrays
-from engine.kernel.model import Model, ModeShapeRows, RowCoefficients, StepCoefficients
+from engine.kernel.model import BasisCoefficients, ContactBasis, Model, ModeShapeRows, RowCoefficients, StepCoefficients
 from engine.live.voices import replicate, retune
 from engine.patch.accuracy import Accuracy
 from engine.patch.scene import Scene, connected_bodies
@@ -83,12 +84,13 @@ def _pairs(target: tuple[Model, Layout], source: tuple[Model, Layout], voice: in
         yield from _mode_pairs(poly, single, poly_layout.global_modes(voice * bodies + b), layout.global_modes(b))
     for i in range(islands):
         n = voice * islands + i
-        for axis in ("contact", "force", "pickup", "body"):
+        for axis in ("contact", "force", "pickup", "body", "basis"):
             to, of = (getattr(model.islands, axis) for model in (poly, single))
-            for a, x in zip(_rows_of(poly, axis), _rows_of(single, axis), strict=True):
-                for r in range(of[i + 1] - of[i]):
-                    yield from _row_pairs(a, x, int(to[n]) + r, int(of[i]) + r)
+            for a, x in zip(_rows_of(poly, axis), _rows_of(single, axis), strict=axis != "basis"):
+                for r in range(to[n + 1] - to[n]):
+                    yield from _row_pairs(a, x, int(to[n]) + r, int(of[i]) + r if r < of[i + 1] - of[i] else None)
         yield from _contact_pairs(poly, single, n, i)
+        yield from _basis_pairs(poly, single, n, i)
 
 
 def _tuned_arrays(poly: Model, single: Model, *axes: Axis) -> Iterator[tuple[Items, np.ndarray, np.ndarray | None]]:
@@ -119,6 +121,32 @@ def _contact_pairs(poly: Model, single: Model, n: int, i: int) -> Iterator[Array
             yield ours[begin[n] : begin[n + 1]], theirs[start[i] : start[i + 1]]
 
 
+def _basis_pairs(poly: Model, single: Model, n: int, i: int) -> Iterator[Arrays]:
+    """What the rows of the basis of an island's contacts move at these.
+
+    Raises ValueError if that of the other cannot be one of as few rows.
+    """
+    first, begin = int(poly.islands.basis[n]), int(single.islands.basis[i])
+    if first == poly.islands.basis[n + 1]:
+        return
+    if begin == single.islands.basis[i + 1]:
+        raise ValueError("at this pitch the contacts of a body do not move alike, as they did")
+    for (to_contact, to), (of_contact, of) in zip(_bases(poly), _bases(single), strict=True):
+        entries, products = entry_counts(int(np.diff(poly.islands.contact)[n]))
+        a, x = to_contact.at_contacts_begin[first], of_contact.at_contacts_begin[begin]
+        yield to.at_contacts[a : a + entries], of.at_contacts[x : x + entries]
+        a, x = to_contact.products_begin[first], of_contact.products_begin[begin]
+        yield to.products[a : a + products], of.products[x : x + products]
+
+
+def _bases(model: Model) -> list[tuple[ContactBasis, BasisCoefficients]]:
+    """The bases of the contacts of a model, with their coefficients; nothing without any."""
+    contact, step = model.contact, model.step.contact
+    if contact is None or contact.basis is None or step is None or step.basis is None:
+        return []
+    return [(contact.basis, step.basis)]
+
+
 RowsAt = tuple[ModeShapeRows, RowCoefficients | None]
 
 
@@ -132,14 +160,18 @@ def _rows_of(model: Model, axis: str) -> list[RowsAt]:
         return [(contact.rows, step.rows), *other]
     if axis == "force":
         return [(model.force.rows, model.step.force)] if model.force is not None else []
+    if axis == "basis":
+        return [(basis.rows, coefficients.rows) for basis, coefficients in _bases(model)]
     return [(model.pickups.rows if axis == "pickup" else model.bodies, None)]
 
 
-def _row_pairs(to: RowsAt, of: RowsAt, r: int, s: int) -> Iterator[Arrays]:
-    """A row of shapes, kicks and drifts."""
+def _row_pairs(to: RowsAt, of: RowsAt, r: int, s: int | None) -> Iterator[Arrays]:
+    """A row of shapes, kicks and drifts; zeros where the other has no such row."""
     (ours, our_step), (theirs, their_step) = to, of
     begin, size = int(ours.offset[r]), int(ours.mode_end[r]) - int(ours.mode_begin[r])
-    start, count = int(theirs.offset[s]), min(size, int(theirs.mode_end[s]) - int(theirs.mode_begin[s]))
+    start, count = 0, 0
+    if s is not None:
+        start, count = int(theirs.offset[s]), min(size, int(theirs.mode_end[s]) - int(theirs.mode_begin[s]))
     pairs = [(ours.phi, theirs.phi)]
     if our_step is not None and their_step is not None:
         pairs += zip(our_step, their_step, strict=True)

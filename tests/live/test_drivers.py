@@ -358,8 +358,8 @@ def test_a_device_that_vanishes(tmp_path, jack):
 @needs_portaudio
 @needs_jack
 def test_the_compiled_callback_does_not_wait_for_python(jack):
-    """While Python is in calls that hold its lock for 30 ms or more, the callback in Python comes late; the compiled one
-    does not. As a ratio: a machine without real-time rights may lose a block of either."""
+    """While Python is in calls that hold its lock for 30 ms or more, the callback in Python comes late; the compiled
+    one does not. As a ratio: a machine without real-time rights may lose a block of either."""
     environment, _ = jack
     late = {}
     for compiled in (True, False):

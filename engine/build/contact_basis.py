@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from engine.kernel.reduced_contact_solver import COLUMNS, LANES, MAX_RANK, ROWS_COLUMN
+from engine.kernel.codes import COLUMNS, LANES, MAX_RANK, ROWS_COLUMN
 
 MIN_CONTACTS = 10  # below, the solve in the space of all contacts is faster
 KEPT_SINGULAR_VALUE = 1e-9  # of the largest; what is left out moves the points by that much less

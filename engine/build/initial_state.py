@@ -4,9 +4,8 @@ import numpy as np
 
 from engine.build.layout import Layout
 from engine.kernel.axes import Axis, allocate
-from engine.kernel.codes import Row
+from engine.kernel.codes import COLUMNS, LANES, Row
 from engine.kernel.model import Model
-from engine.kernel.reduced_contact_solver import COLUMNS, LANES
 from engine.kernel.state import RefinementState, Scratch, State
 
 

@@ -109,5 +109,11 @@ class Row(IntEnum):
     WORK = 17
 
 
+# of the basis of contacts (engine.kernel.reduced_contact_solver)
+LANES = 8  # numbers that are taken at once
+MAX_RANK = 5  # rows; a basis of fewer has zeros in the last ones
+COLUMNS = 24  # of the table of products: 15 of pairs of rows, a zero, five rows, and zeros
+ROWS_COLUMN = 16
+
 NO_END = 1 << 60  # when an event ends that stays for good
 UNUSED_SLOT = 1 << 61  # when an event begins that has not come yet: capacity for those of live sound

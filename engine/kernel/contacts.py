@@ -59,12 +59,17 @@ def moves_by_basis(basis, coefficients, state):
 
 @inline
 def pushes_by_basis(basis, coefficients, state):
-    """Half a kick by all contact forces, by the basis of the island's contacts. Returns whether it has one."""
+    """Half a kick by all contact forces, by the basis of the island's contacts. Returns whether it has one, of fewer
+    rows than there are forces."""
     if basis is None:
         return False
     if basis.at_contacts_begin.shape[0] == 0:
         return False
-    f, vectors = state.contact_force, state.scratch.vectors
+    f, vectors, pushing = state.contact_force, state.scratch.vectors, INT64_0
+    for k in range(f.shape[0]):
+        pushing += f[k] != 0.0
+    if pushing <= basis.at_contacts_begin.shape[0]:  # fewer of the contacts' own rows
+        return False
     found = basis_of_island(basis, coefficients, f.shape[0])
     gather_rows(found, f, vectors[Row.FORCE], vectors[Row.GUESS])
     for j in range(found.rank):

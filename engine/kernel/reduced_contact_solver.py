@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from engine.compiler.decorators import INT64_0, INT64_1, inline, noinline
 from engine.compiler.lanes import lane_sum, load_lanes, multiply_add, splat, store_lanes, where_positive
 from engine.compiler.overloads import overload_by_type
-from engine.kernel.codes import Row
+from engine.kernel.codes import COLUMNS, LANES, MAX_RANK, ROWS_COLUMN, Row
 from engine.kernel.contact_law import exponent, power, power_difference_quotient
 from engine.kernel.coupled_contact_round import contact_response
 from engine.kernel.laws import Cubic, Felt, Hertz, Linear, Power, Quadratic
@@ -26,10 +26,6 @@ MAX_EVALUATIONS = 40
 CONVERGED_STEP = 4e-16  # of w: a Newton step no larger is what rounding leaves
 STALLED_STEP = 1e-11  # of w: below, steps that no longer shrink are rounding
 MIN_DECREASE = 0.9  # of the slope along a Newton step: more of it left, and the step is shortened
-LANES = 8
-MAX_RANK = 5  # of a basis; one of a lower rank has zeros in its last rows
-COLUMNS = 24  # of the table of products: 15 of pairs of rows, a zero, five rows, and zeros
-ROWS_COLUMN = 16
 TINY = 1e-300  # m: nothing is divided by less
 
 

@@ -37,7 +37,7 @@ def test_a_name_that_is_no_trick_is_refused(monkeypatch):
     monkeypatch.setenv("FDH_PLAIN", "array_views, vectors")
     tricks.switched_off.cache_clear()
     try:
-        with pytest.raises(ValueError, match="no trick is named vectors; all, array_views, skip_inlined"):
+        with pytest.raises(ValueError, match="no trick is named vectors; all, array_views, lanes, skip_inlined"):
             tricks.switched_off()
     finally:
         monkeypatch.undo()

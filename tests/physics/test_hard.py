@@ -153,7 +153,7 @@ def coupled_problems_are_solved(count: int) -> None:
         n = s.size
         scratch = Scratch(*(x[0] for x in allocate_scratch(1, n)))
         taken, how, _ = several(law, matrix.ravel(), s, g, NO_CAP, np.zeros(1, np.int64), scratch)
-        force, eta = scratch.vectors[Row.FORCE], scratch.vectors[Row.STEP]
+        force, eta = scratch.vectors[Row.FORCE, :n], scratch.vectors[Row.STEP, :n]
         assert how not in (SolveStatus.FAILED, SolveStatus.CAPPED)
         if taken > 0:
             rounds.append(taken)

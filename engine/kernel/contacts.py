@@ -380,6 +380,12 @@ def solve_coupled_contacts(contact, h, state):
 
 
 @inline
+def takes_part(s, vectors, k):
+    """Whether contact k has a force or energy in this step."""
+    return vectors[Row.FORCE, k] != 0.0 or s[k] > 0.0 or vectors[Row.END, k] > 0.0
+
+
+@inline
 def store_coupled_solution(contact, h, state, status, excess):
     """Give all contacts of an island the compressions and forces that were found. Returns the energy lost and the
     energy that forces off their curves create, J."""
@@ -390,14 +396,15 @@ def store_coupled_solution(contact, h, state, status, excess):
     if measured:
         excess = 0.0
         for k in range(n):
-            vectors[Row.MISS, k] = measured_miss(contact, h, state, k, vectors[Row.STEP, k], vectors[Row.FORCE, k])
+            if takes_part(s, vectors, k):
+                vectors[Row.MISS, k] = measured_miss(contact, h, state, k, vectors[Row.STEP, k], vectors[Row.FORCE, k])
     for k in range(n):
-        begin = s[k]
+        begin, has_energy = s[k], takes_part(s, vectors, k)
         eta, b, f = vectors[Row.STEP, k], vectors[Row.END, k], vectors[Row.FORCE, k]
         law_force = force_of_law(contact, h.loss_rate, k, begin, eta, f, status)
         lost_at_contact = store_solution(contact, h, state, k, (eta, b, f, law_force), vectors[Row.MISS, k])
         lost += lost_at_contact
-        if measured:
+        if measured and has_energy:
             excess += energy_created(contact, state, k, begin, lost_at_contact, f)
     return lost, excess
 

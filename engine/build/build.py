@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from engine.build import limits
+from engine.build.contact_basis import BasisUse
 from engine.build.event_table import event_table
 from engine.build.force_table import ForceTable, force_table
 from engine.build.initial_state import initial_state
@@ -201,11 +202,18 @@ def _contact_basis(layout: Layout, modes: ModeCoefficients) -> ContactBasis | No
     tables = contact_basis_tables(layout, modes)
     if not tables.rows:
         return None
-    begins = (
-        np.repeat(np.cumsum([0, *(e.size for e in entries[:-1])]), tables.ranks)
-        for entries in (tables.at_contacts, tables.products)
+    is_first = [use is BasisUse.FIRST for use in layout.basis_uses if use is not BasisUse.NONE]
+    return ContactBasis(
+        rows=mode_shape_rows(tables.rows),
+        at_contacts_begin=np.repeat(_begins(tables.at_contacts), tables.ranks),
+        products_begin=np.repeat(_begins(tables.products), tables.ranks),
+        is_first=np.repeat(np.array(is_first, np.int64), tables.ranks),
     )
-    return ContactBasis(mode_shape_rows(tables.rows), *begins)
+
+
+def _begins(arrays: list[np.ndarray]) -> np.ndarray:
+    """Where each array begins if they lie one after the other."""
+    return np.cumsum([0, *(array.size for array in arrays[:-1])])
 
 
 def _external_force(layout: Layout, samplerate: float, seconds: float) -> ExternalForce | None:

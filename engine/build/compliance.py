@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from engine.build.contact_basis import BasisUse, two_product
 from engine.build.layout import Layout
 
 
@@ -12,10 +13,12 @@ def contact_compliance(layout: Layout, kick: np.ndarray, drift: np.ndarray) -> t
     contact j over one step, m/N. And what rounding cut from its diagonal, which is the sum of the products of kick and
     drift that the kernel uses [contacts].
 
+    Where contacts are solved in the space of a basis, what rounding cut is with it, and 0 here.
+
     kick, drift: t and v of each mode, s
     """
     islands = layout.islands
-    matrices, low = [], []
+    matrices, low, uses = [], [], layout.basis_uses
     for n in range(islands.mode.size - 1):
         modes = slice(islands.mode[n], islands.mode[n + 1])
         sides = layout.contact_rows[islands.contact[n] : islands.contact[n + 1]]
@@ -26,19 +29,6 @@ def contact_compliance(layout: Layout, kick: np.ndarray, drift: np.ndarray) -> t
         for k in range(len(sides)):
             product, error = two_product(kicks[k], drifts[k])
             matrix[k, k] = math.fsum([*product, *error])
-            low.append(math.fsum([*product, *error, -matrix[k, k]]))
+            low.append(0.0 if uses[n] is BasisUse.FIRST else math.fsum([*product, *error, -matrix[k, k]]))
         matrices.append(matrix)
     return matrices, np.array(low)
-
-
-def two_product(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Products and their rounding errors (Dekker): a·b = product + error exactly."""
-
-    def halves(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        big = 134217729.0 * x
-        high = big - (big - x)
-        return high, x - high
-
-    (ah, al), (bh, bl) = halves(a), halves(b)
-    product = a * b
-    return product, ((ah * bh - product) + ah * bl + al * bh) + al * bl

@@ -5,20 +5,32 @@ bridge of 30 points then have a numerical rank of 4 or 5: Φ = U·Y, and the con
 rows (engine.kernel.reduced_contact_solver; docs/design.md, sec. 3, "Many points close together").
 """
 
+import math
+from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
 
 from engine.kernel.codes import COLUMNS, LANES, MAX_RANK, ROWS_COLUMN
 
+FEW_LINEAR_CONTACTS = 24  # of α = 1, without contact loss
 MIN_CONTACTS = 10  # below, the solve in the space of all contacts is faster
 KEPT_SINGULAR_VALUE = 1e-9  # of the largest; what is left out moves the points by that much less
 
 
+class BasisUse(Enum):
+    """When the contacts of an island are solved in the space of their basis."""
+
+    NONE = 0  # it has none
+    FIRST = 1
+    IF_CAPPED = 2  # a few linear contacts are solved faster one by one, but for a solve in many
+
+
 class BasisOfIsland(NamedTuple):
-    """How an island moves at its contacts in a step, with Φ = U·Y: B = U·Uᵀ."""
+    """How an island moves at its contacts in a step, with Φ = U·Y: B = U·(1 + E)·Uᵀ."""
 
     at_contacts: np.ndarray  # U [contacts, rank], √(m/N)
+    rounding: np.ndarray  # E [rank, rank]: what rounding made of Y·diag(t·v)·Yᵀ = 1
     shapes: np.ndarray  # Y [rank, modes], 1/√(kg·m/N)
 
 
@@ -48,17 +60,23 @@ def find_basis(phi: np.ndarray, rank: int, kick: np.ndarray, drift: np.ndarray) 
     """
     root = np.sqrt(kick * drift)
     left, singular, right = np.linalg.svd(phi * root, full_matrices=False)
-    return BasisOfIsland(left[:, :rank] * singular[:rank], right[:rank] / root)
+    shapes = right[:rank] / root
+    rounding = np.empty((rank, rank))
+    for i, drifts in enumerate(shapes * drift):
+        for j, kicks in enumerate(shapes * kick):
+            product, error = two_product(drifts, kicks)
+            rounding[i, j] = math.fsum([*product, *error, -float(i == j)])
+    return BasisOfIsland(left[:, :rank] * singular[:rank], rounding, shapes)
 
 
 def entries_by_row(basis: BasisOfIsland) -> np.ndarray:
-    """U row by row, five rows each padded to a multiple of eight [5 × lanes]."""
-    return _padded(basis).T.ravel()
+    """U and then U·E, row by row, five rows each padded to a multiple of eight [10 × lanes]."""
+    return np.concatenate([_padded(u).T.ravel() for u in (basis.at_contacts, basis.at_contacts @ basis.rounding)])
 
 
 def products_by_contact(basis: BasisOfIsland) -> np.ndarray:
     """At each contact the products U_i·U_j of pairs j ≤ i, and U [lanes × 24]."""
-    u = _padded(basis)
+    u = _padded(basis.at_contacts)
     first, second = np.tril_indices(MAX_RANK)
     table = np.zeros((len(u), COLUMNS))
     table[:, : first.size] = u[:, first] * u[:, second]
@@ -69,10 +87,23 @@ def products_by_contact(basis: BasisOfIsland) -> np.ndarray:
 def entry_counts(contacts: int) -> tuple[int, int]:
     """How many numbers `entries_by_row` and `products_by_contact` of so many contacts have."""
     lanes = -(-contacts // LANES) * LANES
-    return MAX_RANK * lanes, COLUMNS * lanes
+    return 2 * MAX_RANK * lanes, COLUMNS * lanes
 
 
-def _padded(basis: BasisOfIsland) -> np.ndarray:
+def _padded(u: np.ndarray) -> np.ndarray:
     """U with zeros in place of contacts and rows that the basis has not [lanes, 5]."""
-    contacts, rank = basis.at_contacts.shape
-    return np.pad(basis.at_contacts, ((0, -contacts % LANES), (0, MAX_RANK - rank)))
+    contacts, rank = u.shape
+    return np.pad(u, ((0, -contacts % LANES), (0, MAX_RANK - rank)))
+
+
+def two_product(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Products and their rounding errors (Dekker): a·b = product + error exactly."""
+
+    def halves(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        big = 134217729.0 * x
+        high = big - (big - x)
+        return high, x - high
+
+    (ah, al), (bh, bl) = halves(a), halves(b)
+    product = a * b
+    return product, ((ah * bh - product) + ah * bl + al * bh) + al * bl

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from engine.bodies.body import ModalBody
-from engine.build.contact_basis import truncate_shapes
+from engine.build.contact_basis import FEW_LINEAR_CONTACTS, BasisUse, truncate_shapes
 from engine.build.contact_points import ContactPoint, contact_points
 from engine.build.subsystems import connected_components, estimate_cost, partition_islands
 from engine.kernel.model import Islands
@@ -102,6 +102,17 @@ class Layout:
             joins_itself = any(a.body == b.body for a, b in sides)
             found.append((phi, 0) if joins_itself else truncate_shapes(phi))
         return found
+
+    @cached_property
+    def basis_uses(self) -> list[BasisUse]:
+        """When the basis of each island's contacts is used."""
+        begins, uses = self.islands.contact, list[BasisUse]()
+        for n, (_, rank) in enumerate(self.contact_shapes):
+            contacts = [self.scene.contact[k] for k, _ in self.contact_points[begins[n] : begins[n + 1]]]
+            are_linear = all(c.exponent == 1.0 and c.loss == 0.0 for c in contacts)
+            few = are_linear and len(contacts) < FEW_LINEAR_CONTACTS
+            uses.append(BasisUse.NONE if rank == 0 else BasisUse.IF_CAPPED if few else BasisUse.FIRST)
+        return uses
 
     def point_of(self, table: Any) -> BodyPoint:
         """Where a force acts, or a pickup listens; nowhere, if that is all contact forces of its body."""

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.kernel.codes import Row, SolveStatus
-from engine.kernel.contact_law import elastic_force, exponent, potential, potential_difference
+from engine.kernel.contact_law import elastic_force, potential, potential_difference
 from engine.kernel.coupled_contact_round import contact_response
 from engine.kernel.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
 from engine.kernel.modes import bound_at_row, kick_at_row, kinetic_energy, project, project_drift
@@ -17,7 +17,6 @@ from engine.kernel.reduced_contact_solver import basis_of_island, gather_rows, s
 from engine.kernel.scalar_contact_solver import loss_rate_of, solve_scalar_contact
 
 CANCELLATION = 100.0  # times compression and step: what B·f may be before moves are measured instead
-FEW_LINEAR_CONTACTS = 24  # of α = 1: fewer are solved faster one by one, and in the space of their basis only if capped
 LINE_SEARCHES = 16  # that the capped solves of an island may spend between two periodic checks
 
 
@@ -42,39 +41,33 @@ def count_outcome(state, evaluations, status):
 
 
 @inline
-def moves_by_basis(basis, coefficients, state):
-    """Find how the coming drift changes each compression, by the basis of the island's contacts. Returns whether it
-    has one."""
+def moves_by_basis(basis):
+    """Whether contacts move bodies, and are moved, by the rows of their basis."""
     if basis is None:
         return False
-    if basis.at_contacts_begin.shape[0] == 0:
-        return False
-    g, momentum = state.free_displacement, state.scratch.vectors[Row.GUESS]
-    found = basis_of_island(basis, coefficients, g.shape[0])
-    for j in range(found.rank):
-        momentum[j] = project_drift(basis.rows, coefficients.rows, j, state.p)
-    spread_rows(found, momentum, state.scratch.vectors[Row.STEP], g)
-    return True
+    return basis.is_first.shape[0] > 0 and basis.is_first[0] != 0
 
 
 @inline
-def pushes_by_basis(basis, coefficients, state):
-    """Half a kick by all contact forces, by the basis of the island's contacts. Returns whether it has one, of fewer
-    rows than there are forces."""
-    if basis is None:
-        return False
-    if basis.at_contacts_begin.shape[0] == 0:
-        return False
-    f, vectors, pushing = state.contact_force, state.scratch.vectors, INT64_0
-    for k in range(f.shape[0]):
-        pushing += f[k] != 0.0
-    if pushing <= basis.at_contacts_begin.shape[0]:  # fewer of the contacts' own rows
-        return False
-    found = basis_of_island(basis, coefficients, f.shape[0])
-    gather_rows(found, f, vectors[Row.FORCE], vectors[Row.GUESS])
-    for j in range(found.rank):
-        kick_at_row(basis.rows, coefficients.rows, j, -vectors[Row.GUESS, j], state.p)
-    return True
+def find_moves_by_basis(basis, coefficients, state):
+    """How the coming drift changes each compression, by the basis of the island's contacts."""
+    if basis is not None:
+        g, momentum = state.free_displacement, state.scratch.vectors[Row.GUESS]
+        found = basis_of_island(basis, coefficients, g.shape[0])
+        for j in range(found.rank):
+            momentum[j] = project_drift(basis.rows, coefficients.rows, j, state.p)
+        spread_rows(found, momentum, state.scratch.vectors[Row.WORK], g)
+
+
+@inline
+def push_by_basis(basis, coefficients, state):
+    """Half a kick by all contact forces, by the basis of the island's contacts."""
+    if basis is not None:
+        f, vectors = state.contact_force, state.scratch.vectors
+        found = basis_of_island(basis, coefficients, f.shape[0])
+        gather_rows(found, f, vectors[Row.WORK], vectors[Row.GUESS])
+        for j in range(found.rank):
+            kick_at_row(basis.rows, coefficients.rows, j, -vectors[Row.GUESS, j], state.p)
 
 
 @inline
@@ -89,7 +82,8 @@ def free_displacement_at(contact, other_rows, h, k, p):
 @inline
 def free_displacements(contact, h, state):
     """How the coming drift changes each compression."""
-    if moves_by_basis(contact.basis, h.basis, state):
+    if moves_by_basis(contact.basis):
+        find_moves_by_basis(contact.basis, h.basis, state)
         return
     for k in range(state.compression.shape[0]):
         state.free_displacement[k] = free_displacement_at(contact, contact.other_rows, h, k, state.p)
@@ -107,7 +101,8 @@ def apply_contact_force(contact, other_rows, h, k, f, p):
 def apply_contact_forces(contact, h, state):
     """Half a kick by all contact forces."""
     if contact is not None:
-        if pushes_by_basis(contact.basis, h.basis, state):
+        if moves_by_basis(contact.basis):
+            push_by_basis(contact.basis, h.basis, state)
             return
         for k in range(state.compression.shape[0]):
             f = state.contact_force[k]
@@ -330,7 +325,7 @@ def solve_by_basis(basis, coefficients, law, loss_rate, state):
     basis, or the solve did not converge."""
     if basis is None:
         return INT64_0
-    if basis.at_contacts_begin.shape[0] == 0:
+    if basis.is_first.shape[0] == 0:
         return INT64_0
     found = basis_of_island(basis, coefficients, state.compression.shape[0])
     return solve_reduced(law, loss_rate, found, state.compression, state.free_displacement, state.scratch)
@@ -340,15 +335,17 @@ def solve_by_basis(basis, coefficients, law, loss_rate, state):
 def find_coupled_forces(contact, h, state):
     """Find the forces of all contacts of an island, in the space of their basis or in that of the contacts; the scratch
     holds them. Returns rounds, SolveStatus, and the energy that forces off their curves create, J."""
-    law, loss_rate, s, g = contact.law, h.loss_rate, state.compression, state.free_displacement
-    has_few_lines = exponent(law, INT64_0) == 1.0 and s.shape[0] < FEW_LINEAR_CONTACTS
-    if not has_few_lines:
+    law, loss_rate, evaluations = contact.law, h.loss_rate, INT64_0
+    is_first = moves_by_basis(contact.basis)
+    if is_first:
         evaluations = solve_by_basis(contact.basis, h.basis, law, loss_rate, state)
         if evaluations > 0:
             return evaluations, SolveStatus.NEWTON, 0.0
-    problem = CoupledProblem(law, loss_rate, h.coupling, s, g, contact.tolerance, state.scratch)
+    problem = CoupledProblem(
+        law, loss_rate, h.coupling, state.compression, state.free_displacement, contact.tolerance, state.scratch
+    )
     rounds, status, excess = solve_coupled(problem, contact.max_rounds, state.line_search_budget)
-    if status == SolveStatus.CAPPED and has_few_lines:
+    if status == SolveStatus.CAPPED and not is_first:
         evaluations = solve_by_basis(contact.basis, h.basis, law, loss_rate, state)
         if evaluations > 0:
             return rounds + evaluations, SolveStatus.NEWTON, 0.0
@@ -385,6 +382,20 @@ def takes_part(s, vectors, k):
     return vectors[Row.FORCE, k] != 0.0 or s[k] > 0.0 or vectors[Row.END, k] > 0.0
 
 
+@noinline
+def measure_misses(contact, h, state):
+    """MISS of the contacts that take part, from the momenta that the bodies have by now."""
+    s, vectors = state.compression, state.scratch.vectors
+    if moves_by_basis(contact.basis):
+        find_moves_by_basis(contact.basis, h.basis, state)
+        for k in range(s.shape[0]):
+            vectors[Row.MISS, k] = state.free_displacement[k] - vectors[Row.STEP, k]
+        return
+    for k in range(s.shape[0]):
+        if takes_part(s, vectors, k):
+            vectors[Row.MISS, k] = measured_miss(contact, h, state, k, vectors[Row.STEP, k], vectors[Row.FORCE, k])
+
+
 @inline
 def store_coupled_solution(contact, h, state, status, excess):
     """Give all contacts of an island the compressions and forces that were found. Returns the energy lost and the
@@ -395,9 +406,7 @@ def store_coupled_solution(contact, h, state, status, excess):
         measured = measured or cancels(h, k, s[k], vectors[Row.STEP, k], vectors[Row.FORCE, k])
     if measured:
         excess = 0.0
-        for k in range(n):
-            if takes_part(s, vectors, k):
-                vectors[Row.MISS, k] = measured_miss(contact, h, state, k, vectors[Row.STEP, k], vectors[Row.FORCE, k])
+        measure_misses(contact, h, state)
     for k in range(n):
         begin, has_energy = s[k], takes_part(s, vectors, k)
         eta, b, f = vectors[Row.STEP, k], vectors[Row.END, k], vectors[Row.FORCE, k]

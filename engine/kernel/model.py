@@ -134,6 +134,7 @@ class ContactBasis(NamedTuple):
     rows: Annotated[ModeShapeRows, Axis.BASIS]
     at_contacts_begin: PerBasisInt  # where those of its island begin in BasisCoefficients.at_contacts
     products_begin: PerBasisInt  # and in BasisCoefficients.products
+    is_first: PerBasisInt  # 0 where contacts are solved in its space only if the other solve is capped
 
 
 class Contact(NamedTuple):

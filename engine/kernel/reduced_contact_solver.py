@@ -22,9 +22,10 @@ from engine.kernel.coupled_contact_round import contact_response
 from engine.kernel.laws import Cubic, Felt, Hertz, Linear, Power, Quadratic
 from engine.kernel.scalar_contact_solver import loss_rate_of
 
-MAX_EVALUATIONS = 40
-CONVERGED_STEP = 4e-16  # of w: a Newton step no larger is what rounding leaves
-STALLED_STEP = 1e-11  # of w: below, steps that no longer shrink are rounding
+MAX_EVALUATIONS = 100
+LAST_STEP = 1e-3  # of w: a Newton step no larger may be taken along the tangents of the laws
+LAST_STEP_ERROR = 1e-15  # of the forces that it may leave
+STALLED_STEP = 1e-7  # of w: below, steps that no longer shrink are what rounding makes of stiff contacts
 MIN_DECREASE = 0.9  # of the slope along a Newton step: more of it left, and the step is shortened
 TINY = 1e-300  # m: nothing is divided by less
 
@@ -36,6 +37,7 @@ class Basis(NamedTuple):
     contacts: int
     lanes: int  # contacts, rounded up to a multiple of eight
     at_contacts: Any  # U [5 × lanes], row by row, √(m/N)
+    low: Any  # U·E, likewise: what rounding adds to U·w where the bodies move by w
     products: Any  # [lanes × 24]: at each contact U_i·U_j of each pair j ≤ i, and U
 
 
@@ -52,8 +54,9 @@ def basis_of_island(basis, coefficients, contacts):
     lanes = (contacts + LANES - 1) // LANES * LANES
     begin, first = basis.at_contacts_begin[0], basis.products_begin[0]
     at_contacts = coefficients.at_contacts[begin : begin + MAX_RANK * lanes]
+    low = coefficients.at_contacts[begin + MAX_RANK * lanes : begin + 2 * MAX_RANK * lanes]
     products = coefficients.products[first : first + COLUMNS * lanes]
-    return Basis(basis.at_contacts_begin.shape[0], contacts, lanes, at_contacts, products)
+    return Basis(basis.at_contacts_begin.shape[0], contacts, lanes, at_contacts, low, products)
 
 
 @noinline
@@ -84,8 +87,8 @@ def gather_rows(basis, at_contacts, padded, at_rows):
 
 @inline
 def smooth_response(law, unit, rate, s, eta):
-    """Mean forces (N) and their slopes (N/m) of eight contacts, for steps η from s. The slopes err by 1e-6 at most,
-    which serves Newton's iteration.
+    """Mean forces (N) and their slopes (N/m) of eight contacts, for steps η from s. The slopes err by 1e-8 at
+    most.
 
     unit: potential_coefficient of the law; 0 where there is no contact
     rate: of the contact loss, 1/m
@@ -96,7 +99,7 @@ def smooth_response(law, unit, rate, s, eta):
     stays = where_positive(s, b, 0.0)  # positive where a step begins and ends in contact
     size = where_positive(eta, eta, 0.0 - eta)
     at_end = (alpha + 1.0) * power(law, INT64_0, end)
-    is_short = where_positive(1e-6 * end - size, stays, 0.0)  # or the difference below would cancel
+    is_short = where_positive(1e-8 * end - size, stays, 0.0)  # or the difference below would cancel
     over = 1.0 / where_positive(is_short, end, where_positive(size - TINY, eta, TINY))
     mean = power_difference_quotient(law, INT64_0, start, end, size)
     phi = where_positive(start + end, where_positive(stays, mean, mean * ((end - start) * over)), 0.0)
@@ -107,9 +110,8 @@ def smooth_response(law, unit, rate, s, eta):
 
 
 @inline
-def add_rows(basis, w, k, lanes):
-    """U·w of eight contacts from contact k on, added to these lanes."""
-    u, width = basis.at_contacts, basis.lanes
+def add_rows(u, width, w, k, lanes):
+    """U·w of eight contacts from contact k on, added to these lanes; `width` is the length of a row."""
     lanes = multiply_add(load_lanes(u, k), w[0], lanes)
     lanes = multiply_add(load_lanes(u, k + width), w[1], lanes)
     lanes = multiply_add(load_lanes(u, k + 2 * width), w[2], lanes)
@@ -124,7 +126,7 @@ def respond_in_lanes(law, loss_rate, basis, groups, minus_w, vectors):
     unit, rate = vectors[Row.TARGET], vectors[Row.RHO]
     for n in range(groups.used):
         k = groups.begin[n]
-        eta = add_rows(basis, minus_w, k, load_lanes(g, k))
+        eta = add_rows(basis.at_contacts, basis.lanes, minus_w, k, load_lanes(g, k))
         f, slope = smooth_response(law, load_lanes(unit, k), load_lanes(rate, k), load_lanes(s, k), eta)
         store_lanes(vectors[Row.ACTIVE_STEP], k, eta)
         store_lanes(vectors[Row.ACTIVE_FORCE], k, f)
@@ -138,7 +140,7 @@ def respond_one_by_one(law, loss_rate, basis, groups, minus_w, vectors):
     f, slope = vectors[Row.ACTIVE_FORCE], vectors[Row.SLOPE]
     for n in range(groups.used):
         begin = groups.begin[n]
-        store_lanes(eta, begin, add_rows(basis, minus_w, begin, load_lanes(g, begin)))
+        store_lanes(eta, begin, add_rows(basis.at_contacts, basis.lanes, minus_w, begin, load_lanes(g, begin)))
         for k in range(begin, min(begin + LANES, basis.contacts)):
             f[k], slope[k] = contact_response(law, loss_rate, k, s[k], eta[k])
 
@@ -290,46 +292,74 @@ def solve_reduced(law, loss_rate, basis, s, g, scratch):
         gradient = gradient_at(w, sums)
         d = newton_direction(gradient, sums)
         step, size = largest(d), largest(w)
-        if step <= CONVERGED_STEP * size or (step <= STALLED_STEP * size and step >= 0.25 * best):
-            if store_reduced_solution(basis, groups, w, gradient, vectors):
+        is_stalled = step <= STALLED_STEP * size and step >= 0.25 * best
+        if step <= LAST_STEP * size and (last_step_error(basis, groups, d, vectors) <= LAST_STEP_ERROR or is_stalled):
+            if store_reduced_solution(basis, groups, move_along(w, d, 1.0), vectors):
                 return evaluations
             groups, best = all_groups(basis, scratch.active), math.inf
             evaluate(law, loss_rate, basis, groups, w, vectors)
             continue
-        slope, saved, best, share = dot(gradient, d), w, step, 1.0
+        slope, saved, best, share, low, high = dot(gradient, d), w, step, 1.0, 0.0, 0.0
         while True:
             w = move_along(saved, d, share)
             evaluate(law, loss_rate, basis, groups, w, vectors)
             evaluations += 1
             here = dot(gradient_at(w, sums), d)
-            if abs(here) <= MIN_DECREASE * abs(slope) or step <= STALLED_STEP * size:
+            is_short = here < 0.0 and high == 0.0  # of the minimum: the next step is as long
+            if abs(here) <= MIN_DECREASE * abs(slope) or is_short or step <= STALLED_STEP * size:
                 break
             if evaluations >= MAX_EVALUATIONS or not math.isfinite(here):
                 return INT64_0
-            share *= max(0.1, min(0.7, slope / (slope - here)))
+            if here < 0.0:  # along a step the slope rises: it is 0 between low and high
+                low = share
+            else:
+                high = share
+            share = low + (high - low) * (0.5 if here < 0.0 else max(0.1, min(0.7, slope / (slope - here))))
     return INT64_0
 
 
 @inline
-def store_reduced_solution(basis, groups, w, gradient, vectors):
-    """FORCE, STEP, END and MISS of all contacts, from the last evaluation. Returns whether those that took no part stay
-    open."""
-    f, free_move = vectors[Row.FORCE], vectors[Row.FREE_MOVE]
-    minus_w = (-w[0], -w[1], -w[2], -w[3], -w[4])
-    for k in range(0, basis.lanes, LANES):
-        store_lanes(f, k, splat(0.0))
+def last_step_error(basis, groups, d, vectors):
+    """Take a Newton step d along the tangents of the laws: ACTIVE_FORCE, ACTIVE_STEP and ACTIVE_END of the contacts
+    that take part. Returns the error of second order that it leaves in the forces, as a share of all forces."""
+    u, width, minus_d = basis.at_contacts, basis.lanes, (-d[0], -d[1], -d[2], -d[3], -d[4])
+    error, total = splat(0.0), splat(TINY)
     for n in range(groups.used):
-        store_lanes(f, groups.begin[n], load_lanes(vectors[Row.ACTIVE_FORCE], groups.begin[n]))
+        k = groups.begin[n]
+        s, eta = load_lanes(vectors[Row.START], k), load_lanes(vectors[Row.ACTIVE_STEP], k)
+        f = load_lanes(vectors[Row.ACTIVE_FORCE], k)
+        move = add_rows(u, width, minus_d, k, splat(0.0))
+        b = s + eta
+        scale = where_positive(b, b, where_positive(s, eta, 1.0))  # of a force, or of none that remains so
+        share = move / scale
+        closes = where_positive(f, 0.0, where_positive(b + move, b + move, 0.0))  # with less than the force of α = 1
+        error += f * (share * share) + closes * load_lanes(vectors[Row.TARGET], k)
+        total += f
+        store_lanes(vectors[Row.ACTIVE_FORCE], k, multiply_add(load_lanes(vectors[Row.SLOPE], k), move, f))
+        store_lanes(vectors[Row.ACTIVE_STEP], k, eta + move)
+        store_lanes(vectors[Row.ACTIVE_END], k, b + move)
+    return lane_sum(error) / lane_sum(total)
+
+
+@inline
+def store_reduced_solution(basis, groups, w, vectors):
+    """FORCE, STEP, END and MISS of all contacts. Returns whether those that took no part stay open."""
+    free_move, u, width = vectors[Row.FREE_MOVE], basis.at_contacts, basis.lanes
+    minus_w = (-w[0], -w[1], -w[2], -w[3], -w[4])
     closed, next_used = splat(0.0), INT64_0
     for k in range(0, basis.lanes, LANES):
-        step = add_rows(basis, minus_w, k, load_lanes(free_move, k))
-        end = load_lanes(vectors[Row.START], k) + step
         if next_used < groups.used and groups.begin[next_used] == k:
             next_used += 1
+            f, step = load_lanes(vectors[Row.ACTIVE_FORCE], k), load_lanes(vectors[Row.ACTIVE_STEP], k)
+            end = load_lanes(vectors[Row.ACTIVE_END], k)
         else:
+            f, step = splat(0.0), add_rows(u, width, minus_w, k, load_lanes(free_move, k))
+            end = load_lanes(vectors[Row.START], k) + step
             closed += where_positive(end, 1.0, 0.0)
-        miss = add_rows(basis, minus_w, k, load_lanes(free_move, k) - step)  # what rounding cut from η = g - U·w …
-        store_lanes(vectors[Row.MISS], k, add_rows(basis, gradient, k, miss))  # … and the forces, Uᵀ·f, from w
+        # the bodies move by g - U·(1 + E)·w
+        miss = add_rows(u, width, minus_w, k, load_lanes(free_move, k) - step)
+        store_lanes(vectors[Row.MISS], k, add_rows(basis.low, width, minus_w, k, miss))
         store_lanes(vectors[Row.STEP], k, step)
         store_lanes(vectors[Row.END], k, end)
+        store_lanes(vectors[Row.FORCE], k, f)
     return not lane_sum(closed) > 0.0

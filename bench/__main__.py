@@ -1,5 +1,5 @@
 """`uv run python -m bench [NAME …]`: run some measurements, or all; `… bench compare OLD NEW`: which times have
-moved; `… bench golden OLD [NEW]`: whether the samples are the same."""
+moved; `… bench golden OLD [NEW]`: whether the samples are the same; `… bench pairs OLD [NEW]`: both timed in turn."""
 
 import importlib
 import os
@@ -7,6 +7,7 @@ import sys
 import time
 
 from bench.accuracy import golden
+from bench.performance import pairs
 from bench.publish import compare
 
 MEASUREMENTS = {  # in this order
@@ -25,6 +26,8 @@ def main() -> int:
         return compare.main(sys.argv[2:])
     if sys.argv[1:2] == ["golden"]:
         return golden.main(sys.argv[2:])
+    if sys.argv[1:2] == ["pairs"]:
+        return pairs.main(sys.argv[2:])
     if sys.argv[1:2] in (["--help"], ["-h"]):
         print(f"{__doc__}\n\n{', '.join(PACKAGE)}")
         return 0

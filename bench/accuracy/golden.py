@@ -14,16 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from bench.publish.report import ROOT
+from bench.publish.revisions import checked_out
 
 WORKER = Path(__file__).with_name("golden_samples.py")
 EARLY = 0.05  # s, over which a difference is measured
 RATE = 44_100
 CORES = 2
-
-
-def git(*words: str) -> str:
-    """What git says. Raises CalledProcessError."""
-    return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, check=True, text=True).stdout.strip()
 
 
 def compute(tree: Path, patches: Path, folder: Path, names: list[str]) -> None:
@@ -74,28 +70,19 @@ def main(words: list[str]) -> int:
         print("bench golden: golden OLD [NEW] [--only=PATCH,…]", file=sys.stderr)
         return 2
     kept = Path(os.environ.get("FDH_GOLDEN") or tempfile.gettempdir()) / "golden"
-    with tempfile.TemporaryDirectory() as trees:
-        places = []
-        try:
-            for revision in revisions:
-                commit = git("rev-parse", f"{revision}^{{commit}}")
-                tree = Path(trees) / commit
-                if not tree.exists():  # the same revision twice
-                    git("worktree", "add", "--detach", "--force", str(tree), commit)
-                places.append((tree, kept / commit))
+    try:
+        with checked_out(revisions) as trees, tempfile.TemporaryDirectory() as now:
+            places = [(tree, kept / tree.name) for tree in trees]
             if len(revisions) == 1:
-                places.append((ROOT, Path(trees) / "now"))
+                places.append((ROOT, Path(now)))
             patches = places[0][0] / "patches"
             names = only or sorted(path.stem for path in patches.glob("*.toml"))
             for tree, folder in places:
                 compute(tree, patches, folder, names)
             return 1 if compare(places[0][1], places[1][1], names) else 0
-        except subprocess.CalledProcessError as error:
-            print(f"bench golden: {error} {(error.stderr or '').strip()}", file=sys.stderr)
-            return 2
-        finally:
-            for tree in {tree for tree, _ in places} - {ROOT}:
-                git("worktree", "remove", "--force", str(tree))
+    except subprocess.CalledProcessError as error:
+        print(f"bench golden: {error} {(error.stderr or '').strip()}", file=sys.stderr)
+        return 2
 
 
 if __name__ == "__main__":

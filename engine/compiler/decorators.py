@@ -1,5 +1,6 @@
 """How kernels are compiled: every option in one place, with its reason."""
 
+import ctypes
 from collections.abc import Callable
 from typing import Any
 
@@ -87,3 +88,9 @@ def c_address(dispatcher: Any, *arguments: Any) -> int:
     dispatcher.compile(kinds)
     compiled = dispatcher.overloads[kinds]
     return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_cfunc_wrapper_name))
+
+
+def c_function(dispatcher: Any, *arguments: Any) -> Callable[..., Any]:
+    """A kernel for such arguments, to be called with whole numbers and addresses; other threads run meanwhile."""
+    words = [ctypes.c_void_p if hasattr(a, "address") else ctypes.c_ssize_t for a in arguments]
+    return ctypes.CFUNCTYPE(None, *words)(c_address(dispatcher, *arguments))

@@ -64,18 +64,15 @@ def hammered(strings: int, modes: int, tension: float = 670.0) -> engine.Scene:
     return engine.Scene.model_validate(parts)
 
 
-def tanpuras(
-    strings: int, points: int, exponent: float = 1.0, stiffness: float = 4.39e8, width: float = 2e-3
-) -> engine.Scene:
-    """Plucked tanpura strings of 80 modes (van Walstijn, Bridges & Mehes, DAFx-16), each on a bridge; a wider one, in
-    m, has points further apart than the shortest wave."""
+def tanpuras(strings: int, points: int, exponent: float = 1.0, stiffness: float = 4.39e8) -> engine.Scene:
+    """Plucked tanpura strings of 80 modes (van Walstijn, Bridges & Mehes, DAFx-16), each on a bridge."""
     parts: dict[str, list[Any]] = {"body": [], "contact": [], "force": [], "pickup": []}
     for i in range(strings):
         string = f"string{i}"
         material = {"length": 1.0, "density": 4.83e-4, "tension": 33.1, "bending": 6.03e-5}
         loss = {"sigma0": 0.6, "sigma1": 6.5e-3, "sigma3": 5e-6}
         parts["body"].append({"name": string, "kind": "string", "modes": 80} | material | loss)
-        bridge = {"at": max(0.01, width), "width": width, "points": points, "depth": 1e-5}
+        bridge = {"at": 0.01, "width": 2e-3, "points": points, "depth": 1e-5}
         law = {"stiffness": stiffness, "exponent": exponent}
         parts["contact"].append({"body": string, "bridge": bridge, "side": "below"} | law)
         parts["force"].append({"body": string, "at": 0.37, "kind": "pluck", "amplitude": -0.4, "duration": 0.05})

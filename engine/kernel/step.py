@@ -8,15 +8,13 @@ from typing import Any, NamedTuple
 from engine.compiler.decorators import FALSE, INT64_0, inline, noinline
 from engine.compiler.overloads import overload_by_type
 from engine.kernel.codes import SolveStatus
-from engine.kernel.contacts import (
-    apply_contact_forces,
-    cancels,
-    clear_forces,
+from engine.kernel.contact_forces import (
     find_contact_force,
     solve_contacts,
     store_single_solution,
     use_single_solution,
 )
+from engine.kernel.contacts import apply_contact_forces, cancels, clear_forces
 from engine.kernel.external_forces import apply_forces, external_work
 from engine.kernel.model import SingleContact, StepCoefficients
 from engine.kernel.modes import (

@@ -24,7 +24,6 @@ from engine.kernel.coupled_contact_round import contact_response
 from engine.kernel.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
 from engine.kernel.modes import kinetic_energy
 from engine.kernel.reduced_contact_solver import basis_of_island, solve_reduced
-from engine.kernel.resting_contact_solver import try_resting_contacts
 from engine.kernel.scalar_contact_solver import solve_scalar_contact
 
 
@@ -121,9 +120,6 @@ def find_coupled_forces(contact, h, state):
     problem = CoupledProblem(
         law, loss_rate, h.coupling, state.compression, state.free_displacement, contact.tolerance, state.scratch
     )
-    rounds = try_resting_contacts(problem)
-    if rounds > 0:
-        return rounds, SolveStatus.NEWTON, 0.0
     rounds, status, excess = solve_coupled(problem, contact.max_rounds, state.line_search_budget)
     if status == SolveStatus.CAPPED and not is_first:
         evaluations = solve_by_basis(contact.basis, h.basis, law, loss_rate, state)

@@ -1,4 +1,4 @@
-"""`uv run python -m bench pairs OLD [NEW] [--only=SCENE,…]`: how many times as fast is one version as another?
+"""`uv run python -m bench pairs OLD [NEW] [--only=SCENE;…]`: how many times as fast is one version as another?
 
 OLD and NEW are revisions; NEW is the working tree if none is given. Both render the same scenes on one core in turn,
 several times over, and the least times are compared: a slow phase of the machine meets both.
@@ -50,9 +50,9 @@ def main(words: list[str]) -> int:
     from bench.publish.revisions import checked_out
 
     revisions = [word for word in words if not word.startswith("--only=")]
-    only = [name for word in words if word.startswith("--only=") for name in word[7:].split(",")]
+    only = [name for word in words if word.startswith("--only=") for name in word[7:].split(";")]
     if len(revisions) not in (1, 2):
-        print("bench pairs: pairs OLD [NEW] [--only=SCENE,…]", file=sys.stderr)
+        print("bench pairs: pairs OLD [NEW] [--only=SCENE;…]", file=sys.stderr)
         return 2
     scenes = {name: document for name, document in documents().items() if not only or name in only}
     try:

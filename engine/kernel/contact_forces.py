@@ -103,8 +103,8 @@ def solve_by_basis(basis, coefficients, law, loss_rate, state):
         return INT64_0
     if basis.is_first.shape[0] == 0:
         return INT64_0
-    found = basis_of_island(basis, coefficients, state.compression.shape[0])
-    return solve_reduced(law, loss_rate, found, state.compression, state.free_displacement, state.scratch)
+    island_basis = basis_of_island(basis, coefficients, state.compression.shape[0])
+    return solve_reduced(law, loss_rate, island_basis, state.compression, state.free_displacement, state.scratch)
 
 
 @inline

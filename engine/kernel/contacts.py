@@ -27,10 +27,10 @@ def find_moves_by_basis(basis, coefficients, state):
     """How the coming drift changes each compression, by the basis of the island's contacts."""
     if basis is not None:
         g, momentum = state.free_displacement, state.scratch.vectors[Row.GUESS]
-        found = basis_of_island(basis, coefficients, g.shape[0])
-        for j in range(found.rank):
+        island_basis = basis_of_island(basis, coefficients, g.shape[0])
+        for j in range(island_basis.rank):
             momentum[j] = project_drift(basis.rows, coefficients.rows, j, state.p)
-        spread_rows(found, momentum, state.scratch.vectors[Row.WORK], g)
+        spread_rows(island_basis, momentum, state.scratch.vectors[Row.WORK], g)
 
 
 @inline
@@ -38,9 +38,9 @@ def push_by_basis(basis, coefficients, state):
     """Half a kick by all contact forces, by the basis of the island's contacts."""
     if basis is not None:
         f, vectors = state.contact_force, state.scratch.vectors
-        found = basis_of_island(basis, coefficients, f.shape[0])
-        gather_rows(found, f, vectors[Row.WORK], vectors[Row.GUESS])
-        for j in range(found.rank):
+        island_basis = basis_of_island(basis, coefficients, f.shape[0])
+        gather_rows(island_basis, f, vectors[Row.WORK], vectors[Row.GUESS])
+        for j in range(island_basis.rank):
             kick_at_row(basis.rows, coefficients.rows, j, -vectors[Row.GUESS, j], state.p)
 
 

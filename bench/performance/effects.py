@@ -14,6 +14,7 @@ import engine
 from bench.performance.stripped import strip
 from bench.publish.report import ROOT, figure, pin, publish
 from engine.build.build import build
+from engine.kernel.axes import arrays_of
 from engine.offline.simulation import Simulation
 from engine.patch.accuracy import Accuracy
 from scenes.families import EFFECTS, NOTHING, with_effects
@@ -31,7 +32,7 @@ def cost(scene: engine.Scene, silence: float = -np.inf, frames: int = FRAMES, wa
     for _ in range(warm // frames):
         simulation.render_block(out)
     simulation.render_block(out[:64])
-    saved = [(array, array.copy()) for array in state if isinstance(array, np.ndarray)]
+    saved = [(array, array.copy()) for array in arrays_of(state)]
     best = np.inf
     for _ in range(REPEATS):
         for array, copy in saved:

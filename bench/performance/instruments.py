@@ -7,6 +7,7 @@ import numpy as np
 import engine
 from bench.publish.report import pin, publish
 from engine.build.build import build
+from engine.kernel.axes import arrays_of
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import newton_statistics
 from scenes.families import bank, hammered, tanpuras
@@ -38,7 +39,7 @@ def measure(
 
     render(64)  # compiles
     render(max(0, round(warm * RATE) - 64))
-    saved = [(array, array.copy()) for array in state if isinstance(array, np.ndarray)]
+    saved = [(array, array.copy()) for array in arrays_of(state)]
     frames = round(seconds * RATE)
     best = np.inf
     for _ in range(repeats):

@@ -8,6 +8,7 @@ import numpy as np
 import engine
 from bench.publish.report import ROOT, pin, publish
 from engine.build.build import build
+from engine.kernel.axes import arrays_of
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import newton_statistics
 
@@ -25,7 +26,7 @@ def measure(scene: engine.Scene, size: int, cores: int = 1) -> tuple[np.ndarray,
     out = np.zeros((size, max(p.channel for p in scene.pickup)))
     for _ in range(max(1, round(WARM * RATE / size))):
         simulation.render_block(out)
-    saved = [(array, array.copy()) for array in state if isinstance(array, np.ndarray)]
+    saved = [(array, array.copy()) for array in arrays_of(state)]
     times = np.zeros((RUNS, round(SECONDS * RATE / size)))
     for run in times:
         for array, copy in saved:

@@ -12,6 +12,7 @@ import numpy as np
 from engine.build import limits
 from engine.build.contact_basis import BasisUse
 from engine.build.event_table import event_table
+from engine.build.flight_tables import HeardRow, build_free_flight
 from engine.build.force_table import ForceTable, force_table
 from engine.build.initial_state import initial_state
 from engine.build.layout import NOWHERE, BodyPoint, Layout
@@ -81,19 +82,21 @@ def build(
     islands = layout.islands._replace(event=event_begins, basis=bases.astype(np.int64))
     if one_partition_per_island:
         islands = islands._replace(partition=np.arange(event_begins.size))
-    omega, weight = layout.concatenate_modes("omega"), layout.concatenate_modes("gravity_participation")
+    omega, participation = layout.concatenate_modes("omega"), layout.concatenate_modes("gravity_participation")
     step = step_coefficients(layout, modes, samplerate)
+    weight = -scene.gravity * participation if (scene.gravity * participation).any() else None
     model = Model(
         samplerate=float(samplerate),
         islands=islands,
         step=step,
         omega_squared=omega**2 if omega.any() else None,
-        weight=-scene.gravity * weight if (scene.gravity * weight).any() else None,
+        weight=weight,
         force=_external_force(layout, samplerate, seconds),
         contact=_contact(layout, modes, accuracy, variable_exponents),
         refinement=build_refinement(layout, modes.kick, accuracy, samplerate) if accuracy.is_refined else None,
         events=events,
         pickups=_pickups(layout),
+        flight=build_free_flight(step, weight, heard_rows(layout)),
         bodies=mode_shape_rows([layout.row(point) for point in trace_points(layout)]),
         free_masses=_free_masses(layout, omega),
         sleep_threshold=10 ** (accuracy.silence / 20),
@@ -242,6 +245,12 @@ def _force_table(scene: Scene, force: object, samplerate: float, seconds: float)
         path = f"force[{scene.force.index(force)}].file"  # type: ignore[arg-type]
         message = f"cannot be read as audio ({error_reason(error)}); a WAV, FLAC or OGG file"
         raise BuildError(Fault(path, message)) from None
+
+
+def heard_rows(layout: Layout) -> list[HeardRow]:
+    """Where the pickups of a layout are, and what they give."""
+    pickups = [layout.scene.pickup[p] for p in layout.pickup_order]
+    return [HeardRow(layout.row(layout.point_of(pickup)), QUANTITIES[pickup.quantity]) for pickup in pickups]
 
 
 def _pickups(layout: Layout) -> Pickups:

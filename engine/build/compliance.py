@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from engine.build.contact_basis import BasisUse, two_product
+from engine.build.contact_basis import BasisUse
+from engine.build.double_double import two_product
 from engine.build.layout import Layout
 
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from engine.build.double_double import two_product
 from engine.kernel.codes import COLUMNS, LANES, MAX_RANK, ROWS_COLUMN
 
 FEW_LINEAR_CONTACTS = 24  # of α = 1, without contact loss
@@ -94,16 +95,3 @@ def _padded(u: np.ndarray) -> np.ndarray:
     """U with zeros in place of contacts and rows that the basis has not [lanes, 5]."""
     contacts, rank = u.shape
     return np.pad(u, ((0, -contacts % LANES), (0, MAX_RANK - rank)))
-
-
-def two_product(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Products and their rounding errors (Dekker): a·b = product + error exactly."""
-
-    def halves(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        big = 134217729.0 * x
-        high = big - (big - x)
-        return high, x - high
-
-    (ah, al), (bh, bl) = halves(a), halves(b)
-    product = a * b
-    return product, ((ah * bh - product) + ah * bl + al * bh) + al * bl

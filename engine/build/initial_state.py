@@ -6,7 +6,7 @@ from engine.build.layout import Layout
 from engine.kernel.axes import Axis, allocate
 from engine.kernel.codes import COLUMNS, LANES, Row
 from engine.kernel.model import Model
-from engine.kernel.state import RefinementState, Scratch, State
+from engine.kernel.state import FreeFlightState, RefinementState, Scratch, State
 
 
 def initial_state(layout: Layout, model: Model) -> State:
@@ -30,6 +30,7 @@ def initial_state(layout: Layout, model: Model) -> State:
         previous_velocity=np.array([getattr(body, "velocity", 0.0) for body in bodies]),
         scratch=allocate_scratch(counts[Axis.PARTITION], largest) if coupling else None,
         refinement=allocate(RefinementState, counts) if model.refinement is not None else None,
+        flight=allocate(FreeFlightState, counts),
         **given,
     )
     return state

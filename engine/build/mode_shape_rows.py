@@ -17,7 +17,7 @@ def mode_shape_rows(rows: Sequence[ShapeRow]) -> ModeShapeRows:
         mode_begin=np.array([row.mode_begin for row in rows], dtype=np.uint32),
         mode_end=np.array([row.mode_begin + row.phi.size for row in rows], dtype=np.uint32),
         offset=np.array(list(_offsets(rows)), dtype=np.uint32),
-        phi=_entries(rows, [row.phi for row in rows]),
+        phi=place_entries(rows, [row.phi for row in rows]),
     )
 
 
@@ -25,8 +25,8 @@ def row_coefficients(rows: Sequence[ShapeRow], kick: np.ndarray, drift: np.ndarr
     """t·Φ and v·Φ of the same rows. kick, drift: t and v [modes], s."""
     modes = [slice(row.mode_begin_of_all, row.mode_begin_of_all + row.phi.size) for row in rows]
     return RowCoefficients(
-        kick_phi=_entries(rows, [row.phi * kick[m] for row, m in zip(rows, modes, strict=True)]),
-        drift_phi=_entries(rows, [row.phi * drift[m] for row, m in zip(rows, modes, strict=True)]),
+        kick_phi=place_entries(rows, [row.phi * kick[m] for row, m in zip(rows, modes, strict=True)]),
+        drift_phi=place_entries(rows, [row.phi * drift[m] for row, m in zip(rows, modes, strict=True)]),
     )
 
 
@@ -39,10 +39,11 @@ def _offsets(rows: Sequence[ShapeRow]) -> Iterator[int]:
         end = offset + row.phi.size
 
 
-def _entries(rows: Sequence[ShapeRow], values: Sequence[np.ndarray]) -> np.ndarray:
-    """The values of rows one after the other, zeros between them."""
+def place_entries(rows: Sequence[ShapeRow], values: Sequence[np.ndarray]) -> np.ndarray:
+    """The values of rows, one number or several for each entry of phi, one after the other, zeros between them."""
     offsets = list(_offsets(rows))
-    entries = np.zeros(max((offset + row.size for offset, row in zip(offsets, values, strict=True)), default=0))
+    size = max((offset + len(row) for offset, row in zip(offsets, values, strict=True)), default=0)
+    entries = np.zeros((size, *(values[0].shape[1:] if values else ())))
     for offset, row in zip(offsets, values, strict=True):
-        entries[offset : offset + row.size] = row
+        entries[offset : offset + len(row)] = row
     return entries

@@ -68,6 +68,12 @@ def column_view(array: Any, begin: int) -> Any:
     raise TypeError("column_view is for compiled code")
 
 
+def row_view(array: Any, begin: int) -> Any:
+    """The rows of a contiguous array of two dimensions from `begin` on; in compiled code only. Their number is not
+    that of the array's."""
+    raise TypeError("row_view is for compiled code")
+
+
 # An @intrinsic would do for these, but makes Numba look through all its registries at every use: 1 s.
 
 
@@ -238,6 +244,19 @@ def _let_kernels_cut(result_kind: Callable[..., Any], build: Callable[..., Any])
         begin = context.cast(builder, args[1], sig.args[1], INDEX)
         data = builder.gep(array.data, [begin], inbounds=True)
         return build(context, builder, sig.return_type, data, cgutils.unpack_tuple(builder, array.shape))
+
+    @type_callable(row_view)
+    def type_rows(context: Any) -> Any:
+        kind = typed(2, 2)
+        return lambda array, begin: kind(array)
+
+    @lower_builtin(row_view, types.Array, types.Integer)
+    def lower_rows(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        array = _unpack(context, builder, sig, args)
+        begin = context.cast(builder, args[1], sig.args[1], INDEX)
+        rows, columns = cgutils.unpack_tuple(builder, array.shape)
+        data = builder.gep(array.data, [builder.mul(begin, columns)], inbounds=True)
+        return build(context, builder, sig.return_type, data, [rows, columns])
 
 
 if in_use(Trick.ARRAY_VIEWS, lambda: issubclass(models.StructModel, models.DataModel)):

@@ -43,7 +43,7 @@ class _LanesModel(models.PrimitiveModel):
 
 
 def load_lanes(numbers: Any, k: int) -> Any:
-    """Eight numbers of a contiguous array, from number k on."""
+    """Eight numbers of a contiguous array, of either precision, from number k on."""
     raise TypeError("load_lanes is for compiled code")
 
 
@@ -114,7 +114,7 @@ def _intrinsic(builder: Any, name: str, *operands: Any) -> Any:
 def _pointer(context: Any, builder: Any, numbers: Any, kind: Any, k: Any, index_kind: Any) -> Any:
     data = cgutils.create_struct_proxy(kind)(context, builder, numbers).data
     first = builder.gep(data, [context.cast(builder, k, index_kind, INDEX)], inbounds=True)
-    return builder.bitcast(first, VECTOR.as_pointer())
+    return builder.bitcast(first, ir.VectorType(context.get_data_type(kind.dtype), WIDTH).as_pointer())
 
 
 class _Arithmetic(AbstractTemplate):
@@ -157,8 +157,8 @@ def _type_load(context: Any) -> Any:
 @lower_builtin(load_lanes, types.Array, types.Integer)
 def _load(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     loaded = builder.load(_pointer(context, builder, args[0], sig.args[0], args[1], sig.args[1]))
-    loaded.align = 8
-    return loaded
+    loaded.align = sig.args[0].dtype.bitwidth // 8
+    return loaded if loaded.type == VECTOR else builder.fpext(loaded, VECTOR)
 
 
 @type_callable(store_lanes)
@@ -169,8 +169,9 @@ def _type_store(context: Any) -> Any:
 @lower_builtin(store_lanes, ArrayView1D, types.Integer, Lanes)
 @lower_builtin(store_lanes, types.Array, types.Integer, Lanes)
 def _store(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    stored = builder.store(args[2], _pointer(context, builder, args[0], sig.args[0], args[1], sig.args[1]))
-    stored.align = 8
+    pointer = _pointer(context, builder, args[0], sig.args[0], args[1], sig.args[1])
+    numbers = args[2] if pointer.type.pointee == VECTOR else builder.fptrunc(args[2], pointer.type.pointee)
+    builder.store(numbers, pointer, align=sig.args[0].dtype.bitwidth // 8)
     return context.get_dummy_value()
 
 

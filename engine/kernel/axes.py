@@ -49,11 +49,14 @@ class Items:
     extra: int = 0  # items beyond those of the axis: 1 where each item has a begin, and the next is its end
     neutral: float = 0.0  # of an item that does nothing
     is_shape: bool = False  # of modes at a point: 0 for a mode that does not act there
+    is_double: bool = False  # of double precision, also where modes are of single precision
 
 
 PerMode = Annotated[np.ndarray, Items(Axis.MODE)]
 PerModeFactor = Annotated[np.ndarray, Items(Axis.MODE, neutral=1.0)]
 PerModeShape = Annotated[np.ndarray, Items(Axis.MODE, is_shape=True)]
+PerDoubleMode = Annotated[np.ndarray, Items(Axis.MODE, is_double=True)]
+PerDoubleModeFactor = Annotated[np.ndarray, Items(Axis.MODE, neutral=1.0, is_double=True)]
 PerContact = Annotated[np.ndarray, Items(Axis.CONTACT)]
 PerBasisInt = Annotated[np.ndarray, Items(Axis.BASIS, np.int64)]
 PerCompliance = Annotated[np.ndarray, Items(Axis.COMPLIANCE)]
@@ -113,6 +116,15 @@ def map_arrays(change: Callable[[np.ndarray, Items], np.ndarray], value: Any, ro
     return type(value)(**changed)
 
 
+def arrays_of(value: Any) -> Iterator[np.ndarray]:
+    """All arrays of a record, those of the records in it too."""
+    for item in value:
+        if isinstance(item, np.ndarray):
+            yield item
+        elif hasattr(item, "_fields"):
+            yield from arrays_of(item)
+
+
 def pair_arrays(record: Any, ours: Any, theirs: Any) -> Iterator[tuple[Items, np.ndarray, np.ndarray | None]]:
     """The arrays of one record with those of another at the same place, None where it has none.
 
@@ -149,7 +161,7 @@ def to_single_precision(value: Any) -> Any:
     """A copy of a record with modes of single precision; contacts and energies stay double."""
 
     def convert(array: np.ndarray, items: Items) -> np.ndarray:
-        single = items.axis in MODAL and array.dtype == np.float64
+        single = items.axis in MODAL and array.dtype == np.float64 and not items.is_double
         return array.astype(np.float32) if single else array
 
     return map_arrays(convert, value)

@@ -85,6 +85,13 @@ class Sleep(IntEnum):
     FORCED = 3  # 1 if it was put to sleep
 
 
+class FlightFrame(IntEnum):
+    """Columns of FreeFlightState.frame."""
+
+    END = 0  # the flight that was planned last ends before this frame
+    SAVED = 1  # the saved motion is that at this frame
+
+
 class Row(IntEnum):
     """Rows of Scratch.vectors: what the coupled contact solver knows of each contact …"""
 
@@ -114,6 +121,10 @@ LANES = 8  # numbers that are taken at once
 MAX_RANK = 5  # rows; a basis of fewer has zeros in the last ones
 COLUMNS = 24  # of the table of products: 15 of pairs of rows, a zero, five rows, and zeros
 ROWS_COLUMN = 16
+
+FLIGHT_FRAMES = 64  # samples of a free flight (engine.kernel.free_flight), and between two periodic checks
+FLIGHT_PART = 8  # samples of it that one table gives
+FLIGHT_MODES = 128  # modes that are taken through a flight together: few enough for the fast cache
 
 NO_END = 1 << 60  # when an event ends that stays for good
 UNUSED_SLOT = 1 << 61  # when an event begins that has not come yet: capacity for those of live sound

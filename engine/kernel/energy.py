@@ -33,20 +33,25 @@ def accumulate(totals, column, amount):
 
 
 @inline
-def write_ledger(ledger, begin, count, is_first, model, state):
-    """Write an island's energies into `count` rows of the ledger from `begin` on; all but the first island add."""
+def island_energies(model, state):
+    """The energies of an island, in the order of the columns of a ledger, J."""
     kinetic, potential, absolute_potential = kinetic_and_potential(model.omega_squared, model.weight, state.q, state.p)
     squeezed = contact_energy(model.contact, state)
-    total = kinetic + potential + squeezed
-    # a falling ball holds energy, though its total may be 0; so do two at heights that cancel
-    absolute = kinetic + absolute_potential + squeezed
     spent = state.energy_totals[EnergyTotal.DISSIPATED] - state.energy_totals[EnergyTotal.SUPPLIED]
+    # a falling ball holds energy, though its total may be 0; so do two at heights that cancel
+    return kinetic + potential + squeezed, spent, kinetic + absolute_potential + squeezed
+
+
+@inline
+def write_ledger(ledger, begin, count, is_first, energies):
+    """Write an island's energies into `count` rows of the ledger from `begin` on; all but the first island add."""
+    stored, spent, absolute = energies
     for row in range(begin, begin + count):
         if is_first:
-            ledger[row, Ledger.STORED] = total
+            ledger[row, Ledger.STORED] = stored
             ledger[row, Ledger.NET_DISSIPATED] = spent
             ledger[row, Ledger.ABSOLUTE] = absolute
         else:
-            ledger[row, Ledger.STORED] += total
+            ledger[row, Ledger.STORED] += stored
             ledger[row, Ledger.NET_DISSIPATED] += spent
             ledger[row, Ledger.ABSOLUTE] += absolute

@@ -7,21 +7,29 @@ the ledger stays closed: turning a knob cannot blow up the sound.
 import math
 
 from engine.compiler.decorators import inline, noinline
-from engine.kernel.codes import NO_END, EnergyTotal, EventCursor, EventKind
+from engine.kernel.codes import NO_END, UNUSED_SLOT, EnergyTotal, EventCursor, EventKind
 from engine.kernel.contacts import contact_energy, invalidate_margins
 from engine.kernel.energy import accumulate, kinetic_and_potential
+from engine.kernel.external_forces import next_force
 
 
 @inline
-def no_event_within(events, state, frame, ahead):
-    """Whether no event but damping goes on at this frame, or begins within `ahead` samples."""
+def next_due(force, events, state, frame):
+    """After the step of this frame: the next at which an event begins or an external force acts; this frame itself if
+    either goes on, but for damping."""
+    return min(next_event(events, state, frame), next_force(force, frame))
+
+
+@inline
+def next_event(events, state, frame):
+    """When the next event begins; this frame if one goes on after it, but for damping."""
     if events is None:
-        return True
-    last = state.event_cursor[EventCursor.NEXT]
-    for j in range(state.event_cursor[EventCursor.FIRST_ACTIVE], last):
-        if events.kind[j] != EventKind.DAMP and frame < events.end[j]:
-            return False
-    return last == events.kind.shape[0] or events.start[last] > frame + ahead
+        return UNUSED_SLOT
+    following = state.event_cursor[EventCursor.NEXT]
+    for j in range(state.event_cursor[EventCursor.FIRST_ACTIVE], following):
+        if events.kind[j] != EventKind.DAMP and frame + 1 < events.end[j]:
+            return frame
+    return events.start[following] if following < events.kind.shape[0] else UNUSED_SLOT
 
 
 @inline

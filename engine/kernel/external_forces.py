@@ -1,6 +1,7 @@
 """External forces: a table of the mean force over each step (paper, eq. 34)."""
 
 from engine.compiler.decorators import inline
+from engine.kernel.codes import UNUSED_SLOT
 from engine.kernel.modes import kick_at_row, project_drift
 
 
@@ -15,14 +16,15 @@ def force_at(force, j, frame):
 
 
 @inline
-def no_force_within(force, frame, samples):
-    """Whether no external force acts from this frame on for so many samples."""
+def next_force(force, frame):
+    """After the step of this frame: the next at which an external force acts; this frame if one goes on."""
+    due = UNUSED_SLOT
     if force is not None:
         for j in range(force.start.shape[0]):
-            over = force.start[j] + force.table_end[j] - force.table_begin[j] <= frame and force.tail[j] == 0.0
-            if not over and force.start[j] <= frame + samples:
-                return False
-    return True
+            end = force.start[j] + force.table_end[j] - force.table_begin[j]
+            if end > frame + 1 or force.tail[j] != 0.0:
+                due = min(due, max(frame, force.start[j]))
+    return due
 
 
 @inline

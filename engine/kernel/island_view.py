@@ -6,12 +6,13 @@ samples: the kernels then count all modes and contacts from 0, which spares them
 expression does it for all of a Model, and is written for its types.
 """
 
+from dataclasses import replace
 from typing import Any, NamedTuple, get_args
 
-from engine.compiler.array_view import column_view, matrix_view, slice_view
+from engine.compiler.array_view import column_view, matrix_view, row_view, slice_view
 from engine.compiler.decorators import inline
 from engine.compiler.overloads import is_none, overload_by_source
-from engine.kernel.axes import SEGMENTED, Axis, fields_of
+from engine.kernel.axes import SEGMENTED, Axis, Items, fields_of
 from engine.kernel.laws import Law
 from engine.kernel.model import Islands
 
@@ -54,7 +55,7 @@ def island_state(state: Any, bounds: Any) -> Any:
     raise TypeError("island_state is for compiled code")
 
 
-NAMES: dict[str, Any] = {"slice_view": slice_view, "column_view": column_view, "matrix_view": matrix_view}
+NAMES: dict[str, Any] = {view.__name__: view for view in (slice_view, column_view, row_view, matrix_view)}
 
 
 def write_view(kind: Any, value: str, names: dict[str, Any], row_axis: Axis | None = None) -> str:
@@ -72,21 +73,24 @@ def write_view(kind: Any, value: str, names: dict[str, Any], row_axis: Axis | No
             part = "None"
         elif field.record in LAWS:
             names[inner.instance_class.__name__] = inner.instance_class
-            part = f"{inner.instance_class.__name__}({_cut(Axis.CONTACT, 'state.potential_coefficient', 1)},"
-            part += f" {_cut(Axis.CONTACT, 'state.exponent', 1)})"
+            part = f"{inner.instance_class.__name__}({_cut(Items(Axis.CONTACT), 'state.potential_coefficient', 1)},"
+            part += f" {_cut(Items(Axis.CONTACT), 'state.exponent', 1)})"
         elif field.record is not None:
             part = write_view(inner, part, names, field.row_axis or row_axis)
         elif field.items is not None:
             axis = row_axis if field.items.axis is Axis.ROW and row_axis is not None else field.items.axis
-            part = _cut(axis, part, inner.ndim)
+            part = _cut(replace(field.items, axis=axis), part, inner.ndim)
         parts.append(part)
     return f"{record.__name__}({', '.join(parts)})"
 
 
-def _cut(axis: Axis, array: str, dimensions: int) -> str:
-    """The source of an island's part of an array. One of an axis that islands have segments of, or of their own, has
-    a row for each kind of stage in front if it has two dimensions."""
+def _cut(items: Items, array: str, dimensions: int) -> str:
+    """The source of an island's part of an array. One of an axis that islands have segments of has a row for each kind
+    of stage in front if it has two dimensions, unless its items have columns."""
+    axis = items.axis
     if axis in SEGMENTED:
+        if items.columns:
+            return f"row_view({array}, bounds.{axis}_begin)"
         if dimensions == 2:
             return f"column_view({array}, bounds.{axis}_begin)"
         return f"slice_view({array}, bounds.{axis}_begin, bounds.{axis}_end)"

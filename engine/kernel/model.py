@@ -15,9 +15,12 @@ import numpy as np
 
 from engine.kernel.axes import (
     Axis,
+    Items,
     PerBasisInt,
     PerCompliance,
     PerContact,
+    PerDoubleMode,
+    PerDoubleModeFactor,
     PerEvent,
     PerEventInt,
     PerForce,
@@ -34,6 +37,7 @@ from engine.kernel.axes import (
     Shared,
     SharedInt,
 )
+from engine.kernel.codes import FLIGHT_FRAMES, FLIGHT_PART
 from engine.kernel.laws import Law
 
 
@@ -162,6 +166,57 @@ class Refinement(NamedTuple):
     gravity_deviation: PerMode  # √kg·m: and how far by its weight
 
 
+class FreeMotion(NamedTuple):
+    """How modes move on which nothing acts, over several samples: q ← qq·q + qp·p, p ← pq·q + pp·p."""
+
+    qq: PerDoubleModeFactor
+    qp: PerDoubleMode  # s
+    pq: PerDoubleMode  # 1/s
+    pp: PerDoubleModeFactor
+
+
+class FreeMotionResidue(NamedTuple):
+    """What rounding cut from a FreeMotion."""
+
+    qq: PerDoubleMode
+    qp: PerDoubleMode
+    pq: PerDoubleMode
+    pp: PerDoubleMode
+
+
+class FlightLoss(NamedTuple):
+    """Energy lost over a flight that begins with q and p: qq·q² + qp·q·p + pp·p², J."""
+
+    qq: PerDoubleMode
+    qp: PerDoubleMode
+    pp: PerDoubleMode
+
+
+class FlightWeight(NamedTuple):
+    """What weight does over a flight."""
+
+    q: PerDoubleMode  # √kg·m, added to the displacement
+    p: PerDoubleMode  # √kg·m/s, added to the momentum
+    p_low: PerDoubleMode  # what rounding cut from it
+    lost_per_q: PerDoubleMode  # energy lost, beside FlightLoss
+    lost_per_p: PerDoubleMode
+    lost: PerDoubleMode  # J
+    heard: Annotated[np.ndarray, Items(Axis.PICKUP, columns=FLIGHT_FRAMES)]  # what pickups give in each sample
+
+
+class FreeFlight(NamedTuple):
+    """FLIGHT_FRAMES samples at once (engine.kernel.free_flight): powers of the map that is one step."""
+
+    motion: FreeMotion  # over a flight
+    motion_low: FreeMotionResidue
+    part: FreeMotion  # over FLIGHT_PART samples
+    loss: FlightLoss | None
+    weight: FlightWeight | None
+    # what a mode gives at a pickup in each of FLIGHT_PART samples, per displacement and then per momentum at the first;
+    # counted as Pickups.rows.phi
+    heard: Annotated[np.ndarray, Items(Axis.SHAPE, columns=2 * FLIGHT_PART, is_double=True)]
+
+
 class Events(NamedTuple):
     """The score, sorted by island and start (engine.kernel.events)."""
 
@@ -218,6 +273,7 @@ class Model(NamedTuple):
     refinement: Refinement | None
     events: Events | None
     pickups: Pickups
+    flight: FreeFlight
     bodies: Annotated[ModeShapeRows, Axis.BODY]  # where each body is traced
     free_masses: FreeMasses | None
     sleep_threshold: float  # share of its peak below which an island sleeps (engine.kernel.sleep)

@@ -14,7 +14,7 @@ from engine.compiler.decorators import FALSE, INT64_0, inline, noinline
 from engine.compiler.overloads import is_none, overload_by_source
 from engine.kernel.axes import Axis, fields_of
 from engine.kernel.contacts import bound_at_contact, free_displacements
-from engine.kernel.external_forces import no_force_within
+from engine.kernel.external_forces import next_force
 from engine.kernel.modes import apply_loss_all, begin_step, end_step
 from engine.kernel.step import StepOutcome, step
 
@@ -129,7 +129,7 @@ def is_forced(force, frame):
     """Whether an external force acts in this step."""
     if force is None:
         return False
-    return not no_force_within(force, frame, INT64_0)
+    return next_force(force, frame - 1) <= frame
 
 
 @inline

@@ -11,21 +11,21 @@ import numpy as np
 from engine.compiler.decorators import FALSE, INT64_0, INT64_1, inline, kernel
 from engine.compiler.overloads import overload_by_type
 from engine.compiler.struct_handle import load_struct
-from engine.kernel.codes import EnergyTotal, Quantity, Sleep
+from engine.kernel.codes import FLIGHT_FRAMES, EnergyTotal, FlightFrame, Sleep
 from engine.kernel.contacts import (
     cannot_close,
-    compression_from_modes,
-    contact_energy,
     invalidate_margins,
     reset_line_search_budget,
     resync_open_contacts,
 )
-from engine.kernel.energy import accumulate, kinetic_and_potential, write_ledger
-from engine.kernel.events import finish_score, no_event_within, run_score
-from engine.kernel.external_forces import no_force_within
+from engine.kernel.energy import accumulate
+from engine.kernel.events import finish_score, is_event_active, next_due, run_score
+from engine.kernel.free_flight import begin_flight, end_flight
 from engine.kernel.island_view import island_bounds, island_model, island_state
 from engine.kernel.model import Refinement
-from engine.kernel.modes import bound_modal_displacements, flush_denormals, free_step, project
+from engine.kernel.modes import bound_modal_displacements, flush_denormals, free_step
+from engine.kernel.pickups import add_flown_pickups, add_pickups
+from engine.kernel.recording import keep_evaluations, record, record_flight
 from engine.kernel.refinement import refined_step
 from engine.kernel.sleep import (
     advance_free_masses,
@@ -33,29 +33,29 @@ from engine.kernel.sleep import (
     free_mass_moves,
     samples_to_sleep,
     skip_chunk,
-    track_peak,
     try_sleep,
 )
 from engine.kernel.step import StepOutcome, step
 
 CHUNK_FRAMES = 256  # samples an island runs before the next one does: small enough for the fast cache
 LONG_SLEEP_FRAMES = np.int64(64 * 64)  # samples an island sleeps at a time if nothing in it moves
-CHECK_PERIOD = np.int64(64)  # samples; out of contact, compressions are read anew from the modes this often
+CHECK_PERIOD = np.int64(FLIGHT_FRAMES)  # samples; out of contact, compressions are read from the modes this often
 
 
 # --- a step
 
 
 @inline
-def advance(model, contact, force, state, frame, in_contact):
+def advance(model, contact, force, state, frame, is_free, in_contact):
     """One step of one island, the short way where nothing can act on it. Returns a StepOutcome.
 
+    is_free:    whether nothing can
     in_contact: whether the step before had a contact in reach
     """
     if contact is None:
         if force is None:
             return advance_free(model, state)
-    if frame < state.contact_free_until[0]:
+    if is_free:
         return advance_free(model, state)
     return advance_forced(model.refinement, model, state, frame, in_contact)
 
@@ -99,36 +99,49 @@ def count_energy(outcome, state, ledger):
 
 @inline
 def plan_free_flight(model, state, frame):
-    """Find out whether anything can act on the island in the steps up to the next check.
+    """After the step of this frame, find out whether anything can act on the island up to the next check.
 
-    If not, they need no test for contact and go through the modes once instead of twice; and if
-    nothing vibrates either, the island sleeps.
+    If not, and until something is due, its steps need no test for contact. It flies free, or sleeps if nothing vibrates
+    either. What is due makes no difference before it is: it may become known no sooner.
     """
-    quiet = no_force_within(model.force, frame + 1, CHECK_PERIOD)
-    if quiet and no_event_within(model.events, state, frame + 1, CHECK_PERIOD):
+    due = next_due(model.force, model.events, state, frame)
+    if due > frame:
         span = CHECK_PERIOD / model.samplerate
         invalidate_margins(state.refinement)  # falling masses are faster by now
         energy = bound_modal_displacements(
             model.omega_squared, model.weight, state.q, state.p, span, state.displacement_bound
         )
         if cannot_close(model.contact, state):
-            state.contact_free_until[0] = frame + CHECK_PERIOD + 1
-            try_sleep(model.sleep_threshold, model.weight, model.free_masses, state, frame, CHECK_PERIOD, energy)
+            until = min(due, frame + 1 + CHECK_PERIOD)
+            state.contact_free_until[0] = until
+            if not try_sleep(model.sleep_threshold, model.weight, model.free_masses, state, until, energy):
+                if not is_event_active(state):
+                    state.flight.frame[FlightFrame.END] = frame + 1 + CHECK_PERIOD
 
 
 @inline
-def check_periodically(model, state, frame, in_contact, was_in_contact):
-    """After a step: count samples in contact, and out of contact, on the scene's own grid of samples, read
-    the compressions anew and plan ahead."""
-    if in_contact:
-        state.contact_samples[0] += 1
-    elif was_in_contact or frame % CHECK_PERIOD == 0:
+def resume_steps(model, state, frame):
+    """Where nothing could act on the island before this frame, and something may now: end its flight, and bring its
+    compressions up to date."""
+    if frame == state.contact_free_until[0] and frame > 0:
+        end_flight(model, state, frame)
         resync_open_contacts(model.contact, state)
-        flush_denormals(model.step.loss, state.q, state.p)
-        if frame % CHECK_PERIOD == 0:
-            plan_free_flight(model, state, frame)
-    if frame % CHECK_PERIOD == 0:
-        reset_line_search_budget(state.scratch, state)
+
+
+@inline
+def read_modes_anew(model, state):
+    """Out of contact, read the compressions from the modes."""
+    resync_open_contacts(model.contact, state)
+    flush_denormals(model.step.loss, state.q, state.p)
+
+
+@inline
+def check_periodically(model, state, frame, in_contact):
+    """After the step of a frame on the scene's own grid: out of contact, read the compressions anew and plan ahead."""
+    if not in_contact:
+        read_modes_anew(model, state)
+        plan_free_flight(model, state, frame)
+    reset_line_search_budget(state.scratch, state)
 
 
 @inline
@@ -148,95 +161,12 @@ def finish_sleep(model, state, frame, slept):
     if free_mass_moves(model.weight, model.free_masses, state):
         advance_free_masses(model.step, model.weight, model.free_masses, state, slept)
         if last % CHECK_PERIOD == 0:
-            check_periodically(model, state, last, FALSE, FALSE)
+            check_periodically(model, state, last, FALSE)
     elif state.sleep[Sleep.WAKE_FRAME] == last + 1:
         if state.sleep[Sleep.FORCED] != 0:  # what it was put to sleep until is due
             state.sleep[Sleep.FORCED] = 0
             return
         extend_sleep(model.force, model.events, state, last + 1, LONG_SLEEP_FRAMES)
-        if state.sleep[Sleep.WAKE_FRAME] <= last + 1:
-            extend_sleep(model.force, model.events, state, last + 1, CHECK_PERIOD)
-
-
-# --- what is heard and recorded
-
-
-@inline
-def pickup_value(pickups, state, samplerate, n):
-    """What pickup n gives at this sample."""
-    quantity = pickups.quantity[n]
-    if quantity == Quantity.VELOCITY:
-        return project(pickups.rows, n, state.p)
-    if quantity == Quantity.DISPLACEMENT:
-        return project(pickups.rows, n, state.q)
-    if quantity == Quantity.ACCELERATION:  # its mean over the step that ends here
-        velocity = project(pickups.rows, n, state.p)
-        change = (velocity - state.previous_velocity[n]) * samplerate
-        state.previous_velocity[n] = velocity
-        return change
-    value = 0.0
-    for i in range(pickups.contact_begin[n], pickups.contact_end[n]):
-        value += pickups.contact_sign[i] * state.contact_force[pickups.contact[i]]
-    return value
-
-
-@inline
-def add_pickups(pickups, state, samplerate, audio, i):
-    """Add what the pickups hear to row i of the audio."""
-    for n in range(pickups.quantity.shape[0]):
-        value = pickup_value(pickups, state, samplerate, n) * pickups.gain[n]
-        track_peak(state, value)
-        audio[i, pickups.channel[n]] += value
-
-
-@inline
-def write_trace(trace, begin, count, bounds, model, state, frame):
-    """Write `count` rows of the trace from `begin` on for an island."""
-    for i in range(begin, begin + count):
-        for b in range(model.bodies.mode_begin.shape[0]):
-            trace.displacement[i, bounds.body_begin + b] = project(model.bodies, b, state.q)
-            trace.velocity[i, bounds.body_begin + b] = project(model.bodies, b, state.p)
-        for k in range(state.compression.shape[0]):
-            column = bounds.contact_begin + k
-            trace.compression[i, column] = traced_compression(model.contact, state, k, frame)
-            trace.force[i, column] = state.contact_force[k]
-        trace.iterations[i] += state.law_evaluations[0]
-        kinetic, potential, _ = kinetic_and_potential(model.omega_squared, model.weight, state.q, state.p)
-        trace.kinetic[i] += kinetic
-        trace.potential[i] += potential
-        trace.contact[i] += contact_energy(model.contact, state)
-        trace.dissipated[i] += state.energy_totals[EnergyTotal.DISSIPATED]
-        trace.supplied[i] += state.energy_totals[EnergyTotal.SUPPLIED]
-
-
-@inline
-def traced_compression(contact, state, k, frame):
-    """Compression k, m; where contacts are known to stay open it is read from the modes, for it is not kept."""
-    if contact is not None:
-        if frame < state.contact_free_until[0]:
-            return compression_from_modes(contact, contact.other_rows, state, k)
-    return state.compression[k]
-
-
-@inline
-def record(output, i, count, bounds, model, state, frame):
-    """Write `count` rows of the ledger and of the trace from i on, where these are asked for."""
-    write_energies(output.ledger, i, count, bounds.is_first, model, state)
-    write_motion(output.trace, i, count, bounds, model, state, frame)
-
-
-@inline
-def write_energies(ledger, i, count, is_first, model, state):
-    """Write rows of the ledger, if there is one."""
-    if ledger is not None:
-        write_ledger(ledger, i, count, is_first, model, state)
-
-
-@inline
-def write_motion(trace, i, count, bounds, model, state, frame):
-    """Write rows of the trace, if there is one."""
-    if trace is not None:
-        write_trace(trace, i, count, bounds, model, state, frame)
 
 
 # --- the loop
@@ -284,22 +214,66 @@ def render_chunk(model, state, output, bounds, start, begin, end):
             finish_sleep(model, state, frame, slept)
             i += slept
             continue
-        add_pickups(model.pickups, state, model.samplerate, output.audio, i)
-        record(output, i, INT64_1, bounds, model, state, frame)
-        run_score(model, model.events, state, frame)
-        was_in_contact = in_contact
-        outcome = advance(model, model.contact, model.force, state, frame, was_in_contact)
-        count_energy(outcome, state, output.ledger)
-        in_contact = outcome.in_contact
-        finish_score(model.events, state, frame)
-        check_periodically(model, state, frame, in_contact, was_in_contact)
-        keep_evaluations(output.trace, state, outcome)
-        i += 1
+        resume_steps(model, state, frame)
+        flown = samples_to_fly(state, frame, end - i)
+        if flown > 0:
+            fly(model, state, output, bounds, i, flown, frame)
+            i += flown
+            continue
+        count = samples_to_step(state, frame, end - i)
+        in_contact = render_steps(model, state, output, bounds, i, count, frame, in_contact)
+        i += count
     state.in_contact[0] = in_contact
 
 
 @inline
-def keep_evaluations(trace, state, outcome):
-    """Keep the evaluations of a step for the row of the trace that the step ends at."""
-    if trace is not None:
-        state.law_evaluations[0] = outcome.evaluations
+def samples_to_step(state, frame, most):
+    """How many of at most so many samples are stepped through, up to the next check, in the same way."""
+    count = min(most, CHECK_PERIOD - (frame - 1) % CHECK_PERIOD)
+    until = state.contact_free_until[0]
+    return min(count, until - frame) if frame < until else count
+
+
+@inline
+def render_steps(model, state, output, bounds, i, count, frame, in_contact):
+    """Render `count` rows of a block from row i on, step by step; row i has this frame. Returns whether the last step
+    had a contact in reach."""
+    is_free = frame < state.contact_free_until[0]
+    for n in range(count):
+        add_pickups(model.pickups, state, model.samplerate, output.audio, i + n)
+        record(output, i + n, INT64_1, bounds, model, state, frame + n)
+        run_score(model, model.events, state, frame + n)
+        was_in_contact = in_contact
+        outcome = advance(model, model.contact, model.force, state, frame + n, is_free, was_in_contact)
+        count_energy(outcome, state, output.ledger)
+        in_contact = outcome.in_contact
+        finish_score(model.events, state, frame + n)
+        keep_evaluations(output.trace, state, outcome)
+        if in_contact:
+            state.contact_samples[0] += 1
+        elif was_in_contact:
+            read_modes_anew(model, state)
+    if (frame + count - 1) % CHECK_PERIOD == 0:
+        check_periodically(model, state, frame + count - 1, in_contact)
+    return in_contact
+
+
+@inline
+def samples_to_fly(state, frame, most):
+    """How many of at most so many samples the island flies free."""
+    if frame >= state.flight.frame[FlightFrame.END]:
+        return INT64_0
+    return min(most, state.contact_free_until[0] - frame)
+
+
+@inline
+def fly(model, state, output, bounds, i, count, frame):
+    """Render `count` rows of a block from row i on for an island that flies free; row i has this frame."""
+    end = state.flight.frame[FlightFrame.END]
+    first = frame - (end - CHECK_PERIOD)
+    if first == 0:
+        begin_flight(model, state, output.ledger, frame)
+    add_flown_pickups(model.pickups, state, model.samplerate, output.audio, i, (first, first + count))
+    record_flight(output, i, count, bounds, model, state, frame)
+    if frame + count == end:
+        check_periodically(model, state, end - 1, FALSE)

@@ -9,8 +9,7 @@ vibrates is left as it is and its pickups are silent, which changes the output b
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.kernel.codes import EnergyTotal, Sleep, SleepMonitor
 from engine.kernel.energy import accumulate
-from engine.kernel.events import no_event_within
-from engine.kernel.external_forces import no_force_within
+from engine.kernel.events import next_due
 from engine.kernel.modes import begin_step_mode, end_step_mode
 
 
@@ -21,10 +20,11 @@ def track_peak(state, value):
 
 
 @inline
-def extend_sleep(force, events, state, frame, ahead):
-    """Stay asleep for so many samples from this frame on, unless something is due in them. Nothing flies."""
-    if no_force_within(force, frame, ahead) and no_event_within(events, state, frame, ahead):
-        state.sleep[Sleep.WAKE_FRAME] = state.sleep[Sleep.STATIC_UNTIL] = frame + ahead
+def extend_sleep(force, events, state, frame, most):
+    """Stay asleep from this frame on until something is due, for so many samples at most. Nothing flies."""
+    due = next_due(force, events, state, frame - 1)
+    if due > frame:
+        state.sleep[Sleep.WAKE_FRAME] = state.sleep[Sleep.STATIC_UNTIL] = min(due, frame + most)
 
 
 @inline
@@ -36,19 +36,19 @@ def audible_free_mass_moves(weight, free_masses, state):
 
 
 @inline
-def try_sleep(threshold, weight, free_masses, state, frame, ahead, energy):
-    """After the step of this frame, with nothing in reach: sleep for so many samples if all has died.
-    `energy` is that of vibration, J."""
+def try_sleep(threshold, weight, free_masses, state, until, energy):
+    """With nothing in reach, sleep until a frame if all has died; returns whether. `energy` is that of vibration, J."""
     monitor = state.sleep_monitor
     monitor[SleepMonitor.ENERGY_EVER] = max(monitor[SleepMonitor.ENERGY_EVER], energy)
     monitor[SleepMonitor.PEAK_EVER] = max(monitor[SleepMonitor.PEAK_EVER], monitor[SleepMonitor.PEAK])
     still = energy <= threshold * threshold * monitor[SleepMonitor.ENERGY_EVER]
     silent = monitor[SleepMonitor.PEAK] <= threshold * monitor[SleepMonitor.PEAK_EVER]
-    if still and silent and not audible_free_mass_moves(weight, free_masses, state):
-        until = frame + 1 + ahead
+    sleeps = still and silent and not audible_free_mass_moves(weight, free_masses, state)
+    if sleeps:
         state.sleep[Sleep.WAKE_FRAME] = until
         state.sleep[Sleep.STATIC_UNTIL] = INT64_0 if free_mass_moves(weight, free_masses, state) else until
     monitor[SleepMonitor.PEAK] = 0.0
+    return sleeps
 
 
 @inline

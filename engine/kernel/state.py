@@ -14,7 +14,18 @@ from engine.kernel.axes import (
     PerMode,
     PerPickup,
 )
-from engine.kernel.codes import EnergyTotal, EventCursor, Sleep, SleepMonitor, SolveStatus
+from engine.kernel.codes import (
+    FLIGHT_FRAMES,
+    FLIGHT_MODES,
+    FLIGHT_PART,
+    EnergyTotal,
+    EventCursor,
+    FlightFrame,
+    Ledger,
+    Sleep,
+    SleepMonitor,
+    SolveStatus,
+)
 
 MAX_EVALUATIONS = 200  # of contact laws, or rounds, in one solve
 
@@ -43,6 +54,20 @@ class RefinementState(NamedTuple):
     mean_force: PerContact  # N, over the stages so far
 
 
+class FreeFlightState(NamedTuple):
+    """What is kept of a free flight until it is over."""
+
+    frame: Annotated[np.ndarray, Items(Axis.ISLAND, np.int64, len(FlightFrame))]
+    q: PerMode  # √kg·m, the saved motion: that at the begin of the flight, or since taken on by single steps
+    p: PerMode  # √kg·m/s
+    kick_compensation: PerMode
+    energy_totals: Annotated[np.ndarray, Items(Axis.ISLAND, columns=len(EnergyTotal))]  # J
+    ledger: Annotated[np.ndarray, Items(Axis.ISLAND, columns=len(Ledger))]  # J, at its begin
+    heard: Annotated[np.ndarray, Items(Axis.PICKUP, columns=FLIGHT_FRAMES)]  # m or m/s, at each pickup
+    # memory: modes at every FLIGHT_PART-th sample, their displacements and then their momenta
+    parts: Annotated[np.ndarray, Items(Axis.PARTITION, columns=2 * FLIGHT_FRAMES // FLIGHT_PART * FLIGHT_MODES)]
+
+
 class State(NamedTuple):
     """Everything that changes. A field is None where no effect needs it."""
 
@@ -60,6 +85,7 @@ class State(NamedTuple):
     contact_force: PerContact  # N, mean over the last step
     scratch: Scratch | None  # for coupled contacts
     refinement: RefinementState | None
+    flight: FreeFlightState
     line_search_budget: PerIslandInt  # line searches left to capped solves
     energy_debt: PerIsland  # J: what capped solves created and the motion could not pay for yet
     previous_velocity: PerPickup  # m/s, one sample ago

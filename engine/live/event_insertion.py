@@ -6,7 +6,8 @@ from engine.compiler.struct_handle import load_struct
 from engine.kernel.codes import UNUSED_SLOT, EnergyTotal, EventCursor, EventKind, Sleep, SleepMonitor
 from engine.kernel.contacts import compression_from_modes, resync_open_contacts
 from engine.kernel.energy import accumulate
-from engine.kernel.events import island_energy
+from engine.kernel.events import island_energy, next_due
+from engine.kernel.free_flight import end_flight
 from engine.kernel.island_view import island_bounds, island_model, island_state
 from engine.live.shared_memory import DROPPED, VALUES_PER_EVENT, EventSlot
 
@@ -33,11 +34,12 @@ def insert_event(model, state, event, value, frame):
     if kind == EventKind.SLEEP_QUIETEST:
         sleep_quietest(model, state, event[EventSlot.TARGET_BEGIN], frame)
         return
-    if max(state.contact_free_until[n], state.sleep[n, Sleep.WAKE_FRAME]) > frame:
-        make_island_ready(model, state, n, frame)
     if kind == EventKind.BOOK_ENERGY:
+        make_island_ready(model, state, n, frame)
         book_island_energy(model, state, n, event[EventSlot.TARGET_BEGIN])
-    elif kind == EventKind.PLUCK:
+        return
+    interrupt_at(state, n, start, frame)
+    if kind == EventKind.PLUCK:
         retrigger_force(model.force, event[EventSlot.TARGET_BEGIN], start, value[0])
     elif model.events is not None:
         cursor = state.event_cursor[n]
@@ -58,14 +60,25 @@ def partition_of(islands, n):
 
 
 @inline
+def interrupt_at(state, n, start, frame):
+    """Let island n look at itself when something begins. frame: the next"""
+    state.contact_free_until[n] = min(state.contact_free_until[n], start)
+    state.sleep[n, Sleep.WAKE_FRAME] = min(state.sleep[n, Sleep.WAKE_FRAME], start)
+    state.sleep[n, Sleep.STATIC_UNTIL] = min(state.sleep[n, Sleep.STATIC_UNTIL], start)
+    if start <= frame:
+        state.sleep[n, Sleep.FORCED] = 0
+
+
+@inline
 def make_island_ready(model, state, n, frame):
-    """Wake an island, or bring up to date what it has not looked at while nothing could act on it."""
-    bounds = island_bounds(model.islands, partition_of(model.islands, n), n)
-    resync_open_contacts(island_model(model, state, bounds).contact, island_state(state, bounds))
-    state.sleep[n, Sleep.FORCED] = 0
-    state.sleep[n, Sleep.WAKE_FRAME] = min(state.sleep[n, Sleep.WAKE_FRAME], frame)
-    state.sleep[n, Sleep.STATIC_UNTIL] = min(state.sleep[n, Sleep.STATIC_UNTIL], frame)
-    state.contact_free_until[n] = min(state.contact_free_until[n], frame)
+    """Wake an island, and bring up to date what it has not looked at while nothing could act on it."""
+    if max(state.contact_free_until[n], state.sleep[n, Sleep.WAKE_FRAME]) >= frame:
+        bounds = island_bounds(model.islands, partition_of(model.islands, n), n)
+        part, part_state = island_model(model, state, bounds), island_state(state, bounds)
+        end_flight(part, part_state, frame)
+        resync_open_contacts(part.contact, part_state)
+        interrupt_at(state, n, frame, frame)
+        state.contact_free_until[n] = 0
 
 
 @inline
@@ -89,34 +102,11 @@ def reset_compressions(contact, state):
 
 
 @inline
-def next_due(model, state, n, frame):
-    """When the next thing happens to an island that would have to be awake for it."""
-    event = next_event_frame(model.events, model.islands, state, n, frame)
-    return min(event, next_force_frame(model.force, model.islands, n, frame))
-
-
-@inline
-def next_event_frame(events, islands, state, n, frame):
-    """When an event of an island's score runs."""
-    if events is None:
-        return UNUSED_SLOT
-    following = islands.event[n] + state.event_cursor[n, EventCursor.NEXT]
-    for j in range(islands.event[n] + state.event_cursor[n, EventCursor.FIRST_ACTIVE], following):
-        if events.end[j] > frame:
-            return frame
-    return events.start[following] if following < islands.event[n + 1] else UNUSED_SLOT
-
-
-@inline
-def next_force_frame(force, islands, n, frame):
-    """When an external force acts on an island."""
-    due = UNUSED_SLOT
-    if force is not None:
-        for j in range(islands.force[n], islands.force[n + 1]):
-            over = force.start[j] + force.table_end[j] - force.table_begin[j]
-            if over > frame or force.tail[j] != 0.0:
-                due = min(due, max(frame, force.start[j]))
-    return due
+def next_due_in(model, state, n, frame):
+    """When the next thing happens to an island that would have to be awake for it; before `frame` if it goes on."""
+    bounds = island_bounds(model.islands, partition_of(model.islands, n), n)
+    part = island_model(model, state, bounds)
+    return next_due(part.force, part.events, island_state(state, bounds), frame - 1)
 
 
 @inline
@@ -133,11 +123,11 @@ def sleep_quietest(model, state, count, frame):
         quietest = -1
         for n in range(islands):
             is_awake = state.sleep[n, Sleep.WAKE_FRAME] <= frame and state.in_contact[n] == 0
-            if is_awake and next_due(model, state, n, frame) > frame and is_quieter(state, n, quietest):
+            if is_awake and next_due_in(model, state, n, frame) > frame and is_quieter(state, n, quietest):
                 quietest = n
         if quietest >= 0 and awake > 1:
             make_island_ready(model, state, quietest, frame)
-            due = next_due(model, state, quietest, frame)
+            due = next_due_in(model, state, quietest, frame)
             state.sleep[quietest, Sleep.WAKE_FRAME] = state.sleep[quietest, Sleep.STATIC_UNTIL] = due
             state.sleep[quietest, Sleep.FORCED] = 1
             awake -= 1

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,7 +10,15 @@ from engine.build.build import build
 from engine.build.contact_basis import entry_counts
 from engine.build.layout import Layout
 from engine.kernel.axes import Axis, Items, pair_arrays
-from engine.kernel.model import BasisCoefficients, ContactBasis, Model, ModeShapeRows, RowCoefficients, StepCoefficients
+from engine.kernel.model import (
+    BasisCoefficients,
+    ContactBasis,
+    FreeFlight,
+    Model,
+    ModeShapeRows,
+    RowCoefficients,
+    StepCoefficients,
+)
 from engine.live.voices import replicate, retune
 from engine.patch.accuracy import Accuracy
 from engine.patch.scene import Scene, connected_bodies
@@ -95,9 +104,11 @@ def _pairs(target: tuple[Model, Layout], source: tuple[Model, Layout], voice: in
 
 def _tuned_arrays(poly: Model, single: Model, *axes: Axis) -> Iterator[tuple[Items, np.ndarray, np.ndarray | None]]:
     """What a pitch changes, of some axes: the coefficients of a step, and the restoring force."""
-    for items, ours, theirs in pair_arrays(StepCoefficients, poly.step, single.step):
-        if items.axis in axes:
-            yield items, ours, theirs
+    records = (StepCoefficients, poly.step, single.step), (FreeFlight, poly.flight, single.flight)
+    for record in records:
+        for items, ours, theirs in pair_arrays(*record):
+            if items.axis in axes:
+                yield items, ours, theirs
     if Axis.MODE in axes and poly.omega_squared is not None:
         yield Items(Axis.MODE), poly.omega_squared, single.omega_squared
 
@@ -147,7 +158,13 @@ def _bases(model: Model) -> list[tuple[ContactBasis, BasisCoefficients]]:
     return [(contact.basis, step.basis)]
 
 
-RowsAt = tuple[ModeShapeRows, RowCoefficients | None]
+class HeardTable(NamedTuple):
+    """What goes with the rows of pickups."""
+
+    table: np.ndarray  # [entries, 2 * FLIGHT_PART], of FreeFlight.heard
+
+
+RowsAt = tuple[ModeShapeRows, RowCoefficients | HeardTable | None]
 
 
 def _rows_of(model: Model, axis: str) -> list[RowsAt]:
@@ -160,9 +177,11 @@ def _rows_of(model: Model, axis: str) -> list[RowsAt]:
         return [(contact.rows, step.rows), *other]
     if axis == "force":
         return [(model.force.rows, model.step.force)] if model.force is not None else []
+    if axis == "pickup":
+        return [(model.pickups.rows, HeardTable(model.flight.heard))]
     if axis == "basis":
         return [(basis.rows, coefficients.rows) for basis, coefficients in _bases(model)]
-    return [(model.pickups.rows if axis == "pickup" else model.bodies, None)]
+    return [(model.bodies, None)]
 
 
 def _row_pairs(to: RowsAt, of: RowsAt, r: int, s: int | None) -> Iterator[Arrays]:
@@ -177,4 +196,5 @@ def _row_pairs(to: RowsAt, of: RowsAt, r: int, s: int | None) -> Iterator[Arrays
         pairs += zip(our_step, their_step, strict=True)
     for a, x in pairs:
         yield a[begin : begin + count], x[start : start + count]
-        yield a[begin + count : begin + size], NEUTRAL[0.0][: size - count]
+        missing = a[begin + count : begin + size]
+        yield missing, NEUTRAL[0.0][: missing.size]

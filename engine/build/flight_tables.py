@@ -1,0 +1,157 @@
+"""The tables of free flight (engine.kernel.free_flight): powers of the map that one step is, and what is heard and lost
+over them (docs/design.md, "Free flight").
+
+A step of a mode on which nothing acts is (q, p, w) → S·(q, p, w), with w its weight, and S [3, 3] the product of loss,
+kicks and drift. Its powers are found by squaring, to twice the precision of a number.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from engine.build.double_double import Pair, add, as_pair, multiply
+from engine.build.layout import ShapeRow
+from engine.build.mode_shape_rows import place_entries
+from engine.kernel.codes import FLIGHT_FRAMES, FLIGHT_PART, Quantity
+from engine.kernel.model import (
+    FlightLoss,
+    FlightWeight,
+    FreeFlight,
+    FreeMotion,
+    FreeMotionResidue,
+    ModalLoss,
+    StepCoefficients,
+)
+
+Row = list[Pair]  # of a linear map of (q, p, w), each entry [modes]
+Q, P, W = 0, 1, 2
+
+
+class HeardRow(NamedTuple):
+    """Where a pickup is, and what it gives."""
+
+    row: ShapeRow
+    quantity: Quantity
+
+    @property
+    def modes(self) -> slice:
+        """Of all modes, those that it hears."""
+        return slice(self.row.mode_begin_of_all, self.row.mode_begin_of_all + self.row.phi.size)
+
+    @property
+    def heard(self) -> int:
+        """Which row of the map it hears."""
+        return Q if self.quantity is Quantity.DISPLACEMENT else P
+
+
+def build_free_flight(step: StepCoefficients, weight: np.ndarray | None, pickups: Sequence[HeardRow]) -> FreeFlight:
+    """The tables of a step. weight: of each mode, √kg·m/s²; pickups: as the model has them"""
+    single, lost = map_of_step(step, has_weight=weight is not None)
+    power, frames = single, 1
+    part = single
+    while frames < FLIGHT_FRAMES:
+        high = as_array(power)
+        lost = lost + np.einsum("kim,klm,ljm->ijm", high, lost, high)  # over the second half of twice as many
+        power, frames = matrix_product(power, power), 2 * frames
+        part = power if frames == FLIGHT_PART else part
+    return FreeFlight(
+        motion=FreeMotion(*free_entries(as_array(power))),
+        motion_low=FreeMotionResidue(*free_entries(np.array([[entry.low for entry in row] for row in power]))),
+        part=FreeMotion(*free_entries(as_array(part))),
+        loss=FlightLoss(lost[Q, Q], 2 * lost[Q, P], lost[P, P]) if lost.any() else None,
+        weight=None if weight is None else flight_weight(power, lost, weight, heard_weight(single, weight, pickups)),
+        heard=heard_table(as_array(single), pickups),
+    )
+
+
+def map_of_step(step: StepCoefficients, has_weight: bool) -> tuple[list[Row], np.ndarray]:
+    """The map of a step of modes on which nothing acts, and the energy that it takes as a quadratic form of (q, p, w),
+    J: from the coefficients, and in the order, of engine.kernel.modes.free_step."""
+    size = 3 if has_weight else 2
+    unit = np.repeat(np.eye(size)[:, :, None], step.kick.size, axis=2)
+    q, p, *w = [[as_pair(entry) for entry in row] for row in unit]
+    lost = np.zeros((size, size, step.kick.size))
+
+    def add_times(row: Row, factor: np.ndarray, other: Row) -> Row:
+        return [add(a, multiply(as_pair(factor), b)) for a, b in zip(row, other, strict=True)]
+
+    def kick(p: Row) -> Row:
+        p = p if step.spring_kick is None else add_times(p, -step.spring_kick, q)
+        return add_times(p, step.kick, w[0]) if w else p
+
+    def lose(loss: ModalLoss | None, p: Row) -> Row:
+        if loss is None:
+            return p
+        high = np.array([entry.high for entry in p])
+        lost[...] += loss.dissipation_factor * high[:, None] * high[None, :]
+        return [multiply(as_pair(loss.decay_factor), entry) for entry in p]
+
+    p = kick(lose(step.loss, p))
+    q = add_times(q, step.drift, p)
+    p = lose(step.loss, kick(lose(step.drag, p)))
+    return [q, p, *w], lost
+
+
+def matrix_product(a: list[Row], b: list[Row]) -> list[Row]:
+    """a·b of maps."""
+    size = len(a)
+    product = []
+    for i in range(size):
+        row = []
+        for j in range(size):
+            entry = multiply(a[i][0], b[0][j])
+            for k in range(1, size):
+                entry = add(entry, multiply(a[i][k], b[k][j]))
+            row.append(entry)
+        product.append(row)
+    return product
+
+
+def as_array(of: list[Row]) -> np.ndarray:
+    """A map to the precision of a number [rows, columns, modes]."""
+    return np.array([[entry.high for entry in row] for row in of])
+
+
+def free_entries(matrix: np.ndarray) -> list[np.ndarray]:
+    """The entries of a map that are of q and p, as FreeMotion has them."""
+    return [matrix[i, j].copy() for i in (Q, P) for j in (Q, P)]
+
+
+def flight_weight(whole: list[Row], lost: np.ndarray, weight: np.ndarray, heard: np.ndarray) -> FlightWeight:
+    """What weight does over a flight, whose map and losses are given."""
+    push = multiply(whole[P][W], as_pair(weight))
+    return FlightWeight(
+        q=whole[Q][W].high * weight,
+        p=push.high,
+        p_low=push.low,
+        lost_per_q=2 * lost[Q, W] * weight,
+        lost_per_p=2 * lost[P, W] * weight,
+        lost=lost[W, W] * weight**2,
+        heard=heard,
+    )
+
+
+def heard_weight(single: list[Row], weight: np.ndarray, pickups: Sequence[HeardRow]) -> np.ndarray:
+    """What pickups give of bodies that fall from rest [pickups, FLIGHT_FRAMES]."""
+    table, step = np.zeros((len(pickups), FLIGHT_FRAMES)), as_array(single)
+    fallen = np.zeros((2, weight.size))
+    for frame in range(FLIGHT_FRAMES):
+        for n, pickup in enumerate(pickups):
+            table[n, frame] = pickup.row.phi @ fallen[pickup.heard, pickup.modes]
+        fallen = np.einsum("ijm,jm->im", step[:W, :W], fallen) + step[:W, W] * weight
+    return table
+
+
+def heard_table(step: np.ndarray, pickups: Sequence[HeardRow]) -> np.ndarray:
+    """What each mode gives at a pickup in each frame of a part, per displacement and per momentum at its first."""
+    power, powers = np.repeat(np.eye(2)[:, :, None], step.shape[2], axis=2), []
+    for _ in range(FLIGHT_PART):
+        powers.append(power)
+        power = np.einsum("ikm,kjm->ijm", step[:W, :W], power)
+    frames = np.array(powers)  # [frame, row, column, mode]
+    values = []
+    for pickup in pickups:
+        per_q, per_p = (frames[:, pickup.heard, column, pickup.modes].T for column in (Q, P))
+        values.append(pickup.row.phi[:, None] * np.hstack([per_q, per_p]))
+    return place_entries([pickup.row for pickup in pickups], values)

@@ -1,0 +1,247 @@
+"""Free flight: FLIGHT_FRAMES samples at once of an island on which nothing can act.
+
+A step of a mode is then a linear map of (q, p), and so is a flight: a power of it (engine.build.flight_tables). The
+modes move once. What a pickup hears is a sum over modes of tables of FLIGHT_PART samples, times q and p at the first of
+them: vectors run over time, and a mode costs two multiply-adds for eight samples.
+
+Samples that are due in another block wait in FreeFlightState.heard, so that blocks of any size give the same bits. The
+motion at the begin of a flight is kept: where something acts before its end, the island goes back to it, and single
+steps take it to that frame. So an event that was known beforehand, and one that was not, give the same.
+"""
+
+from engine.compiler.decorators import inline, noinline, reduction
+from engine.compiler.lanes import load_lanes, multiply_add, splat, store_lanes
+from engine.kernel.codes import (
+    FLIGHT_FRAMES,
+    FLIGHT_MODES,
+    FLIGHT_PART,
+    LANES,
+    EnergyTotal,
+    FlightFrame,
+    Ledger,
+    Quantity,
+)
+from engine.kernel.energy import accumulate, island_energies
+from engine.kernel.modes import free_step
+
+PARTS = FLIGHT_FRAMES // FLIGHT_PART
+
+
+# --- the modes
+
+
+@inline
+def fly_modes(motion, low, q, p):
+    """Take all modes to the end of a flight. low: what rounding cut from `motion`"""
+    vectors = p.shape[0] // LANES * LANES
+    for m in range(0, vectors, LANES):
+        x, y = load_lanes(q, m), load_lanes(p, m)
+        rest = load_lanes(low.qq, m) * x + load_lanes(low.qp, m) * y
+        store_lanes(q, m, load_lanes(motion.qq, m) * x + (load_lanes(motion.qp, m) * y + rest))
+        rest = load_lanes(low.pq, m) * x + load_lanes(low.pp, m) * y
+        store_lanes(p, m, load_lanes(motion.pq, m) * x + (load_lanes(motion.pp, m) * y + rest))
+    for m in range(vectors, p.shape[0]):
+        x, y = q[m], p[m]
+        q[m] = motion.qq[m] * x + (motion.qp[m] * y + (low.qq[m] * x + low.qp[m] * y))
+        p[m] = motion.pq[m] * x + (motion.pp[m] * y + (low.pq[m] * x + low.pp[m] * y))
+
+
+@inline
+def add_fall(weight, compensation, q, p):
+    """What weight adds to the motion over a flight. As engine.kernel.modes.kick_by_weight, it carries what rounding
+    leaves of the push."""
+    if weight is not None:
+        for m in range(p.shape[0]):
+            q[m] += weight.q[m]
+            push = weight.p[m] + (weight.p_low[m] - compensation[m])
+            moved = p[m] + push
+            compensation[m] = (moved - p[m]) - push
+            p[m] = moved
+
+
+@reduction
+def energy_lost(loss, weight, q, p):
+    """Energy that the modes lose over a flight that begins with q and p, J."""
+    total = 0.0
+    if loss is not None:
+        for m in range(p.shape[0]):
+            total += (loss.qq[m] * q[m] + loss.qp[m] * p[m]) * q[m] + loss.pp[m] * p[m] * p[m]
+        total += energy_lost_to_fall(weight, q, p)
+    return total
+
+
+@reduction
+def energy_lost_to_fall(weight, q, p):
+    """The part of it that is due to weight, J."""
+    total = 0.0
+    if weight is not None:
+        for m in range(p.shape[0]):
+            total += weight.lost_per_q[m] * q[m] + weight.lost_per_p[m] * p[m] + weight.lost[m]
+    return total
+
+
+# --- what is heard
+
+
+@inline
+def find_parts(part, begin, count, q, p, parts):
+    """The modes begin:begin + count at the first sample of each part, into `parts`: q of all parts, then p."""
+    vectors = count // LANES * LANES
+    for k in range(0, vectors, LANES):
+        x, y = load_lanes(q, begin + k), load_lanes(p, begin + k)
+        qq, qp = load_lanes(part.qq, begin + k), load_lanes(part.qp, begin + k)
+        pq, pp = load_lanes(part.pq, begin + k), load_lanes(part.pp, begin + k)
+        for j in range(PARTS):
+            store_lanes(parts, j * FLIGHT_MODES + k, x)
+            store_lanes(parts, (PARTS + j) * FLIGHT_MODES + k, y)
+            x, y = qq * x + qp * y, pq * x + pp * y
+    for k in range(vectors, count):
+        m = begin + k
+        x, y = q[m], p[m]
+        for j in range(PARTS):
+            parts[j * FLIGHT_MODES + k], parts[(PARTS + j) * FLIGHT_MODES + k] = x, y
+            x, y = part.qq[m] * x + part.qp[m] * y, part.pq[m] * x + part.pp[m] * y
+
+
+@inline
+def mode_heard(per_q, per_p, parts, k, total):
+    """What mode number k of `parts` adds to the eight samples of a part."""
+    return multiply_add(per_q, parts[k], multiply_add(per_p, parts[PARTS * FLIGHT_MODES + k], total))
+
+
+@inline
+def add_heard(tables, row, parts, first, count, heard):
+    """Add what a pickup hears of modes first:first + count of `parts`. row: of the first one in the tables"""
+    a, b, c, d = load_lanes(heard, 0), load_lanes(heard, 8), load_lanes(heard, 16), load_lanes(heard, 24)
+    e, f, g, h = load_lanes(heard, 32), load_lanes(heard, 40), load_lanes(heard, 48), load_lanes(heard, 56)
+    for n in range(count):
+        table, k = tables[row + n], first + n
+        per_q, per_p = load_lanes(table, 0), load_lanes(table, FLIGHT_PART)
+        a = mode_heard(per_q, per_p, parts, k, a)
+        b = mode_heard(per_q, per_p, parts, k + FLIGHT_MODES, b)
+        c = mode_heard(per_q, per_p, parts, k + 2 * FLIGHT_MODES, c)
+        d = mode_heard(per_q, per_p, parts, k + 3 * FLIGHT_MODES, d)
+        e = mode_heard(per_q, per_p, parts, k + 4 * FLIGHT_MODES, e)
+        f = mode_heard(per_q, per_p, parts, k + 5 * FLIGHT_MODES, f)
+        g = mode_heard(per_q, per_p, parts, k + 6 * FLIGHT_MODES, g)
+        h = mode_heard(per_q, per_p, parts, k + 7 * FLIGHT_MODES, h)
+    store_lanes(heard, 0, a)
+    store_lanes(heard, 8, b)
+    store_lanes(heard, 16, c)
+    store_lanes(heard, 24, d)
+    store_lanes(heard, 32, e)
+    store_lanes(heard, 40, f)
+    store_lanes(heard, 48, g)
+    store_lanes(heard, 56, h)
+
+
+@inline
+def begin_heard(weight, n, heard):
+    """What pickup n hears of bodies that fall: the rest is added to it."""
+    if weight is None:
+        for i in range(0, FLIGHT_FRAMES, LANES):
+            store_lanes(heard, i, splat(0.0))
+    else:
+        for i in range(0, FLIGHT_FRAMES, LANES):
+            store_lanes(heard, i, load_lanes(weight.heard[n], i))
+
+
+@inline
+def find_heard(flight, pickups, state):
+    """What each pickup hears in all samples of a flight."""
+    rows, kept = pickups.rows, state.flight
+    for n in range(pickups.quantity.shape[0]):
+        begin_heard(flight.weight, n, kept.heard[n])
+    for begin in range(0, state.p.shape[0], FLIGHT_MODES):
+        end, found = min(begin + FLIGHT_MODES, state.p.shape[0]), False
+        for n in range(pickups.quantity.shape[0]):
+            first, last = max(begin, rows.mode_begin[n]), min(end, rows.mode_end[n])
+            if first < last and pickups.quantity[n] != Quantity.CONTACT_FORCE:
+                if not found:
+                    find_parts(flight.part, begin, end - begin, state.q, state.p, kept.parts)
+                    found = True
+                row = rows.offset[n] + (first - rows.mode_begin[n])
+                add_heard(flight.heard, row, kept.parts, first - begin, last - first, kept.heard[n])
+
+
+# --- a flight
+
+
+@inline
+def begin_flight(model, state, ledger, frame):
+    """Take an island from the begin of a flight to its end; what is heard and measured meanwhile is kept."""
+    flight, kept = model.flight, state.flight
+    find_heard(flight, model.pickups, state)
+    save_motion(model.weight, state, frame)
+    measure_flight(ledger, model, state, kept)
+    fly_modes(flight.motion, flight.motion_low, state.q, state.p)
+    add_fall(flight.weight, state.kick_compensation, state.q, state.p)
+
+
+@inline
+def measure_flight(ledger, model, state, kept):
+    """Keep the energies of an island at the begin of a flight, and count what it loses in it, where these are asked
+    for."""
+    if ledger is not None:
+        stored, spent, absolute = island_energies(model, state)
+        row = kept.ledger
+        row[Ledger.STORED], row[Ledger.NET_DISSIPATED], row[Ledger.ABSOLUTE] = stored, spent, absolute
+        lost = energy_lost(model.flight.loss, model.flight.weight, state.q, state.p)
+        accumulate(state.energy_totals, EnergyTotal.DISSIPATED, lost)
+
+
+@inline
+def save_motion(weight, state, frame):
+    """Keep the motion at the begin of a flight."""
+    kept = state.flight
+    kept.frame[FlightFrame.SAVED] = frame
+    for m in range(state.p.shape[0]):
+        kept.q[m] = state.q[m]
+        kept.p[m] = state.p[m]
+    save_compensation(weight, state.kick_compensation, kept.kick_compensation)
+    for column in range(kept.energy_totals.shape[0]):
+        kept.energy_totals[column] = state.energy_totals[column]
+
+
+@inline
+def save_compensation(weight, source, target):
+    """Copy what is carried from kick to kick, where there are any."""
+    if weight is not None:
+        for m in range(source.shape[0]):
+            target[m] = source[m]
+
+
+@noinline
+def step_saved_motion(h, weight, kept, frame):
+    """Take the saved motion to a frame, by single steps."""
+    while kept.frame[FlightFrame.SAVED] < frame:
+        lost = free_step(h, weight, kept.kick_compensation, kept.q, kept.p)
+        accumulate(kept.energy_totals, EnergyTotal.DISSIPATED, lost)
+        kept.frame[FlightFrame.SAVED] += 1
+
+
+@inline
+def exchange(a, b):
+    """Exchange the numbers of two arrays."""
+    for m in range(a.shape[0]):
+        a[m], b[m] = b[m], a[m]
+
+
+@inline
+def exchange_motion(state):
+    """Put the saved motion in the place of that at the end of the flight, or back."""
+    kept = state.flight
+    exchange(state.q, kept.q)
+    exchange(state.p, kept.p)
+    exchange(state.kick_compensation, kept.kick_compensation)
+    exchange(state.energy_totals, kept.energy_totals)
+
+
+@inline
+def end_flight(model, state, frame):
+    """End a flight, if there is one: the island is at this frame then, and was taken there by single steps."""
+    end = state.flight.frame[FlightFrame.END]
+    if end - FLIGHT_FRAMES < frame and frame < end:
+        step_saved_motion(model.step, model.weight, state.flight, frame)
+        exchange_motion(state)
+    state.flight.frame[FlightFrame.END] = 0

@@ -1,0 +1,56 @@
+"""What is heard of an island."""
+
+from engine.compiler.decorators import inline
+from engine.kernel.codes import Quantity
+from engine.kernel.modes import project
+from engine.kernel.sleep import track_peak
+
+
+@inline
+def pickup_value(pickups, state, samplerate, n):
+    """What pickup n gives at this sample."""
+    quantity = pickups.quantity[n]
+    if quantity == Quantity.VELOCITY:
+        return project(pickups.rows, n, state.p)
+    if quantity == Quantity.DISPLACEMENT:
+        return project(pickups.rows, n, state.q)
+    if quantity == Quantity.ACCELERATION:  # its mean over the step that ends here
+        velocity = project(pickups.rows, n, state.p)
+        change = (velocity - state.previous_velocity[n]) * samplerate
+        state.previous_velocity[n] = velocity
+        return change
+    value = 0.0
+    for i in range(pickups.contact_begin[n], pickups.contact_end[n]):
+        value += pickups.contact_sign[i] * state.contact_force[pickups.contact[i]]
+    return value
+
+
+@inline
+def add_pickups(pickups, state, samplerate, audio, i):
+    """Add what the pickups hear to row i of the audio."""
+    for n in range(pickups.quantity.shape[0]):
+        value = pickup_value(pickups, state, samplerate, n) * pickups.gain[n]
+        track_peak(state, value)
+        audio[i, pickups.channel[n]] += value
+
+
+@inline
+def add_flown_pickups(pickups, state, samplerate, audio, i, span):
+    """Add what the pickups hear in a free flight to rows of the audio from row i on. No contact pushes in it.
+
+    span: which samples of the flight, first and last + 1
+    """
+    first, last = span
+    for n in range(pickups.quantity.shape[0]):
+        quantity, gain, channel = pickups.quantity[n], pickups.gain[n], pickups.channel[n]
+        if quantity != Quantity.CONTACT_FORCE:
+            heard, row, peak = state.flight.heard[n], i, 0.0
+            for k in range(first, last):
+                value = heard[k]
+                if quantity == Quantity.ACCELERATION:
+                    value = (value - state.previous_velocity[n]) * samplerate
+                    state.previous_velocity[n] = heard[k]
+                peak = max(peak, abs(value * gain))
+                audio[row, channel] += value * gain
+                row += 1
+            track_peak(state, peak)

@@ -1,0 +1,92 @@
+"""What is recorded of an island: rows of the ledger and of the trace."""
+
+from engine.compiler.decorators import INT64_1, inline
+from engine.kernel.codes import EnergyTotal, Ledger
+from engine.kernel.contacts import compression_from_modes, contact_energy
+from engine.kernel.energy import island_energies, kinetic_and_potential, write_ledger
+from engine.kernel.free_flight import exchange_motion, step_saved_motion
+from engine.kernel.modes import project
+
+
+@inline
+def write_trace(trace, begin, count, bounds, model, state, frame):
+    """Write `count` rows of the trace from `begin` on for an island."""
+    for i in range(begin, begin + count):
+        for b in range(model.bodies.mode_begin.shape[0]):
+            trace.displacement[i, bounds.body_begin + b] = project(model.bodies, b, state.q)
+            trace.velocity[i, bounds.body_begin + b] = project(model.bodies, b, state.p)
+        for k in range(state.compression.shape[0]):
+            column = bounds.contact_begin + k
+            trace.compression[i, column] = traced_compression(model.contact, state, k, frame)
+            trace.force[i, column] = state.contact_force[k]
+        trace.iterations[i] += state.law_evaluations[0]
+        kinetic, potential, _ = kinetic_and_potential(model.omega_squared, model.weight, state.q, state.p)
+        trace.kinetic[i] += kinetic
+        trace.potential[i] += potential
+        trace.contact[i] += contact_energy(model.contact, state)
+        trace.dissipated[i] += state.energy_totals[EnergyTotal.DISSIPATED]
+        trace.supplied[i] += state.energy_totals[EnergyTotal.SUPPLIED]
+
+
+@inline
+def traced_compression(contact, state, k, frame):
+    """Compression k, m; where contacts are known to stay open it is read from the modes, for it is not kept."""
+    if contact is not None:
+        if frame < state.contact_free_until[0]:
+            return compression_from_modes(contact, contact.other_rows, state, k)
+    return state.compression[k]
+
+
+@inline
+def record(output, i, count, bounds, model, state, frame):
+    """Write `count` rows of the ledger and of the trace from i on, where these are asked for."""
+    write_energies(output.ledger, i, count, bounds.is_first, model, state)
+    write_motion(output.trace, i, count, bounds, model, state, frame)
+
+
+@inline
+def record_flight(output, i, count, bounds, model, state, frame):
+    """The same of samples of a free flight."""
+    write_flown_energies(output.ledger, i, count, bounds.is_first, state.flight.ledger)
+    write_flown_motion(output.trace, i, count, bounds, model, state, frame)
+
+
+@inline
+def write_energies(ledger, i, count, is_first, model, state):
+    """Write rows of the ledger, if there is one."""
+    if ledger is not None:
+        write_ledger(ledger, i, count, is_first, island_energies(model, state))
+
+
+@inline
+def write_motion(trace, i, count, bounds, model, state, frame):
+    """Write rows of the trace, if there is one."""
+    if trace is not None:
+        write_trace(trace, i, count, bounds, model, state, frame)
+
+
+@inline
+def write_flown_energies(ledger, i, count, is_first, row):
+    """Write rows of the ledger in a free flight, if there is one: the energies at its begin."""
+    if ledger is not None:
+        energies = row[Ledger.STORED], row[Ledger.NET_DISSIPATED], row[Ledger.ABSOLUTE]
+        write_ledger(ledger, i, count, is_first, energies)
+
+
+@inline
+def write_flown_motion(trace, i, count, bounds, model, state, frame):
+    """Write rows of the trace in a free flight, if there is one: the saved motion is taken on by single steps."""
+    if trace is not None:
+        for n in range(count):
+            step_saved_motion(model.step, model.weight, state.flight, frame + n)
+            exchange_motion(state)
+            write_trace(trace, i + n, INT64_1, bounds, model, state, frame + n)
+            exchange_motion(state)
+            state.law_evaluations[0] = 0
+
+
+@inline
+def keep_evaluations(trace, state, outcome):
+    """Keep the evaluations of a step for the row of the trace that the step ends at."""
+    if trace is not None:
+        state.law_evaluations[0] = outcome.evaluations

@@ -1,5 +1,6 @@
 """Synthetic scenes of any size: banks of free modes, hammered strings, tanpuras."""
 
+import math
 from typing import Any
 
 import engine
@@ -38,11 +39,11 @@ def with_effects(strength: dict[str, float]) -> engine.Scene:
 
 
 def bank(modes: int) -> engine.Scene:
-    """Free modes with loss, of which nothing is heard."""
+    """Free modes with loss, all of which are heard."""
     frequency = [50.0 + 19_950.0 * i / modes for i in range(modes)]
-    body = {"kind": "modes", "frequency": frequency, "sigma": [1.0] * modes, "points": {"top": [1.0] * modes}}
-    silent = {"name": "silent", "kind": "mass", "mass": 1.0}
-    return engine.Scene.model_validate({"body": [body | {"name": "bank"}, silent], "pickup": [{"body": "silent"}]})
+    ear = [math.sin(i + 1.0) for i in range(modes)]
+    body = {"name": "bank", "kind": "modes", "frequency": frequency, "sigma": [1.0] * modes, "points": {"ear": ear}}
+    return engine.Scene.model_validate({"body": [body], "pickup": [{"body": "bank", "at": "ear"}]})
 
 
 def hammered(strings: int, modes: int, tension: float = 670.0) -> engine.Scene:

@@ -2,6 +2,7 @@
 error beside it; and how near its worst block comes to a deadline."""
 
 import time
+from timeit import timeit
 
 import numpy as np
 
@@ -15,14 +16,15 @@ from engine.offline.statistics import newton_statistics
 RATE = 44_100
 BLOCKS = (64, 256, 1024)
 RUNS = 7
+TURNS = 3
 WARM = 0.05  # s, after which a state is saved
 SECONDS = 1.0  # from there
 
 
-def measure(scene: engine.Scene, size: int, cores: int = 1) -> tuple[np.ndarray, Simulation]:
-    """Seconds of each block [runs, blocks], every run from the same warm state, energies measured."""
+def measure(scene: engine.Scene, size: int, cores: int = 1, metered: bool = True) -> tuple[np.ndarray, Simulation]:
+    """Seconds of each block [runs, blocks], every run from the same warm state."""
     model, state, _ = build(scene, RATE)
-    simulation = Simulation(model, state, cores)
+    simulation = Simulation(model, state, cores, metered)
     out = np.zeros((size, max(p.channel for p in scene.pickup)))
     for _ in range(max(1, round(WARM * RATE / size))):
         simulation.render_block(out)
@@ -36,6 +38,26 @@ def measure(scene: engine.Scene, size: int, cores: int = 1) -> tuple[np.ndarray,
             simulation.render_block(out)
             run[n] = time.perf_counter() - begin
     return times, simulation
+
+
+def cost_of_measuring(scene: engine.Scene) -> float:
+    """How many times as long blocks take whose energies are measured: of runs in turn, the least of either."""
+    least = [np.inf, np.inf]
+    for _ in range(TURNS):
+        for n, metered in enumerate((False, True)):
+            times, _ = measure(scene, BLOCKS[-1], metered=metered)
+            least[n] = min(least[n], times.sum(axis=1).min())
+    return least[1] / least[0]
+
+
+def cost_of_small_blocks(found: dict[int, tuple[np.ndarray, Simulation]]) -> float:
+    """How many times as long a sample takes in the smallest blocks as in the largest, beyond what a call costs."""
+    small, large = BLOCKS[0], BLOCKS[-1]
+    times, simulation = found[small]
+    nothing = np.zeros((0, simulation.memory(small, 1).audio.shape[1]))
+    calls = [timeit(lambda: simulation.render_block(nothing), number=100) / 100 for _ in range(20)]
+    per_sample = [t.sum(axis=1).min() / t.shape[1] / size for size, t in ((small, times), (large, found[large][0]))]
+    return float((per_sample[0] - (1 / small - 1 / large) * min(calls)) / per_sample[1])
 
 
 def factor(times: np.ndarray, size: int) -> float:
@@ -78,12 +100,15 @@ def run() -> None:
                 f"{np.median(runs):.1f}",
                 *(f"{factor(t, size):.0f}" for size, (t, _) in found.items()),
                 f"{factor(two[name][0], BLOCKS[-1]):.0f}" if simulation.partitions > 1 else "one island",
+                f"{cost_of_small_blocks(found):.2f}",
+                f"{cost_of_measuring(scene):.2f}",
                 f"{simulation.energies()['error_max']:.0e}",
                 f"{solved['mean']:.2f} / {solved['max']}" if solved["solves"] else "closed form",
             ]
         )
         deadlines.append([name, *(worst(t, size) for size, (t, _) in found.items()), f"{memory(simulation):.0f}"])
     header = ["patch", "ns per sample, least", "median", *(f"× real time, blocks of {size}" for size in BLOCKS)]
-    publish("realtime", [*header, f"two cores, {BLOCKS[-1]}", "energy error", "Newton mean / max"], speeds)
+    costs = [f"blocks of {BLOCKS[0]} / {BLOCKS[-1]}, beyond the call", "measuring energies costs ×"]
+    publish("realtime", [*header, f"two cores, {BLOCKS[-1]}", *costs, "energy error", "Newton mean / max"], speeds)
     header = ["worst block over its deadline, quiet / noisy", *(f"{size} frames" for size in BLOCKS), "memory, kB"]
     publish("deadlines", header, deadlines, "realtime")

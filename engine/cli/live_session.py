@@ -95,10 +95,11 @@ class PlayerFactory:
 
     def make_player(self, scene: Scene) -> Player:
         """A player at a good level. Raises TooSlow unless told to play all the same, MidiError, BuildError."""
-        args, many = self.args, dict[str, Any]()
+        args = self.args
+        many: dict[str, Any] = {"cores": os.cpu_count() or 1 if args.cores is None else int(float(args.cores))}
         seconds = None if args.seconds is None else float(args.seconds)
         if args.midi:
-            many = {"voices": voice_count(args), "lowest": midi.lowest_ratio(args.midi, scene)}
+            many |= {"voices": voice_count(args), "lowest": midi.lowest_ratio(args.midi, scene)}
         if (args.midi or args.watch) and seconds is None:
             seconds = math.inf
         with progress_feedback(args.json):

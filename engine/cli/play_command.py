@@ -33,6 +33,7 @@ def add_play_command(commands: "arguments.Commands") -> None:
     parser.add_argument("--latency", metavar="L", help="low, high, or seconds (default: the device's)")
     arguments.add_length_and_rate(parser, "the device's own")
     arguments.add_gain(parser)
+    arguments.add_cores(parser)
     parser.add_argument("--midi", metavar="PORT|FILE", help="play the notes of a file, or those of a port")
     arguments.add_voices(parser)
     parser.add_argument("--watch", action="store_true", help="switch to what is saved to the patch while it plays")

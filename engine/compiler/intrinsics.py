@@ -40,6 +40,17 @@ def store_release(numbers: Any, i: int, value: int) -> None:
     raise TypeError("store_release is for compiled code")
 
 
+def atomic_add(numbers: Any, i: int, change: int) -> int:
+    """Add to number i of a view that several threads change, and return what it was: all of them see such changes in
+    one order."""
+    raise TypeError("atomic_add is for compiled code")
+
+
+def atomic_exchange(numbers: Any, i: int, value: int) -> int:
+    """As `atomic_add`, but number i becomes the value."""
+    raise TypeError("atomic_exchange is for compiled code")
+
+
 def call_address(function: int, numbers: Any) -> None:
     """Call a function at an address, of as many whole numbers or addresses as a tuple holds."""
     raise TypeError("call_address is for compiled code")
@@ -101,6 +112,23 @@ def _store(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     value = context.cast(builder, args[2], sig.args[2], types.int64)
     builder.store_atomic(value, _at(context, builder, sig, args), "release", 8)
     return context.get_dummy_value()
+
+
+def _let_change(function: Callable[..., Any], operation: str) -> None:
+    """Let compiled code change a shared number by an operation of LLVM."""
+
+    @type_callable(function)
+    def kind(context: Any) -> Any:
+        return lambda numbers, i, value: types.int64
+
+    @lower_builtin(function, ArrayView1D, types.Any, types.Integer)
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        value = context.cast(builder, args[2], sig.args[2], types.int64)
+        return builder.atomic_rmw(operation, _at(context, builder, sig, args), value, "seq_cst")
+
+
+_let_change(atomic_add, "add")
+_let_change(atomic_exchange, "xchg")
 
 
 @type_callable(call_address)

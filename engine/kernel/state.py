@@ -69,7 +69,10 @@ class FreeFlightState(NamedTuple):
 
 
 class State(NamedTuple):
-    """Everything that changes. A field is None where no effect needs it."""
+    """Everything that changes. A field is None where no effect needs it.
+
+    While an island flies free (`flight`), its motion is already that at the end of the flight.
+    """
 
     frame: PerPartitionInt  # samples rendered so far
     q: PerMode  # √kg·m, displacement

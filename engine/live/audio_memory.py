@@ -10,10 +10,8 @@ from engine.build.refinement_tables import build_refinement
 from engine.compiler.decorators import c_address
 from engine.compiler.struct_handle import StructHandle
 from engine.kernel.axes import align_to_cache_lines
-from engine.kernel.codes import Ledger
+from engine.kernel.job_memory import JobMemory
 from engine.kernel.model import Model
-from engine.kernel.render_block import render_block
-from engine.kernel.state import BlockOutput
 from engine.live import audio_thread, event_insertion
 from engine.live.shared_memory import VALUES_PER_EVENT, EventSlot, Gauge, Slot
 from engine.patch.accuracy import Accuracy
@@ -43,9 +41,10 @@ class AudioMemory:
         self.quality_log = np.zeros((QUEUE_SIZE, 2), np.int64)  # frame, level
         self.record = np.zeros((round(RECORD_SECONDS * samplerate), channels), np.float32)
         self.loads = np.zeros(LOAD_COUNT)  # of the last blocks, as shares of their deadlines
-        self._buffers = _allocate_buffers(model.islands.partition.size - 1, channels)
+        self._buffers = _allocate_buffers(channels)
         self._models = [StructHandle(model), *map(StructHandle, coarser_models(built, accuracy))]
         self._state = StructHandle(built.state)
+        self.job_memory = JobMemory(self._models[0], self._state, RENDERED_AT_ONCE, channels)
         self._fill_slots(model, samplerate, seconds)
         self.gauges[[Gauge.GAIN, Gauge.LOAD_HIGH, Gauge.LOAD_LOW]] = gain, LOAD_HIGH, LOAD_LOW
         self._compile()
@@ -55,17 +54,12 @@ class AudioMemory:
         handles, buffers, fade = (self._models[0], self._state), self._buffers, max(1, round(FADE_SECONDS * samplerate))
         self._addresses = np.array([handle.address for handle in self._models], np.int64)
         values = {
-            Slot.RENDER_BLOCK: c_address(render_block, *handles, buffers.outputs[0], 0, 0),
+            Slot.JOB: self.job_memory.address,
             Slot.INSERT_EVENT: c_address(event_insertion.insert_event_at, *handles, 0, 0, 0),
             Slot.MODEL: handles[0].address,
             Slot.STATE: handles[1].address,
-            Slot.PARTITIONS: len(buffers.outputs),
             Slot.CHANNELS: self.channels,
             Slot.CHUNK_FRAMES: RENDERED_AT_ONCE,
-            Slot.OUTPUTS: buffers.output_addresses.ctypes.data,
-            Slot.AUDIOS: buffers.audio_addresses.ctypes.data,
-            Slot.LEDGERS: buffers.ledger_addresses.ctypes.data,
-            Slot.MIX: buffers.mix.ctypes.data,
             Slot.EVENTS: self.events.ctypes.data,
             Slot.VALUES: buffers.values.ctypes.data,
             Slot.QUEUE_SIZE: QUEUE_SIZE,
@@ -104,28 +98,14 @@ class AudioMemory:
 class _Buffers(NamedTuple):
     """What only the audio thread touches."""
 
-    outputs: list[StructHandle]  # of each partition
-    output_addresses: np.ndarray
-    audio_addresses: np.ndarray
-    ledger_addresses: np.ndarray
-    mix: np.ndarray
     spare: np.ndarray
     values: np.ndarray
     tunings: np.ndarray  # that wait for their frame
     order: np.ndarray
 
 
-def _allocate_buffers(partitions: int, channels: int) -> _Buffers:
-    audios = [np.zeros((RENDERED_AT_ONCE, channels)) for _ in range(partitions)]
-    ledgers = [np.zeros((RENDERED_AT_ONCE, len(Ledger))) for _ in range(partitions)]
-    pairs = zip(audios, ledgers, strict=True)
-    outputs = [StructHandle(BlockOutput(audio, ledger, None)) for audio, ledger in pairs]
+def _allocate_buffers(channels: int) -> _Buffers:
     return _Buffers(
-        outputs=outputs,
-        output_addresses=np.array([output.address for output in outputs], np.int64),
-        audio_addresses=np.array([audio.ctypes.data for audio in audios], np.int64),
-        ledger_addresses=np.array([ledger.ctypes.data for ledger in ledgers], np.int64),
-        mix=np.zeros((RENDERED_AT_ONCE, channels)),
         spare=np.zeros((RENDERED_AT_ONCE, channels), np.float32),
         values=np.zeros((QUEUE_SIZE, VALUES_PER_EVENT)),
         tunings=np.zeros((QUEUE_SIZE, len(EventSlot)), np.int64),

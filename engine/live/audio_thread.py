@@ -18,9 +18,10 @@ from engine.compiler.intrinsics import (
     store_release,
 )
 from engine.kernel.codes import EventKind, Ledger
+from engine.kernel.partitions import JOB_SLOTS, LEDGER_COLUMNS, Job, render_partitions
 from engine.live.shared_memory import VALUES_PER_EVENT, EventSlot, Gauge, Slot
 
-SLOTS, GAUGES, EVENT_SLOTS, LEDGER_COLUMNS = len(Slot), len(Gauge), len(EventSlot), len(Ledger)
+SLOTS, GAUGES, EVENT_SLOTS = len(Slot), len(Gauge), len(EventSlot)
 OUTPUT_UNDERFLOW = 4  # flag of PortAudio: the driver ran dry before this block
 CONTINUE, COMPLETE = 0, 1  # answers to PortAudio
 LIMITER_RELEASE = 0.1  # s, in which the limiter lets go
@@ -147,37 +148,20 @@ def drain_queue(shared):
 
 
 @inline
-def render_and_sum(shared, gauge, frames):
-    """Compute the next frames of all parts, add them, and follow their energies."""
-    parts = shared[Slot.PARTITIONS]
-    rooms, outs, ledgers = (
-        int64_view(shared[Slot.OUTPUTS], parts),
-        int64_view(shared[Slot.AUDIOS], parts),
-        int64_view(shared[Slot.LEDGERS], parts),
-    )
-    for part in range(parts):
-        call_address(shared[Slot.RENDER_BLOCK], (shared[Slot.MODEL], shared[Slot.STATE], rooms[part], part, frames))
-    count = frames * shared[Slot.CHANNELS]
-    total = float64_view(shared[Slot.MIX], count)
-    for part in range(parts):
-        out = float64_view(outs[part], count)
-        for i in range(count):
-            total[i] = out[i] if part == 0 else total[i] + out[i]
-    for i in range(frames):
-        stored, spent, held = 0.0, 0.0, 0.0
-        for part in range(parts):
-            row = float64_view(ledgers[part] + 8 * LEDGER_COLUMNS * i, LEDGER_COLUMNS)
-            stored, spent, held = (
-                stored + row[Ledger.STORED],
-                spent + row[Ledger.NET_DISSIPATED],
-                held + row[Ledger.ABSOLUTE],
-            )
+def render_metered(shared, gauge, frames):
+    """Compute the next frames, and follow their energies."""
+    job = int64_view(shared[Slot.JOB], JOB_SLOTS)
+    job[Job.MODEL] = shared[Slot.MODEL]
+    render_partitions(shared[Slot.JOB], frames)
+    energies = float64_view(job[Job.LEDGER], frames * LEDGER_COLUMNS)
+    for i in range(0, frames * LEDGER_COLUMNS, LEDGER_COLUMNS):
+        held, balance = energies[i + Ledger.ABSOLUTE], energies[i + Ledger.STORED] + energies[i + Ledger.NET_DISSIPATED]
         if shared[Slot.FRAME] == 0 and i == 0:
-            gauge[Gauge.INITIAL_BALANCE] = stored + spent
+            gauge[Gauge.INITIAL_BALANCE] = balance
         gauge[Gauge.MAX_ENERGY] = (
             held if held > gauge[Gauge.MAX_ENERGY] else gauge[Gauge.MAX_ENERGY]
         )  # max() would hide what is not a number
-        error = abs(stored + spent - gauge[Gauge.INITIAL_BALANCE])
+        error = abs(balance - gauge[Gauge.INITIAL_BALANCE])
         gauge[Gauge.MAX_ENERGY_ERROR] = max(gauge[Gauge.MAX_ENERGY_ERROR], error) if error < math.inf else math.inf
 
 
@@ -185,7 +169,7 @@ def render_and_sum(shared, gauge, frames):
 def output_stage(shared, gauge, out, frames):
     """Bring the mix to the output: gain, fades at start and stop, and a limiter of last resort."""
     channels = shared[Slot.CHANNELS]
-    total = float64_view(shared[Slot.MIX], frames * channels)
+    total = float64_view(int64_view(shared[Slot.JOB], JOB_SLOTS)[Job.AUDIO], frames * channels)
     release = math.exp(-1.0 / (LIMITER_RELEASE * shared[Slot.SAMPLERATE]))
     for i in range(frames):
         frame = shared[Slot.FRAME] + i
@@ -214,7 +198,7 @@ def output_stage(shared, gauge, out, frames):
 def play_scene(shared, out, frames):
     """Play so many frames, no more than are computed at once, into `out`: single precision, channels interleaved."""
     gauge = float64_view(shared[Slot.GAUGES], GAUGES)
-    render_and_sum(shared, gauge, frames)
+    render_metered(shared, gauge, frames)
     output_stage(shared, gauge, out, frames)
     store_release(shared, Slot.FRAME, shared[Slot.FRAME] + frames)
 

@@ -21,6 +21,7 @@ from engine.build.build import build, nominal_stiffness
 from engine.build.event_table import event_rows
 from engine.faults import BuildError, Fault
 from engine.kernel.codes import NO_END, UNUSED_SLOT, EventKind, Sleep
+from engine.kernel.helpers import Helpers
 from engine.kernel.laws import Power
 from engine.live import audio_thread
 from engine.live.audio_memory import AudioMemory
@@ -57,6 +58,7 @@ class Player:
     voices:  play so many copies of the scene, each of which can be tuned; none if 0
     lowest:  ratio of the lowest pitch they will be tuned to
     general: exponents can be changed; the contact laws are then general ones, which take longer
+    cores:   how many share the work, at audio priority where that is allowed; the samples are the same
     Raises BuildError as `engine.build.build.build`.
     """
 
@@ -69,6 +71,7 @@ class Player:
         voices: int = 0,
         lowest: float = 1.0,
         general: bool = False,
+        cores: int = 1,
     ) -> None:
         if not math.isfinite(gain):
             raise ValueError(f"gain = {gain} is no factor")
@@ -88,6 +91,9 @@ class Player:
         seconds = scene.seconds if seconds is None else seconds
         self.memory = AudioMemory(built, scene.accuracy, self.channels, seconds, gain)
         self.shared, self.gauges, self.loads = self.memory.shared, self.memory.gauges, self.memory.loads
+        if min(cores, self.model.islands.partition.size - 1) > 1:
+            self._helpers = Helpers(min(cores, self.model.islands.partition.size - 1) - 1, in_realtime=True)
+            self.memory.job_memory.use_helpers(self._helpers)
         self._queue = EventQueue(self.memory)
         self._tuning = VoiceTuning(self.patch, voices, lowest, scene.accuracy, general)
         self._fetched = self.lost_frames = 0

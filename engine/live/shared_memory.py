@@ -10,54 +10,49 @@ from enum import IntEnum
 class Slot(IntEnum):
     """Whole numbers and addresses. Set once …"""
 
-    RENDER_BLOCK = 0  # address of the kernel
+    JOB = 0  # address of the Job of a block (engine.kernel.partitions)
     INSERT_EVENT = 1  # address of the kernel that takes an event
     MODEL = 2  # address of the Model that is played
     STATE = 3
-    PARTITIONS = 4
-    CHANNELS = 5
-    CHUNK_FRAMES = 6  # frames computed at once, at most
-    OUTPUTS = 7  # address of addresses: of the BlockOutput of each partition
-    AUDIOS = 8  # of its audio
-    LEDGERS = 9  # of its ledger
-    MIX = 10  # sum of all partitions
-    EVENTS = 11  # queue of events
-    VALUES = 12  # and of their values
-    QUEUE_SIZE = 13
-    RECORD = 14  # ring of what was played
-    RECORD_FRAMES = 15
-    GAUGES = 16
-    FADE_IN_FRAMES = 17
-    SAMPLERATE = 18
-    LOADS = 19  # ring of the loads of the last blocks
-    LOAD_COUNT = 20
-    MODELS = 21  # addresses of Models, each coarser than the one before
-    MODEL_COUNT = 22
-    LOWEST_QUALITY = 23
-    ORDER = 24  # an event that the audio thread itself inserts
-    QUALITY_LOG = 25  # ring of frames and levels of quality
-    QUALITY_LOG_SIZE = 26
-    SPARE = 27  # where the successor plays while one sound fades into another
-    TUNINGS = 28  # tunings that wait for their frame
+    CHANNELS = 4
+    CHUNK_FRAMES = 5  # frames computed at once, at most
+    EVENTS = 6  # queue of events
+    VALUES = 7  # and of their values
+    QUEUE_SIZE = 8
+    RECORD = 9  # ring of what was played
+    RECORD_FRAMES = 10
+    GAUGES = 11
+    FADE_IN_FRAMES = 12
+    SAMPLERATE = 13
+    LOADS = 14  # ring of the loads of the last blocks
+    LOAD_COUNT = 15
+    MODELS = 16  # addresses of Models, each coarser than the one before
+    MODEL_COUNT = 17
+    LOWEST_QUALITY = 18
+    ORDER = 19  # an event that the audio thread itself inserts
+    QUALITY_LOG = 20  # ring of frames and levels of quality
+    QUALITY_LOG_SIZE = 21
+    SPARE = 22  # where the successor plays while one sound fades into another
+    TUNINGS = 23  # tunings that wait for their frame
     # … what Python changes …
-    WRITE_INDEX = 29  # events put in so far
-    STOP_REQUESTED = 30
-    SUCCESSOR = 31  # address of the shared memory that takes over
-    FADE_OUT_FRAMES = 32
+    WRITE_INDEX = 24  # events put in so far
+    STOP_REQUESTED = 25
+    SUCCESSOR = 26  # address of the shared memory that takes over
+    FADE_OUT_FRAMES = 27
     # … and what the audio thread does
-    END = 33  # frame at which all is over
-    READ_INDEX = 34  # events taken so far
-    FRAME = 35
-    FINISHED = 36
-    LIMITED_SAMPLES = 37
-    UNDERRUNS = 38
-    CALLS = 39
-    QUALITY = 40  # level that is played, 0 is the best
-    QUALITY_CHANGES = 41
-    FRAMES_AT_EASE = 42
-    RECORDED = 43
-    NONFINITE_SAMPLES = 44
-    WAITING_TUNINGS = 45
+    END = 28  # frame at which all is over
+    READ_INDEX = 29  # events taken so far
+    FRAME = 30
+    FINISHED = 31
+    LIMITED_SAMPLES = 32
+    UNDERRUNS = 33
+    CALLS = 34
+    QUALITY = 35  # level that is played, 0 is the best
+    QUALITY_CHANGES = 36
+    FRAMES_AT_EASE = 37
+    RECORDED = 38
+    NONFINITE_SAMPLES = 39
+    WAITING_TUNINGS = 40
 
 
 class Gauge(IntEnum):

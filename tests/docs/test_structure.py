@@ -106,10 +106,10 @@ def test_an_edited_kernel_is_used(tmp_path):
     first = last()
     assert last() == first
     assert list((tmp_path / "cache").rglob("*.nbc")), "nothing was cached"
-    kernel = tmp_path / "engine" / "kernel" / "modes.py"
+    kernel = tmp_path / "engine" / "kernel" / "pickups.py"
     text = kernel.read_text("utf-8")
-    assert "h.drift[m] * p" in text
-    kernel.write_text(text.replace("h.drift[m] * p", "2.0 * h.drift[m] * p"), "utf-8")
+    assert "+= value * gain" in text
+    kernel.write_text(text.replace("+= value * gain", "+= 2.0 * value * gain"), "utf-8")
     assert last() == pytest.approx(2 * first, rel=1e-12)
 
 

@@ -1,0 +1,162 @@
+"""A block of all partitions of a scene, on one core or on several, and their sum.
+
+The thread that renders a block hands it to helpers (engine.kernel.helpers) by what all of them share: each takes the
+next partition that nobody has begun, until there is none. The thread takes part itself, and at last waits only for
+partitions that a helper is at work on. Partitions are added in one order, so that the sum is the same however they ran.
+
+Which partition is taken is decided by one number: generation · 2^16 + the next partition. It only grows, so that what a
+helper read long ago is never taken for one of a later block.
+"""
+
+from enum import IntEnum
+
+from engine.compiler.decorators import INT64_0, inline, kernel
+from engine.compiler.intrinsics import (
+    atomic_add,
+    atomic_exchange,
+    call_address,
+    float64_view,
+    int64_view,
+    load_acquire,
+    monotonic_seconds,
+    store_release,
+)
+from engine.kernel.codes import Ledger
+
+GENERATION = 1 << 16  # more than there are partitions
+SPIN_SECONDS = 50e-6  # that a helper looks for work before it sleeps
+LEDGER_COLUMNS = len(Ledger)
+
+
+class Job(IntEnum):
+    """What a block of a scene takes: whole numbers and addresses."""
+
+    RENDER_BLOCK = 0  # address of the kernel
+    MODEL = 1
+    STATE = 2
+    PARTITIONS = 3
+    CHANNELS = 4
+    OUTPUTS = 5  # address of addresses: of the BlockOutput of each partition
+    AUDIOS = 6  # of its audio
+    LEDGERS = 7  # of its ledger; 0: not measured
+    AUDIO = 8  # address of the sum of the audio [frames, channels]
+    LEDGER = 9  # and of the ledgers
+    CREW = 10  # address of what the helpers share; 0: there are none
+    FRAMES = 11  # of the block
+
+
+class Crew(IntEnum):
+    """What the thread that renders and its helpers share."""
+
+    JOB = 0  # address of the Job
+    RANGE = 1  # generation, and in its place the number of partitions
+    NEXT = 2  # generation, and the next partition that nobody has begun
+    DONE = 3  # partitions that are finished
+    ASLEEP = 4  # helpers that wait to be woken
+    STOP = 5  # 1: helpers are to end
+    SEMAPHORE = 6
+    WAIT = 7  # address of the function that waits on it
+    POST = 8  # and of that which posts it
+
+
+JOB_SLOTS, CREW_SLOTS = len(Job), len(Crew)
+
+
+@inline
+def render_one(job, partition):
+    """Render one partition of a block."""
+    output = int64_view(job[Job.OUTPUTS], job[Job.PARTITIONS])[partition]
+    call_address(job[Job.RENDER_BLOCK], (job[Job.MODEL], job[Job.STATE], output, partition, job[Job.FRAMES]))
+
+
+@inline
+def take_partitions(crew):
+    """Render partitions that nobody has begun, until there is none."""
+    while True:
+        number = atomic_add(crew, Crew.NEXT, 1)
+        work = load_acquire(crew, Crew.RANGE)
+        first = work // GENERATION * GENERATION
+        if number < first or number >= work:
+            return
+        render_one(int64_view(crew[Crew.JOB], JOB_SLOTS), number - first)
+        atomic_add(crew, Crew.DONE, 1)
+
+
+@inline
+def is_work_left(crew):
+    """Whether a partition is likely to be left: `take_partitions` knows."""
+    return load_acquire(crew, Crew.NEXT) < load_acquire(crew, Crew.RANGE)
+
+
+@inline
+def share_partitions(job, address):
+    """Render all partitions of a block together with the helpers. address: of the job"""
+    crew, count = int64_view(job[Job.CREW], CREW_SLOTS), job[Job.PARTITIONS]
+    first = (crew[Crew.RANGE] // GENERATION + 1) * GENERATION
+    crew[Crew.JOB] = address
+    store_release(crew, Crew.DONE, INT64_0)
+    store_release(crew, Crew.RANGE, first + count)
+    atomic_exchange(crew, Crew.NEXT, first)
+    for _ in range(min(atomic_add(crew, Crew.ASLEEP, 0), count - 1)):
+        call_address(crew[Crew.POST], (crew[Crew.SEMAPHORE], 1, 0))
+    take_partitions(crew)
+    while load_acquire(crew, Crew.DONE) < count:
+        pass
+
+
+@inline
+def sum_partitions(job):
+    """Add the outputs of all partitions."""
+    parts, frames = job[Job.PARTITIONS], job[Job.FRAMES]
+    add_arrays(int64_view(job[Job.AUDIOS], parts), job[Job.AUDIO], frames * job[Job.CHANNELS])
+    if job[Job.LEDGERS] != 0:
+        add_arrays(int64_view(job[Job.LEDGERS], parts), job[Job.LEDGER], frames * LEDGER_COLUMNS)
+
+
+@inline
+def add_arrays(sources, target, count):
+    """Write the sum of arrays of so many numbers, at addresses, to another address."""
+    total = float64_view(target, count)
+    for part in range(sources.shape[0]):
+        values = float64_view(sources[part], count)
+        if part == 0:
+            for i in range(count):
+                total[i] = values[i]
+        else:
+            for i in range(count):
+                total[i] += values[i]
+
+
+@inline
+def render_partitions(address, frames):
+    """Render the next frames of all partitions of the job at an address, and add them."""
+    job = int64_view(address, JOB_SLOTS)
+    job[Job.FRAMES] = frames
+    if job[Job.CREW] == 0:
+        for partition in range(job[Job.PARTITIONS]):
+            render_one(job, partition)
+    else:
+        share_partitions(job, address)
+    sum_partitions(job)
+
+
+@kernel
+def render_job(address, frames):
+    """As `render_partitions`, from Python."""
+    render_partitions(address, frames)
+
+
+@kernel
+def help_crew(address):
+    """What a helper does until it is told to stop: look for work, and sleep if there has been none for a while."""
+    crew = int64_view(address, CREW_SLOTS)
+    while load_acquire(crew, Crew.STOP) == 0:
+        take_partitions(crew)
+        idle_since = monotonic_seconds()
+        while not is_work_left(crew) and load_acquire(crew, Crew.STOP) == 0:
+            if monotonic_seconds() - idle_since > SPIN_SECONDS:
+                atomic_add(crew, Crew.ASLEEP, 1)
+                if not is_work_left(crew) and load_acquire(crew, Crew.STOP) == 0:
+                    call_address(crew[Crew.WAIT], (crew[Crew.SEMAPHORE], -1))
+                atomic_add(crew, Crew.ASLEEP, -1)
+                idle_since = monotonic_seconds()

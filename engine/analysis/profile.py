@@ -107,7 +107,7 @@ def _measure_costs(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Time of each island, ns per sample [islands]: its mean, and that of its slowest chunk."""
     count = model.islands.partition.size - 1
-    audio, ledger = np.zeros((TIMED_CHUNK_FRAMES, channels)), np.zeros((TIMED_CHUNK_FRAMES, len(Ledger)))
+    audio, ledger = np.zeros((TIMED_CHUNK_FRAMES, channels)), np.zeros((len(Ledger), TIMED_CHUNK_FRAMES))
     handles = StructHandle(model), StructHandle(state), StructHandle(BlockOutput(audio, ledger, None))
     render_block(*handles, 0, 0)  # compile before the clock starts
     if on_compiled is not None:

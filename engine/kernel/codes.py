@@ -52,11 +52,24 @@ class EventCursor(IntEnum):
 
 
 class Ledger(IntEnum):
-    """Columns of a ledger, J."""
+    """Rows of a ledger, J."""
 
     STORED = 0
     NET_DISSIPATED = 1  # dissipated less supplied
     ABSOLUTE = 2  # all parts of the stored energy without their signs
+
+
+class Balance(IntEnum):
+    """What is known of the energies of a scene, J."""
+
+    SAMPLES = 0  # followed so far
+    INITIAL = 1  # stored
+    FINAL = 2
+    INITIAL_BALANCE = 3
+    LAST_BALANCE = 4
+    LARGEST = 5  # energy held, all parts without their signs
+    MAX_ERROR = 6  # of the balance, against the initial one; infinite where one is no number
+    MAX_ERROR_PER_STEP = 7
 
 
 class EnergyTotal(IntEnum):
@@ -118,6 +131,8 @@ class Row(IntEnum):
 
 # of the basis of contacts (engine.kernel.reduced_contact_solver)
 LANES = 8  # numbers that are taken at once
+BALANCE_MEMORY = 8  # of a Balance: eight numbers, where its others end
+BALANCE_SIZE = BALANCE_MEMORY + LANES
 MAX_RANK = 5  # rows; a basis of fewer has zeros in the last ones
 COLUMNS = 24  # of the table of products: 15 of pairs of rows, a zero, five rows, and zeros
 ROWS_COLUMN = 16

@@ -44,14 +44,19 @@ def island_energies(model, state):
 
 @inline
 def write_ledger(ledger, begin, count, is_first, energies):
-    """Write an island's energies into `count` rows of the ledger from `begin` on; all but the first island add."""
+    """Write an island's energies of `count` samples from sample `begin` on; all but the first island add."""
     stored, spent, absolute = energies
-    for row in range(begin, begin + count):
-        if is_first:
-            ledger[row, Ledger.STORED] = stored
-            ledger[row, Ledger.NET_DISSIPATED] = spent
-            ledger[row, Ledger.ABSOLUTE] = absolute
-        else:
-            ledger[row, Ledger.STORED] += stored
-            ledger[row, Ledger.NET_DISSIPATED] += spent
-            ledger[row, Ledger.ABSOLUTE] += absolute
+    write_row(ledger[Ledger.STORED], begin, count, is_first, stored)
+    write_row(ledger[Ledger.NET_DISSIPATED], begin, count, is_first, spent)
+    write_row(ledger[Ledger.ABSOLUTE], begin, count, is_first, absolute)
+
+
+@inline
+def write_row(row, begin, count, is_first, energy):
+    """Write or add the same energy to numbers of a row."""
+    if is_first:
+        for i in range(begin, begin + count):
+            row[i] = energy
+    else:
+        for i in range(begin, begin + count):
+            row[i] += energy

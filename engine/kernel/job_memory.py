@@ -6,7 +6,7 @@ import numpy as np
 
 from engine.compiler.decorators import c_address, c_function
 from engine.compiler.struct_handle import StructHandle
-from engine.kernel.codes import Ledger
+from engine.kernel.codes import BALANCE_SIZE, Ledger
 from engine.kernel.helpers import Helpers
 from engine.kernel.partitions import Job, render_job
 from engine.kernel.render_block import render_block
@@ -14,40 +14,42 @@ from engine.kernel.state import BlockOutput, Trace
 
 
 class JobMemory:
-    """Blocks of a scene, of up to so many frames.
+    """Blocks of a scene, of up to so many frames and of so many channels.
 
     model, state: handles of a Model and of a State
     audio:        [frames, channels], the sum of all partitions
-    ledger:       [frames, columns (Ledger)], J; None if energies are not measured
+    balance:      see Balance; all zeros if energies are not measured
     job:          see Job
     """
 
     def __init__(
-        self, model: StructHandle, state: StructHandle, frames: int, channels: int, measure_energy: bool = True
+        self,
+        model: StructHandle,
+        state: StructHandle,
+        size: tuple[int, int],
+        measure_energy: bool = True,
+        balance: np.ndarray | None = None,
     ) -> None:
+        frames, channels = size
         partitions = model.value.islands.partition.size - 1
-        self.model, self.state = model, state
-        self.audio = np.zeros((frames, channels))
-        self.ledger = np.zeros((frames, len(Ledger))) if measure_energy else None
-        self._outputs = [
-            StructHandle(BlockOutput(np.zeros_like(self.audio), ledger, None))
-            for ledger in (
-                [None] * partitions if self.ledger is None else [*np.zeros((partitions, *self.ledger.shape))]
-            )
-        ]
+        self.model, self.state, self.measures_energy = model, state, measure_energy
+        ledgers = [*np.zeros((partitions, len(Ledger), frames))] if measure_energy else [None] * partitions
+        self._outputs = [StructHandle(BlockOutput(np.zeros((frames, channels)), row, None)) for row in ledgers]
+        several = partitions > 1  # or their sum is that of the only one
+        self.audio = np.zeros((frames, channels)) if several else self._outputs[0].value.audio
+        self._ledger = np.zeros((len(Ledger), frames)) if several else ledgers[0]
+        self.balance = np.zeros(BALANCE_SIZE) if balance is None else balance
         self._outputs_at = _addresses([output.address for output in self._outputs])
         self._audios = _addresses([output.value.audio.ctypes.data for output in self._outputs])
-        self._ledgers = _addresses(
-            [0 if output.value.ledger is None else output.value.ledger.ctypes.data for output in self._outputs]
-        )
+        self._ledgers = _addresses([0 if row is None else row.ctypes.data for row in ledgers])
         self.job = np.zeros(len(Job), np.int64)
         self.job[Job.RENDER_BLOCK] = c_address(render_block, model, state, self._outputs[0], 0, 0)
         self.job[[Job.MODEL, Job.STATE]] = model.address, state.address
-        self.job[[Job.PARTITIONS, Job.CHANNELS]] = partitions, channels
+        self.job[[Job.PARTITIONS, Job.CHANNELS, Job.CAPACITY]] = partitions, channels, frames
         self.job[[Job.OUTPUTS, Job.AUDIOS]] = self._outputs_at.ctypes.data, self._audios.ctypes.data
-        self.job[Job.AUDIO] = self.audio.ctypes.data
-        if self.ledger is not None:
-            self.job[[Job.LEDGERS, Job.LEDGER]] = self._ledgers.ctypes.data, self.ledger.ctypes.data
+        self.job[[Job.AUDIO, Job.BALANCE]] = self.audio.ctypes.data, self.balance.ctypes.data
+        if self._ledger is not None and measure_energy:
+            self.job[[Job.LEDGERS, Job.LEDGER]] = self._ledgers.ctypes.data, self._ledger.ctypes.data
         self.address = int(self.job.ctypes.data)
         self._render = c_function(render_job, self.address, 0)
         self._traced: tuple[Any, int] = (None, 0)  # the kind of output that was traced last, and its kernel
@@ -57,7 +59,7 @@ class JobMemory:
         self.job[Job.CREW] = helpers.address
 
     def render(self, frames: int) -> None:
-        """Render the next frames into `audio` and `ledger`."""
+        """Render the next frames into `audio`."""
         self._render(self.address, frames)
 
     def render_traced(self, frames: int, trace: Trace) -> None:

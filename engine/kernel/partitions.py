@@ -21,11 +21,12 @@ from engine.compiler.intrinsics import (
     monotonic_seconds,
     store_release,
 )
-from engine.kernel.codes import Ledger
+from engine.kernel.codes import BALANCE_SIZE, Ledger
+from engine.kernel.energy_balance import follow_energies
 
 GENERATION = 1 << 16  # more than there are partitions
 SPIN_SECONDS = 50e-6  # that a helper looks for work before it sleeps
-LEDGER_COLUMNS = len(Ledger)
+LEDGER_ROWS, NUMBER_BYTES = len(Ledger), 8
 
 
 class Job(IntEnum):
@@ -38,11 +39,13 @@ class Job(IntEnum):
     CHANNELS = 4
     OUTPUTS = 5  # address of addresses: of the BlockOutput of each partition
     AUDIOS = 6  # of its audio
-    LEDGERS = 7  # of its ledger; 0: not measured
+    LEDGERS = 7  # of its ledger
     AUDIO = 8  # address of the sum of the audio [frames, channels]
-    LEDGER = 9  # and of the ledgers
-    CREW = 10  # address of what the helpers share; 0: there are none
-    FRAMES = 11  # of the block
+    LEDGER = 9  # and of the ledgers [rows, CAPACITY]; 0: energies are not measured
+    CAPACITY = 10  # frames that a block may have
+    BALANCE = 11  # address of the Balance
+    CREW = 12  # address of what the helpers share; 0: there are none
+    FRAMES = 13  # of the block
 
 
 class Crew(IntEnum):
@@ -106,19 +109,33 @@ def share_partitions(job, address):
 
 @inline
 def sum_partitions(job):
-    """Add the outputs of all partitions."""
+    """Add the outputs of all partitions; those of one are the sum."""
     parts, frames = job[Job.PARTITIONS], job[Job.FRAMES]
-    add_arrays(int64_view(job[Job.AUDIOS], parts), job[Job.AUDIO], frames * job[Job.CHANNELS])
-    if job[Job.LEDGERS] != 0:
-        add_arrays(int64_view(job[Job.LEDGERS], parts), job[Job.LEDGER], frames * LEDGER_COLUMNS)
+    if parts > 1:
+        add_arrays(int64_view(job[Job.AUDIOS], parts), job[Job.AUDIO], INT64_0, frames * job[Job.CHANNELS])
+        if job[Job.LEDGER] != 0:
+            for row in range(LEDGER_ROWS):
+                offset = row * job[Job.CAPACITY]
+                add_arrays(int64_view(job[Job.LEDGERS], parts), job[Job.LEDGER], offset, frames)
 
 
 @inline
-def add_arrays(sources, target, count):
-    """Write the sum of arrays of so many numbers, at addresses, to another address."""
-    total = float64_view(target, count)
+def follow_balance(job):
+    """Follow the energies of a block, where they are measured."""
+    if job[Job.LEDGER] != 0:
+        row, frames = NUMBER_BYTES * job[Job.CAPACITY], job[Job.FRAMES]
+        stored = float64_view(job[Job.LEDGER] + Ledger.STORED * row, frames)
+        spent = float64_view(job[Job.LEDGER] + Ledger.NET_DISSIPATED * row, frames)
+        absolute = float64_view(job[Job.LEDGER] + Ledger.ABSOLUTE * row, frames)
+        follow_energies(float64_view(job[Job.BALANCE], BALANCE_SIZE), stored, spent, absolute, frames)
+
+
+@inline
+def add_arrays(sources, target, offset, count):
+    """Write the sum of so many numbers of arrays, at addresses, from number `offset` on, to another array."""
+    total = float64_view(target + NUMBER_BYTES * offset, count)
     for part in range(sources.shape[0]):
-        values = float64_view(sources[part], count)
+        values = float64_view(sources[part] + NUMBER_BYTES * offset, count)
         if part == 0:
             for i in range(count):
                 total[i] = values[i]
@@ -129,7 +146,7 @@ def add_arrays(sources, target, count):
 
 @inline
 def render_partitions(address, frames):
-    """Render the next frames of all partitions of the job at an address, and add them."""
+    """Render the next frames of all partitions of the job at an address, add them, and follow their energies."""
     job = int64_view(address, JOB_SLOTS)
     job[Job.FRAMES] = frames
     if job[Job.CREW] == 0:
@@ -138,6 +155,7 @@ def render_partitions(address, frames):
     else:
         share_partitions(job, address)
     sum_partitions(job)
+    follow_balance(job)
 
 
 @kernel

@@ -125,8 +125,8 @@ class Trace(NamedTuple):
 
 
 class BlockOutput(NamedTuple):
-    """Where a block of one partition goes; each of [frames, …]."""
+    """Where a block of one partition goes."""
 
     audio: np.ndarray  # [frames, channels], overwritten
-    ledger: np.ndarray | None  # [frames, columns (engine.kernel.codes.Ledger)], J, overwritten; None: not measured
-    trace: Trace | None  # zeroed, to be added to; or None
+    ledger: np.ndarray | None  # [rows (engine.kernel.codes.Ledger), frames], J, overwritten; None: not measured
+    trace: Trace | None  # [frames, …], zeroed, to be added to; or None

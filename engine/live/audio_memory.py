@@ -44,7 +44,7 @@ class AudioMemory:
         self._buffers = _allocate_buffers(channels)
         self._models = [StructHandle(model), *map(StructHandle, coarser_models(built, accuracy))]
         self._state = StructHandle(built.state)
-        self.job_memory = JobMemory(self._models[0], self._state, RENDERED_AT_ONCE, channels)
+        self.job_memory = JobMemory(self._models[0], self._state, (RENDERED_AT_ONCE, channels))
         self._fill_slots(model, samplerate, seconds)
         self.gauges[[Gauge.GAIN, Gauge.LOAD_HIGH, Gauge.LOAD_LOW]] = gain, LOAD_HIGH, LOAD_LOW
         self._compile()

@@ -17,8 +17,8 @@ from engine.compiler.intrinsics import (
     monotonic_seconds,
     store_release,
 )
-from engine.kernel.codes import EventKind, Ledger
-from engine.kernel.partitions import JOB_SLOTS, LEDGER_COLUMNS, Job, render_partitions
+from engine.kernel.codes import EventKind
+from engine.kernel.partitions import JOB_SLOTS, Job, render_partitions
 from engine.live.shared_memory import VALUES_PER_EVENT, EventSlot, Gauge, Slot
 
 SLOTS, GAUGES, EVENT_SLOTS = len(Slot), len(Gauge), len(EventSlot)
@@ -148,24 +148,6 @@ def drain_queue(shared):
 
 
 @inline
-def render_metered(shared, gauge, frames):
-    """Compute the next frames, and follow their energies."""
-    job = int64_view(shared[Slot.JOB], JOB_SLOTS)
-    job[Job.MODEL] = shared[Slot.MODEL]
-    render_partitions(shared[Slot.JOB], frames)
-    energies = float64_view(job[Job.LEDGER], frames * LEDGER_COLUMNS)
-    for i in range(0, frames * LEDGER_COLUMNS, LEDGER_COLUMNS):
-        held, balance = energies[i + Ledger.ABSOLUTE], energies[i + Ledger.STORED] + energies[i + Ledger.NET_DISSIPATED]
-        if shared[Slot.FRAME] == 0 and i == 0:
-            gauge[Gauge.INITIAL_BALANCE] = balance
-        gauge[Gauge.MAX_ENERGY] = (
-            held if held > gauge[Gauge.MAX_ENERGY] else gauge[Gauge.MAX_ENERGY]
-        )  # max() would hide what is not a number
-        error = abs(balance - gauge[Gauge.INITIAL_BALANCE])
-        gauge[Gauge.MAX_ENERGY_ERROR] = max(gauge[Gauge.MAX_ENERGY_ERROR], error) if error < math.inf else math.inf
-
-
-@inline
 def output_stage(shared, gauge, out, frames):
     """Bring the mix to the output: gain, fades at start and stop, and a limiter of last resort."""
     channels = shared[Slot.CHANNELS]
@@ -198,7 +180,8 @@ def output_stage(shared, gauge, out, frames):
 def play_scene(shared, out, frames):
     """Play so many frames, no more than are computed at once, into `out`: single precision, channels interleaved."""
     gauge = float64_view(shared[Slot.GAUGES], GAUGES)
-    render_metered(shared, gauge, frames)
+    int64_view(shared[Slot.JOB], JOB_SLOTS)[Job.MODEL] = shared[Slot.MODEL]
+    render_partitions(shared[Slot.JOB], frames)
     output_stage(shared, gauge, out, frames)
     store_release(shared, Slot.FRAME, shared[Slot.FRAME] + frames)
 

@@ -30,6 +30,7 @@ from engine.live.meter import MeterReading
 from engine.live.retuning import VoiceTuning
 from engine.live.shared_memory import Gauge, Slot
 from engine.live.voices import replicate, retune, striker_velocities
+from engine.offline.energy_statistics import energy_statistics
 from engine.offline.statistics import newton_statistics
 from engine.patch.parameters import live_parameters
 from engine.patch.scene import Scene
@@ -318,7 +319,7 @@ class Player:
             dropped=self._queue.dropped(),
             lost=self.lost_frames,
             newton=newton_statistics(self.model, self.state),
-            energy_error=float(gauges[Gauge.MAX_ENERGY_ERROR] / (gauges[Gauge.MAX_ENERGY] or 1.0)),
+            energy_error=energy_statistics(self.memory.job_memory.balance, self.state.energy_totals).error_max,
             quality_steps=int(shared[Slot.QUALITY_CHANGES]),
             quality=-int(shared[Slot.QUALITY]),
             awake=int(np.sum(awake)),

@@ -63,11 +63,8 @@ class Gauge(IntEnum):
     PEAK = 2
     MAX_LOAD = 3
     SECONDS_USED = 4
-    INITIAL_BALANCE = 5  # J
-    MAX_ENERGY = 6
-    MAX_ENERGY_ERROR = 7
-    LOAD_HIGH = 8  # a block with a higher load lowers the quality
-    LOAD_LOW = 9  # one with a lower load is at ease
+    LOAD_HIGH = 5  # a block with a higher load lowers the quality
+    LOAD_LOW = 6  # one with a lower load is at ease
 
 
 class EventSlot(IntEnum):

@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from engine.kernel.codes import BALANCE_SIZE
 from engine.kernel.model import Model
 from engine.kernel.state import State, Trace
-from engine.offline.energy_audit import EnergyAudit, EnergyStatistics
+from engine.offline.energy_statistics import EnergyStatistics, energy_statistics
 
 if TYPE_CHECKING:
     from engine.kernel.job_memory import JobMemory
@@ -28,7 +29,7 @@ class Simulation:
         self.model, self.state, self.measure_energy = model, state, measure_energy
         self.partitions = model.islands.partition.size - 1
         self.cores = min(cores, self.partitions)
-        self.audit = EnergyAudit()
+        self._balance = np.zeros(BALANCE_SIZE)
         self._handles = StructHandle(model), StructHandle(state)
         self._memory: JobMemory | None = None
         self._helpers: Any = None
@@ -41,8 +42,6 @@ class Simulation:
         else:
             memory.render_traced(frames, trace)
         audio[:] = memory.audio[:frames]
-        if memory.ledger is not None:
-            self.audit.add(memory.ledger[:frames])
 
     def memory(self, frames: int, channels: int) -> "JobMemory":
         """What blocks of so many frames are rendered in."""
@@ -50,7 +49,7 @@ class Simulation:
             from engine.kernel.job_memory import JobMemory
 
             size = max(frames, MIN_BUFFER_FRAMES)
-            self._memory = JobMemory(*self._handles, size, channels, self.measure_energy)
+            self._memory = JobMemory(*self._handles, (size, channels), self.measure_energy, self._balance)
             if self.cores > 1:
                 self._let_help(self._memory)
         return self._memory
@@ -63,8 +62,8 @@ class Simulation:
         memory.use_helpers(self._helpers)
 
     def energies(self) -> EnergyStatistics:
-        """Energies up to now (engine.offline.energy_audit)."""
-        return self.audit.summary(self.state.energy_totals)
+        """Energies up to now."""
+        return energy_statistics(self._balance, self.state.energy_totals)
 
 
 def time_block(simulation: Simulation, audio: np.ndarray) -> float:

@@ -10,7 +10,7 @@ from engine.kernel.codes import Sleep, SolveStatus
 from engine.kernel.model import Model
 from engine.kernel.state import State
 from engine.offline.effects import EffectStatistics, effects_of
-from engine.offline.energy_audit import EnergyStatistics
+from engine.offline.energy_statistics import EnergyStatistics
 from engine.offline.record import Record
 from engine.offline.simulation import Simulation
 

@@ -9,7 +9,7 @@ from engine import Scene
 from engine.analysis.silence import explain_silence
 from engine.cli import main
 from engine.offline.effects import EffectStatistics
-from engine.offline.energy_audit import EnergyStatistics
+from engine.offline.energy_statistics import EnergyStatistics
 from engine.offline.statistics import Activity, NewtonStatistics, SimulationStatistics, SolveOutcomes
 
 TEMPLATES = ROOT / "patches" / "templates"

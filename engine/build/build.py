@@ -96,7 +96,7 @@ def build(
         refinement=build_refinement(layout, modes.kick, accuracy, samplerate) if accuracy.is_refined else None,
         events=events,
         pickups=_pickups(layout),
-        flight=build_free_flight(step, weight, heard_rows(layout)),
+        flight=build_free_flight(step, omega, weight, heard_rows(layout), samplerate),
         bodies=mode_shape_rows([layout.row(point) for point in trace_points(layout)]),
         free_masses=_free_masses(layout, omega),
         sleep_threshold=10 ** (accuracy.silence / 20),

@@ -45,8 +45,15 @@ class HeardRow(NamedTuple):
         return Q if self.quantity is Quantity.DISPLACEMENT else P
 
 
-def build_free_flight(step: StepCoefficients, weight: np.ndarray | None, pickups: Sequence[HeardRow]) -> FreeFlight:
-    """The tables of a step. weight: of each mode, √kg·m/s²; pickups: as the model has them"""
+def build_free_flight(
+    step: StepCoefficients, omega: np.ndarray, weight: np.ndarray | None, pickups: Sequence[HeardRow], samplerate: float
+) -> FreeFlight:
+    """The tables of a step.
+
+    omega, weight: of each mode, rad/s and √kg·m/s²
+    pickups:       as the model has them
+    """
+    span, is_free = FLIGHT_FRAMES / samplerate, omega == 0.0
     single, lost = map_of_step(step, has_weight=weight is not None)
     power, frames = single, 1
     part = single
@@ -59,6 +66,8 @@ def build_free_flight(step: StepCoefficients, weight: np.ndarray | None, pickups
         motion=FreeMotion(*free_entries(as_array(power))),
         motion_low=FreeMotionResidue(*free_entries(np.array([[entry.low for entry in row] for row in power]))),
         part=FreeMotion(*free_entries(as_array(part))),
+        reach=np.minimum(span, 2 / np.where(is_free, 1 / span, omega)),
+        fall=np.where(is_free, 0.5 * span**2, 0.0),
         loss=FlightLoss(lost[Q, Q], 2 * lost[Q, P], lost[P, P]) if lost.any() else None,
         weight=None if weight is None else flight_weight(power, lost, weight, heard_weight(single, weight, pickups)),
         heard=heard_table(as_array(single), pickups),

@@ -67,6 +67,16 @@ def where_positive(test: Any, yes: Any, no: Any) -> Any:
     raise TypeError("where_positive is for compiled code")
 
 
+def greater(a: Any, b: Any) -> Any:
+    """The greater of each two lanes; that of `b` where one is not a number."""
+    raise TypeError("greater is for compiled code")
+
+
+def magnitude(lanes: Any) -> Any:
+    """The absolute value of each lane."""
+    raise TypeError("magnitude is for compiled code")
+
+
 def lane_sum(lanes: Any) -> float:
     """The sum of the lanes: of the two halves lane by lane, and so on."""
     raise TypeError("lane_sum is for compiled code")
@@ -210,6 +220,26 @@ def _where(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.select(builder.fcmp_ordered(">", test, zero), yes, no)
 
     return _each(builder, choose, *operands)
+
+
+@type_callable(greater)
+def _type_greater(context: Any) -> Any:
+    return lambda a, b: LANES
+
+
+@lower_builtin(greater, Lanes, Lanes)
+def _greater(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    return _each(builder, lambda a, b: builder.select(builder.fcmp_ordered(">", a, b), a, b), *args)
+
+
+@type_callable(magnitude)
+def _type_magnitude(context: Any) -> Any:
+    return lambda lanes: LANES
+
+
+@lower_builtin(magnitude, Lanes)
+def _magnitude(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    return _each(builder, lambda x: _intrinsic(builder, "fabs", x), args[0])
 
 
 @type_callable(lane_sum)

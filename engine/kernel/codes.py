@@ -54,22 +54,19 @@ class EventCursor(IntEnum):
 class Ledger(IntEnum):
     """Rows of a ledger, J."""
 
-    STORED = 0
-    NET_DISSIPATED = 1  # dissipated less supplied
-    ABSOLUTE = 2  # all parts of the stored energy without their signs
+    BALANCE = 0  # stored + dissipated - supplied
+    ABSOLUTE = 1  # all parts of the stored energy without their signs
 
 
 class Balance(IntEnum):
-    """What is known of the energies of a scene, J."""
+    """What is known of the balance of energy of a scene, J."""
 
     SAMPLES = 0  # followed so far
-    INITIAL = 1  # stored
-    FINAL = 2
-    INITIAL_BALANCE = 3
-    LAST_BALANCE = 4
-    LARGEST = 5  # energy held, all parts without their signs
-    MAX_ERROR = 6  # of the balance, against the initial one; infinite where one is no number
-    MAX_ERROR_PER_STEP = 7
+    INITIAL = 1
+    LAST = 2
+    LARGEST = 3  # energy held, all parts without their signs
+    MAX_ERROR = 4  # against the initial balance; infinite where one is no number
+    MAX_ERROR_PER_STEP = 5
 
 
 class EnergyTotal(IntEnum):

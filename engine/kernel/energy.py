@@ -9,18 +9,27 @@ from engine.kernel.codes import EnergyTotal, Ledger
 from engine.kernel.contacts import contact_energy
 
 
+@inline
+def mode_potential(omega_squared, weight, m, q):
+    """½ω²q² and weight·q of mode m, J."""
+    elastic, fallen = 0.0, 0.0
+    if omega_squared is not None:
+        elastic = 0.5 * omega_squared[m] * q * q
+    if weight is not None:
+        fallen = weight[m] * q
+    return elastic, fallen
+
+
 @reduction
 def kinetic_and_potential(omega_squared, weight, q, p):
     """½p², ½ω²q² - weight·q, and ½ω²q² + |weight·q|, summed over modes, J."""
-    kinetic, elastic, fallen, absolute = 0.0, 0.0, 0.0, 0.0
+    kinetic, potential, absolute = 0.0, 0.0, 0.0
     for m in range(p.shape[0]):
+        elastic, fallen = mode_potential(omega_squared, weight, m, q[m])
         kinetic += 0.5 * p[m] * p[m]
-        if omega_squared is not None:
-            elastic += 0.5 * omega_squared[m] * q[m] * q[m]
-        if weight is not None:
-            fallen += weight[m] * q[m]
-            absolute += abs(weight[m] * q[m])
-    return kinetic, elastic - fallen, elastic + absolute
+        potential += elastic - fallen
+        absolute += elastic + abs(fallen)
+    return kinetic, potential, absolute
 
 
 @inline
@@ -34,20 +43,19 @@ def accumulate(totals, column, amount):
 
 @inline
 def island_energies(model, state):
-    """The energies of an island, in the order of the columns of a ledger, J."""
+    """The energies of an island, as the rows of a ledger have them, J."""
     kinetic, potential, absolute_potential = kinetic_and_potential(model.omega_squared, model.weight, state.q, state.p)
     squeezed = contact_energy(model.contact, state)
     spent = state.energy_totals[EnergyTotal.DISSIPATED] - state.energy_totals[EnergyTotal.SUPPLIED]
     # a falling ball holds energy, though its total may be 0; so do two at heights that cancel
-    return kinetic + potential + squeezed, spent, kinetic + absolute_potential + squeezed
+    return kinetic + potential + squeezed + spent, kinetic + absolute_potential + squeezed
 
 
 @inline
 def write_ledger(ledger, begin, count, is_first, energies):
     """Write an island's energies of `count` samples from sample `begin` on; all but the first island add."""
-    stored, spent, absolute = energies
-    write_row(ledger[Ledger.STORED], begin, count, is_first, stored)
-    write_row(ledger[Ledger.NET_DISSIPATED], begin, count, is_first, spent)
+    balance, absolute = energies
+    write_row(ledger[Ledger.BALANCE], begin, count, is_first, balance)
     write_row(ledger[Ledger.ABSOLUTE], begin, count, is_first, absolute)
 
 

@@ -10,7 +10,7 @@ steps take it to that frame. So an event that was known beforehand, and one that
 """
 
 from engine.compiler.decorators import inline, noinline, reduction
-from engine.compiler.lanes import load_lanes, multiply_add, splat, store_lanes
+from engine.compiler.lanes import load_lanes, magnitude, multiply_add, splat, store_lanes, where_positive
 from engine.kernel.codes import (
     FLIGHT_FRAMES,
     FLIGHT_MODES,
@@ -21,8 +21,8 @@ from engine.kernel.codes import (
     Ledger,
     Quantity,
 )
-from engine.kernel.energy import accumulate, island_energies
-from engine.kernel.modes import free_step
+from engine.kernel.energy import accumulate, mode_potential
+from engine.kernel.modes import DENORMAL_LIMIT, free_step
 
 PARTS = FLIGHT_FRAMES // FLIGHT_PART
 
@@ -31,27 +31,46 @@ PARTS = FLIGHT_FRAMES // FLIGHT_PART
 
 
 @inline
-def fly_modes(motion, low, q, p):
-    """Take all modes to the end of a flight. low: what rounding cut from `motion`"""
-    vectors = p.shape[0] // LANES * LANES
-    for m in range(0, vectors, LANES):
-        x, y = load_lanes(q, m), load_lanes(p, m)
-        rest = load_lanes(low.qq, m) * x + load_lanes(low.qp, m) * y
-        store_lanes(q, m, load_lanes(motion.qq, m) * x + (load_lanes(motion.qp, m) * y + rest))
-        rest = load_lanes(low.pq, m) * x + load_lanes(low.pp, m) * y
-        store_lanes(p, m, load_lanes(motion.pq, m) * x + (load_lanes(motion.pp, m) * y + rest))
-    for m in range(vectors, p.shape[0]):
-        x, y = q[m], p[m]
-        q[m] = motion.qq[m] * x + (motion.qp[m] * y + (low.qq[m] * x + low.qp[m] * y))
-        p[m] = motion.pq[m] * x + (motion.pp[m] * y + (low.pq[m] * x + low.pp[m] * y))
+def normal_lanes(x):
+    """Zero in place of subnormal numbers, and of those that soon will be; they are slow to compute with."""
+    return where_positive(magnitude(x) - DENORMAL_LIMIT, x, 0.0)
 
 
 @inline
-def add_fall(weight, compensation, q, p):
+def normal(x):
+    """The same of one number."""
+    return x if abs(x) > DENORMAL_LIMIT else 0.0
+
+
+@inline
+def fly_modes(motion, low, kept, q, p):
+    """Take all modes to the end of a flight, and keep their motion at its begin. low: what rounding cut from
+    `motion`"""
+    vectors = p.shape[0] // LANES * LANES
+    for m in range(0, vectors, LANES):
+        x, y = load_lanes(q, m), load_lanes(p, m)
+        store_lanes(kept.q, m, x)
+        store_lanes(kept.p, m, y)
+        rest = load_lanes(low.qq, m) * x + load_lanes(low.qp, m) * y
+        moved = load_lanes(motion.qq, m) * x + (load_lanes(motion.qp, m) * y + rest)
+        store_lanes(q, m, normal_lanes(moved))
+        rest = load_lanes(low.pq, m) * x + load_lanes(low.pp, m) * y
+        moved = load_lanes(motion.pq, m) * x + (load_lanes(motion.pp, m) * y + rest)
+        store_lanes(p, m, normal_lanes(moved))
+    for m in range(vectors, p.shape[0]):
+        x, y = q[m], p[m]
+        kept.q[m], kept.p[m] = x, y
+        q[m] = normal(motion.qq[m] * x + (motion.qp[m] * y + (low.qq[m] * x + low.qp[m] * y)))
+        p[m] = normal(motion.pq[m] * x + (motion.pp[m] * y + (low.pq[m] * x + low.pp[m] * y)))
+
+
+@inline
+def add_fall(weight, compensation, kept, q, p):
     """What weight adds to the motion over a flight. As engine.kernel.modes.kick_by_weight, it carries what rounding
     leaves of the push."""
     if weight is not None:
         for m in range(p.shape[0]):
+            kept.kick_compensation[m] = compensation[m]
             q[m] += weight.q[m]
             push = weight.p[m] + (weight.p_low[m] - compensation[m])
             moved = p[m] + push
@@ -59,25 +78,34 @@ def add_fall(weight, compensation, q, p):
             p[m] = moved
 
 
-@reduction
-def energy_lost(loss, weight, q, p):
-    """Energy that the modes lose over a flight that begins with q and p, J."""
-    total = 0.0
-    if loss is not None:
-        for m in range(p.shape[0]):
-            total += (loss.qq[m] * q[m] + loss.qp[m] * p[m]) * q[m] + loss.pp[m] * p[m] * p[m]
-        total += energy_lost_to_fall(weight, q, p)
-    return total
+@inline
+def mode_loss(loss, m, q, p):
+    """Energy that mode m loses over a flight that begins with q and p, J; but for that due to weight."""
+    if loss is None:
+        return 0.0
+    return (loss.qq[m] * q + loss.qp[m] * p) * q + loss.pp[m] * p * p
 
 
-@reduction
-def energy_lost_to_fall(weight, q, p):
+@inline
+def mode_loss_by_weight(weight, m, q, p):
     """The part of it that is due to weight, J."""
-    total = 0.0
-    if weight is not None:
-        for m in range(p.shape[0]):
-            total += weight.lost_per_q[m] * q[m] + weight.lost_per_p[m] * p[m] + weight.lost[m]
-    return total
+    if weight is None:
+        return 0.0
+    return weight.lost_per_q[m] * q + weight.lost_per_p[m] * p + weight.lost[m]
+
+
+@reduction
+def flight_energies(omega_squared, weight, flight, q, p):
+    """Of the modes at the begin of a flight: kinetic and potential energy, the same without signs, and what they will
+    lose in it, J."""
+    energy, absolute, lost = 0.0, 0.0, 0.0
+    for m in range(p.shape[0]):
+        elastic, fallen = mode_potential(omega_squared, weight, m, q[m])
+        vibration = 0.5 * p[m] * p[m] + elastic
+        energy += vibration - fallen
+        absolute += vibration + abs(fallen)
+        lost += mode_loss(flight.loss, m, q[m], p[m]) + mode_loss_by_weight(flight.weight, m, q[m], p[m])
+    return energy, absolute, lost
 
 
 # --- what is heard
@@ -172,43 +200,23 @@ def begin_flight(model, state, ledger, frame):
     """Take an island from the begin of a flight to its end; what is heard and measured meanwhile is kept."""
     flight, kept = model.flight, state.flight
     find_heard(flight, model.pickups, state)
-    save_motion(model.weight, state, frame)
+    kept.frame[FlightFrame.SAVED] = frame
+    for column in range(kept.energy_totals.shape[0]):
+        kept.energy_totals[column] = state.energy_totals[column]
     measure_flight(ledger, model, state, kept)
-    fly_modes(flight.motion, flight.motion_low, state.q, state.p)
-    add_fall(flight.weight, state.kick_compensation, state.q, state.p)
+    fly_modes(flight.motion, flight.motion_low, kept, state.q, state.p)
+    add_fall(flight.weight, state.kick_compensation, kept, state.q, state.p)
 
 
 @inline
 def measure_flight(ledger, model, state, kept):
     """Keep the energies of an island at the begin of a flight, and count what it loses in it, where these are asked
-    for."""
+    for. Its contacts are open, and hold none."""
     if ledger is not None:
-        stored, spent, absolute = island_energies(model, state)
-        row = kept.ledger
-        row[Ledger.STORED], row[Ledger.NET_DISSIPATED], row[Ledger.ABSOLUTE] = stored, spent, absolute
-        lost = energy_lost(model.flight.loss, model.flight.weight, state.q, state.p)
+        energy, absolute, lost = flight_energies(model.omega_squared, model.weight, model.flight, state.q, state.p)
+        spent = state.energy_totals[EnergyTotal.DISSIPATED] - state.energy_totals[EnergyTotal.SUPPLIED]
+        kept.ledger[Ledger.BALANCE], kept.ledger[Ledger.ABSOLUTE] = energy + spent, absolute
         accumulate(state.energy_totals, EnergyTotal.DISSIPATED, lost)
-
-
-@inline
-def save_motion(weight, state, frame):
-    """Keep the motion at the begin of a flight."""
-    kept = state.flight
-    kept.frame[FlightFrame.SAVED] = frame
-    for m in range(state.p.shape[0]):
-        kept.q[m] = state.q[m]
-        kept.p[m] = state.p[m]
-    save_compensation(weight, state.kick_compensation, kept.kick_compensation)
-    for column in range(kept.energy_totals.shape[0]):
-        kept.energy_totals[column] = state.energy_totals[column]
-
-
-@inline
-def save_compensation(weight, source, target):
-    """Copy what is carried from kick to kick, where there are any."""
-    if weight is not None:
-        for m in range(source.shape[0]):
-            target[m] = source[m]
 
 
 @noinline

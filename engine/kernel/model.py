@@ -210,6 +210,8 @@ class FreeFlight(NamedTuple):
     motion: FreeMotion  # over a flight
     motion_low: FreeMotionResidue
     part: FreeMotion  # over FLIGHT_PART samples
+    reach: PerMode  # s: how far a mode can move in a flight, per speed
+    fall: PerMode  # s²: and per weight, if it is a free mass
     loss: FlightLoss | None
     weight: FlightWeight | None
     # what a mode gives at a pickup in each of FLIGHT_PART samples, per displacement and then per momentum at the first;

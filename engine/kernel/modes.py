@@ -14,8 +14,6 @@ mode of heavy damping loses momentum in the drift as well.
 
 import math
 
-import numpy as np
-
 from engine.compiler.decorators import INT64_0, inline, noinline, reduction
 
 DENORMAL_LIMIT = 1e-290  # √kg·m, √kg·m/s
@@ -248,33 +246,48 @@ def kick_at_row(rows, coefficients, r, f, p):
         b[m] += a[m] * f
 
 
-@reduction
-def bound_modal_displacements(omega_squared, weight, q, p, span, bound):
-    """How far each mode can move in `span` seconds on which nothing else acts, √kg·m, into `bound`.
+@inline
+def vibration_squared(omega_squared, weight, m, q, p):
+    """A² = p² + ω²·(q - q₀)² of mode m, which swings about q₀, where its weight holds it: twice its energy of
+    vibration, J. That of a free mass is p²."""
+    if omega_squared is None:
+        return p * p
+    away = q
+    if weight is not None:
+        away -= weight[m] / omega_squared[m] if omega_squared[m] > 0.0 else 0.0
+    return p * p + omega_squared[m] * away * away
 
-    A mode swings about where its weight holds it, with amplitude A/ω and speed A at most,
-    A² = p² + ω²q²; it loses energy, and gains none. A free mass coasts and falls. Returns the
-    energy of vibration, Σ ½A², J.
+
+@inline
+def fall_bound(weight, fall, m):
+    """How far weight can move mode m meanwhile, √kg·m."""
+    if weight is None:
+        return 0.0
+    return abs(weight[m]) * fall[m]
+
+
+@reduction
+def bound_modal_displacements(omega_squared, weight, reach, fall, q, p, bound):
+    """How far each mode can move in a while in which nothing else acts, √kg·m, into `bound`.
+
+    A mode swings with amplitude A/ω and speed A at most; it loses energy, and gains none. A free mass coasts and falls.
+
+    reach: of each mode, how far it moves per speed, s; fall: and per weight, s², of free masses
     """
-    energy = 0.0
     for m in range(p.shape[0]):
-        speed, fallen, widest = abs(p[m]), 0.0, np.inf
-        if omega_squared is not None:
-            stiffness = omega_squared[m]
-            if stiffness > 0.0:
-                away = q[m]
-                if weight is not None:
-                    away -= weight[m] / stiffness
-                square = p[m] * p[m] + stiffness * away * away
-                energy += 0.5 * square
-                speed = math.sqrt(square)
-                widest = 2.0 * speed / math.sqrt(stiffness)
-            elif weight is not None:
-                fallen = abs(weight[m]) * span
-        elif weight is not None:
-            fallen = abs(weight[m]) * span
-        bound[m] = min((speed + 0.5 * fallen) * span, widest)
-    return energy
+        speed = math.sqrt(vibration_squared(omega_squared, weight, m, q[m], p[m]))
+        bound[m] = speed * reach[m] + fall_bound(weight, fall, m)
+
+
+@reduction
+def vibration_energy(omega_squared, weight, q, p):
+    """Energy of vibration, Σ ½A² of all modes but free masses, J."""
+    total = 0.0
+    if omega_squared is not None:
+        for m in range(p.shape[0]):
+            square = vibration_squared(omega_squared, weight, m, q[m], p[m])
+            total += 0.5 * square if omega_squared[m] > 0.0 else 0.0
+    return total
 
 
 @reduction

@@ -124,10 +124,9 @@ def follow_balance(job):
     """Follow the energies of a block, where they are measured."""
     if job[Job.LEDGER] != 0:
         row, frames = NUMBER_BYTES * job[Job.CAPACITY], job[Job.FRAMES]
-        stored = float64_view(job[Job.LEDGER] + Ledger.STORED * row, frames)
-        spent = float64_view(job[Job.LEDGER] + Ledger.NET_DISSIPATED * row, frames)
-        absolute = float64_view(job[Job.LEDGER] + Ledger.ABSOLUTE * row, frames)
-        follow_energies(float64_view(job[Job.BALANCE], BALANCE_SIZE), stored, spent, absolute, frames)
+        balances = float64_view(job[Job.LEDGER] + Ledger.BALANCE * row, frames)
+        absolutes = float64_view(job[Job.LEDGER] + Ledger.ABSOLUTE * row, frames)
+        follow_energies(float64_view(job[Job.BALANCE], BALANCE_SIZE), balances, absolutes, frames)
 
 
 @inline

@@ -1,7 +1,7 @@
 """What is recorded of an island: rows of the ledger and of the trace."""
 
 from engine.compiler.decorators import INT64_1, inline
-from engine.kernel.codes import EnergyTotal, Ledger
+from engine.kernel.codes import FLIGHT_FRAMES, EnergyTotal, Ledger
 from engine.kernel.contacts import compression_from_modes, contact_energy
 from engine.kernel.energy import island_energies, kinetic_and_potential, write_ledger
 from engine.kernel.free_flight import exchange_motion, step_saved_motion
@@ -45,9 +45,26 @@ def record(output, i, count, bounds, model, state, frame):
 
 
 @inline
+def record_sleep(output, i, count, bounds, model, state, frame):
+    """The same of samples that are slept through: energies are those at the begin of the sleep, or the last check."""
+    if (frame - 1) % FLIGHT_FRAMES == 0:
+        keep_energies(output.ledger, model, state)
+    write_kept_energies(output.ledger, i, count, bounds.is_first, state.flight.ledger)
+    write_motion(output.trace, i, count, bounds, model, state, frame)
+
+
+@inline
+def keep_energies(ledger, model, state):
+    """Keep the energies of an island for samples to come, where energies are measured."""
+    if ledger is not None:
+        row = state.flight.ledger
+        row[Ledger.BALANCE], row[Ledger.ABSOLUTE] = island_energies(model, state)
+
+
+@inline
 def record_flight(output, i, count, bounds, model, state, frame):
     """The same of samples of a free flight."""
-    write_flown_energies(output.ledger, i, count, bounds.is_first, state.flight.ledger)
+    write_kept_energies(output.ledger, i, count, bounds.is_first, state.flight.ledger)
     write_flown_motion(output.trace, i, count, bounds, model, state, frame)
 
 
@@ -66,11 +83,10 @@ def write_motion(trace, i, count, bounds, model, state, frame):
 
 
 @inline
-def write_flown_energies(ledger, i, count, is_first, row):
-    """Write rows of the ledger in a free flight, if there is one: the energies at its begin."""
+def write_kept_energies(ledger, i, count, is_first, row):
+    """Write an island's kept energies of `count` samples, if there is a ledger."""
     if ledger is not None:
-        energies = row[Ledger.STORED], row[Ledger.NET_DISSIPATED], row[Ledger.ABSOLUTE]
-        write_ledger(ledger, i, count, is_first, energies)
+        write_ledger(ledger, i, count, is_first, (row[Ledger.BALANCE], row[Ledger.ABSOLUTE]))
 
 
 @inline

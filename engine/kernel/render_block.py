@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from engine.compiler.array_view import row_view
 from engine.compiler.decorators import FALSE, INT64_0, INT64_1, inline, kernel
 from engine.compiler.overloads import overload_by_type
 from engine.compiler.struct_handle import load_struct
@@ -23,9 +24,9 @@ from engine.kernel.events import finish_score, is_event_active, next_due, run_sc
 from engine.kernel.free_flight import begin_flight, end_flight
 from engine.kernel.island_view import island_bounds, island_model, island_state
 from engine.kernel.model import Refinement
-from engine.kernel.modes import bound_modal_displacements, flush_denormals, free_step
+from engine.kernel.modes import bound_modal_displacements, flush_denormals, free_step, vibration_energy
 from engine.kernel.pickups import add_flown_pickups, add_pickups
-from engine.kernel.recording import keep_evaluations, record, record_flight
+from engine.kernel.recording import keep_evaluations, record, record_flight, record_sleep
 from engine.kernel.refinement import refined_step
 from engine.kernel.sleep import (
     advance_free_masses,
@@ -35,9 +36,11 @@ from engine.kernel.sleep import (
     skip_chunk,
     try_sleep,
 )
+from engine.kernel.state import BlockOutput
 from engine.kernel.step import StepOutcome, step
 
 CHUNK_FRAMES = 256  # samples an island runs before the next one does: small enough for the fast cache
+SLEEP_CHECK_PERIOD = np.int64(8 * FLIGHT_FRAMES)
 LONG_SLEEP_FRAMES = np.int64(64 * 64)  # samples an island sleeps at a time if nothing in it moves
 CHECK_PERIOD = np.int64(FLIGHT_FRAMES)  # samples; out of contact, compressions are read from the modes this often
 
@@ -106,17 +109,33 @@ def plan_free_flight(model, state, frame):
     """
     due = next_due(model.force, model.events, state, frame)
     if due > frame:
-        span = CHECK_PERIOD / model.samplerate
         invalidate_margins(state.refinement)  # falling masses are faster by now
-        energy = bound_modal_displacements(
-            model.omega_squared, model.weight, state.q, state.p, span, state.displacement_bound
-        )
-        if cannot_close(model.contact, state):
+        if stays_open(model.contact, model, state):
             until = min(due, frame + 1 + CHECK_PERIOD)
             state.contact_free_until[0] = until
-            if not try_sleep(model.sleep_threshold, model.weight, model.free_masses, state, until, energy):
-                if not is_event_active(state):
-                    state.flight.frame[FlightFrame.END] = frame + 1 + CHECK_PERIOD
+            if not falls_asleep(model, state, frame, until) and not is_event_active(state):
+                state.flight.frame[FlightFrame.END] = frame + 1 + CHECK_PERIOD
+
+
+@inline
+def falls_asleep(model, state, frame, until):
+    """Let the island sleep up to a frame, with nothing in reach, if all has died; if it is awake, it is looked at now
+    and then. Returns whether it sleeps."""
+    slept = state.sleep[Sleep.WAKE_FRAME] == frame + 1
+    if frame % SLEEP_CHECK_PERIOD != 0 and not slept:
+        return False
+    energy = vibration_energy(model.omega_squared, model.weight, state.q, state.p)
+    return try_sleep(model.sleep_threshold, model.weight, model.free_masses, state, until, energy)
+
+
+@inline
+def stays_open(contact, model, state):
+    """Whether no contact can close before the next check."""
+    if contact is not None:
+        bound, flight = state.displacement_bound, model.flight
+        bound_modal_displacements(model.omega_squared, model.weight, flight.reach, flight.fall, state.q, state.p, bound)
+        return cannot_close(contact, state)
+    return True
 
 
 @inline
@@ -136,20 +155,17 @@ def read_modes_anew(model, state):
 
 
 @inline
-def check_periodically(model, state, frame, in_contact):
-    """After the step of a frame on the scene's own grid: out of contact, read the compressions anew and plan ahead."""
-    if not in_contact:
-        read_modes_anew(model, state)
-        plan_free_flight(model, state, frame)
-    reset_line_search_budget(state.scratch, state)
+def check_periodically(model, state, frame):
+    """After the step of a frame on the scene's own grid, out of contact: read the compressions anew and plan ahead."""
+    resync_open_contacts(model.contact, state)
+    plan_free_flight(model, state, frame)
 
 
 @inline
-def max_sleep(model, state, ledger, trace, remaining):
-    """How many samples may be slept through at once: one, if the flight of a mass is to be recorded."""
-    if ledger is None:
-        if trace is None:
-            return remaining
+def max_sleep(model, state, trace, remaining):
+    """How many samples may be slept through at once: one, if the flight of a mass is to be traced."""
+    if trace is None:
+        return remaining
     return 1 if free_mass_moves(model.weight, model.free_masses, state) else remaining
 
 
@@ -161,7 +177,8 @@ def finish_sleep(model, state, frame, slept):
     if free_mass_moves(model.weight, model.free_masses, state):
         advance_free_masses(model.step, model.weight, model.free_masses, state, slept)
         if last % CHECK_PERIOD == 0:
-            check_periodically(model, state, last, FALSE)
+            flush_denormals(model.step.loss, state.q, state.p)
+            check_periodically(model, state, last)
     elif state.sleep[Sleep.WAKE_FRAME] == last + 1:
         if state.sleep[Sleep.FORCED] != 0:  # what it was put to sleep until is due
             state.sleep[Sleep.FORCED] = 0
@@ -180,13 +197,27 @@ def render_block(model, state, output, partition, frames):
     partition: its number; partitions have nothing in common, and may run at the same time
     frames:    how many samples; they fill the first rows of the output
     """
-    render_partition(load_struct(model), load_struct(state), load_struct(output), partition, frames)
+    render_partition(load_struct(model), load_struct(state), output_view(load_struct(output)), partition, frames)
+
+
+@inline
+def output_view(output):
+    """The same with views, whose indices are not tested for negative ones."""
+    return BlockOutput(row_view(output.audio, INT64_0), ledger_view(output.ledger), output.trace)
+
+
+@inline
+def ledger_view(ledger):
+    """The view of a ledger, if there is one."""
+    if ledger is None:
+        return None
+    return row_view(ledger, INT64_0)
 
 
 @inline
 def render_partition(model, state, output, partition, frames):
-    """As `render_block`, of what the handles point to."""
-    output.audio[:frames] = 0.0
+    """As `render_block`, of what the handles point to, as views."""
+    clear_audio(output.audio, frames)
     islands = model.islands
     first, last = islands.partition[partition], islands.partition[partition + 1]
     for begin in range(0, frames, CHUNK_FRAMES):
@@ -202,15 +233,24 @@ def render_partition(model, state, output, partition, frames):
 
 
 @inline
+def clear_audio(audio, frames):
+    """Set the rows of a block to zero."""
+    for i in range(frames):
+        row = audio[i]
+        for channel in range(row.shape[0]):
+            row[channel] = 0.0
+
+
+@inline
 def render_chunk(model, state, output, bounds, start, begin, end):
     """Render rows begin:end of a block for one island; sample i has frame start + i."""
     in_contact = state.in_contact[0] != 0
     i = begin
     while i < end:
         frame = start + i
-        slept = samples_to_sleep(state, frame, max_sleep(model, state, output.ledger, output.trace, end - i))
+        slept = samples_to_sleep(state, frame, max_sleep(model, state, output.trace, end - i))
         if slept > 0:
-            record(output, i, slept, bounds, model, state, frame)
+            record_sleep(output, i, slept, bounds, model, state, frame)
             finish_sleep(model, state, frame, slept)
             i += slept
             continue
@@ -253,8 +293,12 @@ def render_steps(model, state, output, bounds, i, count, frame, in_contact):
             state.contact_samples[0] += 1
         elif was_in_contact:
             read_modes_anew(model, state)
-    if (frame + count - 1) % CHECK_PERIOD == 0:
-        check_periodically(model, state, frame + count - 1, in_contact)
+    last = frame + count - 1
+    if last % CHECK_PERIOD == 0:
+        reset_line_search_budget(state.scratch, state)
+        if not in_contact:
+            flush_denormals(model.step.loss, state.q, state.p)
+            check_periodically(model, state, last)
     return in_contact
 
 
@@ -276,4 +320,4 @@ def fly(model, state, output, bounds, i, count, frame):
     add_flown_pickups(model.pickups, state, model.samplerate, output.audio, i, (first, first + count))
     record_flight(output, i, count, bounds, model, state, frame)
     if frame + count == end:
-        check_periodically(model, state, end - 1, FALSE)
+        check_periodically(model, state, end - 1)

@@ -9,6 +9,7 @@ from engine.kernel.energy import accumulate
 from engine.kernel.events import island_energy, next_due
 from engine.kernel.free_flight import end_flight
 from engine.kernel.island_view import island_bounds, island_model, island_state
+from engine.kernel.recording import keep_energies
 from engine.live.shared_memory import DROPPED, VALUES_PER_EVENT, EventSlot
 
 EVENT_SLOTS = len(EventSlot)
@@ -126,11 +127,19 @@ def sleep_quietest(model, state, count, frame):
             if is_awake and next_due_in(model, state, n, frame) > frame and is_quieter(state, n, quietest):
                 quietest = n
         if quietest >= 0 and awake > 1:
-            make_island_ready(model, state, quietest, frame)
-            due = next_due_in(model, state, quietest, frame)
-            state.sleep[quietest, Sleep.WAKE_FRAME] = state.sleep[quietest, Sleep.STATIC_UNTIL] = due
-            state.sleep[quietest, Sleep.FORCED] = 1
+            force_to_sleep(model, state, quietest, frame)
             awake -= 1
+
+
+@inline
+def force_to_sleep(model, state, n, frame):
+    """Put island n to sleep until something is due in it."""
+    make_island_ready(model, state, n, frame)
+    due = next_due_in(model, state, n, frame)
+    state.sleep[n, Sleep.WAKE_FRAME] = state.sleep[n, Sleep.STATIC_UNTIL] = due
+    state.sleep[n, Sleep.FORCED] = 1
+    bounds = island_bounds(model.islands, partition_of(model.islands, n), n)
+    keep_energies(True, island_model(model, state, bounds), island_state(state, bounds))
 
 
 @inline

@@ -11,7 +11,7 @@ from engine.offline.record import Record
 @dataclass(frozen=True)
 class EnergyStatistics(Record):
     """Energies in joule; errors relative to the largest energy that the scene has held, kinetic and potential counted
-    each without sign."""
+    each without sign. What flies free at the end is counted up to the end of its flight, of 64 samples at most."""
 
     initial: float
     final: float
@@ -24,12 +24,13 @@ class EnergyStatistics(Record):
 def energy_statistics(balance: np.ndarray, energy_totals: np.ndarray) -> EnergyStatistics:
     """The energies of what was rendered. balance: see Balance; energy_totals: State.energy_totals"""
     largest = balance[Balance.LARGEST] if balance[Balance.LARGEST] > 0 else 1.0
+    supplied, dissipated = (float(energy_totals[:, n].sum()) for n in (EnergyTotal.SUPPLIED, EnergyTotal.DISSIPATED))
     with np.errstate(all="ignore"):  # energies may be infinite
         return EnergyStatistics(
             initial=float(balance[Balance.INITIAL]),
-            final=float(balance[Balance.FINAL]),
-            supplied=float(energy_totals[:, EnergyTotal.SUPPLIED].sum()),
-            dissipated=float(energy_totals[:, EnergyTotal.DISSIPATED].sum()),
+            final=float(balance[Balance.LAST]) - (dissipated - supplied),
+            supplied=supplied,
+            dissipated=dissipated,
             error_max=float(balance[Balance.MAX_ERROR] / largest),
             error_per_step_max=float(balance[Balance.MAX_ERROR_PER_STEP] / largest),
         )

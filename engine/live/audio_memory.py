@@ -10,10 +10,10 @@ from engine.build.refinement_tables import build_refinement
 from engine.compiler.decorators import c_address
 from engine.compiler.struct_handle import StructHandle
 from engine.kernel.axes import align_to_cache_lines
-from engine.kernel.job_memory import JobMemory
 from engine.kernel.model import Model
 from engine.live import audio_thread, event_insertion
 from engine.live.shared_memory import VALUES_PER_EVENT, EventSlot, Gauge, Slot
+from engine.parallel.job_memory import JobMemory
 from engine.patch.accuracy import Accuracy
 
 FADE_SECONDS = 0.005

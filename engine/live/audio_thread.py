@@ -18,8 +18,8 @@ from engine.compiler.intrinsics import (
     store_release,
 )
 from engine.kernel.codes import EventKind
-from engine.kernel.partitions import JOB_SLOTS, Job, render_partitions
 from engine.live.shared_memory import VALUES_PER_EVENT, EventSlot, Gauge, Slot
+from engine.parallel.partitions import JOB_SLOTS, Job, render_partitions
 
 SLOTS, GAUGES, EVENT_SLOTS = len(Slot), len(Gauge), len(EventSlot)
 OUTPUT_UNDERFLOW = 4  # flag of PortAudio: the driver ran dry before this block

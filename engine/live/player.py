@@ -21,7 +21,6 @@ from engine.build.build import build, nominal_stiffness
 from engine.build.event_table import event_rows
 from engine.faults import BuildError, Fault
 from engine.kernel.codes import NO_END, UNUSED_SLOT, EventKind, Sleep
-from engine.kernel.helpers import Helpers
 from engine.kernel.laws import Power
 from engine.live import audio_thread
 from engine.live.audio_memory import AudioMemory
@@ -32,6 +31,7 @@ from engine.live.shared_memory import Gauge, Slot
 from engine.live.voices import replicate, retune, striker_velocities
 from engine.offline.energy_statistics import energy_statistics
 from engine.offline.statistics import newton_statistics
+from engine.parallel.helpers import Helpers
 from engine.patch.parameters import live_parameters
 from engine.patch.scene import Scene
 from engine.patch.tables import (

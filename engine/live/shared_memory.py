@@ -10,7 +10,7 @@ from enum import IntEnum
 class Slot(IntEnum):
     """Whole numbers and addresses. Set once …"""
 
-    JOB = 0  # address of the Job of a block (engine.kernel.partitions)
+    JOB = 0  # address of the Job of a block (engine.parallel.partitions)
     INSERT_EVENT = 1  # address of the kernel that takes an event
     MODEL = 2  # address of the Model that is played
     STATE = 3

@@ -11,7 +11,7 @@ from engine.kernel.state import State, Trace
 from engine.offline.energy_statistics import EnergyStatistics, energy_statistics
 
 if TYPE_CHECKING:
-    from engine.kernel.job_memory import JobMemory
+    from engine.parallel.job_memory import JobMemory
 
 MIN_BUFFER_FRAMES = 1024  # that a block may have at first
 
@@ -46,7 +46,7 @@ class Simulation:
     def memory(self, frames: int, channels: int) -> "JobMemory":
         """What blocks of so many frames are rendered in."""
         if self._memory is None or self._memory.audio.shape[0] < frames or self._memory.audio.shape[1] != channels:
-            from engine.kernel.job_memory import JobMemory
+            from engine.parallel.job_memory import JobMemory
 
             size = max(frames, MIN_BUFFER_FRAMES)
             self._memory = JobMemory(*self._handles, (size, channels), self.measure_energy, self._balance)
@@ -56,7 +56,7 @@ class Simulation:
 
     def _let_help(self, memory: "JobMemory") -> None:
         """Use the other cores, by threads that live as long as this."""
-        from engine.kernel.helpers import Helpers
+        from engine.parallel.helpers import Helpers
 
         self._helpers = self._helpers or Helpers(self.cores - 1)
         memory.use_helpers(self._helpers)

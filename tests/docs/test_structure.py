@@ -16,6 +16,7 @@ ORDER = [
     ["bodies", "kernel"],
     ["patch"],
     ["build"],
+    ["parallel"],
     ["offline"],
     ["live", "analysis"],
     ["sweep", "report"],

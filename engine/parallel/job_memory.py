@@ -7,10 +7,10 @@ import numpy as np
 from engine.compiler.decorators import c_address, c_function
 from engine.compiler.struct_handle import StructHandle
 from engine.kernel.codes import BALANCE_SIZE, Ledger
-from engine.kernel.helpers import Helpers
-from engine.kernel.partitions import Job, render_job
 from engine.kernel.render_block import render_block
 from engine.kernel.state import BlockOutput, Trace
+from engine.parallel.helpers import Helpers
+from engine.parallel.partitions import Job, render_job
 
 
 class JobMemory:

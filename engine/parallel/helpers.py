@@ -1,4 +1,4 @@
-"""Threads that help to render blocks (engine.kernel.partitions): they run compiled code, and never wait for Python."""
+"""Threads that help to render blocks (engine.parallel.partitions) by compiled code, and never wait for Python."""
 
 import ctypes
 import os
@@ -9,7 +9,7 @@ import numpy as np
 
 from engine.compiler.decorators import c_function
 from engine.compiler.semaphore import Semaphore, make_semaphore
-from engine.kernel.partitions import Crew, help_crew
+from engine.parallel.partitions import Crew, help_crew
 
 
 class Helpers:

@@ -1,6 +1,6 @@
 """A block of all partitions of a scene, on one core or on several, and their sum.
 
-The thread that renders a block hands it to helpers (engine.kernel.helpers) by what all of them share: each takes the
+The thread that renders a block hands it to helpers (engine.parallel.helpers) by what all of them share: each takes the
 next partition that nobody has begun, until there is none. The thread takes part itself, and at last waits only for
 partitions that a helper is at work on. Partitions are added in one order, so that the sum is the same however they ran.
 

@@ -10,10 +10,10 @@ import pytest
 
 import engine
 from engine.build.build import build
-from engine.kernel.helpers import Helpers
-from engine.kernel.partitions import Crew
 from engine.live.player import Player
 from engine.offline.simulation import Simulation
+from engine.parallel.helpers import Helpers
+from engine.parallel.partitions import Crew
 from scenes.families import hammered
 
 RATE = 44_100

@@ -1,0 +1,1 @@
+"""A block of all partitions of a scene, on one core or several."""

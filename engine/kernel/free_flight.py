@@ -10,7 +10,7 @@ steps take it to that frame. So an event that was known beforehand, and one that
 """
 
 from engine.compiler.decorators import inline, noinline, reduction
-from engine.compiler.lanes import load_lanes, magnitude, multiply_add, splat, store_lanes, where_positive
+from engine.compiler.lanes import load_lanes, multiply_add, splat, store_lanes
 from engine.kernel.codes import (
     FLIGHT_FRAMES,
     FLIGHT_MODES,
@@ -22,24 +22,12 @@ from engine.kernel.codes import (
     Quantity,
 )
 from engine.kernel.energy import accumulate, mode_potential
-from engine.kernel.modes import DENORMAL_LIMIT, free_step
+from engine.kernel.modes import free_step
 
 PARTS = FLIGHT_FRAMES // FLIGHT_PART
 
 
 # --- the modes
-
-
-@inline
-def normal_lanes(x):
-    """Zero in place of subnormal numbers, and of those that soon will be; they are slow to compute with."""
-    return where_positive(magnitude(x) - DENORMAL_LIMIT, x, 0.0)
-
-
-@inline
-def normal(x):
-    """The same of one number."""
-    return x if abs(x) > DENORMAL_LIMIT else 0.0
 
 
 @inline
@@ -52,16 +40,14 @@ def fly_modes(motion, low, kept, q, p):
         store_lanes(kept.q, m, x)
         store_lanes(kept.p, m, y)
         rest = load_lanes(low.qq, m) * x + load_lanes(low.qp, m) * y
-        moved = load_lanes(motion.qq, m) * x + (load_lanes(motion.qp, m) * y + rest)
-        store_lanes(q, m, normal_lanes(moved))
+        store_lanes(q, m, load_lanes(motion.qq, m) * x + (load_lanes(motion.qp, m) * y + rest))
         rest = load_lanes(low.pq, m) * x + load_lanes(low.pp, m) * y
-        moved = load_lanes(motion.pq, m) * x + (load_lanes(motion.pp, m) * y + rest)
-        store_lanes(p, m, normal_lanes(moved))
+        store_lanes(p, m, load_lanes(motion.pq, m) * x + (load_lanes(motion.pp, m) * y + rest))
     for m in range(vectors, p.shape[0]):
         x, y = q[m], p[m]
         kept.q[m], kept.p[m] = x, y
-        q[m] = normal(motion.qq[m] * x + (motion.qp[m] * y + (low.qq[m] * x + low.qp[m] * y)))
-        p[m] = normal(motion.pq[m] * x + (motion.pp[m] * y + (low.pq[m] * x + low.pp[m] * y)))
+        q[m] = motion.qq[m] * x + (motion.qp[m] * y + (low.qq[m] * x + low.qp[m] * y))
+        p[m] = motion.pq[m] * x + (motion.pp[m] * y + (low.pq[m] * x + low.pp[m] * y))
 
 
 @inline

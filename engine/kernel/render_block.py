@@ -124,6 +124,7 @@ def falls_asleep(model, state, frame, until):
     slept = state.sleep[Sleep.WAKE_FRAME] == frame + 1
     if frame % SLEEP_CHECK_PERIOD != 0 and not slept:
         return False
+    flush_denormals(model.step.loss, state.q, state.p)
     energy = vibration_energy(model.omega_squared, model.weight, state.q, state.p)
     return try_sleep(model.sleep_threshold, model.weight, model.free_masses, state, until, energy)
 
@@ -139,26 +140,18 @@ def stays_open(contact, model, state):
 
 
 @inline
-def resume_steps(model, state, frame):
-    """Where nothing could act on the island before this frame, and something may now: end its flight, and bring its
-    compressions up to date."""
-    if frame == state.contact_free_until[0] and frame > 0:
-        end_flight(model, state, frame)
-        resync_open_contacts(model.contact, state)
-
-
-@inline
-def read_modes_anew(model, state):
-    """Out of contact, read the compressions from the modes."""
-    resync_open_contacts(model.contact, state)
-    flush_denormals(model.step.loss, state.q, state.p)
-
-
-@inline
-def check_periodically(model, state, frame):
-    """After the step of a frame on the scene's own grid, out of contact: read the compressions anew and plan ahead."""
-    resync_open_contacts(model.contact, state)
-    plan_free_flight(model, state, frame)
+def look_around(model, state, frame):
+    """Before the sample of a frame: out of contact, bring up to date what was not looked at, at every check and where
+    something is due or bodies have separated; and plan ahead at a check."""
+    is_check = frame % CHECK_PERIOD == 1
+    if is_check:
+        reset_line_search_budget(state.scratch, state)
+    if frame >= state.sleep[Sleep.WAKE_FRAME] and state.in_contact[0] == 0 and frame > 0:
+        if is_check or frame == state.contact_free_until[0]:
+            end_flight(model, state, frame)
+            resync_open_contacts(model.contact, state)
+            if is_check:
+                plan_free_flight(model, state, frame - 1)
 
 
 @inline
@@ -176,9 +169,6 @@ def finish_sleep(model, state, frame, slept):
     last = frame + slept - 1
     if free_mass_moves(model.weight, model.free_masses, state):
         advance_free_masses(model.step, model.weight, model.free_masses, state, slept)
-        if last % CHECK_PERIOD == 0:
-            flush_denormals(model.step.loss, state.q, state.p)
-            check_periodically(model, state, last)
     elif state.sleep[Sleep.WAKE_FRAME] == last + 1:
         if state.sleep[Sleep.FORCED] != 0:  # what it was put to sleep until is due
             state.sleep[Sleep.FORCED] = 0
@@ -244,26 +234,22 @@ def clear_audio(audio, frames):
 @inline
 def render_chunk(model, state, output, bounds, start, begin, end):
     """Render rows begin:end of a block for one island; sample i has frame start + i."""
-    in_contact = state.in_contact[0] != 0
     i = begin
     while i < end:
         frame = start + i
-        slept = samples_to_sleep(state, frame, max_sleep(model, state, output.trace, end - i))
-        if slept > 0:
-            record_sleep(output, i, slept, bounds, model, state, frame)
-            finish_sleep(model, state, frame, slept)
-            i += slept
-            continue
-        resume_steps(model, state, frame)
-        flown = samples_to_fly(state, frame, end - i)
-        if flown > 0:
-            fly(model, state, output, bounds, i, flown, frame)
-            i += flown
-            continue
-        count = samples_to_step(state, frame, end - i)
-        in_contact = render_steps(model, state, output, bounds, i, count, frame, in_contact)
+        look_around(model, state, frame)
+        count = samples_to_sleep(state, frame, max_sleep(model, state, output.trace, end - i))
+        if count > 0:
+            record_sleep(output, i, count, bounds, model, state, frame)
+            finish_sleep(model, state, frame, count)
+        else:
+            count = samples_to_fly(state, frame, end - i)
+            if count > 0:
+                fly(model, state, output, bounds, i, count, frame)
+            else:
+                count = samples_to_step(state, frame, end - i)
+                count = render_steps(model, state, output, bounds, i, count, frame)
         i += count
-    state.in_contact[0] = in_contact
 
 
 @inline
@@ -275,31 +261,27 @@ def samples_to_step(state, frame, most):
 
 
 @inline
-def render_steps(model, state, output, bounds, i, count, frame, in_contact):
-    """Render `count` rows of a block from row i on, step by step; row i has this frame. Returns whether the last step
-    had a contact in reach."""
-    is_free = frame < state.contact_free_until[0]
+def render_steps(model, state, output, bounds, i, count, frame):
+    """Render up to `count` rows of a block from row i on, step by step, until bodies separate; row i has this frame.
+    Returns how many rows."""
+    is_free, was_in_contact = frame < state.contact_free_until[0], state.in_contact[0] != 0
     for n in range(count):
         add_pickups(model.pickups, state, model.samplerate, output.audio, i + n)
         record(output, i + n, INT64_1, bounds, model, state, frame + n)
         run_score(model, model.events, state, frame + n)
-        was_in_contact = in_contact
         outcome = advance(model, model.contact, model.force, state, frame + n, is_free, was_in_contact)
         count_energy(outcome, state, output.ledger)
-        in_contact = outcome.in_contact
         finish_score(model.events, state, frame + n)
         keep_evaluations(output.trace, state, outcome)
-        if in_contact:
+        if outcome.in_contact:
             state.contact_samples[0] += 1
         elif was_in_contact:
-            read_modes_anew(model, state)
-    last = frame + count - 1
-    if last % CHECK_PERIOD == 0:
-        reset_line_search_budget(state.scratch, state)
-        if not in_contact:
-            flush_denormals(model.step.loss, state.q, state.p)
-            check_periodically(model, state, last)
-    return in_contact
+            state.in_contact[0] = 0
+            state.contact_free_until[0] = frame + n + 1
+            return n + 1
+        was_in_contact = outcome.in_contact
+    state.in_contact[0] = was_in_contact
+    return count
 
 
 @inline
@@ -319,5 +301,3 @@ def fly(model, state, output, bounds, i, count, frame):
         begin_flight(model, state, output.ledger, frame)
     add_flown_pickups(model.pickups, state, model.samplerate, output.audio, i, (first, first + count))
     record_flight(output, i, count, bounds, model, state, frame)
-    if frame + count == end:
-        check_periodically(model, state, end - 1)

@@ -335,7 +335,6 @@ def test_what_is_no_toml_says_what_would_be(text, what, tmp_path, capsys):
         (["render", "--midi", "a.mid", "--cores", "2"], "--cores: cannot be combined with --midi"),
         (["render", "--seed", "3"], "--seed belongs to fdh sweep"),
         (["render", "--cluster", "here"], "--cluster belongs to fdh sweep"),
-        (["play", "--cores", "2"], "--cores belongs to fdh render, fdh sweep"),
         (["play", "--plot"], "--plot belongs to fdh render, fdh accuracy"),
         (["play", "--trace", "x.npz"], "--trace belongs to fdh render"),
         (["play", "--vary", "seconds=1,2"], "--vary is a command now: fdh sweep PATCH --vary PATH=RANGE"),

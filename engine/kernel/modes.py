@@ -210,6 +210,9 @@ def kinetic_energy(p):
     return total
 
 
+# Tried: this sum in Lanes. It gains nothing on 61 modes, and takes 4 to 9 % more where an island has many contacts.
+
+
 @reduction
 def weighted_sum(weights, offset, x, begin, end):
     """Σ weights[offset + m]·x[begin + m] over the modes begin to end of an island."""

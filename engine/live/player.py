@@ -31,7 +31,7 @@ from engine.live.shared_memory import Gauge, Slot
 from engine.live.voices import replicate, retune, striker_velocities
 from engine.offline.energy_statistics import energy_statistics
 from engine.offline.statistics import newton_statistics
-from engine.parallel.helpers import Helpers
+from engine.parallel.helpers import start_helpers
 from engine.patch.parameters import live_parameters
 from engine.patch.scene import Scene
 from engine.patch.tables import (
@@ -92,9 +92,8 @@ class Player:
         seconds = scene.seconds if seconds is None else seconds
         self.memory = AudioMemory(built, scene.accuracy, self.channels, seconds, gain)
         self.shared, self.gauges, self.loads = self.memory.shared, self.memory.gauges, self.memory.loads
-        if min(cores, self.model.islands.partition.size - 1) > 1:
-            self._helpers = Helpers(min(cores, self.model.islands.partition.size - 1) - 1, in_realtime=True)
-            self.memory.job_memory.use_helpers(self._helpers)
+        self._helpers = start_helpers(cores, self.model.islands.partition.size - 1, in_realtime=True)
+        self.memory.job_memory.use_helpers(self._helpers)
         self._queue = EventQueue(self.memory)
         self._tuning = VoiceTuning(self.patch, voices, lowest, scene.accuracy, general)
         self._fetched = self.lost_frames = 0

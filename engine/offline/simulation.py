@@ -50,16 +50,12 @@ class Simulation:
 
             size = max(frames, MIN_BUFFER_FRAMES)
             self._memory = JobMemory(*self._handles, (size, channels), self.measure_energy, self._balance)
-            if self.cores > 1:
-                self._let_help(self._memory)
+            if self._helpers is None:
+                from engine.parallel.helpers import start_helpers
+
+                self._helpers = start_helpers(self.cores, self.partitions)
+            self._memory.use_helpers(self._helpers)
         return self._memory
-
-    def _let_help(self, memory: "JobMemory") -> None:
-        """Use the other cores, by threads that live as long as this."""
-        from engine.parallel.helpers import Helpers
-
-        self._helpers = self._helpers or Helpers(self.cores - 1)
-        memory.use_helpers(self._helpers)
 
     def energies(self) -> EnergyStatistics:
         """Energies up to now."""

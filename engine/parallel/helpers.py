@@ -38,6 +38,16 @@ class Helpers:
         self.stop = weakref.finalize(self, _stop, crew, semaphore, threads)
 
 
+def start_helpers(cores: int, partitions: int, in_realtime: bool = False) -> Helpers | None:
+    """Helpers for the other cores, as many as partitions keep busy; None if one core does all, as it does where the
+    system has no semaphores."""
+    count = min(cores, partitions) - 1
+    try:
+        return Helpers(count, in_realtime) if count > 0 else None
+    except OSError:
+        return None
+
+
 def raise_priority() -> bool:
     """Let this thread run before all ordinary ones. Returns whether that is allowed."""
     try:

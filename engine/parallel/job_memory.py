@@ -54,9 +54,9 @@ class JobMemory:
         self._render = c_function(render_job, self.address, 0)
         self._traced: tuple[Any, int] = (None, 0)  # the kind of output that was traced last, and its kernel
 
-    def use_helpers(self, helpers: Helpers) -> None:
+    def use_helpers(self, helpers: Helpers | None) -> None:
         """Let threads take part, as long as they live."""
-        self.job[Job.CREW] = helpers.address
+        self.job[Job.CREW] = 0 if helpers is None else helpers.address
 
     def render(self, frames: int) -> None:
         """Render the next frames into `audio`."""

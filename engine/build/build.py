@@ -12,7 +12,7 @@ import numpy as np
 from engine.build import limits
 from engine.build.contact_basis import BasisUse
 from engine.build.event_table import event_table
-from engine.build.flight_tables import HeardRow, build_free_flight
+from engine.build.flight_tables import PickupRow, build_free_flight
 from engine.build.force_table import ForceTable, force_table
 from engine.build.initial_state import initial_state
 from engine.build.layout import NOWHERE, BodyPoint, Layout
@@ -96,7 +96,7 @@ def build(
         refinement=build_refinement(layout, modes.kick, accuracy, samplerate) if accuracy.is_refined else None,
         events=events,
         pickups=_pickups(layout),
-        flight=build_free_flight(step, omega, weight, heard_rows(layout), samplerate),
+        flight=build_free_flight(step, omega, weight, pickup_rows(layout), samplerate),
         bodies=mode_shape_rows([layout.row(point) for point in trace_points(layout)]),
         free_masses=_free_masses(layout, omega),
         sleep_threshold=10 ** (accuracy.silence / 20),
@@ -247,10 +247,10 @@ def _force_table(scene: Scene, force: object, samplerate: float, seconds: float)
         raise BuildError(Fault(path, message)) from None
 
 
-def heard_rows(layout: Layout) -> list[HeardRow]:
+def pickup_rows(layout: Layout) -> list[PickupRow]:
     """Where the pickups of a layout are, and what they give."""
     pickups = [layout.scene.pickup[p] for p in layout.pickup_order]
-    return [HeardRow(layout.row(layout.point_of(pickup)), QUANTITIES[pickup.quantity]) for pickup in pickups]
+    return [PickupRow(layout.row(layout.point_of(pickup)), QUANTITIES[pickup.quantity]) for pickup in pickups]
 
 
 def _pickups(layout: Layout) -> Pickups:

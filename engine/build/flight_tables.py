@@ -28,7 +28,7 @@ Row = list[Pair]  # of a linear map of (q, p, w), each entry [modes]
 Q, P, W = 0, 1, 2
 
 
-class HeardRow(NamedTuple):
+class PickupRow(NamedTuple):
     """Where a pickup is, and what it gives."""
 
     row: ShapeRow
@@ -40,13 +40,17 @@ class HeardRow(NamedTuple):
         return slice(self.row.mode_begin_of_all, self.row.mode_begin_of_all + self.row.phi.size)
 
     @property
-    def heard(self) -> int:
+    def map_row(self) -> int:
         """Which row of the map it hears."""
         return Q if self.quantity is Quantity.DISPLACEMENT else P
 
 
 def build_free_flight(
-    step: StepCoefficients, omega: np.ndarray, weight: np.ndarray | None, pickups: Sequence[HeardRow], samplerate: float
+    step: StepCoefficients,
+    omega: np.ndarray,
+    weight: np.ndarray | None,
+    pickups: Sequence[PickupRow],
+    samplerate: float,
 ) -> FreeFlight:
     """The tables of a step.
 
@@ -66,11 +70,13 @@ def build_free_flight(
         motion=FreeMotion(*free_entries(as_array(power))),
         motion_low=FreeMotionResidue(*free_entries(np.array([[entry.low for entry in row] for row in power]))),
         part=FreeMotion(*free_entries(as_array(part))),
-        reach=np.minimum(span, 2 / np.where(is_free, 1 / span, omega)),
-        fall=np.where(is_free, 0.5 * span**2, 0.0),
+        bound_per_speed=np.minimum(span, 2 / np.where(is_free, 1 / span, omega)),
+        bound_per_weight=np.where(is_free, 0.5 * span**2, 0.0),
         loss=FlightLoss(lost[Q, Q], 2 * lost[Q, P], lost[P, P]) if lost.any() else None,
-        weight=None if weight is None else flight_weight(power, lost, weight, heard_weight(single, weight, pickups)),
-        heard=heard_table(as_array(single), pickups),
+        weight=None
+        if weight is None
+        else flight_weight(power, lost, weight, pickup_values_of_weight(single, weight, pickups)),
+        pickup_tables=pickup_tables(as_array(single), pickups),
     )
 
 
@@ -127,7 +133,7 @@ def free_entries(matrix: np.ndarray) -> list[np.ndarray]:
     return [matrix[i, j].copy() for i in (Q, P) for j in (Q, P)]
 
 
-def flight_weight(whole: list[Row], lost: np.ndarray, weight: np.ndarray, heard: np.ndarray) -> FlightWeight:
+def flight_weight(whole: list[Row], lost: np.ndarray, weight: np.ndarray, pickup_values: np.ndarray) -> FlightWeight:
     """What weight does over a flight, whose map and losses are given."""
     push = multiply(whole[P][W], as_pair(weight))
     return FlightWeight(
@@ -137,22 +143,22 @@ def flight_weight(whole: list[Row], lost: np.ndarray, weight: np.ndarray, heard:
         lost_per_q=2 * lost[Q, W] * weight,
         lost_per_p=2 * lost[P, W] * weight,
         lost=lost[W, W] * weight**2,
-        heard=heard,
+        pickup_values=pickup_values,
     )
 
 
-def heard_weight(single: list[Row], weight: np.ndarray, pickups: Sequence[HeardRow]) -> np.ndarray:
+def pickup_values_of_weight(single: list[Row], weight: np.ndarray, pickups: Sequence[PickupRow]) -> np.ndarray:
     """What pickups give of bodies that fall from rest [pickups, FLIGHT_FRAMES]."""
     table, step = np.zeros((len(pickups), FLIGHT_FRAMES)), as_array(single)
     fallen = np.zeros((2, weight.size))
     for frame in range(FLIGHT_FRAMES):
         for n, pickup in enumerate(pickups):
-            table[n, frame] = pickup.row.phi @ fallen[pickup.heard, pickup.modes]
+            table[n, frame] = pickup.row.phi @ fallen[pickup.map_row, pickup.modes]
         fallen = np.einsum("ijm,jm->im", step[:W, :W], fallen) + step[:W, W] * weight
     return table
 
 
-def heard_table(step: np.ndarray, pickups: Sequence[HeardRow]) -> np.ndarray:
+def pickup_tables(step: np.ndarray, pickups: Sequence[PickupRow]) -> np.ndarray:
     """What each mode gives at a pickup in each frame of a part, per displacement and per momentum at its first."""
     power, powers = np.repeat(np.eye(2)[:, :, None], step.shape[2], axis=2), []
     for _ in range(FLIGHT_PART):
@@ -161,6 +167,6 @@ def heard_table(step: np.ndarray, pickups: Sequence[HeardRow]) -> np.ndarray:
     frames = np.array(powers)  # [frame, row, column, mode]
     values = []
     for pickup in pickups:
-        per_q, per_p = (frames[:, pickup.heard, column, pickup.modes].T for column in (Q, P))
+        per_q, per_p = (frames[:, pickup.map_row, column, pickup.modes].T for column in (Q, P))
         values.append(pickup.row.phi[:, None] * np.hstack([per_q, per_p]))
     return place_entries([pickup.row for pickup in pickups], values)

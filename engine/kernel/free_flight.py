@@ -4,9 +4,9 @@ A step of a mode is then a linear map of (q, p), and so is a flight: a power of 
 modes move once. What a pickup hears is a sum over modes of tables of FLIGHT_PART samples, times q and p at the first of
 them: vectors run over time, and a mode costs two multiply-adds for eight samples.
 
-Samples that are due in another block wait in FreeFlightState.heard, so that blocks of any size give the same bits. The
-motion at the begin of a flight is kept: where something acts before its end, the island goes back to it, and single
-steps take it to that frame. So an event that was known beforehand, and one that was not, give the same.
+Samples that are due in another block wait in FreeFlightState.pickup_values, so that blocks of any size give the same
+bits. The motion at the begin of a flight is kept: where something acts before its end, the island goes back to it, and
+single steps take it to that frame. So an event that was known beforehand, and one that was not, give the same.
 """
 
 from engine.compiler.decorators import inline, noinline, reduction
@@ -31,7 +31,7 @@ PARTS = FLIGHT_FRAMES // FLIGHT_PART
 
 
 @inline
-def fly_modes(motion, low, kept, q, p):
+def advance_modes(motion, low, kept, q, p):
     """Take all modes to the end of a flight, and keep their motion at its begin. low: what rounding cut from
     `motion`"""
     vectors = p.shape[0] // LANES * LANES
@@ -51,7 +51,7 @@ def fly_modes(motion, low, kept, q, p):
 
 
 @inline
-def add_fall(weight, compensation, kept, q, p):
+def add_weight(weight, compensation, kept, q, p):
     """What weight adds to the motion over a flight. As engine.kernel.modes.kick_by_weight, it carries what rounding
     leaves of the push."""
     if weight is not None:
@@ -118,64 +118,66 @@ def find_parts(part, begin, count, q, p, parts):
 
 
 @inline
-def mode_heard(per_q, per_p, parts, k, total):
+def mode_output(per_q, per_p, parts, k, total):
     """What mode number k of `parts` adds to the eight samples of a part."""
     return multiply_add(per_q, parts[k], multiply_add(per_p, parts[PARTS * FLIGHT_MODES + k], total))
 
 
 @inline
-def add_heard(tables, row, parts, first, count, heard):
+def add_mode_outputs(tables, row, parts, first, count, output):
     """Add what a pickup hears of modes first:first + count of `parts`. row: of the first one in the tables"""
-    a, b, c, d = load_lanes(heard, 0), load_lanes(heard, 8), load_lanes(heard, 16), load_lanes(heard, 24)
-    e, f, g, h = load_lanes(heard, 32), load_lanes(heard, 40), load_lanes(heard, 48), load_lanes(heard, 56)
+    a, b, c, d = load_lanes(output, 0), load_lanes(output, 8), load_lanes(output, 16), load_lanes(output, 24)
+    e, f, g, h = load_lanes(output, 32), load_lanes(output, 40), load_lanes(output, 48), load_lanes(output, 56)
     for n in range(count):
         table, k = tables[row + n], first + n
         per_q, per_p = load_lanes(table, 0), load_lanes(table, FLIGHT_PART)
-        a = mode_heard(per_q, per_p, parts, k, a)
-        b = mode_heard(per_q, per_p, parts, k + FLIGHT_MODES, b)
-        c = mode_heard(per_q, per_p, parts, k + 2 * FLIGHT_MODES, c)
-        d = mode_heard(per_q, per_p, parts, k + 3 * FLIGHT_MODES, d)
-        e = mode_heard(per_q, per_p, parts, k + 4 * FLIGHT_MODES, e)
-        f = mode_heard(per_q, per_p, parts, k + 5 * FLIGHT_MODES, f)
-        g = mode_heard(per_q, per_p, parts, k + 6 * FLIGHT_MODES, g)
-        h = mode_heard(per_q, per_p, parts, k + 7 * FLIGHT_MODES, h)
-    store_lanes(heard, 0, a)
-    store_lanes(heard, 8, b)
-    store_lanes(heard, 16, c)
-    store_lanes(heard, 24, d)
-    store_lanes(heard, 32, e)
-    store_lanes(heard, 40, f)
-    store_lanes(heard, 48, g)
-    store_lanes(heard, 56, h)
+        a = mode_output(per_q, per_p, parts, k, a)
+        b = mode_output(per_q, per_p, parts, k + FLIGHT_MODES, b)
+        c = mode_output(per_q, per_p, parts, k + 2 * FLIGHT_MODES, c)
+        d = mode_output(per_q, per_p, parts, k + 3 * FLIGHT_MODES, d)
+        e = mode_output(per_q, per_p, parts, k + 4 * FLIGHT_MODES, e)
+        f = mode_output(per_q, per_p, parts, k + 5 * FLIGHT_MODES, f)
+        g = mode_output(per_q, per_p, parts, k + 6 * FLIGHT_MODES, g)
+        h = mode_output(per_q, per_p, parts, k + 7 * FLIGHT_MODES, h)
+    store_lanes(output, 0, a)
+    store_lanes(output, 8, b)
+    store_lanes(output, 16, c)
+    store_lanes(output, 24, d)
+    store_lanes(output, 32, e)
+    store_lanes(output, 40, f)
+    store_lanes(output, 48, g)
+    store_lanes(output, 56, h)
 
 
 @inline
-def begin_heard(weight, n, heard):
+def begin_output(weight, n, output):
     """What pickup n hears of bodies that fall: the rest is added to it."""
     if weight is None:
         for i in range(0, FLIGHT_FRAMES, LANES):
-            store_lanes(heard, i, splat(0.0))
+            store_lanes(output, i, splat(0.0))
     else:
         for i in range(0, FLIGHT_FRAMES, LANES):
-            store_lanes(heard, i, load_lanes(weight.heard[n], i))
+            store_lanes(output, i, load_lanes(weight.pickup_values[n], i))
 
 
 @inline
-def find_heard(flight, pickups, state):
+def find_outputs(flight, pickups, state):
     """What each pickup hears in all samples of a flight."""
     rows, kept = pickups.rows, state.flight
     for n in range(pickups.quantity.shape[0]):
-        begin_heard(flight.weight, n, kept.heard[n])
+        begin_output(flight.weight, n, kept.pickup_values[n])
     for begin in range(0, state.p.shape[0], FLIGHT_MODES):
-        end, found = min(begin + FLIGHT_MODES, state.p.shape[0]), False
+        end, has_parts = min(begin + FLIGHT_MODES, state.p.shape[0]), False
         for n in range(pickups.quantity.shape[0]):
             first, last = max(begin, rows.mode_begin[n]), min(end, rows.mode_end[n])
             if first < last and pickups.quantity[n] != Quantity.CONTACT_FORCE:
-                if not found:
+                if not has_parts:
                     find_parts(flight.part, begin, end - begin, state.q, state.p, kept.parts)
-                    found = True
+                    has_parts = True
                 row = rows.offset[n] + (first - rows.mode_begin[n])
-                add_heard(flight.heard, row, kept.parts, first - begin, last - first, kept.heard[n])
+                add_mode_outputs(
+                    flight.pickup_tables, row, kept.parts, first - begin, last - first, kept.pickup_values[n]
+                )
 
 
 # --- a flight
@@ -185,13 +187,13 @@ def find_heard(flight, pickups, state):
 def begin_flight(model, state, ledger, frame):
     """Take an island from the begin of a flight to its end; what is heard and measured meanwhile is kept."""
     flight, kept = model.flight, state.flight
-    find_heard(flight, model.pickups, state)
+    find_outputs(flight, model.pickups, state)
     kept.frame[FlightFrame.SAVED] = frame
     for column in range(kept.energy_totals.shape[0]):
         kept.energy_totals[column] = state.energy_totals[column]
     measure_flight(ledger, model, state, kept)
-    fly_modes(flight.motion, flight.motion_low, kept, state.q, state.p)
-    add_fall(flight.weight, state.kick_compensation, kept, state.q, state.p)
+    advance_modes(flight.motion, flight.motion_low, kept, state.q, state.p)
+    add_weight(flight.weight, state.kick_compensation, kept, state.q, state.p)
 
 
 @inline

@@ -201,7 +201,7 @@ class FlightWeight(NamedTuple):
     lost_per_q: PerDoubleMode  # energy lost, beside FlightLoss
     lost_per_p: PerDoubleMode
     lost: PerDoubleMode  # J
-    heard: Annotated[np.ndarray, Items(Axis.PICKUP, columns=FLIGHT_FRAMES)]  # what pickups give in each sample
+    pickup_values: Annotated[np.ndarray, Items(Axis.PICKUP, columns=FLIGHT_FRAMES)]  # what pickups give in each sample
 
 
 class FreeFlight(NamedTuple):
@@ -210,13 +210,13 @@ class FreeFlight(NamedTuple):
     motion: FreeMotion  # over a flight
     motion_low: FreeMotionResidue
     part: FreeMotion  # over FLIGHT_PART samples
-    reach: PerMode  # s: how far a mode can move in a flight, per speed
-    fall: PerMode  # s²: and per weight, if it is a free mass
+    bound_per_speed: PerMode  # s: how far a mode can move in a flight, per speed
+    bound_per_weight: PerMode  # s²: and per weight, if it is a free mass
     loss: FlightLoss | None
     weight: FlightWeight | None
     # what a mode gives at a pickup in each of FLIGHT_PART samples, per displacement and then per momentum at the first;
     # counted as Pickups.rows.phi
-    heard: Annotated[np.ndarray, Items(Axis.SHAPE, columns=2 * FLIGHT_PART, is_double=True)]
+    pickup_tables: Annotated[np.ndarray, Items(Axis.SHAPE, columns=2 * FLIGHT_PART, is_double=True)]
 
 
 class Events(NamedTuple):

@@ -262,24 +262,24 @@ def vibration_squared(omega_squared, weight, m, q, p):
 
 
 @inline
-def fall_bound(weight, fall, m):
+def bound_by_weight(weight, per_weight, m):
     """How far weight can move mode m meanwhile, √kg·m."""
     if weight is None:
         return 0.0
-    return abs(weight[m]) * fall[m]
+    return abs(weight[m]) * per_weight[m]
 
 
 @reduction
-def bound_modal_displacements(omega_squared, weight, reach, fall, q, p, bound):
+def bound_modal_displacements(omega_squared, weight, per_speed, per_weight, q, p, bound):
     """How far each mode can move in a while in which nothing else acts, √kg·m, into `bound`.
 
     A mode swings with amplitude A/ω and speed A at most; it loses energy, and gains none. A free mass coasts and falls.
 
-    reach: of each mode, how far it moves per speed, s; fall: and per weight, s², of free masses
+    per_speed, per_weight: how far each mode moves per speed, s, and, if it is a free mass, per weight, s²
     """
     for m in range(p.shape[0]):
         speed = math.sqrt(vibration_squared(omega_squared, weight, m, q[m], p[m]))
-        bound[m] = speed * reach[m] + fall_bound(weight, fall, m)
+        bound[m] = speed * per_speed[m] + bound_by_weight(weight, per_weight, m)
 
 
 @reduction

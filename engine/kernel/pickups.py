@@ -44,12 +44,12 @@ def add_flown_pickups(pickups, state, samplerate, audio, i, span):
     for n in range(pickups.quantity.shape[0]):
         quantity, gain, channel = pickups.quantity[n], pickups.gain[n], pickups.channel[n]
         if quantity != Quantity.CONTACT_FORCE:
-            heard, row, peak = state.flight.heard[n], i, 0.0
+            values, row, peak = state.flight.pickup_values[n], i, 0.0
             for k in range(first, last):
-                value = heard[k]
+                value = values[k]
                 if quantity == Quantity.ACCELERATION:
                     value = (value - state.previous_velocity[n]) * samplerate
-                    state.previous_velocity[n] = heard[k]
+                    state.previous_velocity[n] = values[k]
                 peak = max(peak, abs(value * gain))
                 audio[row, channel] += value * gain
                 row += 1

@@ -134,13 +134,15 @@ def stays_open(contact, model, state):
     """Whether no contact can close before the next check."""
     if contact is not None:
         bound, flight = state.displacement_bound, model.flight
-        bound_modal_displacements(model.omega_squared, model.weight, flight.reach, flight.fall, state.q, state.p, bound)
+        bound_modal_displacements(
+            model.omega_squared, model.weight, flight.bound_per_speed, flight.bound_per_weight, state.q, state.p, bound
+        )
         return cannot_close(contact, state)
     return True
 
 
 @inline
-def look_around(model, state, frame):
+def update_before_sample(model, state, frame):
     """Before the sample of a frame: out of contact, bring up to date what was not looked at, at every check and where
     something is due or bodies have separated; and plan ahead at a check."""
     is_check = frame % CHECK_PERIOD == 1
@@ -237,7 +239,7 @@ def render_chunk(model, state, output, bounds, start, begin, end):
     i = begin
     while i < end:
         frame = start + i
-        look_around(model, state, frame)
+        update_before_sample(model, state, frame)
         count = samples_to_sleep(state, frame, max_sleep(model, state, output.trace, end - i))
         if count > 0:
             record_sleep(output, i, count, bounds, model, state, frame)
@@ -245,7 +247,7 @@ def render_chunk(model, state, output, bounds, start, begin, end):
         else:
             count = samples_to_fly(state, frame, end - i)
             if count > 0:
-                fly(model, state, output, bounds, i, count, frame)
+                render_flight(model, state, output, bounds, i, count, frame)
             else:
                 count = samples_to_step(state, frame, end - i)
                 count = render_steps(model, state, output, bounds, i, count, frame)
@@ -293,7 +295,7 @@ def samples_to_fly(state, frame, most):
 
 
 @inline
-def fly(model, state, output, bounds, i, count, frame):
+def render_flight(model, state, output, bounds, i, count, frame):
     """Render `count` rows of a block from row i on for an island that flies free; row i has this frame."""
     end = state.flight.frame[FlightFrame.END]
     first = frame - (end - CHECK_PERIOD)

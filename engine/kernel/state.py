@@ -63,7 +63,7 @@ class FreeFlightState(NamedTuple):
     kick_compensation: PerMode
     energy_totals: Annotated[np.ndarray, Items(Axis.ISLAND, columns=len(EnergyTotal))]  # J
     ledger: Annotated[np.ndarray, Items(Axis.ISLAND, columns=len(Ledger))]  # J, at the begin of a flight or of sleep
-    heard: Annotated[np.ndarray, Items(Axis.PICKUP, columns=FLIGHT_FRAMES)]  # m or m/s, at each pickup
+    pickup_values: Annotated[np.ndarray, Items(Axis.PICKUP, columns=FLIGHT_FRAMES)]  # m or m/s, at each pickup
     # memory: modes at every FLIGHT_PART-th sample, their displacements and then their momenta
     parts: Annotated[np.ndarray, Items(Axis.PARTITION, columns=2 * FLIGHT_FRAMES // FLIGHT_PART * FLIGHT_MODES)]
 

@@ -158,13 +158,13 @@ def _bases(model: Model) -> list[tuple[ContactBasis, BasisCoefficients]]:
     return [(contact.basis, step.basis)]
 
 
-class HeardTable(NamedTuple):
+class PickupTables(NamedTuple):
     """What goes with the rows of pickups."""
 
-    table: np.ndarray  # [entries, 2 * FLIGHT_PART], of FreeFlight.heard
+    table: np.ndarray  # [entries, 2 * FLIGHT_PART], of FreeFlight.pickup_tables
 
 
-RowsAt = tuple[ModeShapeRows, RowCoefficients | HeardTable | None]
+RowsAt = tuple[ModeShapeRows, RowCoefficients | PickupTables | None]
 
 
 def _rows_of(model: Model, axis: str) -> list[RowsAt]:
@@ -178,7 +178,7 @@ def _rows_of(model: Model, axis: str) -> list[RowsAt]:
     if axis == "force":
         return [(model.force.rows, model.step.force)] if model.force is not None else []
     if axis == "pickup":
-        return [(model.pickups.rows, HeardTable(model.flight.heard))]
+        return [(model.pickups.rows, PickupTables(model.flight.pickup_tables))]
     if axis == "basis":
         return [(basis.rows, coefficients.rows) for basis, coefficients in _bases(model)]
     return [(model.bodies, None)]

@@ -31,33 +31,41 @@ PARTS = FLIGHT_FRAMES // FLIGHT_PART
 
 
 @inline
-def advance_modes(motion, low, kept, q, p):
-    """Take all modes to the end of a flight, and keep their motion at its begin. low: what rounding cut from
-    `motion`"""
+def advance_modes(motion, low, weight, kept, q, p):
+    """Take all modes to the end of a flight, and keep their motion at its begin; but for what weight adds to p. low:
+    what rounding cut from `motion`
+
+    What weight adds to q is the same in every flight. Added to q by itself it would be rounded the same way every
+    time, and the energy of a falling body would drift; so it is part of a sum that differs.
+    """
     vectors = p.shape[0] // LANES * LANES
     for m in range(0, vectors, LANES):
         x, y = load_lanes(q, m), load_lanes(p, m)
         store_lanes(kept.q, m, x)
         store_lanes(kept.p, m, y)
         rest = load_lanes(low.qq, m) * x + load_lanes(low.qp, m) * y
+        if weight is not None:
+            rest = rest + load_lanes(weight.q, m)
         store_lanes(q, m, load_lanes(motion.qq, m) * x + (load_lanes(motion.qp, m) * y + rest))
         rest = load_lanes(low.pq, m) * x + load_lanes(low.pp, m) * y
         store_lanes(p, m, load_lanes(motion.pq, m) * x + (load_lanes(motion.pp, m) * y + rest))
     for m in range(vectors, p.shape[0]):
         x, y = q[m], p[m]
         kept.q[m], kept.p[m] = x, y
-        q[m] = motion.qq[m] * x + (motion.qp[m] * y + (low.qq[m] * x + low.qp[m] * y))
+        rest = low.qq[m] * x + low.qp[m] * y
+        if weight is not None:
+            rest += weight.q[m]
+        q[m] = motion.qq[m] * x + (motion.qp[m] * y + rest)
         p[m] = motion.pq[m] * x + (motion.pp[m] * y + (low.pq[m] * x + low.pp[m] * y))
 
 
 @inline
-def add_weight(weight, compensation, kept, q, p):
-    """What weight adds to the motion over a flight. As engine.kernel.modes.kick_by_weight, it carries what rounding
-    leaves of the push."""
+def push_by_weight(weight, compensation, kept, p):
+    """What weight adds to p over a flight. As engine.kernel.modes.kick_by_weight, it carries what rounding leaves of
+    the push."""
     if weight is not None:
         for m in range(p.shape[0]):
             kept.kick_compensation[m] = compensation[m]
-            q[m] += weight.q[m]
             push = weight.p[m] + (weight.p_low[m] - compensation[m])
             moved = p[m] + push
             compensation[m] = (moved - p[m]) - push
@@ -192,8 +200,8 @@ def begin_flight(model, state, ledger, frame):
     for column in range(kept.energy_totals.shape[0]):
         kept.energy_totals[column] = state.energy_totals[column]
     measure_flight(ledger, model, state, kept)
-    advance_modes(flight.motion, flight.motion_low, kept, state.q, state.p)
-    add_weight(flight.weight, state.kick_compensation, kept, state.q, state.p)
+    advance_modes(flight.motion, flight.motion_low, flight.weight, kept, state.q, state.p)
+    push_by_weight(flight.weight, state.kick_compensation, kept, state.p)
 
 
 @inline

@@ -100,6 +100,13 @@ def test_the_balance_is_closed_over_a_minute():
         assert energies.final / energies.initial == pytest.approx(math.exp(-2 * sigma * 60), rel=0.2)
 
 
+def test_a_falling_body_does_not_drift(patch):
+    """Over a minute of bounces without loss: the energy is off by rounding that goes both ways."""
+    for samplerate in (44_100, 48_000):
+        energy = engine.render(patch("bouncing_ball"), seconds=60.0, samplerate=samplerate).stats["energy"]
+        assert energy["error_max"] <= 2e-13
+
+
 def test_single_precision_flies_too():
     """And its modes move and sound as far from those of double precision as single steps would take them."""
     exact, coarse = (np.zeros((RATE, 3)) for _ in range(2))

@@ -11,7 +11,10 @@ from hypothesis import strategies as st
 
 import engine
 from engine.build.build import build
+from engine.compiler.decorators import kernel
+from engine.compiler.struct_handle import StructHandle, load_struct
 from engine.kernel.codes import Sleep
+from engine.live.event_insertion import make_island_ready
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import newton_statistics
 from engine.patch.accuracy import Accuracy
@@ -121,10 +124,19 @@ def drift_is_rounding(scene: engine.Scene, scheme: str, frames: int, error: floa
 STIFFEST = 250.0
 
 
+@kernel
+def interrupt_islands(model, state, frame):
+    """Take all islands to the next frame, as live sound does before it changes what they are made of."""
+    held, of_it = load_struct(model), load_struct(state)
+    for n in range(held.islands.mode.shape[0] - 1):
+        make_island_ready(held, of_it, n, frame)
+
+
 def survives_changes(scene: engine.Scene, changes: list[tuple[float, float, float]]) -> None:
     """Stiffness, exponent and place of all contacts jump; between jumps the ledger closes."""
     model, state, _ = build(scene, RATE)
     for factor, exponent, shift in changes:
+        interrupt_islands(StructHandle(model), StructHandle(state), state.frame[0])
         state.exponent[:] = np.maximum(1.0, state.exponent * exponent)
         stiffest = STIFFEST / np.maximum(model.step.contact.compliance, 1e-300)
         state.potential_coefficient[:] = np.minimum(

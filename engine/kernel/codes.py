@@ -109,6 +109,7 @@ class Row(IntEnum):
     STEP = 1  # η
     END = 2  # end compression
     MISS = 3  # what the bodies move beyond the step
+    END_FORCE = 19  # elastic, at the end compression; of contacts at rest
     # … and of each in the active set
     START = 4  # compression
     FREE_MOVE = 5  # g
@@ -124,6 +125,7 @@ class Row(IntEnum):
     FURTHER_MOVE = 15  # with the Newton step
     SQRT_SLOPE = 16
     WORK = 17
+    START_FORCE = 18  # elastic
 
 
 # of the basis of contacts (engine.kernel.reduced_contact_solver)

@@ -13,7 +13,9 @@ from engine.kernel.contacts import (
     apply_contact_force,
     apply_contact_forces,
     cancels,
+    end_force_of,
     energy_created,
+    energy_created_at_rest,
     find_moves_by_basis,
     free_displacements,
     measured_miss,
@@ -24,6 +26,7 @@ from engine.kernel.coupled_contact_round import contact_response
 from engine.kernel.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
 from engine.kernel.modes import kinetic_energy
 from engine.kernel.reduced_contact_solver import basis_of_island, solve_reduced
+from engine.kernel.resting_contact_solver import solve_resting
 from engine.kernel.scalar_contact_solver import solve_scalar_contact
 
 
@@ -77,7 +80,7 @@ def store_single_solution(contact, h, state, k, solution):
     """Give contact k what was found, where its forces do not cancel. Returns the energy lost, J."""
     eta, b, f, _, _ = solution
     miss = (state.free_displacement[k] - eta) - h.compliance[k] * f
-    return store_solution(contact, h, state, k, (eta, b, f, f), miss)
+    return store_solution(contact, h, state, k, (eta, b, f, f, end_force_of(contact, h.loss_rate, k, b)), miss)
 
 
 @inline
@@ -91,7 +94,7 @@ def use_single_solution(contact, h, state, k, solution):
     if not cancels(h, k, s, eta, f):
         return ContactSolution(status, evaluations, store_single_solution(contact, h, state, k, solution), 0.0)
     miss = measured_miss(contact, h, state, k, eta, f)
-    lost = store_solution(contact, h, state, k, (eta, b, f, f), miss)
+    lost = store_solution(contact, h, state, k, (eta, b, f, f, end_force_of(contact, h.loss_rate, k, b)), miss)
     return ContactSolution(status, evaluations, lost, energy_created(contact, state, k, s, lost, f))
 
 
@@ -108,7 +111,7 @@ def solve_by_basis(basis, coefficients, law, loss_rate, state):
 
 
 @inline
-def find_coupled_forces(contact, h, state):
+def find_coupled_forces(contact, h, problem, state):
     """Find the forces of all contacts of an island, in the space of their basis or in that of the contacts; the scratch
     holds them. Returns rounds, SolveStatus, and the energy that forces off their curves create, J."""
     law, loss_rate, evaluations = contact.law, h.loss_rate, INT64_0
@@ -117,9 +120,8 @@ def find_coupled_forces(contact, h, state):
         evaluations = solve_by_basis(contact.basis, h.basis, law, loss_rate, state)
         if evaluations > 0:
             return evaluations, SolveStatus.NEWTON, 0.0
-    problem = CoupledProblem(
-        law, loss_rate, h.coupling, state.compression, state.free_displacement, contact.tolerance, state.scratch
-    )
+    for k in range(state.compression.shape[0]):
+        state.scratch.vectors[Row.FORCE, k] = state.contact_force[k]
     rounds, status, excess = solve_coupled(problem, contact.max_rounds, state.line_search_budget)
     if status == SolveStatus.CAPPED and not is_first:
         evaluations = solve_by_basis(contact.basis, h.basis, law, loss_rate, state)
@@ -134,22 +136,40 @@ def find_coupled_forces(contact, h, state):
 @noinline
 def solve_coupled_contacts(contact, h, state):
     """Solve all contacts of an island, and give the first half-kick by their forces. Returns a ContactSolution."""
-    s, vectors = state.compression, state.scratch.vectors
-    n = s.shape[0]
-    for k in range(n):
-        vectors[Row.FORCE, k] = state.contact_force[k]
-    rounds, status, excess = find_coupled_forces(contact, h, state)
+    problem = CoupledProblem(
+        contact.law,
+        h.loss_rate,
+        h.coupling,
+        state.compression,
+        state.free_displacement,
+        contact.tolerance,
+        state.scratch,
+    )
+    if not moves_by_basis(contact.basis):
+        rounds = solve_resting(problem)
+        if rounds > 0:
+            return use_resting_solution(contact, h, state, rounds)
+    rounds, status, excess = find_coupled_forces(contact, h, problem, state)
+    status = push_by_solution(contact, h, state, rounds, status)
+    if status == SolveStatus.FAILED:
+        return ContactSolution(status, rounds, 0.0, 0.0)
+    lost, excess = store_coupled_solution(contact, h, state, status, excess)
+    return ContactSolution(status, rounds, lost, excess)
+
+
+@inline
+def push_by_solution(contact, h, state, rounds, status):
+    """Give the first half-kick by the forces found at all contacts of an island. Returns SolveStatus."""
+    vectors, n = state.scratch.vectors, state.compression.shape[0]
     for k in range(n):
         if not math.isfinite(vectors[Row.STEP, k] + vectors[Row.END, k] + vectors[Row.FORCE, k]):
             status = SolveStatus.FAILED
     count_outcome(state, rounds, status)
-    if status == SolveStatus.FAILED:
-        return ContactSolution(status, rounds, 0.0, 0.0)
-    for k in range(n):
-        state.contact_force[k] = vectors[Row.FORCE, k]
-    apply_contact_forces(contact, h, state)
-    lost, excess = store_coupled_solution(contact, h, state, status, excess)
-    return ContactSolution(status, rounds, lost, excess)
+    if status != SolveStatus.FAILED:
+        for k in range(n):
+            state.contact_force[k] = vectors[Row.FORCE, k]
+        apply_contact_forces(contact, h, state)
+    return status
 
 
 @inline
@@ -158,8 +178,20 @@ def takes_part(s, vectors, k):
     return vectors[Row.FORCE, k] != 0.0 or s[k] > 0.0 or vectors[Row.END, k] > 0.0
 
 
-@noinline
+@inline
 def measure_misses(contact, h, state):
+    """Where the forces of an island all but cancel, MISS of the contacts that take part is measured, from the momenta
+    that the bodies have by now. Returns whether it was."""
+    s, vectors, measured = state.compression, state.scratch.vectors, False
+    for k in range(s.shape[0]):
+        measured = measured or cancels(h, k, s[k], vectors[Row.STEP, k], vectors[Row.FORCE, k])
+    if measured:
+        find_misses(contact, h, state)
+    return measured
+
+
+@noinline
+def find_misses(contact, h, state):
     """MISS of the contacts that take part, from the momenta that the bodies have by now."""
     s, vectors = state.compression, state.scratch.vectors
     if moves_by_basis(contact.basis):
@@ -176,22 +208,39 @@ def measure_misses(contact, h, state):
 def store_coupled_solution(contact, h, state, status, excess):
     """Give all contacts of an island the compressions and forces that were found. Returns the energy lost and the
     energy that forces off their curves create, J."""
-    s, vectors = state.compression, state.scratch.vectors
-    n, lost, measured = s.shape[0], 0.0, False
-    for k in range(n):
-        measured = measured or cancels(h, k, s[k], vectors[Row.STEP, k], vectors[Row.FORCE, k])
+    s, vectors, lost = state.compression, state.scratch.vectors, 0.0
+    measured = measure_misses(contact, h, state)
     if measured:
         excess = 0.0
-        measure_misses(contact, h, state)
-    for k in range(n):
+    for k in range(s.shape[0]):
         begin, has_energy = s[k], takes_part(s, vectors, k)
         eta, b, f = vectors[Row.STEP, k], vectors[Row.END, k], vectors[Row.FORCE, k]
         law_force = force_of_law(contact, h.loss_rate, k, begin, eta, f, status)
-        lost_at_contact = store_solution(contact, h, state, k, (eta, b, f, law_force), vectors[Row.MISS, k])
+        end_force = end_force_of(contact, h.loss_rate, k, b)
+        lost_at_contact = store_solution(contact, h, state, k, (eta, b, f, law_force, end_force), vectors[Row.MISS, k])
         lost += lost_at_contact
         if measured and has_energy:
             excess += energy_created(contact, state, k, begin, lost_at_contact, f)
     return lost, excess
+
+
+@noinline
+def use_resting_solution(contact, h, state, rounds):
+    """Use what `solve_resting` has found: as for any other solution, but that it knows the forces at the end. Returns a
+    ContactSolution."""
+    s, vectors, lost, excess = state.compression, state.scratch.vectors, 0.0, 0.0
+    status = push_by_solution(contact, h, state, rounds, SolveStatus.NEWTON)
+    if status == SolveStatus.FAILED:
+        return ContactSolution(status, rounds, 0.0, 0.0)
+    measured = measure_misses(contact, h, state)
+    for k in range(s.shape[0]):
+        begin, f, miss = s[k], vectors[Row.FORCE, k], vectors[Row.MISS, k]
+        solution = (vectors[Row.STEP, k], vectors[Row.END, k], f, f, vectors[Row.END_FORCE, k])
+        lost_at_contact = store_solution(contact, h, state, k, solution, miss)
+        lost += lost_at_contact
+        if measured and begin > 0.0:
+            excess += energy_created_at_rest(h.loss_rate, state, k, begin, lost_at_contact, solution)
+    return ContactSolution(status, rounds, lost, excess)
 
 
 @inline

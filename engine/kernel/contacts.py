@@ -179,8 +179,8 @@ def contact_dissipation(contact, loss_rate, k, s, b, eta, f):
 def store_solution(contact, h, state, k, solution, miss):
     """Give contact k its new compression and force; returns the energy lost.
 
-    solution: η (m), end compression b (m), force f (N), and the force of the contact law (N), which f is not where a
-              solve was capped
+    solution: η (m), end compression b (m), force f (N), the force of the contact law (N), which f is not where a
+              solve was capped, and the elastic force at b (N) if there is contact loss
     miss:     how far the bodies moved at the contact beyond η, m
 
     What rounding leaves of a step has the same sign at every step of a contact, and would add up
@@ -188,7 +188,7 @@ def store_solution(contact, h, state, k, solution, miss):
     solution, and the step's part beneath the last digit of the compression. It is carried to the
     next step (Kahan).
     """
-    eta, b, f, _ = solution
+    eta, b, f, _, _ = solution
     s = state.compression[k]
     miss -= h.compliance_low[k] * f
     lost = dissipation_of(contact, h.loss_rate, k, s, solution, miss)
@@ -207,12 +207,20 @@ def store_solution(contact, h, state, k, solution, miss):
 @inline
 def dissipation_of(contact, loss_rate, k, s, solution, miss):
     """Energy that the contact loss of a solution takes, J."""
-    eta, b, f, law_force = solution
+    eta, b, f, law_force, end_force = solution
     lost = 0.0
     if loss_rate is not None:
         lost = contact_dissipation(contact, loss_rate, k, s, b, eta, law_force)
-        lost += (f - elastic_force(contact.law, k, b)) * miss  # where bodies move beyond the step, the force works on
+        lost += (f - end_force) * miss  # where bodies move beyond the step, the force works on
     return lost
+
+
+@inline
+def end_force_of(contact, loss_rate, k, b):
+    """The elastic force at the end compression b, N, where the loss of a solution calls for it."""
+    if loss_rate is None:
+        return 0.0
+    return elastic_force(contact.law, k, b)
 
 
 @inline
@@ -237,3 +245,13 @@ def energy_created(contact, state, k, s, lost, f):
     moves, J."""
     end = state.compression[k]
     return potential_difference(contact.law, k, s, end, end - s) + lost - f * state.free_displacement[k]
+
+
+@inline
+def energy_created_at_rest(loss_rate, state, k, s, lost, solution):
+    """As `energy_created`, of a contact at rest: its potential is that of the solution, but for what rounding moved the
+    compression beyond it."""
+    eta, _, f, _, end_force = solution
+    elastic = f / (1.0 + loss_rate_of(loss_rate, k) * eta)
+    gained = elastic * eta + end_force * ((state.compression[k] - s) - eta)
+    return gained + lost - f * state.free_displacement[k]

@@ -109,7 +109,7 @@ class Row(IntEnum):
     STEP = 1  # η
     END = 2  # end compression
     MISS = 3  # what the bodies move beyond the step
-    END_FORCE = 19  # elastic, at the end compression; of contacts at rest
+    END_FORCE = 19  # elastic, at the end compression; of contacts that persist
     # … and of each in the active set
     START = 4  # compression
     FREE_MOVE = 5  # g

@@ -15,18 +15,19 @@ from engine.kernel.contacts import (
     cancels,
     end_force_of,
     energy_created,
-    energy_created_at_rest,
+    energy_created_if_persistent,
     find_moves_by_basis,
     free_displacements,
     measured_miss,
     moves_by_basis,
+    store_free_move,
     store_solution,
 )
 from engine.kernel.coupled_contact_round import contact_response
 from engine.kernel.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
 from engine.kernel.modes import kinetic_energy
+from engine.kernel.persistent_contact_solver import solve_persistent
 from engine.kernel.reduced_contact_solver import basis_of_island, solve_reduced
-from engine.kernel.resting_contact_solver import solve_resting
 from engine.kernel.scalar_contact_solver import solve_scalar_contact
 
 
@@ -146,9 +147,9 @@ def solve_coupled_contacts(contact, h, state):
         state.scratch,
     )
     if not moves_by_basis(contact.basis):
-        rounds = solve_resting(problem)
+        rounds = solve_persistent(problem)
         if rounds > 0:
-            return use_resting_solution(contact, h, state, rounds)
+            return use_persistent_solution(contact, h, state, rounds)
     rounds, status, excess = find_coupled_forces(contact, h, problem, state)
     status = push_by_solution(contact, h, state, rounds, status)
     if status == SolveStatus.FAILED:
@@ -213,20 +214,22 @@ def store_coupled_solution(contact, h, state, status, excess):
     if measured:
         excess = 0.0
     for k in range(s.shape[0]):
-        begin, has_energy = s[k], takes_part(s, vectors, k)
-        eta, b, f = vectors[Row.STEP, k], vectors[Row.END, k], vectors[Row.FORCE, k]
+        if not takes_part(s, vectors, k):
+            store_free_move(state, k)
+            continue
+        begin, eta, b, f = s[k], vectors[Row.STEP, k], vectors[Row.END, k], vectors[Row.FORCE, k]
         law_force = force_of_law(contact, h.loss_rate, k, begin, eta, f, status)
         end_force = end_force_of(contact, h.loss_rate, k, b)
         lost_at_contact = store_solution(contact, h, state, k, (eta, b, f, law_force, end_force), vectors[Row.MISS, k])
         lost += lost_at_contact
-        if measured and has_energy:
+        if measured:
             excess += energy_created(contact, state, k, begin, lost_at_contact, f)
     return lost, excess
 
 
 @noinline
-def use_resting_solution(contact, h, state, rounds):
-    """Use what `solve_resting` has found: as for any other solution, but that it knows the forces at the end. Returns a
+def use_persistent_solution(contact, h, state, rounds):
+    """Use what `solve_persistent` has found: as any other solution, but that the forces at the end are known. Returns a
     ContactSolution."""
     s, vectors, lost, excess = state.compression, state.scratch.vectors, 0.0, 0.0
     status = push_by_solution(contact, h, state, rounds, SolveStatus.NEWTON)
@@ -235,11 +238,14 @@ def use_resting_solution(contact, h, state, rounds):
     measured = measure_misses(contact, h, state)
     for k in range(s.shape[0]):
         begin, f, miss = s[k], vectors[Row.FORCE, k], vectors[Row.MISS, k]
+        if begin <= 0.0:
+            store_free_move(state, k)
+            continue
         solution = (vectors[Row.STEP, k], vectors[Row.END, k], f, f, vectors[Row.END_FORCE, k])
         lost_at_contact = store_solution(contact, h, state, k, solution, miss)
         lost += lost_at_contact
-        if measured and begin > 0.0:
-            excess += energy_created_at_rest(h.loss_rate, state, k, begin, lost_at_contact, solution)
+        if measured:
+            excess += energy_created_if_persistent(h.loss_rate, state, k, begin, lost_at_contact, solution)
     return ContactSolution(status, rounds, lost, excess)
 
 

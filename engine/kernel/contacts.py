@@ -205,6 +205,15 @@ def store_solution(contact, h, state, k, solution, miss):
 
 
 @inline
+def store_free_move(state, k):
+    """As `store_solution`, of a contact that is open before the step and after it."""
+    vectors = state.scratch.vectors
+    state.compression[k] = vectors[Row.END, k]
+    state.compression_compensation[k] += vectors[Row.MISS, k]
+    state.contact_force[k] = 0.0
+
+
+@inline
 def dissipation_of(contact, loss_rate, k, s, solution, miss):
     """Energy that the contact loss of a solution takes, J."""
     eta, b, f, law_force, end_force = solution
@@ -248,9 +257,9 @@ def energy_created(contact, state, k, s, lost, f):
 
 
 @inline
-def energy_created_at_rest(loss_rate, state, k, s, lost, solution):
-    """As `energy_created`, of a contact at rest: its potential is that of the solution, but for what rounding moved the
-    compression beyond it."""
+def energy_created_if_persistent(loss_rate, state, k, s, lost, solution):
+    """As `energy_created`, of a contact that persists: its potential is that of the solution, but for what rounding
+    moved the compression beyond it."""
     eta, _, f, _, end_force = solution
     elastic = f / (1.0 + loss_rate_of(loss_rate, k) * eta)
     gained = elastic * eta + end_force * ((state.compression[k] - s) - eta)

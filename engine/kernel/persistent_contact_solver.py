@@ -1,8 +1,8 @@
-"""The contact solve of an island whose contacts rest: those that are closed remain so, the others remain open, and none
-moves far beside its compression.
+"""The contact solve of an island whose contacts persist: those that are closed remain so, and the others open.
 
-Newton's method in the steps η, from η = 0. A law is a series about the compression at the start there, so that one
-power serves a contact in all rounds. Whatever else may happen is left to engine.kernel.coupled_contact_solver.
+Newton's method in the steps η, from η = 0: each round takes one evaluation of each law, where the general solve takes
+several and a sweep before. It finds b^α from s^α, so that one power serves a contact in all rounds. Whatever else may
+happen is left to engine.kernel.coupled_contact_solver.
 """
 
 import math
@@ -14,39 +14,44 @@ from engine.kernel.coupled_contact_round import ForceEstimate, dot, extrapolatio
 from engine.kernel.coupled_contact_solver import activate, extend_active_set, scatter_solution
 from engine.kernel.scalar_contact_solver import loss_rate_of
 
-MAX_RESTING_ROUNDS = 4
+MAX_PERSISTENT_ROUNDS = 6
 SERIES_TERMS = 10
-SERIES_RANGE = 0.125  # of |η|/s, over α or 2: within it what the series leaves out is below rounding
+SERIES_RANGE = 0.125  # of |η|/s times α or 2: within it, what the series leaves out is below rounding
+MIN_STRETCH, MAX_STRETCH = -0.5, 4.0  # of η/s, within which a contact persists for sure
 MIN_LOSS_FACTOR = 0.5  # of 1 + μη/h; below, a contact is about to let go
 
 
 @inline
 def mean_of_power(alpha, e):
-    """The mean of x^α over [1, 1 + e], and its slope: Σ binom(α, j)/(j + 1)·e^j, by Horner's rule."""
-    mean, slope = 1.0, 0.0
-    for j in range(SERIES_TERMS, 0, -1):
-        ratio = (alpha - (j - 1)) * (1.0 / (j + 1))
-        slope = ratio * (mean + e * slope)
-        mean = 1.0 + ratio * e * mean
-    return mean, slope
+    """The mean of x^α over [1, 1 + e], and its slope; neither cancels."""
+    if abs(e) * max(alpha, 2.0) <= SERIES_RANGE:  # Σ binom(α, j)/(j + 1)·e^j, by Horner's rule
+        mean, slope = 1.0, 0.0
+        for j in range(SERIES_TERMS, 0, -1):
+            ratio = (alpha - (j - 1)) * (1.0 / (j + 1))
+            slope = ratio * (mean + e * slope)
+            mean = 1.0 + ratio * e * mean
+        return mean, slope
+    growth = math.expm1((alpha + 1.0) * math.log1p(e))
+    mean = growth / ((alpha + 1.0) * e)
+    return mean, ((1.0 + growth) / (1.0 + e) - mean) / e
 
 
 @inline
-def response_at_rest(force, alpha, rate, s, eta):
-    """Mean force and slope df/dη of a contact, given its elastic force at the start."""
+def persistent_response(force, alpha, rate, s, eta):
+    """Mean force and slope df/dη of a contact that persists, given its elastic force at the start."""
     mean, slope = mean_of_power(alpha, eta / s)
     w = 1.0 + rate * eta
     return force * mean * w, force * (slope / s * w + mean * rate)
 
 
 @inline
-def rests(alpha, rate, s, eta):
-    """Whether a contact that moves by η may be said to rest; no if η is NaN."""
-    return abs(eta) * max(alpha, 2.0) <= SERIES_RANGE * s and 1.0 + rate * eta >= MIN_LOSS_FACTOR
+def persists(rate, s, eta):
+    """Whether a closed contact that moves by η persists for sure; no if η is NaN."""
+    return MIN_STRETCH * s <= eta <= MAX_STRETCH * s and 1.0 + rate * eta >= MIN_LOSS_FACTOR
 
 
 @inline
-def begin_at_rest(problem):
+def take_closed_contacts(problem):
     """The closed contacts as the active set, where they are. Returns its size."""
     n, s, vectors = INT64_0, problem.s, problem.scratch.vectors
     for k in range(s.shape[0]):
@@ -60,9 +65,9 @@ def begin_at_rest(problem):
 
 
 @inline
-def step_at_rest(problem, n):
-    """A round of Newton's method. Returns the error of the forces after it, relative; infinite if a contact does not
-    rest."""
+def take_newton_step(problem, n):
+    """A round of Newton's method. Returns the error of the forces after it, relative; infinite if a contact may not
+    persist."""
     scratch = problem.scratch
     vectors, near, contacts = scratch.vectors, scratch.active_compliance, scratch.active
     s, g, start_force = vectors[Row.START], vectors[Row.FREE_MOVE], vectors[Row.START_FORCE]
@@ -70,14 +75,13 @@ def step_at_rest(problem, n):
     left, step, worst = vectors[Row.RESIDUAL], vectors[Row.NEWTON_STEP], 0.0
     for i in range(n):
         alpha, rate = exponent(problem.law, contacts[i]), loss_rate_of(problem.loss_rate, contacts[i])
-        f[i], slope[i] = response_at_rest(start_force[i], alpha, rate, s[i], eta[i])
+        f[i], slope[i] = persistent_response(start_force[i], alpha, rate, s[i], eta[i])
     for i in range(n):
         left[i] = (g[i] - dot(near[i], f, n)) - eta[i]
     newton_step(scratch, n)
     for i in range(n):
         k, move = contacts[i], left[i] - dot(near[i], step, n)
-        alpha, rate = exponent(problem.law, k), loss_rate_of(problem.loss_rate, k)
-        if not (f[i] > 0.0 and rests(alpha, rate, s[i], eta[i] + move)):
+        if not (f[i] > 0.0 and persists(loss_rate_of(problem.loss_rate, k), s[i], eta[i] + move)):
             return math.inf
         estimate = ForceEstimate(eta[i], s[i] + eta[i], f[i], slope[i])
         worst = max(worst, extrapolation_error(problem.law, k, s[i], estimate, move)[0])
@@ -102,14 +106,14 @@ def scatter_end_forces(problem, n):
 
 
 @noinline
-def solve_resting(problem):
-    """Solve the contacts of an island, as `solve_coupled`, if they rest. Returns rounds; 0 if they do not rest, and
-    then the scratch holds nothing."""
+def solve_persistent(problem):
+    """Solve the contacts of an island, as `solve_coupled`, if they persist. Returns rounds; 0 if they may not, and then
+    the scratch holds nothing."""
     vectors = problem.scratch.vectors
     f, eta, end = vectors[Row.ACTIVE_FORCE], vectors[Row.ACTIVE_STEP], vectors[Row.ACTIVE_END]
-    n = begin_at_rest(problem)
-    for rounds in range(1, MAX_RESTING_ROUNDS + 1):
-        error = step_at_rest(problem, n)
+    n = take_closed_contacts(problem)
+    for rounds in range(1, MAX_PERSISTENT_ROUNDS + 1):
+        error = take_newton_step(problem, n)
         if error <= problem.tolerance:
             for i in range(n):
                 end[i] = vectors[Row.START, i] + eta[i]

@@ -3,7 +3,7 @@
 from engine.compiler.decorators import inline, noinline
 from engine.kernel.codes import Row
 from engine.kernel.contact_law import elastic_force, potential, potential_difference
-from engine.kernel.modes import bound_at_row, kick_at_row, project, project_drift
+from engine.kernel.modes import add_drifts, bound_at_row, kick_at_row, project, project_drift
 from engine.kernel.reduced_contact_solver import basis_of_island, gather_rows, spread_rows
 from engine.kernel.scalar_contact_solver import loss_rate_of
 
@@ -59,8 +59,11 @@ def free_displacements(contact, h, state):
     if moves_by_basis(contact.basis):
         find_moves_by_basis(contact.basis, h.basis, state)
         return
-    for k in range(state.compression.shape[0]):
-        state.free_displacement[k] = free_displacement_at(contact, contact.other_rows, h, k, state.p)
+    moves = state.free_displacement
+    for k in range(moves.shape[0]):
+        moves[k] = 0.0
+    add_drifts(contact.rows, h.rows, state.p, moves)
+    add_drifts(contact.other_rows, h.other_rows, state.p, moves)
 
 
 @inline

@@ -14,8 +14,13 @@ mode of heavy damping loses momentum in the drift as well.
 
 import math
 
-from engine.compiler.decorators import INT64_0, inline, noinline, reduction
+import numpy as np
 
+from engine.compiler.decorators import INT64_0, inline, noinline, reduction
+from engine.compiler.lanes import lane_sum, load_lanes, multiply_add, splat
+from engine.kernel.codes import LANES
+
+ROWS_AT_ONCE = 4
 DENORMAL_LIMIT = 1e-290  # √kg·m, √kg·m/s
 
 
@@ -235,6 +240,59 @@ def project(rows, r, x):
 def project_drift(rows, coefficients, r, p):
     """Displacement at row r that the coming drift brings, m."""
     return weighted_sum(coefficients.drift_phi, rows.offset[r], p, rows.mode_begin[r], rows.mode_end[r])
+
+
+@inline
+def are_of_same_modes(rows, r):
+    """Whether row r and the next three weigh the same modes."""
+    begin, end = rows.mode_begin[r], rows.mode_end[r]
+    for i in range(1, ROWS_AT_ONCE):
+        if rows.mode_begin[r + i] != begin or rows.mode_end[r + i] != end:
+            return False
+    return True
+
+
+@inline
+def add_four_drifts(rows, coefficients, r, p, moves):
+    """Add to `moves` the displacements at row r and the next three that the coming drift brings, m: each momentum is
+    read once for all of them."""
+    of, begin = coefficients.drift_phi, np.int64(rows.mode_begin[r])
+    count = rows.mode_end[r] - begin
+    i, j = np.int64(rows.offset[r]), np.int64(rows.offset[r + 1])
+    k, n = np.int64(rows.offset[r + 2]), np.int64(rows.offset[r + 3])
+    a, b, c, d = splat(0.0), splat(0.0), splat(0.0), splat(0.0)
+    vectors = count // LANES * LANES
+    for m in range(0, vectors, LANES):
+        x = load_lanes(p, begin + m)
+        a = multiply_add(load_lanes(of, i + m), x, a)
+        b = multiply_add(load_lanes(of, j + m), x, b)
+        c = multiply_add(load_lanes(of, k + m), x, c)
+        d = multiply_add(load_lanes(of, n + m), x, d)
+    e, f, g, h = lane_sum(a), lane_sum(b), lane_sum(c), lane_sum(d)
+    for m in range(vectors, count):
+        x = p[begin + m]
+        e += of[i + m] * x
+        f += of[j + m] * x
+        g += of[k + m] * x
+        h += of[n + m] * x
+    moves[r] += e
+    moves[r + 1] += f
+    moves[r + 2] += g
+    moves[r + 3] += h
+
+
+@inline
+def add_drifts(rows, coefficients, p, moves):
+    """Add to `moves` the displacement at each row, if there are any, that the coming drift brings, m."""
+    if rows is not None:
+        r, total = INT64_0, moves.shape[0]
+        while r < total:
+            if r + ROWS_AT_ONCE <= total and are_of_same_modes(rows, r):
+                add_four_drifts(rows, coefficients, r, p, moves)
+                r += ROWS_AT_ONCE
+            else:
+                moves[r] += project_drift(rows, coefficients, r, p)
+                r += 1
 
 
 @inline

@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 
-from engine.compiler.decorators import INT64_0, inline, noinline, reduction
+from engine.compiler.decorators import INT64_0, INT64_1, inline, noinline, reduction
 from engine.compiler.lanes import lane_sum, load_lanes, multiply_add, splat
 from engine.kernel.codes import LANES
 
@@ -243,25 +243,26 @@ def project_drift(rows, coefficients, r, p):
 
 
 @inline
-def are_of_same_modes(rows, r):
-    """Whether row r and the next three weigh the same modes."""
-    begin, end = rows.mode_begin[r], rows.mode_end[r]
-    for i in range(1, ROWS_AT_ONCE):
-        if rows.mode_begin[r + i] != begin or rows.mode_end[r + i] != end:
-            return False
-    return True
+def rows_of_same_modes(rows, r, total):
+    """How many rows from r on weigh the same modes, up to ROWS_AT_ONCE. total: of all rows"""
+    begin, end, count = rows.mode_begin[r], rows.mode_end[r], INT64_1
+    while count < ROWS_AT_ONCE and r + count < total:
+        if rows.mode_begin[r + count] != begin or rows.mode_end[r + count] != end:
+            break
+        count += 1
+    return count
 
 
 @inline
-def add_four_drifts(rows, coefficients, r, p, moves):
-    """Add to `moves` the displacements at row r and the next three that the coming drift brings, m: each momentum is
-    read once for all of them."""
+def add_drifts_of_same_modes(rows, coefficients, r, count, p, moves):
+    """Add to `moves` the displacements, m, at two to four rows from r on that the coming drift brings: each momentum is
+    read once for all of them. Of fewer than four, the last stands for the missing ones."""
     of, begin = coefficients.drift_phi, np.int64(rows.mode_begin[r])
-    count = rows.mode_end[r] - begin
+    modes, last = rows.mode_end[r] - begin, r + count - 1
     i, j = np.int64(rows.offset[r]), np.int64(rows.offset[r + 1])
-    k, n = np.int64(rows.offset[r + 2]), np.int64(rows.offset[r + 3])
+    k, n = np.int64(rows.offset[min(r + 2, last)]), np.int64(rows.offset[last])
     a, b, c, d = splat(0.0), splat(0.0), splat(0.0), splat(0.0)
-    vectors = count // LANES * LANES
+    vectors = modes // LANES * LANES
     for m in range(0, vectors, LANES):
         x = load_lanes(p, begin + m)
         a = multiply_add(load_lanes(of, i + m), x, a)
@@ -269,7 +270,7 @@ def add_four_drifts(rows, coefficients, r, p, moves):
         c = multiply_add(load_lanes(of, k + m), x, c)
         d = multiply_add(load_lanes(of, n + m), x, d)
     e, f, g, h = lane_sum(a), lane_sum(b), lane_sum(c), lane_sum(d)
-    for m in range(vectors, count):
+    for m in range(vectors, modes):
         x = p[begin + m]
         e += of[i + m] * x
         f += of[j + m] * x
@@ -277,8 +278,10 @@ def add_four_drifts(rows, coefficients, r, p, moves):
         h += of[n + m] * x
     moves[r] += e
     moves[r + 1] += f
-    moves[r + 2] += g
-    moves[r + 3] += h
+    if count > 2:
+        moves[r + 2] += g
+    if count > 3:
+        moves[r + 3] += h
 
 
 @inline
@@ -287,12 +290,12 @@ def add_drifts(rows, coefficients, p, moves):
     if rows is not None:
         r, total = INT64_0, moves.shape[0]
         while r < total:
-            if r + ROWS_AT_ONCE <= total and are_of_same_modes(rows, r):
-                add_four_drifts(rows, coefficients, r, p, moves)
-                r += ROWS_AT_ONCE
+            count = rows_of_same_modes(rows, r, total)
+            if count > 1:
+                add_drifts_of_same_modes(rows, coefficients, r, count, p, moves)
             else:
                 moves[r] += project_drift(rows, coefficients, r, p)
-                r += 1
+            r += count
 
 
 @inline

@@ -27,7 +27,7 @@ def mean_force(stiffness: float, alpha: float, rate: float, s: float, eta: float
 
 
 def chosen(seed: int, stretch: float = 0.4):
-    """A problem of one to four closed contacts and two open ones, with its solution: (law, loss rate, B, s, g), η, f."""
+    """One to four closed contacts, two open ones, and the solution: (law, loss rate, B, s, g), η, f."""
     rng = np.random.default_rng(seed)
     closed = int(rng.integers(1, 5))
     n = closed + 2

@@ -1,8 +1,8 @@
 """This engine against its peers, in the same run, with what each errs by and what it lacks.
 
-The same scheme written by hand in C; explicit mass-interaction models, as Faust's mi.lib compiles them; an adaptive
-solver of SciPy; and the fixed-step methods of engine.analysis.other_method_kernels. The sources in C and Faust are
-beside this file.
+The same scheme written by hand in C; explicit mass-interaction models, as Faust's mi.lib compiles them; leapfrog with a
+discrete gradient in NumPy; an adaptive solver of SciPy; and the fixed-step methods of
+engine.analysis.other_method_kernels. The sources in C and Faust are beside this file.
 """
 
 import ctypes
@@ -19,6 +19,7 @@ import engine
 from bench.accuracy.hard import scene_of
 from bench.performance.instruments import FRAMES, RATE, measure
 from bench.publish.report import ROOT, pin, publish
+from bench.rivals.leapfrog import Leapfrog
 from engine.analysis.other_method_kernels import SingleBody
 from engine.analysis.work_precision import measure_work_precision
 from engine.build.build import build
@@ -44,7 +45,7 @@ BANKS = (64, 1000, 20_000)
 DIFFERENCE = 1e-9  # relative, at most
 
 
-def timed(rival: "Written | Explicit", channels: int, frames: int) -> float:
+def timed(rival: "Written | Explicit | Leapfrog", channels: int, frames: int) -> float:
     """Seconds per sample, the least of some runs from the same state."""
     out, best = np.zeros((channels, FRAMES)), np.inf
     for _ in range(REPEATS):
@@ -64,7 +65,9 @@ class Times(NamedTuple):
     metered: float | None = None  # ours, with energies measured
 
 
-def in_turn(scene: engine.Scene, rival: "Written | Explicit", channels: int, frames: int) -> tuple[Times, float]:
+def in_turn(
+    scene: engine.Scene, rival: "Written | Explicit | Leapfrog", channels: int, frames: int
+) -> tuple[Times, float]:
     """The times of a rival and of ours, and our energy error."""
     theirs = ours = metered = np.inf
     for _ in range(TURNS):
@@ -330,6 +333,18 @@ def explicit(name: str, chain: Chain, stiffer: int, folder: Path) -> list[str]:
     return row(f"{name}, contact × {stiffer}", "mi.lib", times, errors, lacks)
 
 
+def in_numpy(name: str, chain: Chain, stiffer: int) -> list[str]:
+    """The row of the same masses, by leapfrog and a discrete gradient over two steps in NumPy."""
+    stiffness = FELT * stiffer
+    rival = Leapfrog(chain, EAR, (stiffness, 1.0), (HAMMER, FROM, SPEED))
+    before = rival.energy()
+    rival.block(np.zeros((2, FRAMES)))
+    off = abs(rival.energy() / before - 1)
+    times, error = in_turn(as_modes(chain, stiffness), rival, 2, FRAMES)
+    errors = f"energy {off:.0e}", f"energy {error:.0e}"
+    return row(f"{name}, contact × {stiffer}", "physsynth's scheme, NumPy", times, errors, "real time; exact pitch")
+
+
 # --- other methods at matched error
 
 GOAL = 1e-2  # error, relative
@@ -365,6 +380,7 @@ def run() -> None:
         for name, chain in (("hammered oscillator", SINGLE), ("hammered string of 60 masses", STRING)):
             for stiffer in STIFFER if faust else ():
                 rows.append(explicit(name, chain, stiffer, Path(folder)))
+            rows.append(in_numpy(name, chain, STIFFER[0]))
             if not faust:
                 rows.append(skipped(name, "mi.lib", "faust gcc"))
     rows += matched("repelled oscillator, 50 ms", repelled(), 0.05)

@@ -1,7 +1,9 @@
 """How fast each shipped patch runs, once compiled: on one core and on two, in blocks of several sizes, with its energy
 error beside it; and how near its worst block comes to a deadline."""
 
+import ctypes
 import time
+from collections.abc import Callable
 from timeit import timeit
 
 import numpy as np
@@ -82,6 +84,47 @@ def memory(simulation: Simulation) -> float:
     return (size(simulation.model) + size(simulation.state)) / 1e3
 
 
+def cost_of_call(call: Callable[[], None]) -> float:
+    """µs that a call takes, the least of several runs."""
+    return min(timeit(call, number=200) / 200 for _ in range(50)) * 1e6
+
+
+def cost_in_audio_thread(scene: engine.Scene) -> float:
+    """µs that the compiled callback takes for one sample: the middle of many calls, as it measures them itself."""
+    from engine.live import audio_thread
+    from engine.live.player import Player
+
+    arguments = ctypes.c_void_p, ctypes.c_void_p, ctypes.c_ulong, ctypes.c_void_p, ctypes.c_ulong, ctypes.c_void_p
+    answer = ctypes.CFUNCTYPE(ctypes.c_int, *arguments)(audio_thread.portaudio_callback.address)
+    player = Player(scene, gain=1e-3, cores=1)
+    out = np.zeros((1, player.channels), np.float32)
+    for _ in range(len(player.loads)):
+        answer(None, out.ctypes.data, 1, None, 0, player.shared.ctypes.data)
+    return float(np.median(player.loads)) / RATE * 1e6
+
+
+def calls() -> None:
+    """What a call costs beside its samples."""
+    rows = []
+    for name in ("piano_c4", "barrier_linear"):
+        scene = engine.load(ROOT / "patches" / f"{name}.toml")
+        simulation = Simulation(*build(scene, RATE)[:2], measure_energy=False)
+        nothing, memory = np.zeros((0, 2)), simulation.memory(BLOCKS[0], 2)
+        costs = [
+            cost_of_call(lambda s=simulation, n=nothing: s.render_block(n)),
+            cost_of_call(lambda m=memory: m.render(0)),
+            cost_in_audio_thread(scene),
+        ]
+        rows.append([name, *(f"{cost:.2f}" for cost in costs)])
+    header = [
+        "µs per call",
+        "`Simulation.render_block` of nothing",
+        "into its own memory",
+        "one sample in the audio thread",
+    ]
+    publish("calls", header, rows, "realtime")
+
+
 def run() -> None:
     """Measure and publish."""
     scenes = {path.stem: engine.load(path) for path in sorted((ROOT / "patches").glob("*.toml"))}
@@ -112,3 +155,4 @@ def run() -> None:
     publish("realtime", [*header, f"two cores, {BLOCKS[-1]}", *costs, "energy error", "Newton mean / max"], speeds)
     header = ["worst block over its deadline, quiet / noisy", *(f"{size} frames" for size in BLOCKS), "memory, kB"]
     publish("deadlines", header, deadlines, "realtime")
+    calls()

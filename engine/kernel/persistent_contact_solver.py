@@ -80,8 +80,8 @@ def take_newton_step(problem, n):
         left[i] = (g[i] - dot(near[i], f, n)) - eta[i]
     newton_step(scratch, n)
     for i in range(n):
-        k, move = contacts[i], left[i] - dot(near[i], step, n)
-        if not (f[i] > 0.0 and persists(loss_rate_of(problem.loss_rate, k), s[i], eta[i] + move)):
+        k, move = contacts[i], step[i] / slope[i]  # left - B·step would cancel where B·slope is large
+        if not (f[i] + step[i] > 0.0 and persists(loss_rate_of(problem.loss_rate, k), s[i], eta[i] + move)):
             return math.inf
         estimate = ForceEstimate(eta[i], s[i] + eta[i], f[i], slope[i])
         worst = max(worst, extrapolation_error(problem.law, k, s[i], estimate, move)[0])

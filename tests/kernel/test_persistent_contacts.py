@@ -77,6 +77,31 @@ def test_the_equations_hold():
     assert found >= 350
 
 
+def test_what_is_found_is_on_the_law_whatever_is_given():
+    """Light bodies and heavy ones, deep contacts and shallow ones, pushed and pulled: a force pushes, or none is
+    found."""
+    found = 0
+    for seed in range(3000):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(1, 4))
+        stiffness, alpha = 10 ** rng.uniform(0, 12, n), rng.choice([1.0, 1.3, 2.0, 3.3, 12.0], n)
+        rate, s = rng.choice([0.0, 1.0, 1e3, 3e4], n), 10 ** rng.uniform(-9, 1, n)
+        g = s * 10 ** rng.uniform(-9, 2, n) * rng.choice([-1, 1], n)
+        shapes = rng.normal(size=(n, 3)) * np.sqrt(10 ** rng.uniform(-14, 3))
+        compliance = shapes @ shapes.T
+        rounds, vectors = solved(laws.Power(stiffness / (alpha + 1), alpha), rate, compliance, s, g)
+        if rounds > 0:
+            found += 1
+            step, pushes = vectors[Row.STEP], vectors[Row.FORCE]
+            of_law = [mean_force(*of) for of in zip(stiffness, alpha, rate, s, step, strict=True)]
+            assert (pushes > 0.0).all()
+            np.testing.assert_allclose(pushes, of_law, rtol=1e-12)
+            np.testing.assert_array_less(
+                np.abs(step + compliance @ pushes - g), 1e-13 * (np.abs(g) + np.abs(compliance) @ pushes)
+            )
+    assert found > 300
+
+
 def test_few_rounds_where_contacts_rest():
     rounds = [solved(*chosen(seed, stretch=1e-2)[0])[0] for seed in range(200)]
     assert np.mean(np.array(rounds) > 0) > 0.9 and np.max(rounds) <= 4

@@ -271,7 +271,9 @@ def test_kill_leaves_what_the_next_one_finds(tmp_path, device, kind):
     folder = tmp_path / "takes"
     folder.mkdir()
     made = program(device, "--seconds", "3000", "--record", str(folder / f"r.{kind}"))
-    time.sleep(0.5)
+    deadline = time.monotonic() + 20.0
+    while sum(p.stat().st_size for p in folder.iterdir()) < 10_000 and time.monotonic() < deadline:
+        time.sleep(0.1)
     made.kill()
     made.communicate()
     part = f".r.{kind}.{made.pid}.part"

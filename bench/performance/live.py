@@ -131,11 +131,15 @@ def worst(scene: engine.Scene, cores: int) -> float:
 
 
 def largest(scene_of: Callable[[int], engine.Scene], size: int, cores: int) -> tuple[int, float]:
-    """The largest scene whose worst block takes no more than its share, and that share, to 10 %."""
+    """The largest scene whose worst block takes no more than its share, and that share, to 10 %; or the largest that
+    may be written."""
     least, share = 0, 0.0
     most = None
     while most is None or most > 1.1 * least + 1:
-        now = worst(scene_of(size), cores)
+        try:
+            now = worst(scene_of(size), cores)
+        except engine.PatchError:
+            now = np.inf
         if now <= SHARE:
             least, share = size, now
         else:

@@ -138,7 +138,7 @@ def largest(scene_of: Callable[[int], engine.Scene], size: int, cores: int) -> t
     while most is None or most > 1.1 * least + 1:
         try:
             now = worst(scene_of(size), cores)
-        except engine.PatchError:
+        except ValueError:  # too many bodies
             now = np.inf
         if now <= SHARE:
             least, share = size, now

@@ -1,6 +1,7 @@
 """The base of all bodies: a name, modes, positions, and a pitch that may change."""
 
 import math
+from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -44,17 +45,17 @@ class BodyTable(Table):
     HAS_LENGTH: ClassVar[bool] = False  # a string or a bar
     PITCH_POWERS: ClassVar[dict[str, int]] = {}  # keys that make its pitch; each goes with this power of frequency
 
+    @abstractmethod
     def modal_body(self, max_frequency: float = math.inf) -> ModalBody:
         """Modes of the body, those of bodies with many only up to `max_frequency` (Hz).
 
         Raises TooManyModes if the body has too many below it and does not limit them, TooDamped if its supports
         damp it too much; ArithmeticError or another ValueError if its numbers are beyond floating point.
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def total_mass(self) -> float:
         """Mass of the body, kg; infinite where it is not known."""
-        raise NotImplementedError
 
     def retuned(self, ratio: float) -> Self:
         """The body with all its frequencies multiplied by a ratio."""

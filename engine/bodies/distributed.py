@@ -1,6 +1,7 @@
 """Bodies with many modes, such as strings, bars, membranes and plates: their losses, and their supports."""
 
 import math
+from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from typing import Any, ClassVar, NamedTuple, TypeGuard
@@ -68,9 +69,9 @@ class DistributedBody(BodyTable):
         default=None, min_length=2, max_length=2, description="two frequencies, Hz; between them σ goes as frequency²"
     )
 
+    @abstractmethod
     def free_modes(self, max_omega: float) -> ModeSet:
         """Modes below an angular frequency (rad/s), without supports, the lowest first."""
-        raise NotImplementedError
 
     def modal_body(self, max_frequency: float = math.inf) -> ModalBody:
         with np.errstate(all="ignore"):  # what is not finite is refused in the end (engine.build.limits)

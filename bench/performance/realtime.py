@@ -52,19 +52,24 @@ def cost_of_measuring(scene: engine.Scene) -> float:
     return least[1] / least[0]
 
 
-def cost_of_small_blocks(found: dict[int, tuple[np.ndarray, Simulation]]) -> float:
-    """How many times as long a sample takes in the smallest blocks as in the largest, beyond what a call costs."""
+def seconds_per_sample(times: np.ndarray, size: int) -> float:
+    """Of the fastest run."""
+    return float(times.sum(axis=1).min() / times.shape[1] / size)
+
+
+def cost_of_small_blocks(scene: engine.Scene, found: dict[int, tuple[np.ndarray, Simulation]]) -> tuple[float, float]:
+    """How many times as long a sample takes in the smallest blocks as in the largest, beyond what a call costs; and
+    that cost, µs: what a sample takes in blocks of one, beyond what it takes in the largest."""
     small, large = BLOCKS[0], BLOCKS[-1]
-    times, simulation = found[small]
-    nothing = np.zeros((0, simulation.memory(small, 1).audio.shape[1]))
-    calls = [timeit(lambda: simulation.render_block(nothing), number=100) / 100 for _ in range(20)]
-    per_sample = [t.sum(axis=1).min() / t.shape[1] / size for size, t in ((small, times), (large, found[large][0]))]
-    return float((per_sample[0] - (1 / small - 1 / large) * min(calls)) / per_sample[1])
+    per_sample = {size: seconds_per_sample(found[size][0], size) for size in (small, large)}
+    call = seconds_per_sample(measure(scene, 1)[0], 1) - per_sample[large]
+    beyond = per_sample[small] - (1 / small - 1 / large) * call
+    return beyond / per_sample[large], call * 1e6
 
 
 def factor(times: np.ndarray, size: int) -> float:
     """Times real time, of the fastest run."""
-    return float(size * times.shape[1] / RATE / times.sum(axis=1).min())
+    return 1.0 / RATE / seconds_per_sample(times, size)
 
 
 def worst(times: np.ndarray, size: int) -> str:
@@ -136,6 +141,7 @@ def run() -> None:
         times, simulation = found[BLOCKS[-1]]
         runs = np.sort(times.sum(axis=1)) / times.shape[1] / BLOCKS[-1] * 1e9
         solved = newton_statistics(simulation.model, simulation.state)
+        small_blocks, call = cost_of_small_blocks(scene, found)
         speeds.append(
             [
                 name,
@@ -143,7 +149,8 @@ def run() -> None:
                 f"{np.median(runs):.1f}",
                 *(f"{factor(t, size):.0f}" for size, (t, _) in found.items()),
                 f"{factor(two[name][0], BLOCKS[-1]):.0f}" if simulation.partitions > 1 else "one island",
-                f"{cost_of_small_blocks(found):.2f}",
+                f"{call:.1f}",
+                f"{small_blocks:.2f}",
                 f"{cost_of_measuring(scene):.2f}",
                 f"{simulation.energies()['error_max']:.0e}",
                 f"{solved['mean']:.2f} / {solved['max']}" if solved["solves"] else "closed form",
@@ -151,7 +158,7 @@ def run() -> None:
         )
         deadlines.append([name, *(worst(t, size) for size, (t, _) in found.items()), f"{memory(simulation):.0f}"])
     header = ["patch", "ns per sample, least", "median", *(f"× real time, blocks of {size}" for size in BLOCKS)]
-    costs = [f"blocks of {BLOCKS[0]} / {BLOCKS[-1]}, beyond the call", "measuring energies costs ×"]
+    costs = ["a call, µs", f"blocks of {BLOCKS[0]} / {BLOCKS[-1]}, beyond it", "measuring energies costs ×"]
     publish("realtime", [*header, f"two cores, {BLOCKS[-1]}", *costs, "energy error", "Newton mean / max"], speeds)
     header = ["worst block over its deadline, quiet / noisy", *(f"{size} frames" for size in BLOCKS), "memory, kB"]
     publish("deadlines", header, deadlines, "realtime")

@@ -47,9 +47,10 @@ def item_counts(model: Model) -> dict[Axis, int]:
 
 def allocate_scratch(partitions: int, contacts: int) -> Scratch:
     """Memory of each partition of a scene whose islands have up to so many contacts."""
-    lanes = max(-(-contacts // LANES) * LANES, COLUMNS)  # the reduced solve has up to so many sums
-    matrices = np.zeros((2, partitions, contacts, contacts))
-    return Scratch(np.zeros((partitions, len(Row), lanes)), *matrices, *np.zeros((3, partitions, contacts), np.int64))
+    lanes = -(-contacts // LANES) * LANES
+    matrices = np.zeros((2, partitions, contacts, lanes))
+    vectors = np.zeros((partitions, len(Row), max(lanes, COLUMNS)))  # the reduced solve has up to so many sums
+    return Scratch(vectors, *matrices, *np.zeros((3, partitions, contacts), np.int64))
 
 
 def _initial_compressions(layout: Layout, q: np.ndarray) -> np.ndarray:

@@ -42,9 +42,6 @@ if in_use(Trick.FORCED_INLINING, lambda: is_option("forceinline")):
     INLINE_OPTIONS["forceinline"] = True  # a call passes every array of its slots: 960 → 530 ns per sample
 if in_use(Trick.NO_WRAPPERS, lambda: is_option("no_cpython_wrapper") and is_option("no_cfunc_wrapper")):
     INLINE_OPTIONS |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # half the time to compile
-# sums of many products: the order of addition is the compiler's, so that it can be vector code; no
-# flag here lets it assume that NaN does not occur
-REDUCTION_OPTIONS: dict[str, Any] = INLINE_OPTIONS | {"fastmath": {"reassoc", "nsz", "contract"}}
 
 
 def inline(function: Callable[..., Any]) -> Any:
@@ -57,11 +54,6 @@ def noinline(function: Callable[..., Any]) -> Any:
     contact solve alone would take 15 s to compile."""
     options = INLINE_OPTIONS | ({"forceinline": False} if "forceinline" in INLINE_OPTIONS else {})  # or it is inherited
     return SkipInlinedLibraries.mark(numba.njit(**options)(function), inlined=True)
-
-
-def reduction(function: Callable[..., Any]) -> Any:
-    """Compile an inlined function that sums many products, as vector code (1.0 → 0.1 ns each)."""
-    return SkipInlinedLibraries.mark(numba.njit(**REDUCTION_OPTIONS)(function), inlined=True)
 
 
 def kernel(function: Callable[..., Any]) -> Any:

@@ -10,7 +10,7 @@ Without the trick, the same is done number by number.
 import math
 import operator
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from llvmlite import ir
 from numba.core import cgutils, types
@@ -47,6 +47,11 @@ def load_lanes(numbers: Any, k: int) -> Any:
     raise TypeError("load_lanes is for compiled code")
 
 
+def load_first_lanes(numbers: Any, k: int, count: int) -> Any:
+    """As `load_lanes`, of `count` numbers, fewer than eight: the other lanes are zero, and nothing is read for them."""
+    raise TypeError("load_first_lanes is for compiled code")
+
+
 def store_lanes(numbers: Any, k: int, lanes: Any) -> None:
     """Write eight numbers to a contiguous array, from number k on."""
     raise TypeError("store_lanes is for compiled code")
@@ -58,13 +63,36 @@ def splat(x: float) -> Any:
 
 
 def multiply_add(a: Any, b: Any, c: Any) -> Any:
-    """a·b + c, rounded once. Numbers stand for the same in each lane."""
+    """a·b + c, rounded once. Numbers stand for the same in each lane, and may be all three."""
     raise TypeError("multiply_add is for compiled code")
 
 
 def where_positive(test: Any, yes: Any, no: Any) -> Any:
-    """`yes` in the lanes where `test` > 0, and `no` elsewhere. Numbers stand for the same in each lane."""
+    """`yes` in the lanes where `test` > 0, and `no` elsewhere. Numbers stand for the same in each lane, and may be all
+    three."""
     raise TypeError("where_positive is for compiled code")
+
+
+class EightFrom(NamedTuple):
+    """The eight numbers of arrays from one on, in the place of an index: what is written for one number (`number_at`,
+    `put_number`) is then done with eight."""
+
+    first: int
+
+
+def number_at(numbers: Any, place: Any) -> Any:
+    """The number of an array at an index, in double precision; or eight."""
+    raise TypeError("number_at is for compiled code")
+
+
+def put_number(numbers: Any, place: Any, value: Any) -> None:
+    """Write a number, or eight, to an array."""
+    raise TypeError("put_number is for compiled code")
+
+
+def zero_like(value: Any) -> Any:
+    """Zero, or eight zeros where `value` is eight numbers."""
+    raise TypeError("zero_like is for compiled code")
 
 
 def greater(a: Any, b: Any) -> Any:
@@ -73,7 +101,7 @@ def greater(a: Any, b: Any) -> Any:
 
 
 def magnitude(lanes: Any) -> Any:
-    """The absolute value of each lane."""
+    """The absolute value of each lane, or of a number."""
     raise TypeError("magnitude is for compiled code")
 
 
@@ -89,8 +117,9 @@ def _constant(x: float) -> Any:
     return ir.Constant(VECTOR, [x] * WIDTH)
 
 
-def _splat(builder: Any, x: Any) -> Any:
-    undefined = ir.Constant(VECTOR, ir.Undefined)
+def _spread(builder: Any, x: Any) -> Any:
+    """A vector with x in each lane."""
+    undefined = ir.Constant(ir.VectorType(x.type, WIDTH), ir.Undefined)
     first = builder.insert_element(undefined, x, INT32(0))
     return builder.shuffle_vector(first, undefined, ir.Constant(ir.VectorType(INT32, WIDTH), [0] * WIDTH))
 
@@ -99,7 +128,7 @@ def _as_lanes(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     """A value as lanes: that of a number is the same in each."""
     if isinstance(kind, Lanes):
         return value
-    return _splat(builder, context.cast(builder, value, kind, types.float64))
+    return _spread(builder, context.cast(builder, value, kind, types.float64))
 
 
 def _each(builder: Any, operation: Callable[..., Any], *operands: Any) -> Any:
@@ -119,6 +148,11 @@ def _intrinsic(builder: Any, name: str, *operands: Any) -> Any:
     suffix = "v8f64" if isinstance(kind, ir.VectorType) else "f64"
     function = ir.FunctionType(kind, [kind] * len(operands))
     return builder.call(cgutils.get_or_insert_function(builder.module, function, f"llvm.{name}.{suffix}"), operands)
+
+
+def _address(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    data = cgutils.create_struct_proxy(sig.args[0])(context, builder, args[0]).data
+    return builder.gep(data, [context.cast(builder, args[1], sig.args[1], INDEX)], inbounds=True)
 
 
 def _pointer(context: Any, builder: Any, numbers: Any, kind: Any, k: Any, index_kind: Any) -> Any:
@@ -171,6 +205,26 @@ def _load(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     return loaded if loaded.type == VECTOR else builder.fpext(loaded, VECTOR)
 
 
+@type_callable(load_first_lanes)
+def _type_load_first(context: Any) -> Any:
+    return lambda numbers, k, count: LANES
+
+
+@lower_builtin(load_first_lanes, ArrayView1D, types.Integer, types.Integer)
+@lower_builtin(load_first_lanes, types.Array, types.Integer, types.Integer)
+def _load_first(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    pointer = _pointer(context, builder, args[0], sig.args[0], args[1], sig.args[1])
+    numbers = pointer.type.pointee
+    count = _spread(builder, context.cast(builder, args[2], sig.args[2], INDEX))
+    mask = builder.icmp_signed("<", ir.Constant(count.type, list(range(WIDTH))), count)
+    kind = ir.FunctionType(numbers, [pointer.type, INT32, mask.type, numbers])
+    name = f"llvm.masked.load.v{WIDTH}f{sig.args[0].dtype.bitwidth}.p0v{WIDTH}f{sig.args[0].dtype.bitwidth}"
+    function = cgutils.get_or_insert_function(builder.module, kind, name)
+    alignment = INT32(sig.args[0].dtype.bitwidth // 8)
+    loaded = builder.call(function, [pointer, alignment, mask, ir.Constant(numbers, [0.0] * WIDTH)])
+    return loaded if numbers == VECTOR else builder.fpext(loaded, VECTOR)
+
+
 @type_callable(store_lanes)
 def _type_store(context: Any) -> Any:
     return lambda numbers, k, lanes: types.none
@@ -185,6 +239,53 @@ def _store(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     return context.get_dummy_value()
 
 
+@type_callable(number_at)
+def _type_number_at(context: Any) -> Any:
+    return lambda numbers, place: LANES if isinstance(place, types.BaseTuple) else types.float64
+
+
+@lower_builtin(number_at, types.Any, types.BaseTuple)
+def _lanes_at(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    first, kind = builder.extract_value(args[1], 0), sig.args[1][0]
+    return _load(context, builder, signature(LANES, sig.args[0], kind), (args[0], first))
+
+
+@lower_builtin(number_at, types.Any, types.Integer)
+def _number_at(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    kind = sig.args[0].dtype
+    number = context.unpack_value(builder, kind, _address(context, builder, sig, args))
+    return context.cast(builder, number, kind, types.float64)
+
+
+@type_callable(put_number)
+def _type_put_number(context: Any) -> Any:
+    return lambda numbers, place, value: types.none
+
+
+@lower_builtin(put_number, types.Any, types.BaseTuple, Lanes)
+def _put_lanes(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    first, kind = builder.extract_value(args[1], 0), sig.args[1][0]
+    return _store(context, builder, signature(types.none, sig.args[0], kind, LANES), (args[0], first, args[2]))
+
+
+@lower_builtin(put_number, types.Any, types.Integer, types.Any)
+def _put_number(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    kind = sig.args[0].dtype
+    number = context.cast(builder, args[2], sig.args[2], kind)
+    context.pack_value(builder, kind, number, _address(context, builder, sig, args))
+    return context.get_dummy_value()
+
+
+@type_callable(zero_like)
+def _type_zero(context: Any) -> Any:
+    return lambda value: LANES if isinstance(value, Lanes) else types.float64
+
+
+@lower_builtin(zero_like, types.Any)
+def _zero(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    return _constant(0.0) if isinstance(sig.return_type, Lanes) else DOUBLE(0.0)
+
+
 @type_callable(splat)
 def _type_splat(context: Any) -> Any:
     return lambda x: LANES
@@ -197,18 +298,27 @@ def _lower_splat(context: Any, builder: Any, sig: Any, args: Any) -> Any:
 
 @type_callable(multiply_add)
 def _type_multiply_add(context: Any) -> Any:
-    return lambda a, b, c: LANES
+    return lambda a, b, c: LANES if any(isinstance(kind, Lanes) for kind in (a, b, c)) else types.float64
 
 
 @lower_builtin(multiply_add, types.Any, types.Any, types.Any)
 def _multiply_add(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    if sig.return_type == types.float64:
+        numbers = [context.cast(builder, x, kind, types.float64) for kind, x in zip(sig.args, args, strict=True)]
+        return _intrinsic(builder, "fma", *numbers)
     operands = [_as_lanes(context, builder, kind, x) for kind, x in zip(sig.args, args, strict=True)]
     return _each(builder, lambda *lanes: _intrinsic(builder, "fma", *lanes), *operands)
 
 
 @type_callable(where_positive)
 def _type_where(context: Any) -> Any:
-    return lambda test, yes, no: LANES
+    return lambda test, yes, no: LANES if isinstance(test, Lanes) else types.float64
+
+
+@lower_builtin(where_positive, types.Float, types.Any, types.Any)
+def _where_number(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    test, yes, no = (context.cast(builder, x, kind, types.float64) for x, kind in zip(args, sig.args, strict=True))
+    return builder.select(builder.fcmp_ordered(">", test, DOUBLE(0.0)), yes, no)
 
 
 @lower_builtin(where_positive, Lanes, types.Any, types.Any)
@@ -234,7 +344,12 @@ def _greater(context: Any, builder: Any, sig: Any, args: Any) -> Any:
 
 @type_callable(magnitude)
 def _type_magnitude(context: Any) -> Any:
-    return lambda lanes: LANES
+    return lambda lanes: lanes
+
+
+@lower_builtin(magnitude, types.float64)
+def _magnitude_of_number(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    return _intrinsic(builder, "fabs", args[0])
 
 
 @lower_builtin(magnitude, Lanes)

@@ -10,8 +10,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from engine.compiler.decorators import inline, noinline, reduction
-from engine.kernel.codes import Row, SolveStatus
+from engine.compiler.decorators import INT64_0, inline, noinline
+from engine.compiler.lanes import (
+    lane_sum,
+    load_first_lanes,
+    load_lanes,
+    magnitude,
+    multiply_add,
+    splat,
+    store_lanes,
+)
+from engine.kernel.codes import LANES, Row, SolveStatus
 from engine.kernel.contact_law import exponent
 from engine.kernel.scalar_contact_solver import (
     loss_rate_of,
@@ -26,24 +35,49 @@ solve_scalar_apart = noinline(
 MIN_RHO = 1e-8  # of B_kk; below, ρ is rounding
 
 
-@reduction
+@inline
 def dot(a, b, n):
     """Σ a·b over the first n."""
     total = 0.0
-    for j in range(n):
-        total += a[j] * b[j]
-    return total
+    if n < LANES:
+        for j in range(n):
+            total = multiply_add(a[j], b[j], total)
+        return total
+    lanes, whole = splat(0.0), n // LANES * LANES
+    for j in range(INT64_0, whole, LANES):
+        lanes = multiply_add(load_lanes(a, j), load_lanes(b, j), lanes)
+    if whole < n:
+        left = n - whole
+        lanes = multiply_add(load_first_lanes(a, whole, left), load_first_lanes(b, whole, left), lanes)
+    return lane_sum(lanes)
 
 
-@reduction
-def dot_and_size(a, b, n):
-    """Σ a·b and Σ |a·b| over the first n."""
-    total, size = 0.0, 0.0
-    for j in range(n):
-        part = a[j] * b[j]
-        total += part
-        size += abs(part)
-    return total, size
+# Products with the compliance of the active set, which is symmetric, are taken column by column: eight contacts at a
+# time, without a sum over lanes for each. Its rows and those of the vectors have room for a multiple of eight.
+
+
+@noinline
+def multiply_compliance(near, n, x, product):
+    """Σ_j B_ij·x_j of each contact i of an active set of n."""
+    for i in range(INT64_0, n, LANES):
+        even, odd, j = splat(0.0), splat(0.0), INT64_0
+        while j + 1 < n:
+            even = multiply_add(load_lanes(near[j], i), x[j], even)
+            odd = multiply_add(load_lanes(near[j + 1], i), x[j + 1], odd)
+            j += 2
+        if j < n:
+            even = multiply_add(load_lanes(near[j], i), x[j], even)
+        store_lanes(product, i, even + odd)
+
+
+@noinline
+def sum_sizes(near, n, x, sizes):
+    """Σ_j |B_ij·x_j| of each contact i of an active set of n."""
+    for i in range(INT64_0, n, LANES):
+        total = splat(0.0)
+        for j in range(n):
+            total = total + magnitude(load_lanes(near[j], i) * x[j])
+        store_lanes(sizes, i, total)
 
 
 @inline
@@ -165,10 +199,11 @@ def project_onto_laws(problem, n):
         move[i], close[i], f[i], slope[i], count, how = solve_scalar_apart(
             problem.law, problem.loss_rate, contacts[i], s[i], target[i], rho[i], problem.tolerance
         )
-    worst = 0.0
+    worst, sizes = 0.0, vectors[Row.WORK]
+    multiply_compliance(near, n, f, left)
+    sum_sizes(near, n, f, sizes)
     for i in range(n):
-        total, size = dot_and_size(near[i], f, n)
-        linear_move = g[i] - total
+        linear_move, size = g[i] - left[i], sizes[i]
         left[i] = linear_move - move[i]
         if f[i] == 0.0 and s[i] <= 0.0 and s[i] + linear_move <= 0.0:
             move[i] = linear_move  # free, and remains so: its end is where the others leave it
@@ -191,18 +226,21 @@ def line_search(problem, n):
     slope = vectors[Row.SLOPE]
     left, step = vectors[Row.RESIDUAL], vectors[Row.NEWTON_STEP]
     after, eta = vectors[Row.FURTHER_MOVE], vectors[Row.ACTIVE_STEP]
+    multiply_compliance(near, n, f, left)
     for i in range(n):
-        eta[i] = g[i] - dot(near[i], f, n)
+        eta[i] = g[i] - left[i]
         off[i], slope[i] = contact_response(problem.law, problem.loss_rate, contacts[i], s[i], eta[i])
         off[i] -= f[i]
-    for i in range(n):  # Newton: (I + J B) d = φ - f, that is d = (φ - f) - J B (φ - f) + …
-        left[i] = -dot(near[i], off, n)
+    # Newton: (I + J B) d = φ - f, that is d = (φ - f) - J B (φ - f) + …
+    multiply_compliance(near, n, off, left)
+    for i in range(n):
+        left[i] = -left[i]
     newton_step(scratch, n)
     for i in range(n):
         step[i] += off[i]
     before = 0.0
+    multiply_compliance(near, n, step, after)
     for i in range(n):
-        after[i] = dot(near[i], step, n)
         before -= after[i] * off[i]
     low, upper, at = 0.0, 0.0, 1.0
     for _ in range(60):  # the derivative rises along the ray: find where it changes sign
@@ -267,8 +305,9 @@ def try_extrapolate(problem, n):
     s, f, eta, end = vectors[Row.START], vectors[Row.ACTIVE_FORCE], vectors[Row.ACTIVE_STEP], vectors[Row.ACTIVE_END]
     slope, left = vectors[Row.SLOPE], vectors[Row.RESIDUAL]
     step, after = vectors[Row.NEWTON_STEP], vectors[Row.FURTHER_MOVE]
+    multiply_compliance(near, n, step, after)
     for i in range(n):
-        after[i] = left[i] - dot(near[i], step, n)
+        after[i] = left[i] - after[i]
     first = 0.0
     for i in range(n):
         k = contacts[i]
@@ -289,14 +328,16 @@ def try_extrapolate(problem, n):
                 k = contacts[i]
                 estimate = ForceEstimate(eta[i], end[i], f[i], slope[i])
                 bend[i] = second_order_change(problem.law, problem.loss_rate, k, s[i], estimate, after[i])
+        multiply_compliance(near, n, bend, left)
         for i in range(n):
-            left[i] = -dot(near[i], bend, n)
+            left[i] = -left[i]
         substitute(problem.scratch, n, left, more)
         for i in range(n):
             more[i] += bend[i]
             step[i] += more[i]
+        multiply_compliance(near, n, more, left)
         for i in range(n):
-            after[i] -= dot(near[i], more, n)
+            after[i] -= left[i]
     for i in range(n):
         f[i] += step[i]
         eta[i] += after[i]

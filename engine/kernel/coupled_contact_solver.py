@@ -24,8 +24,8 @@ from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.kernel.codes import Row, SolveStatus
 from engine.kernel.coupled_contact_round import (
     contact_response,
-    dot,
     line_search,
+    multiply_compliance,
     newton_step,
     project_onto_laws,
     solve_scalar_apart,
@@ -265,9 +265,10 @@ def aim_at_guess(problem, n):
     """Targets of the projections from the forces GUESS: each contact alone, the others' forces fixed."""
     vectors, compliance = problem.scratch.vectors, problem.scratch.active_compliance
     guess, target, rho = vectors[Row.GUESS], vectors[Row.TARGET], vectors[Row.RHO]
+    multiply_compliance(compliance, n, guess, target)
     for i in range(n):
         rho[i] = compliance[i, i]
-        target[i] = vectors[Row.FREE_MOVE, i] - (dot(compliance[i], guess, n) - rho[i] * guess[i])
+        target[i] = vectors[Row.FREE_MOVE, i] - (target[i] - rho[i] * guess[i])
 
 
 @inline

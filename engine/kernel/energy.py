@@ -4,32 +4,49 @@ It is measured from the state exactly as for the continuous system (paper, sec. 
 and never changes the scheme.
 """
 
-from engine.compiler.decorators import inline, reduction
-from engine.kernel.codes import EnergyTotal, Ledger
+from engine.compiler.decorators import INT64_0, inline
+from engine.compiler.lanes import EightFrom, lane_sum, magnitude, multiply_add, number_at, splat, zero_like
+from engine.kernel.codes import LANES, EnergyTotal, Ledger
 from engine.kernel.contacts import contact_energy
+from engine.kernel.modes import lanes_of
 
 
 @inline
 def mode_potential(omega_squared, weight, m, q):
-    """½ω²q² and weight·q of mode m, J."""
-    elastic, fallen = 0.0, 0.0
+    """½ω²q² and weight·q of mode m, or of eight, J."""
+    elastic, fallen = zero_like(q), zero_like(q)
     if omega_squared is not None:
-        elastic = 0.5 * omega_squared[m] * q * q
+        elastic = 0.5 * number_at(omega_squared, m) * q * q
     if weight is not None:
-        fallen = weight[m] * q
+        fallen = number_at(weight, m) * q
     return elastic, fallen
 
 
-@reduction
+@inline
+def add_energies(omega_squared, weight, m, q, p, sums):
+    """Add p², ω²q², weight·q and |weight·q| of mode m, or of eight, to these sums."""
+    x, y, (kinetic, elastic, fallen, fallen_size) = number_at(q, m), number_at(p, m), sums
+    kinetic = multiply_add(y, y, kinetic)
+    if omega_squared is not None:
+        elastic = multiply_add(number_at(omega_squared, m) * x, x, elastic)
+    if weight is not None:
+        energy = number_at(weight, m) * x
+        fallen, fallen_size = fallen + energy, fallen_size + magnitude(energy)
+    return kinetic, elastic, fallen, fallen_size
+
+
+@inline
 def kinetic_and_potential(omega_squared, weight, q, p):
     """½p², ½ω²q² - weight·q, and ½ω²q² + |weight·q|, summed over modes, J."""
-    kinetic, potential, absolute = 0.0, 0.0, 0.0
-    for m in range(p.shape[0]):
-        elastic, fallen = mode_potential(omega_squared, weight, m, q[m])
-        kinetic += 0.5 * p[m] * p[m]
-        potential += elastic - fallen
-        absolute += elastic + abs(fallen)
-    return kinetic, potential, absolute
+    whole, zeros = lanes_of(p.shape[0]), splat(0.0)
+    lanes = (zeros, zeros, zeros, zeros)
+    for m in range(INT64_0, whole, LANES):
+        lanes = add_energies(omega_squared, weight, EightFrom(m), q, p, lanes)
+    sums = (lane_sum(lanes[0]), lane_sum(lanes[1]), lane_sum(lanes[2]), lane_sum(lanes[3]))
+    for m in range(whole, p.shape[0]):
+        sums = add_energies(omega_squared, weight, m, q, p, sums)
+    kinetic, elastic, fallen, fallen_size = sums
+    return 0.5 * kinetic, 0.5 * elastic - fallen, 0.5 * elastic + fallen_size
 
 
 @inline

@@ -9,8 +9,18 @@ bits. The motion at the begin of a flight is kept: where something acts before i
 single steps take it to that frame. So an event that was known beforehand, and one that was not, give the same.
 """
 
-from engine.compiler.decorators import inline, noinline, reduction
-from engine.compiler.lanes import load_lanes, multiply_add, splat, store_lanes
+from engine.compiler.decorators import INT64_0, inline, noinline
+from engine.compiler.lanes import (
+    EightFrom,
+    lane_sum,
+    load_lanes,
+    magnitude,
+    multiply_add,
+    number_at,
+    splat,
+    store_lanes,
+    zero_like,
+)
 from engine.kernel.codes import (
     FLIGHT_FRAMES,
     FLIGHT_MODES,
@@ -22,7 +32,7 @@ from engine.kernel.codes import (
     Quantity,
 )
 from engine.kernel.energy import accumulate, mode_potential
-from engine.kernel.modes import free_step
+from engine.kernel.modes import free_step, lanes_of
 
 PARTS = FLIGHT_FRAMES // FLIGHT_PART
 
@@ -74,31 +84,44 @@ def push_by_weight(weight, compensation, kept, p):
 
 @inline
 def mode_loss(loss, m, q, p):
-    """Energy that mode m loses over a flight that begins with q and p, J; but for that due to weight."""
+    """Energy that mode m, or eight, loses over a flight that begins with q and p, J; but for that due to weight."""
     if loss is None:
-        return 0.0
-    return (loss.qq[m] * q + loss.qp[m] * p) * q + loss.pp[m] * p * p
+        return zero_like(q)
+    return (number_at(loss.qq, m) * q + number_at(loss.qp, m) * p) * q + number_at(loss.pp, m) * p * p
 
 
 @inline
 def mode_loss_by_weight(weight, m, q, p):
     """The part of it that is due to weight, J."""
     if weight is None:
-        return 0.0
-    return weight.lost_per_q[m] * q + weight.lost_per_p[m] * p + weight.lost[m]
+        return zero_like(q)
+    return number_at(weight.lost_per_q, m) * q + number_at(weight.lost_per_p, m) * p + number_at(weight.lost, m)
 
 
-@reduction
+@inline
+def flight_energies_of(omega_squared, weight, flight, m, q, p):
+    """As `flight_energies`, of mode m, or of eight."""
+    x, y = number_at(q, m), number_at(p, m)
+    elastic, fallen = mode_potential(omega_squared, weight, m, x)
+    vibration = 0.5 * y * y + elastic
+    lost = mode_loss(flight.loss, m, x, y) + mode_loss_by_weight(flight.weight, m, x, y)
+    return vibration - fallen, vibration + magnitude(fallen), lost
+
+
+@inline
 def flight_energies(omega_squared, weight, flight, q, p):
     """Of the modes at the begin of a flight: kinetic and potential energy, the same without signs, and what they will
     lose in it, J."""
-    energy, absolute, lost = 0.0, 0.0, 0.0
-    for m in range(p.shape[0]):
-        elastic, fallen = mode_potential(omega_squared, weight, m, q[m])
-        vibration = 0.5 * p[m] * p[m] + elastic
-        energy += vibration - fallen
-        absolute += vibration + abs(fallen)
-        lost += mode_loss(flight.loss, m, q[m], p[m]) + mode_loss_by_weight(flight.weight, m, q[m], p[m])
+    lanes, a, b, c = lanes_of(p.shape[0]), splat(0.0), splat(0.0), splat(0.0)
+    for m in range(INT64_0, lanes, LANES):
+        parts = flight_energies_of(omega_squared, weight, flight, EightFrom(m), q, p)
+        a, b, c = a + parts[0], b + parts[1], c + parts[2]
+    energy, absolute, lost = lane_sum(a), lane_sum(b), lane_sum(c)
+    for m in range(lanes, p.shape[0]):
+        of_mode = flight_energies_of(omega_squared, weight, flight, m, q, p)
+        energy += of_mode[0]
+        absolute += of_mode[1]
+        lost += of_mode[2]
     return energy, absolute, lost
 
 

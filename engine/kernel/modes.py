@@ -16,20 +16,37 @@ import math
 
 import numpy as np
 
-from engine.compiler.decorators import INT64_0, INT64_1, inline, noinline, reduction
-from engine.compiler.lanes import lane_sum, load_lanes, multiply_add, splat
+from engine.compiler.decorators import INT64_0, INT64_1, inline, noinline
+from engine.compiler.lanes import (
+    EightFrom,
+    lane_sum,
+    load_first_lanes,
+    load_lanes,
+    magnitude,
+    multiply_add,
+    number_at,
+    put_number,
+    splat,
+    where_positive,
+    zero_like,
+)
 from engine.kernel.codes import LANES
 
 ROWS_AT_ONCE = 4
 DENORMAL_LIMIT = 1e-290  # √kg·m, √kg·m/s
 
 
+# What is written for one mode does the same with eight: m is an index, or EightFrom one. Sums over modes are taken in
+# eight lanes, then over the lanes, and at last over the modes that are left. So their bits depend neither on the
+# processor's vectors nor on what else a kernel does.
+
+
 @inline
 def apply_loss(loss, m, p):
     """Take the loss of mode m from its momentum: the momentum left, and the energy lost."""
     if loss is None:
-        return p, 0.0
-    return loss.decay_factor[m] * p, loss.dissipation_factor[m] * p * p
+        return p, zero_like(p)
+    return number_at(loss.decay_factor, m) * p, number_at(loss.dissipation_factor, m) * p * p
 
 
 @inline
@@ -41,18 +58,18 @@ def kick_by_weight(weight, compensation, kick, m, p):
     """
     if weight is None:
         return p
-    push = kick[m] * weight[m] - compensation[m]
+    push = number_at(kick, m) * number_at(weight, m) - number_at(compensation, m)
     moved = p + push
-    compensation[m] = (moved - p) - push
+    put_number(compensation, m, (moved - p) - push)
     return moved
 
 
 @inline
-def kick_of_spring(spring_kick, m, q):
+def kick_by_spring(spring_kick, m, q, p):
     """Half a kick by the restoring force."""
     if spring_kick is None:
-        return 0.0
-    return -spring_kick[m] * q
+        return p
+    return p - number_at(spring_kick, m) * q
 
 
 @inline
@@ -60,112 +77,162 @@ def begin_step_mode(h, weight, compensation, m, q, p):
     """Half a step of loss and half a kick of mode m, without contact: its momentum, and the energy lost."""
     p, lost = apply_loss(h.loss, m, p)
     p = kick_by_weight(weight, compensation, h.kick, m, p)
-    return p + kick_of_spring(h.spring_kick, m, q), lost
+    return kick_by_spring(h.spring_kick, m, q, p), lost
 
 
 @inline
 def end_step_mode(h, weight, compensation, m, q, p):
     """Drift, half a kick and half a step of loss of mode m: q, p, and the energy lost."""
-    q += h.drift[m] * p
-    p, dragged = apply_loss(h.drag, m, p)
-    p += kick_of_spring(h.spring_kick, m, q)
-    p, lost = apply_loss(h.loss, m, kick_by_weight(weight, compensation, h.kick, m, p))
-    return q, p, lost + dragged
+    return end_step_mode_pushed(h, None, weight, compensation, m, q, p)
 
 
-# A loop over modes is compiled to vector code, which first has to check that no two of its arrays
-# overlap. For a body of one mode that costs more than the mode; so each loop has a way around it.
-
-
-@reduction
-def begin_step(h, weight, compensation, q, p):
-    """First half of a step of all modes, up to the contact. Returns the energy lost."""
-    if p.shape[0] == 1:
-        p[0], lost = begin_step_mode(h, weight, compensation, INT64_0, q[0], p[0])
-        return lost
-    lost = 0.0
-    for m in range(p.shape[0]):
-        p[m], lost_by_mode = begin_step_mode(h, weight, compensation, m, q[m], p[m])
-        lost += lost_by_mode
-    return lost
-
-
-@reduction
-def end_step(h, weight, compensation, q, p):
-    """Second half of a step of all modes, after the contact. Returns the energy lost."""
-    if p.shape[0] == 1:
-        q[0], p[0], lost = end_step_mode(h, weight, compensation, INT64_0, q[0], p[0])
-        return lost
-    lost = 0.0
-    for m in range(p.shape[0]):
-        q[m], p[m], lost_by_mode = end_step_mode(h, weight, compensation, m, q[m], p[m])
-        lost += lost_by_mode
-    return lost
-
-
-@reduction
-def begin_step_towards(h, drift_phi, weight, compensation, q, p):
-    """As `begin_step`; returns also how far the coming drift moves a contact, m, whose v·Φ are given."""
-    if p.shape[0] == 1:
-        p[0], lost = begin_step_mode(h, weight, compensation, INT64_0, q[0], p[0])
-        return lost, drift_phi[0] * p[0]
-    lost, move = 0.0, 0.0
-    for m in range(p.shape[0]):
-        half, lost_by_mode = begin_step_mode(h, weight, compensation, m, q[m], p[m])
-        p[m] = half
-        lost += lost_by_mode
-        move += drift_phi[m] * half
-    return lost, move
+@inline
+def kick_by_force(push, p):
+    """Half a kick by a force, if there is one."""
+    if push is None:
+        return p
+    return p + push
 
 
 @inline
 def end_step_mode_pushed(h, push, weight, compensation, m, q, p):
-    """As `end_step_mode`, of a mode that takes `push` in either half of the kick."""
-    p += push
-    q += h.drift[m] * p
+    """As `end_step_mode`, of a mode that takes `push` in the second half of the kick."""
+    q = q + number_at(h.drift, m) * p
     p, dragged = apply_loss(h.drag, m, p)
-    p += kick_of_spring(h.spring_kick, m, q)
-    p, lost = apply_loss(h.loss, m, kick_by_weight(weight, compensation, h.kick, m, p) + push)
+    p = kick_by_spring(h.spring_kick, m, q, p)
+    p = kick_by_force(push, kick_by_weight(weight, compensation, h.kick, m, p))
+    p, lost = apply_loss(h.loss, m, p)
     return q, p, lost + dragged
 
 
-@reduction
+@inline
+def lanes_of(modes):
+    """How many of so many modes are taken eight by eight."""
+    return modes // LANES * LANES
+
+
+@inline
+def begin_step_at(h, weight, compensation, m, q, p):
+    """First half of a step of mode m, up to the contact. Returns the energy lost, and its momentum."""
+    half, lost = begin_step_mode(h, weight, compensation, m, number_at(q, m), number_at(p, m))
+    put_number(p, m, half)
+    return lost, half
+
+
+@inline
+def end_step_at(h, weight, compensation, m, q, p):
+    """Second half of a step of mode m, after the contact. Returns the energy lost."""
+    moved, left, lost = end_step_mode(h, weight, compensation, m, number_at(q, m), number_at(p, m))
+    put_number(q, m, moved)
+    put_number(p, m, left)
+    return lost
+
+
+@inline
+def end_step_pushed_at(h, kick_phi, force, weight, compensation, m, q, p):
+    """As `end_step_at`, with both half-kicks by a force (N) at a point whose t·Φ are given."""
+    push = number_at(kick_phi, m) * force
+    moved, left, lost = end_step_mode_pushed(h, push, weight, compensation, m, number_at(q, m), number_at(p, m) + push)
+    put_number(q, m, moved)
+    put_number(p, m, left)
+    return lost
+
+
+@inline
+def free_step_at(h, weight, compensation, m, q, p):
+    """A step of mode m on which nothing acts. Returns the energy lost."""
+    x = number_at(q, m)
+    half, lost_first = begin_step_mode(h, weight, compensation, m, x, number_at(p, m))
+    moved, left, lost_later = end_step_mode(h, weight, compensation, m, x, half)
+    put_number(q, m, moved)
+    put_number(p, m, left)
+    return lost_first + lost_later
+
+
+@inline
+def begin_step(h, weight, compensation, q, p):
+    """First half of a step of all modes, up to the contact. Returns the energy lost."""
+    lanes, total = lanes_of(p.shape[0]), splat(0.0)
+    for m in range(INT64_0, lanes, LANES):
+        total = total + begin_step_at(h, weight, compensation, EightFrom(m), q, p)[0]
+    lost = lane_sum(total)
+    for m in range(lanes, p.shape[0]):
+        lost += begin_step_at(h, weight, compensation, m, q, p)[0]
+    return lost
+
+
+@inline
+def end_step(h, weight, compensation, q, p):
+    """Second half of a step of all modes, after the contact. Returns the energy lost."""
+    lanes, total = lanes_of(p.shape[0]), splat(0.0)
+    for m in range(INT64_0, lanes, LANES):
+        total = total + end_step_at(h, weight, compensation, EightFrom(m), q, p)
+    lost = lane_sum(total)
+    for m in range(lanes, p.shape[0]):
+        lost += end_step_at(h, weight, compensation, m, q, p)
+    return lost
+
+
+@inline
+def begin_step_towards(h, drift_phi, weight, compensation, q, p):
+    """As `begin_step`; returns also how far the coming drift moves a contact, m, whose v·Φ are given."""
+    lanes, total, moves = lanes_of(p.shape[0]), splat(0.0), splat(0.0)
+    for m in range(INT64_0, lanes, LANES):
+        lost_by_modes, half = begin_step_at(h, weight, compensation, EightFrom(m), q, p)
+        total = total + lost_by_modes
+        moves = multiply_add(number_at(drift_phi, EightFrom(m)), half, moves)
+    lost, move = lane_sum(total), lane_sum(moves)
+    for m in range(lanes, p.shape[0]):
+        lost_by_mode, half = begin_step_at(h, weight, compensation, m, q, p)
+        lost += lost_by_mode
+        move += number_at(drift_phi, m) * half
+    return lost, move
+
+
+@inline
 def end_step_pushed(h, kick_phi, force, weight, compensation, q, p):
     """As `end_step`, with both half-kicks by a force (N) at a point whose t·Φ are given. Returns the energy lost."""
-    if p.shape[0] == 1:
-        q[0], p[0], lost = end_step_mode_pushed(h, kick_phi[0] * force, weight, compensation, INT64_0, q[0], p[0])
-        return lost
-    lost = 0.0
-    for m in range(p.shape[0]):
-        q[m], p[m], lost_by_mode = end_step_mode_pushed(h, kick_phi[m] * force, weight, compensation, m, q[m], p[m])
-        lost += lost_by_mode
+    lanes, total = lanes_of(p.shape[0]), splat(0.0)
+    for m in range(INT64_0, lanes, LANES):
+        total = total + end_step_pushed_at(h, kick_phi, force, weight, compensation, EightFrom(m), q, p)
+    lost = lane_sum(total)
+    for m in range(lanes, p.shape[0]):
+        lost += end_step_pushed_at(h, kick_phi, force, weight, compensation, m, q, p)
     return lost
 
 
-@reduction
+@inline
 def free_step(h, weight, compensation, q, p):
     """A step of all modes on which nothing acts: both halves in one pass. Returns the energy lost."""
-    if p.shape[0] == 1:
-        half, lost = begin_step_mode(h, weight, compensation, INT64_0, q[0], p[0])
-        q[0], p[0], lost_later = end_step_mode(h, weight, compensation, INT64_0, q[0], half)
-        return lost + lost_later
-    lost = 0.0
-    for m in range(p.shape[0]):
-        half, lost_first = begin_step_mode(h, weight, compensation, m, q[m], p[m])
-        q[m], p[m], lost_later = end_step_mode(h, weight, compensation, m, q[m], half)
-        lost += lost_first + lost_later
+    lanes, total = lanes_of(p.shape[0]), splat(0.0)
+    for m in range(INT64_0, lanes, LANES):
+        total = total + free_step_at(h, weight, compensation, EightFrom(m), q, p)
+    lost = lane_sum(total)
+    for m in range(lanes, p.shape[0]):
+        lost += free_step_at(h, weight, compensation, m, q, p)
     return lost
 
 
-@reduction
+@inline
+def apply_loss_at(loss, m, p):
+    """Take the loss of mode m from its momentum. Returns the energy lost."""
+    left, lost = apply_loss(loss, m, number_at(p, m))
+    put_number(p, m, left)
+    return lost
+
+
+@inline
 def apply_loss_all(loss, p):
     """Take the loss of all modes from their momenta. Returns the energy lost."""
-    total = 0.0
-    if loss is not None:
-        for m in range(p.shape[0]):
-            p[m], lost = apply_loss(loss, m, p[m])
-            total += lost
-    return total
+    if loss is None:
+        return 0.0
+    lanes, total = lanes_of(p.shape[0]), splat(0.0)
+    for m in range(INT64_0, lanes, LANES):
+        total = total + apply_loss_at(loss, EightFrom(m), p)
+    lost = lane_sum(total)
+    for m in range(lanes, p.shape[0]):
+        lost += apply_loss_at(loss, m, p)
+    return lost
 
 
 @noinline
@@ -206,28 +273,38 @@ def rescale_kinetic_energy(energy, p):
     return energy
 
 
-@reduction
+@inline
 def kinetic_energy(p):
     """Σ ½p², J."""
-    total = 0.0
-    for m in range(p.shape[0]):
-        total += 0.5 * p[m] * p[m]
-    return total
+    lanes, total = lanes_of(p.shape[0]), splat(0.0)
+    for m in range(INT64_0, lanes, LANES):
+        x = load_lanes(p, m)
+        total = total + 0.5 * x * x
+    energy = lane_sum(total)
+    for m in range(lanes, p.shape[0]):
+        energy += 0.5 * p[m] * p[m]
+    return energy
 
 
-# Tried: this sum in Lanes. It gains nothing on 61 modes, and takes 4 to 9 % more where an island has many contacts.
-
-
-@reduction
+@inline
 def weighted_sum(weights, offset, x, begin, end):
     """Σ weights[offset + m]·x[begin + m] over the modes begin to end of an island."""
-    if end - begin == 1:
-        return weights[offset] * x[begin]
-    a, b = weights[offset : offset + (end - begin)], x[begin:end]
-    total = 0.0
-    for m in range(b.shape[0]):
-        total += a[m] * b[m]
-    return total
+    modes = np.int64(end) - begin
+    if modes == 1:
+        return number_at(weights, offset) * number_at(x, begin)
+    first, from_mode, lanes = np.int64(offset), np.int64(begin), lanes_of(modes)
+    even, odd, m = splat(0.0), splat(0.0), INT64_0
+    while m + LANES < lanes:  # two sums: the next addition need not wait for the last
+        even = multiply_add(load_lanes(weights, first + m), load_lanes(x, from_mode + m), even)
+        odd = multiply_add(load_lanes(weights, first + m + LANES), load_lanes(x, from_mode + m + LANES), odd)
+        m += 2 * LANES
+    if m < lanes:
+        even = multiply_add(load_lanes(weights, first + m), load_lanes(x, from_mode + m), even)
+    if lanes < modes:
+        left = modes - lanes
+        last = load_first_lanes(weights, first + lanes, left)
+        odd = multiply_add(last, load_first_lanes(x, from_mode + lanes, left), odd)
+    return lane_sum(even + odd)
 
 
 @inline
@@ -316,21 +393,29 @@ def vibration_squared(omega_squared, weight, m, q, p):
     vibration, J. That of a free mass is p²."""
     if omega_squared is None:
         return p * p
-    away = q
+    stiffness, away = number_at(omega_squared, m), q
     if weight is not None:
-        away -= weight[m] / omega_squared[m] if omega_squared[m] > 0.0 else 0.0
-    return p * p + omega_squared[m] * away * away
+        away = q - where_positive(stiffness, number_at(weight, m) / stiffness, 0.0)
+    return p * p + stiffness * away * away
 
 
 @inline
 def bound_by_weight(weight, per_weight, m):
     """How far weight can move mode m meanwhile, √kg·m."""
+    limit = number_at(per_weight, m)
     if weight is None:
-        return 0.0
-    return abs(weight[m]) * per_weight[m]
+        return zero_like(limit)
+    return magnitude(number_at(weight, m)) * limit
 
 
-@reduction
+@inline
+def bound_mode(omega_squared, weight, per_speed, per_weight, m, q, p):
+    """How far mode m can move in a while, √kg·m."""
+    speed = math.sqrt(vibration_squared(omega_squared, weight, m, number_at(q, m), number_at(p, m)))
+    return speed * number_at(per_speed, m) + bound_by_weight(weight, per_weight, m)
+
+
+@inline
 def bound_modal_displacements(omega_squared, weight, per_speed, per_weight, q, p, bound):
     """How far each mode can move in a while in which nothing else acts, √kg·m, into `bound`.
 
@@ -338,28 +423,43 @@ def bound_modal_displacements(omega_squared, weight, per_speed, per_weight, q, p
 
     per_speed, per_weight: how far each mode moves per speed, s, and, if it is a free mass, per weight, s²
     """
-    for m in range(p.shape[0]):
-        speed = math.sqrt(vibration_squared(omega_squared, weight, m, q[m], p[m]))
-        bound[m] = speed * per_speed[m] + bound_by_weight(weight, per_weight, m)
+    lanes = lanes_of(p.shape[0])
+    for m in range(INT64_0, lanes, LANES):
+        put_number(bound, EightFrom(m), bound_mode(omega_squared, weight, per_speed, per_weight, EightFrom(m), q, p))
+    for m in range(lanes, p.shape[0]):
+        put_number(bound, m, bound_mode(omega_squared, weight, per_speed, per_weight, m, q, p))
 
 
-@reduction
+@inline
+def vibration_energy_of(omega_squared, weight, m, q, p):
+    """Energy of vibration of mode m, ½A²; 0 of a free mass, J."""
+    square = vibration_squared(omega_squared, weight, m, number_at(q, m), number_at(p, m))
+    return where_positive(number_at(omega_squared, m), 0.5 * square, 0.0)
+
+
+@inline
 def vibration_energy(omega_squared, weight, q, p):
     """Energy of vibration, Σ ½A² of all modes but free masses, J."""
-    total = 0.0
-    if omega_squared is not None:
-        for m in range(p.shape[0]):
-            square = vibration_squared(omega_squared, weight, m, q[m], p[m])
-            total += 0.5 * square if omega_squared[m] > 0.0 else 0.0
-    return total
+    if omega_squared is None:
+        return 0.0
+    lanes, total = lanes_of(p.shape[0]), splat(0.0)
+    for m in range(INT64_0, lanes, LANES):
+        total = total + vibration_energy_of(omega_squared, weight, EightFrom(m), q, p)
+    energy = lane_sum(total)
+    for m in range(lanes, p.shape[0]):
+        energy += vibration_energy_of(omega_squared, weight, m, q, p)
+    return energy
 
 
-@reduction
+@inline
 def bound_at_row(rows, r, bound):
     """How far the point of row r can move, m, if each mode moves no further than `bound`."""
-    begin, end, offset = rows.mode_begin[r], rows.mode_end[r], rows.offset[r]
-    a, b = rows.phi[offset : offset + (end - begin)], bound[begin:end]
-    total = 0.0
-    for m in range(b.shape[0]):
-        total += abs(a[m]) * b[m]
-    return total
+    begin, first = np.int64(rows.mode_begin[r]), np.int64(rows.offset[r])
+    modes = np.int64(rows.mode_end[r]) - begin
+    lanes, total = lanes_of(modes), splat(0.0)
+    for m in range(INT64_0, lanes, LANES):
+        total = multiply_add(magnitude(load_lanes(rows.phi, first + m)), load_lanes(bound, begin + m), total)
+    if lanes < modes:
+        last = magnitude(load_first_lanes(rows.phi, first + lanes, modes - lanes))
+        total = multiply_add(last, load_first_lanes(bound, begin + lanes, modes - lanes), total)
+    return lane_sum(total)

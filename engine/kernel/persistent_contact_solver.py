@@ -10,7 +10,7 @@ import math
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.kernel.codes import Row
 from engine.kernel.contact_law import elastic_force, exponent
-from engine.kernel.coupled_contact_round import ForceEstimate, dot, extrapolation_error, newton_step
+from engine.kernel.coupled_contact_round import ForceEstimate, extrapolation_error, multiply_compliance, newton_step
 from engine.kernel.coupled_contact_solver import activate, extend_active_set, scatter_solution
 from engine.kernel.scalar_contact_solver import loss_rate_of
 
@@ -76,8 +76,9 @@ def take_newton_step(problem, n):
     for i in range(n):
         alpha, rate = exponent(problem.law, contacts[i]), loss_rate_of(problem.loss_rate, contacts[i])
         f[i], slope[i] = persistent_response(start_force[i], alpha, rate, s[i], eta[i])
+    multiply_compliance(near, n, f, left)
     for i in range(n):
-        left[i] = (g[i] - dot(near[i], f, n)) - eta[i]
+        left[i] = (g[i] - left[i]) - eta[i]
     newton_step(scratch, n)
     for i in range(n):
         k, move = contacts[i], step[i] / slope[i]  # left - B·step would cancel where B·slope is large

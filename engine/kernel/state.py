@@ -34,11 +34,12 @@ PerPartitionInt = Annotated[np.ndarray, Items(Axis.PARTITION, np.int64)]
 
 
 class Scratch(NamedTuple):
-    """Memory for the coupled contact solve of each partition. K is the largest number of contacts in an island."""
+    """Memory for the coupled contact solve of each partition. K is the largest number of contacts in an island, and L
+    at least as large, and a multiple of eight."""
 
-    vectors: PerPartition  # [partitions, rows (engine.kernel.codes.Row), K]
-    active_compliance: PerPartition  # [partitions, K, K]: B of the active set
-    cholesky: PerPartition  # [partitions, K, K]: what is factorised
+    vectors: PerPartition  # [partitions, rows (engine.kernel.codes.Row), L]
+    active_compliance: PerPartition  # [partitions, K, L]: B of the active set
+    cholesky: PerPartition  # [partitions, K, L]: what is factorised
     active: PerPartitionInt  # [partitions, K]: the contacts of the active set
     sloped: PerPartitionInt  # [partitions, K]: which of the active set have a slope
     is_active: PerPartitionInt  # [partitions, K]: whether a contact is in the active set

@@ -16,10 +16,11 @@ from engine.compiler.struct_handle import StructHandle
 from engine.kernel.codes import Ledger, Sleep
 from engine.kernel.model import Model
 from engine.kernel.render_block import render_block
-from engine.kernel.state import BlockOutput, State
+from engine.kernel.state import State
 from engine.offline.effects import EFFECTS
 from engine.offline.record import Record
 from engine.offline.statistics import Activity
+from engine.parallel.job_memory import block_output
 from engine.patch.scene import Scene
 
 TIMED_CHUNK_FRAMES = 4096
@@ -108,7 +109,7 @@ def _measure_costs(
     """Time of each island, ns per sample [islands]: its mean, and that of its slowest chunk."""
     count = model.islands.partition.size - 1
     audio, ledger = np.zeros((TIMED_CHUNK_FRAMES, channels)), np.zeros((len(Ledger), TIMED_CHUNK_FRAMES))
-    handles = StructHandle(model), StructHandle(state), StructHandle(BlockOutput(audio, ledger, None))
+    handles = StructHandle(model), StructHandle(state), StructHandle(block_output(audio, ledger, True))
     render_block(*handles, 0, 0)  # compile before the clock starts
     if on_compiled is not None:
         on_compiled(1.0)

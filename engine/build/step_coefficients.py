@@ -92,12 +92,13 @@ def _basis_coefficients(layout: Layout, modes: ModeCoefficients) -> BasisCoeffic
 
 
 def _single_contacts(layout: Layout, modes: ModeCoefficients) -> SingleContact | None:
-    """What the modes of each island do at its one contact; None if an island has several, or forces act."""
+    """What the modes of each island do at its one contact; None if no island has just one, and no force."""
     islands = layout.islands
-    if np.diff(islands.contact).max() > 1 or layout.force_order:
+    has_one = (np.diff(islands.contact) == 1) & (np.diff(islands.force) == 0)
+    if not has_one.any():
         return None
     phi = np.zeros(modes.kick.size)
-    for n in np.flatnonzero(np.diff(islands.contact)).tolist():
+    for n in np.flatnonzero(has_one).tolist():
         for side in layout.contact_rows[islands.contact[n]]:
             phi[islands.mode[n] : islands.mode[n + 1]] += layout.dense_mode_shape(side, n)
     return SingleContact(kick_phi=modes.kick * phi, drift_phi=modes.drift * phi)

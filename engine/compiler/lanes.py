@@ -110,6 +110,11 @@ def lane_sum(lanes: Any) -> float:
     raise TypeError("lane_sum is for compiled code")
 
 
+def lane_maximum(lanes: Any) -> float:
+    """The largest of the lanes, where none is not a number."""
+    raise TypeError("lane_maximum is for compiled code")
+
+
 # --- how they are compiled
 
 
@@ -357,20 +362,31 @@ def _magnitude(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     return _each(builder, lambda x: _intrinsic(builder, "fabs", x), args[0])
 
 
+def _fold(builder: Any, lanes: Any, join: Callable[..., Any]) -> Any:
+    """The lanes joined to one: the two halves lane by lane, and so on."""
+    width = WIDTH
+    while width > 1:
+        width //= 2
+        order = [ir.Constant(ir.VectorType(INT32, width), [first + n for n in range(width)]) for first in (0, width)]
+        undefined = ir.Constant(lanes.type, ir.Undefined)
+        lanes = join(*(builder.shuffle_vector(lanes, undefined, half) for half in order))
+    return builder.extract_element(lanes, INT32(0))
+
+
 @type_callable(lane_sum)
-def _type_sum(context: Any) -> Any:
+@type_callable(lane_maximum)
+def _type_fold(context: Any) -> Any:
     return lambda lanes: types.float64
 
 
 @lower_builtin(lane_sum, Lanes)
 def _sum(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    lanes, width = args[0], WIDTH
-    while width > 1:
-        width //= 2
-        order = [ir.Constant(ir.VectorType(INT32, width), [first + n for n in range(width)]) for first in (0, width)]
-        undefined = ir.Constant(lanes.type, ir.Undefined)
-        lanes = builder.fadd(*(builder.shuffle_vector(lanes, undefined, half) for half in order))
-    return builder.extract_element(lanes, INT32(0))
+    return _fold(builder, args[0], builder.fadd)
+
+
+@lower_builtin(lane_maximum, Lanes)
+def _maximum(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    return _fold(builder, args[0], lambda a, b: builder.select(builder.fcmp_ordered(">", a, b), a, b))
 
 
 @type_callable(math.sqrt)

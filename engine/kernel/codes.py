@@ -95,6 +95,13 @@ class Sleep(IntEnum):
     FORCED = 3  # 1 if it was put to sleep
 
 
+class Wanted(IntEnum):
+    """What of a block is asked for beside its audio: items of BlockOutput.wanted."""
+
+    ENERGIES = 0  # its ledger
+    MOTION = 1  # its trace
+
+
 class FlightFrame(IntEnum):
     """Columns of FreeFlightState.frame."""
 

@@ -28,7 +28,7 @@ from engine.kernel.coupled_contact_solver import NO_CAP, CoupledProblem, solve_c
 from engine.kernel.modes import kinetic_energy
 from engine.kernel.persistent_contact_solver import solve_persistent
 from engine.kernel.reduced_contact_solver import basis_of_island, solve_reduced
-from engine.kernel.scalar_contact_solver import solve_scalar_contact
+from engine.kernel.scalar_contact_solver import loss_rate_of, solve_scalar_contact
 
 
 class ContactSolution(NamedTuple):
@@ -252,9 +252,7 @@ def use_persistent_solution(contact, h, state, rounds):
 @inline
 def force_of_law(contact, loss_rate, k, s, eta, f, status):
     """The force of the contact law for a step, N; that of a capped solve is not always it."""
-    if loss_rate is None:
-        return f
-    if status == SolveStatus.CAPPED:
+    if status == SolveStatus.CAPPED and loss_rate_of(loss_rate, k) > 0.0:
         return contact_response(contact.law, loss_rate, k, s, eta)[0]
     return f
 

@@ -170,8 +170,6 @@ def reset_line_search_budget(coupling, state):
 def contact_dissipation(contact, loss_rate, k, s, b, eta, f):
     """Energy that contact loss takes over one step: (f - φ)·η, J."""
     rate = loss_rate_of(loss_rate, k)
-    if rate == 0.0:
-        return 0.0
     w = 1.0 + rate * eta
     if w > 0.5:
         return f * eta * (rate * eta) / w
@@ -220,17 +218,16 @@ def store_free_move(state, k):
 def dissipation_of(contact, loss_rate, k, s, solution, miss):
     """Energy that the contact loss of a solution takes, J."""
     eta, b, f, law_force, end_force = solution
-    lost = 0.0
-    if loss_rate is not None:
-        lost = contact_dissipation(contact, loss_rate, k, s, b, eta, law_force)
-        lost += (f - end_force) * miss  # where bodies move beyond the step, the force works on
-    return lost
+    if loss_rate_of(loss_rate, k) == 0.0:
+        return 0.0
+    lost = contact_dissipation(contact, loss_rate, k, s, b, eta, law_force)
+    return lost + (f - end_force) * miss  # where bodies move beyond the step, the force works on
 
 
 @inline
 def end_force_of(contact, loss_rate, k, b):
     """The elastic force at the end compression b, N, where the loss of a solution calls for it."""
-    if loss_rate is None:
+    if loss_rate_of(loss_rate, k) == 0.0:
         return 0.0
     return elastic_force(contact.law, k, b)
 

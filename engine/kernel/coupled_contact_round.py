@@ -12,8 +12,6 @@ import numpy as np
 
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.compiler.lanes import (
-    lane_sum,
-    load_first_lanes,
     load_lanes,
     magnitude,
     multiply_add,
@@ -28,6 +26,7 @@ from engine.kernel.scalar_contact_solver import (
     response_leaving,
     solve_scalar_contact,
 )
+from engine.kernel.sums import sum_products
 
 solve_scalar_apart = noinline(
     solve_scalar_contact.py_func
@@ -38,18 +37,7 @@ MIN_RHO = 1e-8  # of B_kk; below, ρ is rounding
 @inline
 def dot(a, b, n):
     """Σ a·b over the first n."""
-    total = 0.0
-    if n < LANES:
-        for j in range(n):
-            total = multiply_add(a[j], b[j], total)
-        return total
-    lanes, whole = splat(0.0), n // LANES * LANES
-    for j in range(INT64_0, whole, LANES):
-        lanes = multiply_add(load_lanes(a, j), load_lanes(b, j), lanes)
-    if whole < n:
-        left = n - whole
-        lanes = multiply_add(load_first_lanes(a, whole, left), load_first_lanes(b, whole, left), lanes)
-    return lane_sum(lanes)
+    return sum_products(a, INT64_0, b, INT64_0, n)
 
 
 # Products with the compliance of the active set, which is symmetric, are taken column by column: eight contacts at a

@@ -8,7 +8,7 @@ from engine.compiler.decorators import INT64_0, inline
 from engine.compiler.lanes import EightFrom, lane_sum, magnitude, multiply_add, number_at, splat, zero_like
 from engine.kernel.codes import LANES, EnergyTotal, Ledger
 from engine.kernel.contacts import contact_energy
-from engine.kernel.modes import lanes_of
+from engine.kernel.sums import lanes_of
 
 
 @inline

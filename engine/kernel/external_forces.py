@@ -6,6 +6,14 @@ from engine.kernel.modes import kick_at_row, project_drift
 
 
 @inline
+def has_forces(force):
+    """Whether external forces act on the island, now or at any time."""
+    if force is None:
+        return False
+    return force.start.shape[0] > 0
+
+
+@inline
 def force_at(force, j, frame):
     """External force j over the step that begins at sample `frame`, N."""
     n = frame - force.start[j]

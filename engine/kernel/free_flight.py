@@ -32,7 +32,8 @@ from engine.kernel.codes import (
     Quantity,
 )
 from engine.kernel.energy import accumulate, mode_potential
-from engine.kernel.modes import free_step, lanes_of
+from engine.kernel.modes import free_step
+from engine.kernel.sums import lanes_of
 
 PARTS = FLIGHT_FRAMES // FLIGHT_PART
 
@@ -215,27 +216,27 @@ def find_outputs(flight, pickups, state):
 
 
 @inline
-def begin_flight(model, state, ledger, frame):
+def begin_flight(model, state, measures_energy, frame):
     """Take an island from the begin of a flight to its end; what is heard and measured meanwhile is kept."""
     flight, kept = model.flight, state.flight
     find_outputs(flight, model.pickups, state)
     kept.frame[FlightFrame.SAVED] = frame
     for column in range(kept.energy_totals.shape[0]):
         kept.energy_totals[column] = state.energy_totals[column]
-    measure_flight(ledger, model, state, kept)
+    if measures_energy:
+        measure_flight(model, state, kept)
     advance_modes(flight.motion, flight.motion_low, flight.weight, kept, state.q, state.p)
     push_by_weight(flight.weight, state.kick_compensation, kept, state.p)
 
 
 @inline
-def measure_flight(ledger, model, state, kept):
-    """Keep the energies of an island at the begin of a flight, and count what it loses in it, where these are asked
-    for. Its contacts are open, and hold none."""
-    if ledger is not None:
-        energy, absolute, lost = flight_energies(model.omega_squared, model.weight, model.flight, state.q, state.p)
-        spent = state.energy_totals[EnergyTotal.DISSIPATED] - state.energy_totals[EnergyTotal.SUPPLIED]
-        kept.ledger[Ledger.BALANCE], kept.ledger[Ledger.ABSOLUTE] = energy + spent, absolute
-        accumulate(state.energy_totals, EnergyTotal.DISSIPATED, lost)
+def measure_flight(model, state, kept):
+    """Keep the energies of an island at the begin of a flight, and count what it loses in it. Its contacts are open,
+    and hold none."""
+    energy, absolute, lost = flight_energies(model.omega_squared, model.weight, model.flight, state.q, state.p)
+    spent = state.energy_totals[EnergyTotal.DISSIPATED] - state.energy_totals[EnergyTotal.SUPPLIED]
+    kept.ledger[Ledger.BALANCE], kept.ledger[Ledger.ABSOLUTE] = energy + spent, absolute
+    accumulate(state.energy_totals, EnergyTotal.DISSIPATED, lost)
 
 
 @noinline

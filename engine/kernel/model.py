@@ -69,7 +69,7 @@ class ModalLoss(NamedTuple):
 
 class SingleContact(NamedTuple):
     """What all modes of an island do at its one contact, the two bodies together: a step with contact then needs two
-    passes over the modes. Zeros where an island has no contact."""
+    passes over the modes. Zeros where an island has another number of contacts."""
 
     kick_phi: PerModeShape  # t·Φ, as of rows
     drift_phi: PerModeShape  # v·Φ
@@ -92,7 +92,7 @@ class ContactCoefficients(NamedTuple):
     compliance_low: PerContact  # m/N: what rounding cut from B_kk
     loss_rate: PerContact | None  # μ/h, 1/m: Hunt-Crossley loss (paper, eq. 41)
     coupling: PerCompliance | None  # B of each island, m/N; where an island has several contacts
-    single: SingleContact | None  # where none has, and no external force acts
+    single: SingleContact | None  # where an island has one, and no external force
     basis: BasisCoefficients | None
 
 

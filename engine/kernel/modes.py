@@ -20,7 +20,6 @@ from engine.compiler.decorators import INT64_0, INT64_1, inline, noinline
 from engine.compiler.lanes import (
     EightFrom,
     lane_sum,
-    load_first_lanes,
     load_lanes,
     magnitude,
     multiply_add,
@@ -31,6 +30,7 @@ from engine.compiler.lanes import (
     zero_like,
 )
 from engine.kernel.codes import LANES
+from engine.kernel.sums import lanes_of, sum_products, sum_sizes_of_products
 
 ROWS_AT_ONCE = 4
 DENORMAL_LIMIT = 1e-290  # √kg·m, √kg·m/s
@@ -103,12 +103,6 @@ def end_step_mode_pushed(h, push, weight, compensation, m, q, p):
     p = kick_by_force(push, kick_by_weight(weight, compensation, h.kick, m, p))
     p, lost = apply_loss(h.loss, m, p)
     return q, p, lost + dragged
-
-
-@inline
-def lanes_of(modes):
-    """How many of so many modes are taken eight by eight."""
-    return modes // LANES * LANES
 
 
 @inline
@@ -236,14 +230,13 @@ def apply_loss_all(loss, p):
 
 
 @noinline
-def flush_denormals(loss, q, p):
+def flush_denormals(q, p):
     """Set what has decayed into subnormal numbers to zero; they are slow to compute with."""
-    if loss is not None:
-        for m in range(p.shape[0]):
-            if abs(p[m]) < DENORMAL_LIMIT:
-                p[m] = 0.0
-            if abs(q[m]) < DENORMAL_LIMIT:
-                q[m] = 0.0
+    for m in range(p.shape[0]):
+        if abs(p[m]) < DENORMAL_LIMIT:
+            p[m] = 0.0
+        if abs(q[m]) < DENORMAL_LIMIT:
+            q[m] = 0.0
 
 
 @noinline
@@ -289,22 +282,8 @@ def kinetic_energy(p):
 @inline
 def weighted_sum(weights, offset, x, begin, end):
     """Σ weights[offset + m]·x[begin + m] over the modes begin to end of an island."""
-    modes = np.int64(end) - begin
-    if modes == 1:
-        return number_at(weights, offset) * number_at(x, begin)
-    first, from_mode, lanes = np.int64(offset), np.int64(begin), lanes_of(modes)
-    even, odd, m = splat(0.0), splat(0.0), INT64_0
-    while m + LANES < lanes:  # two sums: the next addition need not wait for the last
-        even = multiply_add(load_lanes(weights, first + m), load_lanes(x, from_mode + m), even)
-        odd = multiply_add(load_lanes(weights, first + m + LANES), load_lanes(x, from_mode + m + LANES), odd)
-        m += 2 * LANES
-    if m < lanes:
-        even = multiply_add(load_lanes(weights, first + m), load_lanes(x, from_mode + m), even)
-    if lanes < modes:
-        left = modes - lanes
-        last = load_first_lanes(weights, first + lanes, left)
-        odd = multiply_add(last, load_first_lanes(x, from_mode + lanes, left), odd)
-    return lane_sum(even + odd)
+    first = np.int64(begin)
+    return sum_products(weights, np.int64(offset), x, first, np.int64(end) - first)
 
 
 @inline
@@ -455,11 +434,4 @@ def vibration_energy(omega_squared, weight, q, p):
 def bound_at_row(rows, r, bound):
     """How far the point of row r can move, m, if each mode moves no further than `bound`."""
     begin, first = np.int64(rows.mode_begin[r]), np.int64(rows.offset[r])
-    modes = np.int64(rows.mode_end[r]) - begin
-    lanes, total = lanes_of(modes), splat(0.0)
-    for m in range(INT64_0, lanes, LANES):
-        total = multiply_add(magnitude(load_lanes(rows.phi, first + m)), load_lanes(bound, begin + m), total)
-    if lanes < modes:
-        last = magnitude(load_first_lanes(rows.phi, first + lanes, modes - lanes))
-        total = multiply_add(last, load_first_lanes(bound, begin + lanes, modes - lanes), total)
-    return lane_sum(total)
+    return sum_sizes_of_products(rows.phi, first, bound, begin, np.int64(rows.mode_end[r]) - begin)

@@ -1,7 +1,8 @@
 """What is heard of an island."""
 
 from engine.compiler.decorators import inline
-from engine.kernel.codes import Quantity
+from engine.compiler.lanes import greater, lane_maximum, load_lanes, magnitude, splat
+from engine.kernel.codes import FLIGHT_FRAMES, LANES, Quantity
 from engine.kernel.modes import project
 from engine.kernel.sleep import track_peak
 
@@ -44,13 +45,34 @@ def add_flown_pickups(pickups, state, samplerate, audio, i, span):
     for n in range(pickups.quantity.shape[0]):
         quantity, gain, channel = pickups.quantity[n], pickups.gain[n], pickups.channel[n]
         if quantity != Quantity.CONTACT_FORCE:
-            values, row, peak = state.flight.pickup_values[n], i, 0.0
+            values = state.flight.pickup_values[n]
+            if quantity == Quantity.ACCELERATION:
+                velocities_to_accelerations(values, first, last, samplerate, state.previous_velocity, n)
             for k in range(first, last):
-                value = values[k]
-                if quantity == Quantity.ACCELERATION:
-                    value = (value - state.previous_velocity[n]) * samplerate
-                    state.previous_velocity[n] = values[k]
-                peak = max(peak, abs(value * gain))
-                audio[row, channel] += value * gain
-                row += 1
-            track_peak(state, peak)
+                audio[i + (k - first), channel] += values[k] * gain
+            track_peak(state, gain * largest_size(values, first, last))
+
+
+@inline
+def velocities_to_accelerations(values, first, last, samplerate, previous, n):
+    """Replace what pickup n hears of velocity by accelerations, the mean over the step that ends at each sample."""
+    for k in range(first, last):
+        velocity = values[k]
+        values[k] = (velocity - previous[n]) * samplerate
+        previous[n] = velocity
+
+
+@inline
+def largest_size(values, first, last):
+    """The largest absolute value of some samples of a flight."""
+    peak, k = 0.0, first
+    if last - first == FLIGHT_FRAMES:
+        lanes = splat(0.0)
+        while k < last:
+            lanes = greater(magnitude(load_lanes(values, k)), lanes)
+            k += LANES
+        return lane_maximum(lanes)
+    while k < last:
+        peak = max(peak, abs(values[k]))
+        k += 1
+    return peak

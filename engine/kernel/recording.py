@@ -1,7 +1,7 @@
 """What is recorded of an island: rows of the ledger and of the trace."""
 
-from engine.compiler.decorators import INT64_1, inline
-from engine.kernel.codes import FLIGHT_FRAMES, EnergyTotal, Ledger
+from engine.compiler.decorators import INT64_1, inline, noinline
+from engine.kernel.codes import FLIGHT_FRAMES, EnergyTotal, Ledger, Wanted
 from engine.kernel.contacts import compression_from_modes, contact_energy
 from engine.kernel.energy import island_energies, kinetic_and_potential, write_ledger
 from engine.kernel.free_flight import exchange_motion, step_saved_motion
@@ -9,6 +9,18 @@ from engine.kernel.modes import project
 
 
 @inline
+def wants_energies(output):
+    """Whether the ledger of a block is asked for."""
+    return output.wanted[Wanted.ENERGIES] != 0
+
+
+@inline
+def wants_motion(output):
+    """Whether the trace of a block is asked for."""
+    return output.wanted[Wanted.MOTION] != 0
+
+
+@noinline
 def write_trace(trace, begin, count, bounds, model, state, frame):
     """Write `count` rows of the trace from `begin` on for an island."""
     for i in range(begin, begin + count):
@@ -40,69 +52,57 @@ def traced_compression(contact, state, k, frame):
 @inline
 def record(output, i, count, bounds, model, state, frame):
     """Write `count` rows of the ledger and of the trace from i on, where these are asked for."""
-    write_energies(output.ledger, i, count, bounds.is_first, model, state)
-    write_motion(output.trace, i, count, bounds, model, state, frame)
+    if wants_energies(output):
+        write_ledger(output.ledger, i, count, bounds.is_first, island_energies(model, state))
+    if wants_motion(output):
+        write_trace(output.trace, i, count, bounds, model, state, frame)
 
 
 @inline
 def record_sleep(output, i, count, bounds, model, state, frame):
     """The same of samples that are slept through: energies are those at the begin of the sleep, or the last check."""
-    if (frame - 1) % FLIGHT_FRAMES == 0:
-        keep_energies(output.ledger, model, state)
-    write_kept_energies(output.ledger, i, count, bounds.is_first, state.flight.ledger)
-    write_motion(output.trace, i, count, bounds, model, state, frame)
+    if wants_energies(output):
+        if (frame - 1) % FLIGHT_FRAMES == 0:
+            keep_energies(model, state)
+        write_kept_energies(output.ledger, i, count, bounds.is_first, state.flight.ledger)
+    if wants_motion(output):
+        write_trace(output.trace, i, count, bounds, model, state, frame)
 
 
 @inline
-def keep_energies(ledger, model, state):
-    """Keep the energies of an island for samples to come, where energies are measured."""
-    if ledger is not None:
-        row = state.flight.ledger
-        row[Ledger.BALANCE], row[Ledger.ABSOLUTE] = island_energies(model, state)
+def keep_energies(model, state):
+    """Keep the energies of an island for samples to come."""
+    row = state.flight.ledger
+    row[Ledger.BALANCE], row[Ledger.ABSOLUTE] = island_energies(model, state)
 
 
 @inline
 def record_flight(output, i, count, bounds, model, state, frame):
     """The same of samples of a free flight."""
-    write_kept_energies(output.ledger, i, count, bounds.is_first, state.flight.ledger)
-    write_flown_motion(output.trace, i, count, bounds, model, state, frame)
-
-
-@inline
-def write_energies(ledger, i, count, is_first, model, state):
-    """Write rows of the ledger, if there is one."""
-    if ledger is not None:
-        write_ledger(ledger, i, count, is_first, island_energies(model, state))
-
-
-@inline
-def write_motion(trace, i, count, bounds, model, state, frame):
-    """Write rows of the trace, if there is one."""
-    if trace is not None:
-        write_trace(trace, i, count, bounds, model, state, frame)
+    if wants_energies(output):
+        write_kept_energies(output.ledger, i, count, bounds.is_first, state.flight.ledger)
+    if wants_motion(output):
+        write_flown_motion(output.trace, i, count, bounds, model, state, frame)
 
 
 @inline
 def write_kept_energies(ledger, i, count, is_first, row):
-    """Write an island's kept energies of `count` samples, if there is a ledger."""
-    if ledger is not None:
-        write_ledger(ledger, i, count, is_first, (row[Ledger.BALANCE], row[Ledger.ABSOLUTE]))
+    """Write an island's kept energies of `count` samples."""
+    write_ledger(ledger, i, count, is_first, (row[Ledger.BALANCE], row[Ledger.ABSOLUTE]))
 
 
 @inline
 def write_flown_motion(trace, i, count, bounds, model, state, frame):
-    """Write rows of the trace in a free flight, if there is one: the saved motion is taken on by single steps."""
-    if trace is not None:
-        for n in range(count):
-            step_saved_motion(model.step, model.weight, state.flight, frame + n)
-            exchange_motion(state)
-            write_trace(trace, i + n, INT64_1, bounds, model, state, frame + n)
-            exchange_motion(state)
-            state.law_evaluations[0] = 0
+    """Write rows of the trace in a free flight: the saved motion is taken on by single steps."""
+    for n in range(count):
+        step_saved_motion(model.step, model.weight, state.flight, frame + n)
+        exchange_motion(state)
+        write_trace(trace, i + n, INT64_1, bounds, model, state, frame + n)
+        exchange_motion(state)
+        state.law_evaluations[0] = 0
 
 
 @inline
-def keep_evaluations(trace, state, outcome):
+def keep_evaluations(state, outcome):
     """Keep the evaluations of a step for the row of the trace that the step ends at."""
-    if trace is not None:
-        state.law_evaluations[0] = outcome.evaluations
+    state.law_evaluations[0] = outcome.evaluations

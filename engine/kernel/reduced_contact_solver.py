@@ -119,7 +119,7 @@ def add_rows(u, width, w, k, lanes):
     return multiply_add(load_lanes(u, k + 4 * width), w[4], lanes)
 
 
-@inline
+@noinline
 def respond_in_lanes(law, loss_rate, basis, groups, minus_w, vectors):
     """ACTIVE_STEP, ACTIVE_FORCE and SLOPE of the contacts that take part, for minus the forces of the rows."""
     g, s = vectors[Row.FREE_MOVE], vectors[Row.START]
@@ -145,6 +145,28 @@ def respond_one_by_one(law, loss_rate, basis, groups, minus_w, vectors):
             f[k], slope[k] = contact_response(law, loss_rate, k, s[k], eta[k])
 
 
+@inline
+def respond_with_any_exponent(law, loss_rate, basis, groups, minus_w, vectors):
+    """As `respond_in_lanes`, where all contacts have one exponent whose law has a type of its own; else one by one."""
+    units, exponents = law.potential_coefficient, law.exponent
+    alpha = exponents[0]
+    for k in range(1, basis.contacts):
+        if exponents[k] != alpha:
+            alpha = 0.0
+    if alpha == 1.0:
+        respond_in_lanes(Linear(units, exponents), loss_rate, basis, groups, minus_w, vectors)
+    elif alpha == 1.5:
+        respond_in_lanes(Hertz(units, exponents), loss_rate, basis, groups, minus_w, vectors)
+    elif alpha == 2.0:
+        respond_in_lanes(Quadratic(units, exponents), loss_rate, basis, groups, minus_w, vectors)
+    elif alpha == 2.5:
+        respond_in_lanes(Felt(units, exponents), loss_rate, basis, groups, minus_w, vectors)
+    elif alpha == 3.0:
+        respond_in_lanes(Cubic(units, exponents), loss_rate, basis, groups, minus_w, vectors)
+    else:
+        respond_one_by_one(law, loss_rate, basis, groups, minus_w, vectors)
+
+
 def respond(law: Any, loss_rate: Any, basis: Any, groups: Any, minus_w: Any, vectors: Any) -> None:
     """ACTIVE_STEP, ACTIVE_FORCE and SLOPE of the contacts that take part, for minus the forces of the rows. In compiled
     code only."""
@@ -154,7 +176,7 @@ def respond(law: Any, loss_rate: Any, basis: Any, groups: Any, minus_w: Any, vec
 overload_by_type(
     respond,
     dict.fromkeys((Linear, Hertz, Quadratic, Felt, Cubic), respond_in_lanes.py_func)
-    | {Power: respond_one_by_one.py_func},
+    | {Power: respond_with_any_exponent.py_func},
 )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from engine.compiler.array_view import row_view
+from engine.compiler.array_view import row_view, slice_view
 from engine.compiler.decorators import FALSE, INT64_0, INT64_1, inline, kernel
 from engine.compiler.overloads import overload_by_type
 from engine.compiler.struct_handle import load_struct
@@ -21,12 +21,20 @@ from engine.kernel.contacts import (
 )
 from engine.kernel.energy import accumulate
 from engine.kernel.events import finish_score, is_event_active, next_due, run_score
+from engine.kernel.external_forces import has_forces
 from engine.kernel.free_flight import begin_flight, end_flight
 from engine.kernel.island_view import island_bounds, island_model, island_state
 from engine.kernel.model import Refinement
 from engine.kernel.modes import bound_modal_displacements, flush_denormals, free_step, vibration_energy
 from engine.kernel.pickups import add_flown_pickups, add_pickups
-from engine.kernel.recording import keep_evaluations, record, record_flight, record_sleep
+from engine.kernel.recording import (
+    keep_evaluations,
+    record,
+    record_flight,
+    record_sleep,
+    wants_energies,
+    wants_motion,
+)
 from engine.kernel.refinement import refined_step
 from engine.kernel.sleep import (
     advance_free_masses,
@@ -58,7 +66,7 @@ def advance(model, contact, force, state, frame, is_free, in_contact):
     if contact is None:
         if force is None:
             return advance_free(model, state)
-    if is_free:
+    if is_free or (state.compression.shape[0] == 0 and not has_forces(force)):
         return advance_free(model, state)
     return advance_forced(model.refinement, model, state, frame, in_contact)
 
@@ -89,12 +97,11 @@ def advance_free(model, state):
 
 
 @inline
-def count_energy(outcome, state, ledger):
-    """Add what a step dissipated and was supplied with to the totals of the island, where energies are measured."""
-    if ledger is not None:
-        accumulate(state.energy_totals, EnergyTotal.DISSIPATED, outcome.dissipated)
-        if outcome.supplied != 0.0:
-            accumulate(state.energy_totals, EnergyTotal.SUPPLIED, outcome.supplied)
+def count_energy(outcome, state):
+    """Add what a step dissipated and was supplied with to the totals of the island."""
+    accumulate(state.energy_totals, EnergyTotal.DISSIPATED, outcome.dissipated)
+    if outcome.supplied != 0.0:
+        accumulate(state.energy_totals, EnergyTotal.SUPPLIED, outcome.supplied)
 
 
 # --- periodic checks, and sleep
@@ -124,7 +131,7 @@ def falls_asleep(model, state, frame, until):
     slept = state.sleep[Sleep.WAKE_FRAME] == frame + 1
     if frame % SLEEP_CHECK_PERIOD != 0 and not slept:
         return False
-    flush_denormals(model.step.loss, state.q, state.p)
+    flush_denormals(state.q, state.p)
     energy = vibration_energy(model.omega_squared, model.weight, state.q, state.p)
     return try_sleep(model.sleep_threshold, model.weight, model.free_masses, state, until, energy)
 
@@ -157,11 +164,9 @@ def update_before_sample(model, state, frame):
 
 
 @inline
-def max_sleep(model, state, trace, remaining):
+def max_sleep(model, state, is_traced, remaining):
     """How many samples may be slept through at once: one, if the flight of a mass is to be traced."""
-    if trace is None:
-        return remaining
-    return 1 if free_mass_moves(model.weight, model.free_masses, state) else remaining
+    return 1 if is_traced and free_mass_moves(model.weight, model.free_masses, state) else remaining
 
 
 @inline
@@ -195,28 +200,21 @@ def render_block(model, state, output, partition, frames):
 @inline
 def output_view(output):
     """The same with views, whose indices are not tested for negative ones."""
-    return BlockOutput(row_view(output.audio, INT64_0), ledger_view(output.ledger), output.trace)
-
-
-@inline
-def ledger_view(ledger):
-    """The view of a ledger, if there is one."""
-    if ledger is None:
-        return None
-    return row_view(ledger, INT64_0)
+    ledger, wanted = row_view(output.ledger, INT64_0), slice_view(output.wanted, INT64_0, output.wanted.shape[0])
+    return BlockOutput(row_view(output.audio, INT64_0), ledger, output.trace, wanted)
 
 
 @inline
 def render_partition(model, state, output, partition, frames):
     """As `render_block`, of what the handles point to, as views."""
     clear_audio(output.audio, frames)
-    islands = model.islands
+    islands, is_recorded = model.islands, wants_energies(output) or wants_motion(output)
     first, last = islands.partition[partition], islands.partition[partition + 1]
     for begin in range(0, frames, CHUNK_FRAMES):
         end = min(begin + CHUNK_FRAMES, frames)
         start = state.frame[partition] - begin  # of the block
         for n in range(first, last):
-            if skip_chunk(state.sleep, n, start + begin, end - begin, output.ledger, output.trace):
+            if not is_recorded and skip_chunk(state.sleep, n, start + begin, end - begin):
                 continue
             bounds = island_bounds(islands, partition, n)
             part, part_state = island_model(model, state, bounds), island_state(state, bounds)
@@ -240,7 +238,7 @@ def render_chunk(model, state, output, bounds, start, begin, end):
     while i < end:
         frame = start + i
         update_before_sample(model, state, frame)
-        count = samples_to_sleep(state, frame, max_sleep(model, state, output.trace, end - i))
+        count = samples_to_sleep(state, frame, max_sleep(model, state, wants_motion(output), end - i))
         if count > 0:
             record_sleep(output, i, count, bounds, model, state, frame)
             finish_sleep(model, state, frame, count)
@@ -272,9 +270,10 @@ def render_steps(model, state, output, bounds, i, count, frame):
         record(output, i + n, INT64_1, bounds, model, state, frame + n)
         run_score(model, model.events, state, frame + n)
         outcome = advance(model, model.contact, model.force, state, frame + n, is_free, was_in_contact)
-        count_energy(outcome, state, output.ledger)
+        if wants_energies(output):
+            count_energy(outcome, state)
         finish_score(model.events, state, frame + n)
-        keep_evaluations(output.trace, state, outcome)
+        keep_evaluations(state, outcome)
         if outcome.in_contact:
             state.contact_samples[0] += 1
         elif was_in_contact:
@@ -300,6 +299,6 @@ def render_flight(model, state, output, bounds, i, count, frame):
     end = state.flight.frame[FlightFrame.END]
     first = frame - (end - CHECK_PERIOD)
     if first == 0:
-        begin_flight(model, state, output.ledger, frame)
+        begin_flight(model, state, wants_energies(output), frame)
     add_flown_pickups(model.pickups, state, model.samplerate, output.audio, i, (first, first + count))
     record_flight(output, i, count, bounds, model, state, frame)

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from engine.compiler.decorators import inline
 from engine.kernel.codes import SolveStatus
-from engine.kernel.contact_law import discrete_gradient, exponent, inverse_power, power
+from engine.kernel.contact_law import discrete_gradient, exponent, inverse_power, power, root_of_potential
 
 MIN_COMPRESSION = 1e-150  # m; a compression below it is none: its square underflows
 BRACKET_SLACK = 1e-15  # its ends are rounded
@@ -135,7 +135,7 @@ def initial_guess(law, k, s, g, scale):
         free = free_end / scale
         if not free < 1e150:
             return free_end
-        near, far = inverse_power(law, k, free), (-s * free) ** (1.0 / n)
+        near, far = inverse_power(law, k, free), root_of_potential(law, k, -s * free)
         b, whole = (near, free_end * near) if near >= far else (far, -s * free_end)
         if b >= free_end:
             return free_end
@@ -151,7 +151,7 @@ def initial_guess(law, k, s, g, scale):
     t = free_end / s
     if away > 0.0:  # loading
         q = inverse_power(law, k, t / kappa)
-        return min(free_end, s * min(min(t, 1.0 + away), min(2.0 * q - 1.0, n ** (1.0 / alpha) * q)))
+        return min(free_end, s * min(min(t, 1.0 + away), min(2.0 * q - 1.0, inverse_power(law, k, n) * q)))
     over = n * t - kappa  # unloading
     mid = n + alpha * t
     return s * 2.0 * over / (mid + math.sqrt(max(0.0, mid * mid - 4.0 * alpha * over)))
@@ -160,10 +160,9 @@ def initial_guess(law, k, s, g, scale):
 @inline
 def initial_guess_lossy(law, k, s, g, scale, rate, b):
     """Where to begin with contact loss, given where to begin without it."""
-    n = exponent(law, k) + 1.0
     if s <= 0.0:
-        return min(b, ((s + g) / (scale * rate)) ** (1.0 / n))
-    force = n * scale * power(law, k, s)
+        return min(b, root_of_potential(law, k, (s + g) / (scale * rate)))
+    force = (exponent(law, k) + 1.0) * scale * power(law, k, s)
     newton = s + (g - force) / (1.0 + force * (0.5 * exponent(law, k) / s + rate))  # from b = s; never below the root
     return b if s - 1.0 / rate < b < newton else newton
 

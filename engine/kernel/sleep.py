@@ -90,14 +90,12 @@ def advance_free_masses(h, weight, free_masses, state, count):
 
 
 @inline
-def skip_chunk(sleep, n, frame, count, ledger, trace):
+def skip_chunk(sleep, n, frame, count):
     """Whether island n of the scene, of which nothing is to be recorded, sleeps for so many samples and nothing
     in it flies: then it need not even be looked at."""
-    if ledger is None:
-        if trace is None:
-            if sleep[n, Sleep.STATIC_UNTIL] >= frame + count:
-                sleep[n, Sleep.SAMPLES_SLEPT] += count
-                return True
+    if sleep[n, Sleep.STATIC_UNTIL] >= frame + count:
+        sleep[n, Sleep.SAMPLES_SLEPT] += count
+        return True
     return False
 
 

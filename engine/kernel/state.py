@@ -129,5 +129,6 @@ class BlockOutput(NamedTuple):
     """Where a block of one partition goes."""
 
     audio: np.ndarray  # [frames, channels], overwritten
-    ledger: np.ndarray | None  # [rows (engine.kernel.codes.Ledger), frames], J, overwritten; None: not measured
-    trace: Trace | None  # [frames, …], zeroed, to be added to; or None
+    ledger: np.ndarray  # [rows (engine.kernel.codes.Ledger), frames], J, overwritten where energies are wanted
+    trace: Trace  # [frames, …], zeroed, to be added to, where motion is wanted
+    wanted: np.ndarray  # [engine.kernel.codes.Wanted], 0 or 1: what is not is of any size

@@ -15,7 +15,7 @@ from engine.kernel.contact_forces import (
     use_single_solution,
 )
 from engine.kernel.contacts import apply_contact_forces, cancels, clear_forces
-from engine.kernel.external_forces import apply_forces, external_work
+from engine.kernel.external_forces import apply_forces, external_work, has_forces
 from engine.kernel.model import SingleContact, StepCoefficients
 from engine.kernel.modes import (
     apply_loss_all,
@@ -112,7 +112,7 @@ def finish_step_in_passes(contact, force, weight, h, state, frame, begun):
         clear_forces(contact, state)
     else:
         work = external_work(force, h.force, frame, state.p)
-    if in_contact or force is not None:  # their second half-kick comes before the loss
+    if in_contact or has_forces(force):  # their second half-kick comes before the loss
         dissipated += end_step_before_loss(h, h.drag, weight, state, failed)
         apply_forces(force, h.force, frame, state.p)
         if in_contact:
@@ -156,4 +156,22 @@ def step_in_two_passes(single, contact, force, weight, h, state, frame):
     return StepOutcome(solution.status != SolveStatus.FREE, solution.evaluations, dissipated + lost, 0.0)
 
 
-overload_by_type(step_with_contacts, {type(None): step_in_passes.py_func, SingleContact: step_in_two_passes.py_func})
+@inline
+def has_several_contacts(coupling, state):
+    """Whether the island has several contacts; known beforehand where no island of the scene has."""
+    if coupling is None:
+        return False
+    return state.compression.shape[0] > 1
+
+
+@inline
+def step_as_contacts_allow(single, contact, force, weight, h, state, frame):
+    """A step in two passes where that can be, and else in as many as it takes. Returns a StepOutcome."""
+    if has_several_contacts(h.contact.coupling, state) or has_forces(force):
+        return step_in_passes(single, contact, force, weight, h, state, frame)
+    return step_in_two_passes(single, contact, force, weight, h, state, frame)
+
+
+overload_by_type(
+    step_with_contacts, {type(None): step_in_passes.py_func, SingleContact: step_as_contacts_allow.py_func}
+)

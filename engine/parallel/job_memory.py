@@ -1,16 +1,28 @@
 """The memory that blocks of a scene are rendered in, and the Job that says where it is."""
 
-from typing import Any
-
 import numpy as np
 
 from engine.compiler.decorators import c_address, c_function
 from engine.compiler.struct_handle import StructHandle
-from engine.kernel.codes import BALANCE_SIZE, Ledger
+from engine.kernel.codes import BALANCE_SIZE, Ledger, Wanted
 from engine.kernel.render_block import render_block
 from engine.kernel.state import BlockOutput, Trace
 from engine.parallel.helpers import Helpers
 from engine.parallel.partitions import Job, render_job
+
+
+def block_output(
+    audio: np.ndarray, ledger: np.ndarray, measures_energy: bool, trace: Trace | None = None
+) -> BlockOutput:
+    """Where a block of one partition goes; motion is traced if there is a trace."""
+    wanted = np.zeros(len(Wanted), np.int64)
+    wanted[[Wanted.ENERGIES, Wanted.MOTION]] = measures_energy, trace is not None
+    return BlockOutput(audio, ledger, trace or no_trace(), wanted)
+
+
+def no_trace() -> Trace:
+    """A trace of no frames."""
+    return Trace(*np.zeros((4, 0, 0)), np.zeros(0, np.int64), *np.zeros((5, 0)))
 
 
 class JobMemory:
@@ -33,26 +45,26 @@ class JobMemory:
         frames, channels = size
         partitions = model.value.islands.partition.size - 1
         self.model, self.state, self.measures_energy = model, state, measure_energy
-        ledgers = [*np.zeros((partitions, len(Ledger), frames))] if measure_energy else [None] * partitions
-        self._outputs = [StructHandle(BlockOutput(np.zeros((frames, channels)), row, None)) for row in ledgers]
+        ledgers = np.zeros((partitions, len(Ledger), frames if measure_energy else 0))
+        outputs = [block_output(np.zeros((frames, channels)), ledger, measure_energy) for ledger in ledgers]
+        self._outputs = [StructHandle(output) for output in outputs]
         several = partitions > 1  # or their sum is that of the only one
         self.audio = np.zeros((frames, channels)) if several else self._outputs[0].value.audio
         self._ledger = np.zeros((len(Ledger), frames)) if several else ledgers[0]
         self.balance = np.zeros(BALANCE_SIZE) if balance is None else balance
         self._outputs_at = _addresses([output.address for output in self._outputs])
         self._audios = _addresses([output.value.audio.ctypes.data for output in self._outputs])
-        self._ledgers = _addresses([0 if row is None else row.ctypes.data for row in ledgers])
+        self._ledgers = _addresses([ledger.ctypes.data for ledger in ledgers])
         self.job = np.zeros(len(Job), np.int64)
         self.job[Job.RENDER_BLOCK] = c_address(render_block, model, state, self._outputs[0], 0, 0)
         self.job[[Job.MODEL, Job.STATE]] = model.address, state.address
         self.job[[Job.PARTITIONS, Job.CHANNELS, Job.CAPACITY]] = partitions, channels, frames
         self.job[[Job.OUTPUTS, Job.AUDIOS]] = self._outputs_at.ctypes.data, self._audios.ctypes.data
         self.job[[Job.AUDIO, Job.BALANCE]] = self.audio.ctypes.data, self.balance.ctypes.data
-        if self._ledger is not None and measure_energy:
+        if measure_energy:
             self.job[[Job.LEDGERS, Job.LEDGER]] = self._ledgers.ctypes.data, self._ledger.ctypes.data
         self.address = int(self.job.ctypes.data)
         self._render = c_function(render_job, self.address, 0)
-        self._traced: tuple[Any, int] = (None, 0)  # the kind of output that was traced last, and its kernel
 
     def use_helpers(self, helpers: Helpers | None) -> None:
         """Let threads take part, as long as they live."""
@@ -64,11 +76,10 @@ class JobMemory:
 
     def render_traced(self, frames: int, trace: Trace) -> None:
         """The same on one core, with a trace of all partitions."""
-        outputs = [StructHandle(output.value._replace(trace=trace)) for output in self._outputs]
-        if self._traced[0] != outputs[0].kind:
-            self._traced = outputs[0].kind, c_address(render_block, self.model, self.state, outputs[0], 0, 0)
+        values = [output.value for output in self._outputs]
+        outputs = [StructHandle(block_output(v.audio, v.ledger, self.measures_energy, trace)) for v in values]
         job, addresses = self.job.copy(), _addresses([output.address for output in outputs])
-        job[[Job.RENDER_BLOCK, Job.OUTPUTS, Job.CREW]] = self._traced[1], addresses.ctypes.data, 0
+        job[[Job.OUTPUTS, Job.CREW]] = addresses.ctypes.data, 0
         self._render(int(job.ctypes.data), frames)
 
 

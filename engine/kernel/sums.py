@@ -1,0 +1,59 @@
+"""Sums of products, whose bits are the same on any processor and in any kernel: eight numbers at a time, then over the
+lanes; fewer than eight one after the other.
+"""
+
+from engine.compiler.decorators import INT64_0, inline
+from engine.compiler.lanes import (
+    lane_sum,
+    load_first_lanes,
+    load_lanes,
+    magnitude,
+    multiply_add,
+    number_at,
+    splat,
+)
+from engine.kernel.codes import LANES
+
+
+@inline
+def lanes_of(count):
+    """How many of so many numbers are taken eight by eight."""
+    return count // LANES * LANES
+
+
+@inline
+def sum_products(a, i, b, j, count):
+    """Σ a·b over `count` numbers of a from number i on, and of b from number j on."""
+    total = 0.0
+    if count < LANES:
+        for k in range(count):
+            total = multiply_add(number_at(a, i + k), number_at(b, j + k), total)
+        return total
+    even, odd, k, whole = splat(0.0), splat(0.0), INT64_0, lanes_of(count)
+    while k + LANES < whole:  # two sums: the next addition need not wait for the last
+        even = multiply_add(load_lanes(a, i + k), load_lanes(b, j + k), even)
+        odd = multiply_add(load_lanes(a, i + k + LANES), load_lanes(b, j + k + LANES), odd)
+        k += 2 * LANES
+    if k < whole:
+        even = multiply_add(load_lanes(a, i + k), load_lanes(b, j + k), even)
+    if whole < count:
+        last = load_first_lanes(a, i + whole, count - whole)
+        odd = multiply_add(last, load_first_lanes(b, j + whole, count - whole), odd)
+    return lane_sum(even + odd)
+
+
+@inline
+def sum_sizes_of_products(a, i, b, j, count):
+    """Σ |a|·b over `count` numbers of a from number i on, and of b from number j on."""
+    total = 0.0
+    if count < LANES:
+        for k in range(count):
+            total = multiply_add(magnitude(number_at(a, i + k)), number_at(b, j + k), total)
+        return total
+    lanes, whole = splat(0.0), lanes_of(count)
+    for k in range(INT64_0, whole, LANES):
+        lanes = multiply_add(magnitude(load_lanes(a, i + k)), load_lanes(b, j + k), lanes)
+    if whole < count:
+        last = magnitude(load_first_lanes(a, i + whole, count - whole))
+        lanes = multiply_add(last, load_first_lanes(b, j + whole, count - whole), lanes)
+    return lane_sum(lanes)

@@ -110,13 +110,13 @@ def callbacks() -> None:
 
 def worst(scene: engine.Scene, cores: int) -> float:
     """The dearest block of the first half second over its deadline; of each block the fastest of some runs."""
-    from engine.live import audio_thread
+    from engine.live import kernels
     from engine.live.player import Player
 
     kind = ctypes.CFUNCTYPE(
         ctypes.c_int, *[ctypes.c_void_p] * 2, ctypes.c_ulong, ctypes.c_void_p, ctypes.c_ulong, ctypes.c_void_p
     )
-    answer = kind(audio_thread.portaudio_callback.address)
+    answer = kind(kernels.portaudio_callback())
     found, awake = [], scene.model_copy(update={"accuracy": scene.accuracy.replace(silence=-np.inf)})
     for _ in range(RUNS):
         player = Player(awake, gain=1e-3, cores=cores)

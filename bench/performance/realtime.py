@@ -96,11 +96,11 @@ def cost_of_call(call: Callable[[], None]) -> float:
 
 def cost_in_audio_thread(scene: engine.Scene) -> float:
     """µs that the compiled callback takes for one sample: the middle of many calls, as it measures them itself."""
-    from engine.live import audio_thread
+    from engine.live import kernels
     from engine.live.player import Player
 
     arguments = ctypes.c_void_p, ctypes.c_void_p, ctypes.c_ulong, ctypes.c_void_p, ctypes.c_ulong, ctypes.c_void_p
-    answer = ctypes.CFUNCTYPE(ctypes.c_int, *arguments)(audio_thread.portaudio_callback.address)
+    answer = ctypes.CFUNCTYPE(ctypes.c_int, *arguments)(kernels.portaudio_callback())
     player = Player(scene, gain=1e-3, cores=1)
     out = np.zeros((1, player.channels), np.float32)
     for _ in range(len(player.loads)):

@@ -12,15 +12,15 @@ from engine.bodies import MeasuredBody
 from engine.build.build import build
 from engine.build.layout import Layout
 from engine.build.subsystems import estimate_cost
+from engine.compiler.kinds import INT, kind_of
 from engine.compiler.struct_handle import StructHandle
 from engine.kernel.codes import Ledger, Sleep
 from engine.kernel.model import Model
-from engine.kernel.render_block import render_block
 from engine.kernel.state import State
 from engine.offline.effects import EFFECTS
 from engine.offline.record import Record
 from engine.offline.statistics import Activity
-from engine.parallel.job_memory import block_output
+from engine.parallel.job_memory import RENDER_BLOCK, block_output
 from engine.patch.scene import Scene
 
 TIMED_CHUNK_FRAMES = 4096
@@ -97,10 +97,7 @@ def profile_scene(
 
 def kernel_id(model: Model, state: State) -> str:
     """8 hexadecimal digits that name the kernel of a model: scenes with the same ones share its compiled code."""
-    from numba import typeof
-
-    types = typeof((model, state))  # type: ignore[no-untyped-call]
-    return hashlib.sha256(f"{types}".encode()).hexdigest()[:8]
+    return hashlib.sha256(repr(kind_of((model, state))).encode()).hexdigest()[:8]
 
 
 def _measure_costs(
@@ -110,7 +107,8 @@ def _measure_costs(
     count = model.islands.partition.size - 1
     audio, ledger = np.zeros((TIMED_CHUNK_FRAMES, channels)), np.zeros((len(Ledger), TIMED_CHUNK_FRAMES))
     handles = StructHandle(model), StructHandle(state), StructHandle(block_output(audio, ledger, True))
-    render_block(*handles, 0, 0)  # compile before the clock starts
+    render_block = RENDER_BLOCK.callable(*(handle.kind for handle in handles), INT, INT)
+    addresses = [handle.address for handle in handles]
     if on_compiled is not None:
         on_compiled(1.0)
     total, worst = np.zeros(count), np.zeros(count)
@@ -118,7 +116,7 @@ def _measure_costs(
         length = min(TIMED_CHUNK_FRAMES, frames - begin)
         for n in range(count):
             start = time.perf_counter()
-            render_block(*handles, n, length)
+            render_block(*addresses, n, length)
             elapsed = (time.perf_counter() - start) * 1e9
             total[n] += elapsed
             worst[n] = max(worst[n], elapsed / length)

@@ -1,6 +1,5 @@
 """How kernels are compiled: every option in one place, with its reason."""
 
-import ctypes
 import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -8,11 +7,8 @@ from typing import Any
 
 import numba
 import numpy as np
-from numba.core.ccallback import CFunc
-from numba.core.sigutils import normalize_signature
 
 from engine.compiler import enum_indices  # noqa: F401, it changes what Numba knows
-from engine.compiler.cache import KernelCache
 from engine.compiler.numba_patches import SkipInlinedLibraries
 from engine.compiler.tricks import Trick, in_use
 
@@ -56,25 +52,11 @@ def noinline(function: Callable[..., Any]) -> Any:
     return SkipInlinedLibraries.mark(numba.njit(**options)(function), inlined=True)
 
 
-def kernel(function: Callable[..., Any]) -> Any:
-    """Compile a kernel that Python calls; it is kept on disk, for a second start must not compile again."""
-    dispatcher: Any = numba.njit(**BASE_OPTIONS)(function)
-    KernelCache.attach(dispatcher, function)
-    return SkipInlinedLibraries.mark(dispatcher, inlined=False)
-
-
-def c_callback(signature: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Compile a function of the given signature that others than Python call; it is kept on disk."""
-    options = {name: value for name, value in BASE_OPTIONS.items() if name != "nogil"}
-
-    def declare(function: Callable[..., Any]) -> Any:
-        compiled: Any = CFunc(function, normalize_signature(signature), locals={}, options=options)
-        KernelCache.attach(compiled, function)
-        with garbage_kept():
-            compiled.compile()
-        return compiled
-
-    return declare
+def kernel(function: Callable[..., Any], from_python: bool = True) -> Any:
+    """Compile a function that others than compiled code call: Python, or by address (engine.compiler.kernels)."""
+    return SkipInlinedLibraries.mark(
+        numba.njit(no_cpython_wrapper=not from_python, **BASE_OPTIONS)(function), inlined=False
+    )
 
 
 @contextmanager
@@ -88,18 +70,3 @@ def garbage_kept() -> Iterator[None]:
     finally:
         if collects:
             gc.enable()
-
-
-def c_address(dispatcher: Any, *arguments: Any) -> int:
-    """Address by which C calls a kernel with such arguments; it is compiled if need be."""
-    kinds = tuple(numba.typeof(argument) for argument in arguments)
-    with garbage_kept():
-        dispatcher.compile(kinds)
-    compiled = dispatcher.overloads[kinds]
-    return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_cfunc_wrapper_name))
-
-
-def c_function(dispatcher: Any, *arguments: Any) -> Callable[..., Any]:
-    """A kernel for such arguments, to be called with whole numbers and addresses; other threads run meanwhile."""
-    words = [ctypes.c_void_p if hasattr(a, "address") else ctypes.c_ssize_t for a in arguments]
-    return ctypes.CFUNCTYPE(None, *words)(c_address(dispatcher, *arguments))

@@ -11,7 +11,7 @@ import numpy as np
 from engine.compiler.array_view import row_view, slice_view
 from engine.compiler.decorators import FALSE, INT64_0, INT64_1, inline, kernel
 from engine.compiler.overloads import overload_by_type
-from engine.compiler.struct_handle import load_struct
+from engine.compiler.struct_types import load_struct
 from engine.kernel.codes import FLIGHT_FRAMES, EnergyTotal, FlightFrame, Sleep
 from engine.kernel.contacts import (
     cannot_close,

@@ -65,7 +65,7 @@ def open_stream(
     frames: of a block; 0 leaves it to the driver
     Raises DeviceError.
     """
-    from engine.live import audio_thread
+    from engine.live import kernels
 
     sounddevice = load_sounddevice()
     number, name, channels, rate = find_output(device)
@@ -81,7 +81,7 @@ def open_stream(
         if not compiled:
             return sounddevice.OutputStream(callback=_python_callback(player, sounddevice), **options)
         ffi = sounddevice._ffi
-        address = ffi.cast("PaStreamCallback *", audio_thread.portaudio_callback.address)
+        address = ffi.cast("PaStreamCallback *", kernels.portaudio_callback())
         stream = sounddevice._StreamBase(
             kind="output", callback=address, userdata=ffi.cast("void *", player.shared.ctypes.data), **options
         )
@@ -102,7 +102,7 @@ def _python_callback(player: "Player", sounddevice: Any) -> Any:
     """A callback in Python, of the same samples."""
     from time import perf_counter as time_now
 
-    from engine.live import audio_thread
+    from engine.live import kernels
     from engine.live.shared_memory import Slot
 
     def fill_block(out: "np.ndarray", frames: int, time: Any, status: Any) -> None:
@@ -113,7 +113,7 @@ def _python_callback(player: "Player", sounddevice: Any) -> Any:
             raise sounddevice.CallbackStop
         begin = time_now()
         player.render_into(out)
-        audio_thread.record_load_py(player.shared.ctypes.data, frames, time_now() - begin)
+        kernels.record_load()(player.shared.ctypes.data, frames, time_now() - begin)
 
     return fill_block
 

@@ -7,11 +7,11 @@ import numpy as np
 
 from engine.build.build import BuildResult
 from engine.build.refinement_tables import build_refinement
-from engine.compiler.decorators import c_address
+from engine.compiler.kinds import INT
 from engine.compiler.struct_handle import StructHandle
 from engine.kernel.axes import align_to_cache_lines
 from engine.kernel.model import Model
-from engine.live import audio_thread, event_insertion
+from engine.live import kernels
 from engine.live.shared_memory import VALUES_PER_EVENT, EventSlot, Gauge, Slot
 from engine.parallel.job_memory import JobMemory
 from engine.patch.accuracy import Accuracy
@@ -47,7 +47,6 @@ class AudioMemory:
         self.job_memory = JobMemory(self._models[0], self._state, (RENDERED_AT_ONCE, channels))
         self._fill_slots(model, samplerate, seconds)
         self.gauges[[Gauge.GAIN, Gauge.LOAD_HIGH, Gauge.LOAD_LOW]] = gain, LOAD_HIGH, LOAD_LOW
-        self._compile()
 
     def _fill_slots(self, model: Model, samplerate: int, seconds: float) -> None:
         """Say where everything is."""
@@ -55,7 +54,7 @@ class AudioMemory:
         self._addresses = np.array([handle.address for handle in self._models], np.int64)
         values = {
             Slot.JOB: self.job_memory.address,
-            Slot.INSERT_EVENT: c_address(event_insertion.insert_event_at, *handles, 0, 0, 0),
+            Slot.INSERT_EVENT: kernels.INSERT_EVENT.address(*(handle.kind for handle in handles), INT, INT, INT),
             Slot.MODEL: handles[0].address,
             Slot.STATE: handles[1].address,
             Slot.CHANNELS: self.channels,
@@ -83,16 +82,6 @@ class AudioMemory:
         }
         for slot, value in values.items():
             self.shared[slot] = value
-
-    def _compile(self) -> None:
-        """Compile what is called later, by calls that do nothing."""
-        address, queue_size = self.shared.ctypes.data, int(self.shared[Slot.QUEUE_SIZE])
-        self.shared[Slot.QUEUE_SIZE] = 0  # there is no slot yet
-        audio_thread.enqueue(address, 0, 0, 0, 0, 0, 0, 0.0, 0.0)
-        self.shared[Slot.QUEUE_SIZE] = queue_size
-        audio_thread.play_into(address, self._buffers.spare.ctypes.data, 0)
-        audio_thread.record_load_py(address, 1, 0.0)
-        self.shared[Slot.CALLS] = 0
 
 
 class _Buffers(NamedTuple):

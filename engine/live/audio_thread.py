@@ -5,9 +5,7 @@ The same function plays for the driver, for tests and for a replay.
 
 import math
 
-from numba import types
-
-from engine.compiler.decorators import c_callback, inline, kernel
+from engine.compiler.decorators import inline, kernel
 from engine.compiler.intrinsics import (
     call_address,
     float32_view,
@@ -19,9 +17,11 @@ from engine.compiler.intrinsics import (
 )
 from engine.kernel.codes import EventKind
 from engine.live.shared_memory import VALUES_PER_EVENT, EventSlot, Gauge, Slot
-from engine.parallel.partitions import JOB_SLOTS, Job, render_partitions
+from engine.parallel.jobs import Job
+from engine.parallel.partitions import JOB_SLOTS, render_partitions
 
 SLOTS, GAUGES, EVENT_SLOTS = len(Slot), len(Gauge), len(EventSlot)
+UNSIGNED_LONG = 0xFFFFFFFF  # the bits of one that every system has
 OUTPUT_UNDERFLOW = 4  # flag of PortAudio: the driver ran dry before this block
 CONTINUE, COMPLETE = 0, 1  # answers to PortAudio
 LIMITER_RELEASE = 0.1  # s, in which the limiter lets go
@@ -282,12 +282,12 @@ def play_into(address, output, frames):
     play_frames(int64_view(address, SLOTS), output, frames)
 
 
-@c_callback(types.int32(types.voidptr, types.intp, types.ulong, types.voidptr, types.ulong, types.intp))
+@kernel
 def portaudio_callback(source, output, frames, time, flags, address):
     """What PortAudio calls. Nothing here can raise, wait, or ask for memory."""
     begin = monotonic_seconds()
     top = int64_view(address, SLOTS)
-    shared, count = current_player(top), types.int64(frames)
+    shared, count = current_player(top), frames & UNSIGNED_LONG
     if flags & OUTPUT_UNDERFLOW:
         shared[Slot.UNDERRUNS] += 1
     if shared[Slot.FINISHED] != 0:

@@ -2,7 +2,7 @@
 
 from engine.compiler.decorators import inline, kernel
 from engine.compiler.intrinsics import float64_view, int64_view
-from engine.compiler.struct_handle import load_struct
+from engine.compiler.struct_types import load_struct
 from engine.kernel.codes import UNUSED_SLOT, EnergyTotal, EventCursor, EventKind, Sleep, SleepMonitor
 from engine.kernel.contacts import compression_from_modes, resync_open_contacts
 from engine.kernel.energy import accumulate

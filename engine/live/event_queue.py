@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from engine.kernel.codes import EventKind
-from engine.live import audio_thread
+from engine.live import kernels
 from engine.live.audio_memory import MAX_FRAMES, QUEUE_SIZE, AudioMemory
 from engine.live.shared_memory import DROPPED, EventSlot, Slot
 from engine.patch.tables import ChangeEvent, DampEvent, StrikeEvent
@@ -34,7 +34,7 @@ class EventQueue:
         shared = self._memory.shared
         with self._lock:  # one at a time writes to the queue
             index = int(shared[Slot.WRITE_INDEX])
-            if audio_thread.enqueue(shared.ctypes.data, *row):
+            if kernels.enqueue()(shared.ctypes.data, *row):
                 self._pending.append((index, {"why": description, "row": [*map(int, row[:6]), *row[6:]]}))
             else:
                 self._log.append({"frame": None, "why": [*description, "dropped: too many at once"], "row": list(row)})

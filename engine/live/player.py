@@ -22,7 +22,7 @@ from engine.build.event_table import event_rows
 from engine.faults import BuildError, Fault
 from engine.kernel.codes import NO_END, UNUSED_SLOT, EventKind, Sleep
 from engine.kernel.laws import Power
-from engine.live import audio_thread
+from engine.live import kernels
 from engine.live.audio_memory import AudioMemory
 from engine.live.event_queue import EventQueue, QueuedEvent, checked_frame, checked_integer, checked_number, make_event
 from engine.live.meter import MeterReading
@@ -105,7 +105,7 @@ class Player:
         """Play the next len(out) frames into out, single precision [frames, channels]."""
         if out.dtype != np.float32 or not out.flags.c_contiguous or out.shape[1:] != (self.channels,):
             raise ValueError(f"out must be float32 [frames, {self.channels}], contiguous")
-        audio_thread.play_into(self.shared.ctypes.data, out.ctypes.data, len(out))
+        kernels.play_into()(self.shared.ctypes.data, out.ctypes.data, len(out))
 
     @property
     def frame(self) -> int:

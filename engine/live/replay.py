@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from engine.files import read_bytes
 from engine.kernel.codes import EventKind
-from engine.live import audio_thread
+from engine.live import kernels
 from engine.live.audio_memory import MAX_FRAMES
 from engine.live.player import Player
 from engine.live.shared_memory import Slot
@@ -99,7 +99,7 @@ def _played(log: Log) -> np.ndarray:
         if event.why[:1] == ["tune"] and len(event.why) in (3, 4):
             player.tune(int(event.why[1]), float(event.why[2]), body=event.why[3] if event.why[3:] else None)
         else:
-            audio_thread.enqueue(player.shared.ctypes.data, *validated_row(player, event.row))
+            kernels.enqueue()(player.shared.ctypes.data, *validated_row(player, event.row))
     player.render_into(out[at:])
     return out
 

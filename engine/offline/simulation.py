@@ -1,17 +1,17 @@
 """Advances a Model: its partitions one after another or on several cores, with the same samples bit for bit."""
 
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from engine.compiler.struct_handle import StructHandle
 from engine.kernel.codes import BALANCE_SIZE
 from engine.kernel.model import Model
 from engine.kernel.state import State, Trace
 from engine.offline.energy_statistics import EnergyStatistics, energy_statistics
-
-if TYPE_CHECKING:
-    from engine.parallel.job_memory import JobMemory
+from engine.parallel.helpers import start_helpers
+from engine.parallel.job_memory import JobMemory
 
 MIN_BUFFER_FRAMES = 1024  # that a block may have at first
 
@@ -24,8 +24,6 @@ class Simulation:
     """
 
     def __init__(self, model: Model, state: State, cores: int = 1, measure_energy: bool = True) -> None:
-        from engine.compiler.struct_handle import StructHandle  # with Numba, which takes a second to import
-
         self.model, self.state, self.measure_energy = model, state, measure_energy
         self.partitions = model.islands.partition.size - 1
         self.cores = min(cores, self.partitions)
@@ -43,16 +41,12 @@ class Simulation:
             memory.render_traced(frames, trace)
         audio[:] = memory.audio[:frames]
 
-    def memory(self, frames: int, channels: int) -> "JobMemory":
+    def memory(self, frames: int, channels: int) -> JobMemory:
         """What blocks of so many frames are rendered in."""
         if self._memory is None or self._memory.audio.shape[0] < frames or self._memory.audio.shape[1] != channels:
-            from engine.parallel.job_memory import JobMemory
-
             size = max(frames, MIN_BUFFER_FRAMES)
             self._memory = JobMemory(*self._handles, (size, channels), self.measure_energy, self._balance)
             if self._helpers is None:
-                from engine.parallel.helpers import start_helpers
-
                 self._helpers = start_helpers(self.cores, self.partitions)
             self._memory.use_helpers(self._helpers)
         return self._memory

@@ -7,9 +7,12 @@ import weakref
 
 import numpy as np
 
-from engine.compiler.decorators import c_function
+from engine.compiler.kernels import Kernel
+from engine.compiler.kinds import INT
 from engine.compiler.semaphore import Semaphore, make_semaphore
-from engine.parallel.partitions import Crew, help_crew
+from engine.parallel.jobs import Crew
+
+HELP_CREW = Kernel("engine.parallel.partitions", "help_crew")
 
 
 class Helpers:
@@ -24,7 +27,7 @@ class Helpers:
         semaphore = make_semaphore()
         crew = np.zeros(len(Crew), np.int64)
         crew[[Crew.SEMAPHORE, Crew.WAIT, Crew.POST]] = semaphore.handle, semaphore.wait, semaphore.post
-        help_on = c_function(help_crew, crew.ctypes.data)
+        help_on = HELP_CREW.callable(INT)
 
         def run() -> None:
             if in_realtime:

@@ -2,13 +2,16 @@
 
 import numpy as np
 
-from engine.compiler.decorators import c_address, c_function
+from engine.compiler.kernels import Kernel
+from engine.compiler.kinds import INT
 from engine.compiler.struct_handle import StructHandle
 from engine.kernel.codes import BALANCE_SIZE, Ledger, Wanted
-from engine.kernel.render_block import render_block
 from engine.kernel.state import BlockOutput, Trace
 from engine.parallel.helpers import Helpers
-from engine.parallel.partitions import Job, render_job
+from engine.parallel.jobs import Job
+
+RENDER_BLOCK = Kernel("engine.kernel.render_block", "render_block")
+RENDER_JOB = Kernel("engine.parallel.partitions", "render_job")
 
 
 def block_output(
@@ -56,7 +59,7 @@ class JobMemory:
         self._audios = _addresses([output.value.audio.ctypes.data for output in self._outputs])
         self._ledgers = _addresses([ledger.ctypes.data for ledger in ledgers])
         self.job = np.zeros(len(Job), np.int64)
-        self.job[Job.RENDER_BLOCK] = c_address(render_block, model, state, self._outputs[0], 0, 0)
+        self.job[Job.RENDER_BLOCK] = RENDER_BLOCK.address(model.kind, state.kind, self._outputs[0].kind, INT, INT)
         self.job[[Job.MODEL, Job.STATE]] = model.address, state.address
         self.job[[Job.PARTITIONS, Job.CHANNELS, Job.CAPACITY]] = partitions, channels, frames
         self.job[[Job.OUTPUTS, Job.AUDIOS]] = self._outputs_at.ctypes.data, self._audios.ctypes.data
@@ -64,7 +67,7 @@ class JobMemory:
         if measure_energy:
             self.job[[Job.LEDGERS, Job.LEDGER]] = self._ledgers.ctypes.data, self._ledger.ctypes.data
         self.address = int(self.job.ctypes.data)
-        self._render = c_function(render_job, self.address, 0)
+        self._render = RENDER_JOB.callable(INT, INT)
 
     def use_helpers(self, helpers: Helpers | None) -> None:
         """Let threads take part, as long as they live."""

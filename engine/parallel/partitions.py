@@ -8,8 +8,6 @@ Which partition is taken is decided by one number: generation · 2^16 + the next
 helper read long ago is never taken for one of a later block.
 """
 
-from enum import IntEnum
-
 from engine.compiler.decorators import INT64_0, inline, kernel
 from engine.compiler.intrinsics import (
     atomic_add,
@@ -23,44 +21,12 @@ from engine.compiler.intrinsics import (
 )
 from engine.kernel.codes import BALANCE_SIZE, Ledger
 from engine.kernel.energy_balance import follow_energies
+from engine.parallel.jobs import Crew, Job
 
 GENERATION = 1 << 16  # more than there are partitions
 # Tried: a job for each core in a pool of Python's threads. To hand one over takes 50 µs, most of a block of 64 frames.
 SPIN_SECONDS = 50e-6  # that a helper looks for work before it sleeps
 LEDGER_ROWS, NUMBER_BYTES = len(Ledger), 8
-
-
-class Job(IntEnum):
-    """What a block of a scene takes: whole numbers and addresses."""
-
-    RENDER_BLOCK = 0  # address of the kernel
-    MODEL = 1
-    STATE = 2
-    PARTITIONS = 3
-    CHANNELS = 4
-    OUTPUTS = 5  # address of addresses: of the BlockOutput of each partition
-    AUDIOS = 6  # of its audio
-    LEDGERS = 7  # of its ledger
-    AUDIO = 8  # address of the sum of the audio [frames, channels]
-    LEDGER = 9  # and of the ledgers [rows, CAPACITY]; 0: energies are not measured
-    CAPACITY = 10  # frames that a block may have
-    BALANCE = 11  # address of the Balance
-    CREW = 12  # address of what the helpers share; 0: there are none
-    FRAMES = 13  # of the block
-
-
-class Crew(IntEnum):
-    """What the thread that renders and its helpers share."""
-
-    JOB = 0  # address of the Job
-    RANGE = 1  # generation, and in its place the number of partitions
-    NEXT = 2  # generation, and the next partition that nobody has begun
-    DONE = 3  # partitions that are finished
-    ASLEEP = 4  # helpers that wait to be woken
-    STOP = 5  # 1: helpers are to end
-    SEMAPHORE = 6
-    WAIT = 7  # address of the function that waits on it
-    POST = 8  # and of that which posts it
 
 
 JOB_SLOTS, CREW_SLOTS = len(Job), len(Crew)

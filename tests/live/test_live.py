@@ -10,7 +10,7 @@ import pytest
 from conftest import ROOT, mostly_hard
 
 import engine
-from engine.live import audio_thread
+from engine.live import audio_thread, kernels
 from engine.live.hot_reload import PatchWatcher
 from engine.live.player import Player
 from engine.live.replay import replay
@@ -24,7 +24,7 @@ ANSWER = ctypes.CFUNCTYPE(
 
 def called(player: Player, frames: int, sizes: np.ndarray, flags: int = 0) -> np.ndarray:
     """What the callback gives a driver that asks for blocks of these sizes, over and over."""
-    answer = ANSWER(audio_thread.portaudio_callback.address)
+    answer = ANSWER(kernels.portaudio_callback())
     out, at, n = np.full((frames, player.channels), np.nan, np.float32), 0, 0
     while at < frames:
         size = min(int(sizes[n % len(sizes)]), frames - at)

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 import engine
 from engine.build.build import build
 from engine.compiler.decorators import kernel
-from engine.compiler.struct_handle import StructHandle, load_struct
+from engine.compiler.struct_handle import StructHandle
+from engine.compiler.struct_types import load_struct
 from engine.kernel.codes import Sleep
 from engine.live.event_insertion import make_island_ready
 from engine.offline.simulation import Simulation

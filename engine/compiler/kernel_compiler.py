@@ -1,0 +1,35 @@
+"""Compiles a kernel to machine code that is run without Numba."""
+
+import importlib
+from typing import Any
+
+import numba
+from numba.core import types
+
+from engine.compiler.code_objects import to_content
+from engine.compiler.decorators import garbage_kept, kernel
+from engine.compiler.kinds import FLOAT, INT, Kind, example_of
+from engine.compiler.struct_types import StructHandleType
+
+
+def compile_kernel(module: str, function: str, kinds: tuple[Kind, ...]) -> bytes:
+    """Compile a function for arguments of these kinds: what engine.compiler.code_objects loads."""
+    dispatcher = kernel(getattr(importlib.import_module(module), function).py_func, from_python=False)
+    signature = tuple(map(_numba_type, kinds))
+    with garbage_kept():
+        dispatcher.compile(signature)
+    compiled = dispatcher.overloads[signature]
+    machine_code = compiled.library._get_compiled_object()
+    return to_content(compiled.fndesc.llvm_cfunc_wrapper_name, _needed(compiled.library), machine_code)
+
+
+def _numba_type(kind: Kind) -> Any:
+    if isinstance(kind, str):
+        return {INT: types.int64, FLOAT: types.float64}[kind]
+    return StructHandleType(numba.typeof(example_of(kind[1])))
+
+
+def _needed(library: Any) -> list[str]:
+    """The functions that the code of a library calls, and does not have."""
+    functions = library._final_module.functions
+    return sorted(f.name for f in functions if f.is_declaration and not f.name.startswith("llvm."))

@@ -1,0 +1,63 @@
+"""Kernels: compiled functions that Python, an audio driver or a thread calls by their address.
+
+A kernel is kept on disk as machine code, and loaded through llvmlite. A start that finds it imports neither Numba, which
+takes a second, nor the modules of compiled code.
+"""
+
+import ctypes
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from engine.compiler import cache
+from engine.compiler.code_objects import Code, load_code
+from engine.compiler.kinds import FLOAT, INT, Kind
+
+C_TYPES = {INT: ctypes.c_ssize_t, FLOAT: ctypes.c_double}
+
+
+class Kernel:
+    """A function of a module of compiled code, for arguments of any kinds (engine.compiler.kinds).
+
+    module, function: their names; the function is decorated with engine.compiler.decorators.kernel
+    """
+
+    def __init__(self, module: str, function: str) -> None:
+        self.module, self.function = module, function
+        self._loaded: dict[tuple[Kind, ...], Code] = {}
+        self._lock = threading.Lock()
+
+    def address(self, *kinds: Kind) -> int:
+        """Its address, for arguments of these kinds; it is compiled if need be."""
+        with self._lock:
+            if kinds not in self._loaded:
+                code = self._from_disk(kinds)
+                self._loaded[kinds] = code if code is not None else self._compile(kinds)
+            return self._loaded[kinds].address
+
+    def is_ready(self, *kinds: Kind) -> bool:
+        """Whether it need not be compiled."""
+        with self._lock:
+            if kinds not in self._loaded and (code := self._from_disk(kinds)) is not None:
+                self._loaded[kinds] = code
+            return kinds in self._loaded
+
+    def callable(self, *kinds: Kind, result: Any = None) -> Callable[..., Any]:
+        """What calls it with whole numbers, addresses and numbers; other threads run meanwhile. result: its C type"""
+        types = [C_TYPES[kind] if isinstance(kind, str) else ctypes.c_void_p for kind in kinds]
+        return ctypes.CFUNCTYPE(result, *types)(self.address(*kinds))
+
+    def _from_disk(self, kinds: tuple[Kind, ...]) -> Code | None:
+        """Its code, if it is kept, and whole, and can be run here."""
+        content = cache.read_kernel(self.module, self.function, kinds)
+        return None if content is None else load_code(content)
+
+    def _compile(self, kinds: tuple[Kind, ...]) -> Code:
+        from engine.compiler.kernel_compiler import compile_kernel  # with Numba
+
+        content = compile_kernel(self.module, self.function, kinds)
+        cache.write_kernel(self.module, self.function, kinds, content)
+        code = load_code(content)
+        if code is None:
+            raise RuntimeError(f"{self.module}.{self.function} was compiled, but its machine code cannot be loaded")
+        return code

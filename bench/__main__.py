@@ -1,5 +1,6 @@
 """`uv run python -m bench [NAME …]`: run some measurements, or all; `… bench compare OLD NEW`: which times have
-moved; `… bench golden OLD [NEW]`: whether the samples are the same; `… bench pairs OLD [NEW]`: both timed in turn."""
+moved; `… bench golden OLD [NEW]`: whether the samples are the same; `… bench pairs OLD [NEW]`: both timed in turn;
+`… bench shipped`: make the machine code that comes with the engine."""
 
 import importlib
 import os
@@ -8,7 +9,7 @@ import time
 
 from bench.accuracy import golden
 from bench.performance import pairs
-from bench.publish import compare
+from bench.publish import compare, shipped
 
 MEASUREMENTS = {  # in this order
     "performance": ["realtime", "instruments", "scaling", "effects", "start", "tricks", "live"],
@@ -28,6 +29,8 @@ def main() -> int:
         return golden.main(sys.argv[2:])
     if sys.argv[1:2] == ["pairs"]:
         return pairs.main(sys.argv[2:])
+    if sys.argv[1:] == ["shipped"]:
+        return shipped.run()
     if sys.argv[1:2] in (["--help"], ["-h"]):
         print(f"{__doc__}\n\n{', '.join(PACKAGE)}")
         return 0

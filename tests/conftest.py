@@ -1,6 +1,7 @@
 """Scenes for the tests: shipped patches, and variations of them."""
 
 import ctypes.util
+import os
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,8 @@ import pytest
 import engine
 
 pytest_plugins = ["kernel_files"]
+os.environ.setdefault("FDH_KERNEL", "general")  # one kernel for all scenes; that special ones give the same is a test
+os.environ["FDH_BACKGROUND"] = "off"  # also for the commands that tests start
 ROOT = Path(__file__).parent.parent
 PATCHES = sorted((ROOT / "patches").glob("*.toml"))
 ALSA = Path("/usr/share/alsa/alsa.conf")

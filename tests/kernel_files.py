@@ -1,5 +1,6 @@
 """The folder of compiled kernels, for the tests of it."""
 
+import ctypes
 import hashlib
 import os
 import tempfile
@@ -10,6 +11,9 @@ from conftest import ROOT
 
 from engine.compiler import cache
 from engine.compiler.decorators import kernel
+from engine.compiler.kernel_compiler import compile_kernel
+from engine.compiler.kernels import Kernel
+from engine.compiler.kinds import FLOAT, INT, kind_of
 
 PATCH = str(ROOT / "patches" / "repelled_oscillator.toml")
 
@@ -17,7 +21,7 @@ PATCH = str(ROOT / "patches" / "repelled_oscillator.toml")
 @pytest.fixture
 def fresh(monkeypatch):
     """Forgets what this process knows of folders, before and after."""
-    caches = (cache.kernel_folder, cache.digest, cache.warn_once)
+    caches = (cache.kernel_folder, cache.digest, cache.source_digest, cache.warn_once)
     for function in caches:
         function.cache_clear()
     yield
@@ -43,16 +47,32 @@ def temporary(fresh, tmp_path, monkeypatch):
     return tmp_path / "shared" / f"fdh-engine-{os.geteuid()}"
 
 
+@kernel
 def twice(x):
     return x + x
+
+
+@kernel
+def thrice(x):
+    return x + x + x
+
+
+TWICE = "kernel_files", "twice"
+C_TYPES = {INT: ctypes.c_ssize_t, FLOAT: ctypes.c_double}
 
 
 def start(argument=1.5) -> bool:
     """Use a kernel as a new process would; whether it was loaded, and not compiled."""
     cache.kernel_folder.cache_clear()
-    dispatcher = kernel(twice)
-    assert dispatcher(argument) == 2 * argument
-    return bool(dispatcher.stats.cache_hits)
+    used, kind = Kernel(*TWICE), kind_of(argument)
+    loaded = used.is_ready(kind)
+    assert used.callable(kind, result=C_TYPES[kind])(argument) == 2 * argument
+    return loaded
+
+
+def planted() -> bytes:
+    """A file that is whole, and in the place of the kernel, but runs another function."""
+    return sealed(cache.key(*TWICE, (FLOAT,)) + b"\n" + compile_kernel("kernel_files", "thrice", (FLOAT,)))
 
 
 def kept(base: Path) -> list[Path]:
@@ -71,16 +91,6 @@ def heals(base: Path) -> None:
     assert not start()
     assert start()
     assert only(base).suffix == ".nbc"
-
-
-class Runs:
-    """A pickle that makes a file when it is loaded."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def __reduce__(self):
-        return Path.touch, (self.path,)
 
 
 def sealed(content: bytes) -> bytes:

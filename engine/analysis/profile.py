@@ -12,7 +12,7 @@ from engine.bodies import MeasuredBody
 from engine.build.build import build
 from engine.build.layout import Layout
 from engine.build.subsystems import estimate_cost
-from engine.compiler.kinds import INT, kind_of
+from engine.compiler.kinds import kind_of
 from engine.compiler.struct_handle import StructHandle
 from engine.kernel.codes import Ledger, Sleep
 from engine.kernel.model import Model
@@ -20,7 +20,8 @@ from engine.kernel.state import State
 from engine.offline.effects import EFFECTS
 from engine.offline.record import Record
 from engine.offline.statistics import Activity
-from engine.parallel.job_memory import RENDER_BLOCK, block_output
+from engine.parallel.job_memory import RENDER_USE, block_output
+from engine.parallel.kernel_choice import prepare
 from engine.patch.scene import Scene
 
 TIMED_CHUNK_FRAMES = 4096
@@ -106,8 +107,9 @@ def _measure_costs(
     """Time of each island, ns per sample [islands]: its mean, and that of its slowest chunk."""
     count = model.islands.partition.size - 1
     audio, ledger = np.zeros((TIMED_CHUNK_FRAMES, channels)), np.zeros((len(Ledger), TIMED_CHUNK_FRAMES))
+    (model,), state, *_ = prepare([model], state, [RENDER_USE])
     handles = StructHandle(model), StructHandle(state), StructHandle(block_output(audio, ledger, True))
-    render_block = RENDER_BLOCK.callable(*(handle.kind for handle in handles), INT, INT)
+    render_block = RENDER_USE.kernel.callable(handles[0].kind, handles[1].kind, *RENDER_USE.others)
     addresses = [handle.address for handle in handles]
     if on_compiled is not None:
         on_compiled(1.0)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from engine.build.initial_state import allocate_scratch, item_counts
-from engine.kernel.axes import MODAL, Axis, Items, align_to_cache_lines, fields_of
+from engine.kernel.axes import MODAL, Axis, Items, fields_of
 from engine.kernel.laws import Power
 from engine.kernel.model import Model, Refinement
 from engine.kernel.state import RefinementState, State
@@ -31,19 +31,14 @@ class Filling(NamedTuple):
 
 
 def generalise(model: Model, state: State) -> tuple[Model, State]:
-    """A Model and a State for the general kernel, which give the same samples. Arrays that are there are copied."""
+    """A Model and a State for the general kernel, which give the same samples; their arrays are those given, and new
+    ones where there were none."""
     counts = {Axis.SHAPE: 0, Axis.SHARED: 0, **item_counts(model)}
     filling = Filling(counts, model.step.kick.dtype, 0, None)
     contacts = int(np.diff(model.islands.contact).max(initial=1))
     if state.scratch is None:
         state = state._replace(scratch=allocate_scratch(counts[Axis.PARTITION], max(1, contacts)))
-    filled = fill_record(Model, model, filling)
-    return align_to_cache_lines(filled), align_to_cache_lines(fill_record(State, state, filling))
-
-
-def is_general(model: Model) -> bool:
-    """Whether a model is one for the general kernel."""
-    return model.contact is not None and isinstance(model.contact.law, Power) and model.events is not None
+    return fill_record(Model, model, filling), fill_record(State, state, filling)
 
 
 def fill_record(record: Any, value: Any, filling: Filling) -> Any:
@@ -51,7 +46,7 @@ def fill_record(record: Any, value: Any, filling: Filling) -> Any:
 
     record: its class
     """
-    values = {}
+    values: dict[str, Any] = {}
     for field in fields_of(record):
         given = getattr(value, field.name, None)
         if field.record in KEPT_ABSENT and given is None:
@@ -61,7 +56,7 @@ def fill_record(record: Any, value: Any, filling: Filling) -> Any:
         elif field.record is not None:
             inner = filling._replace(row_axis=field.row_axis or filling.row_axis)
             if field.name == "stages":
-                inner = inner._replace(stages=len(given.kick))
+                inner = inner._replace(stages=len(value.stages.kick))
             values[field.name] = fill_record(field.record, given, inner)
         elif given is None and field.items is not None:
             values[field.name] = neutral_array(field.items, filling)

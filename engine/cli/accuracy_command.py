@@ -35,7 +35,7 @@ def add_accuracy_command(commands: "arguments.Commands") -> None:
     output_help = "the sound of the --report (default: the patch's name, here)"
     parser.add_argument("-o", "--output", metavar="OUT.wav", help=output_help)
     arguments.add_json(parser, "the comparison")
-    parser.set_defaults(run=accuracy_command, **AS_THE_PATCH_SAYS)
+    parser.set_defaults(run=accuracy_command, kernel=None, **AS_THE_PATCH_SAYS)
 
 
 def accuracy_command(args: argparse.Namespace) -> int:

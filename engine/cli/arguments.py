@@ -139,6 +139,12 @@ def add_cores(parser: CommandParser) -> None:
     parser.add_argument("--cores", metavar="N", help=help_text)
 
 
+def add_kernel(parser: CommandParser) -> None:
+    """Add which kernel runs."""
+    help_text = "special: compiled for this scene; general: for any; auto (default): what is there (same samples)"
+    parser.add_argument("--kernel", metavar="NAME", help=help_text)
+
+
 def add_voices(parser: CommandParser) -> None:
     """Add the number of voices, for notes."""
     parser.add_argument("--voices", metavar="N", help=f"notes at a time, with --midi (default: {VOICES})")

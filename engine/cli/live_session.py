@@ -22,6 +22,7 @@ from engine.cli.option_checks import voice_count
 from engine.cli.play_command import parse_latency
 from engine.cli.progress import progress_feedback
 from engine.cli.terminal import format_meter, read_keyboard, show_meter
+from engine.compiler.background import compile_beside
 from engine.faults import PatchError
 from engine.live import audio_device, midi, midi_notes, recovery, voice_allocator
 from engine.live.hot_reload import PatchWatcher
@@ -36,6 +37,7 @@ from engine.wording import json_safe
 POLL_INTERVAL = 0.004  # s, between two looks at notes …
 IDLE_INTERVAL = 0.1  # s, … and at the meter and the patch's file
 PILOT_SECONDS = 1.5  # how long a patch is measured before it is played …
+QUICK_PILOT_SECONDS = 0.06  # … or an edit of it …
 MAX_PILOT_SECONDS = 30.0  # … and how much of it at most
 WINDOW = 0.05  # s, of which the dearest counts
 RETRIES = 2  # of a patch that seems too heavy
@@ -49,26 +51,26 @@ class TooSlow(RuntimeError):
     """A patch that is not computed as fast as it sounds."""
 
 
-def measure_speed(make: Callable[[], Player], block: int) -> tuple[float, float]:
+def measure_speed(make: Callable[[], Player], block: int, pilot_seconds: float = PILOT_SECONDS) -> tuple[float, float]:
     """Times real time that the dearest stretch of a patch runs at, and its peak, in SI units; of as much of it as can
     be computed in a moment. The machine may have been busy with something else: what seems too dear is played anew, by
     another player, and of each stretch the quickest counts."""
-    costs, peak = window_costs(make(), block, math.inf)
+    costs, peak = window_costs(make(), block, math.inf, pilot_seconds)
     for _ in range(RETRIES):
         if costs.max(initial=0.0) > 1.0:
-            repeated, _ = window_costs(make(), block, costs.size)
+            repeated, _ = window_costs(make(), block, costs.size, pilot_seconds)
             costs[: repeated.size] = np.minimum(costs[: repeated.size], repeated)
     return 1.0 / float(costs.max(initial=1e-9)), peak
 
 
-def window_costs(player: Player, block: int, most: float) -> tuple[np.ndarray, float]:
+def window_costs(player: Player, block: int, most: float, pilot_seconds: float) -> tuple[np.ndarray, float]:
     """Time spent per time of sound, of each stretch of a patch; and its peak."""
     if player.voices:
         player.strike()
     rate = player.samplerate
     out, costs, spent, played = np.zeros((block, player.channels), np.float32), list[float](), 0.0, 0
     limit, started = min(MAX_PILOT_SECONDS, player.scene.seconds) * rate, time.perf_counter()
-    while player.frame < limit and time.perf_counter() - started < PILOT_SECONDS and len(costs) < most:
+    while player.frame < limit and time.perf_counter() - started < pilot_seconds and len(costs) < most:
         begin = time.perf_counter()
         player.render_into(out)
         spent, played = spent + time.perf_counter() - begin, played + block
@@ -93,17 +95,20 @@ class PlayerFactory:
         scene = scene.model_copy(update={"accuracy": scene.accuracy.replace(**self.accuracy)})
         return mono_to_stereo(scene) if self.channels > 1 else scene
 
-    def make_player(self, scene: Scene) -> Player:
+    def make_player(self, scene: Scene, pilot_seconds: float = PILOT_SECONDS) -> Player:
         """A player at a good level. Raises TooSlow unless told to play all the same, MidiError, BuildError."""
         args = self.args
         many: dict[str, Any] = {"cores": os.cpu_count() or 1 if args.cores is None else int(float(args.cores))}
+        many["kernel"] = args.kernel
         seconds = None if args.seconds is None else float(args.seconds)
         if args.midi:
             many |= {"voices": voice_count(args), "lowest": midi.lowest_ratio(args.midi, scene)}
         if (args.midi or args.watch) and seconds is None:
             seconds = math.inf
         with progress_feedback(args.json):
-            speed, peak = measure_speed(lambda: Player(scene, self.samplerate, **many), int(args.block_size))
+            speed, peak = measure_speed(
+                lambda: Player(scene, self.samplerate, **many), int(args.block_size), pilot_seconds
+            )
         if speed < 1.0 and not args.ignore_speed:
             raise TooSlow(
                 f"too heavy for real time: {speed:.2f} × at its busiest; fewer modes or points of contact, a lower"
@@ -112,6 +117,10 @@ class PlayerFactory:
         silent = peak == 0.0 or is_inaudible(scene)
         factor = 10 ** (self.gain / 20) if self.gain is not None else 1.0 if silent else HEADROOM / peak
         return Player(scene, self.samplerate, seconds, factor, **many)
+
+    def make_quickly(self, scene: Scene) -> Player:
+        """As `make_player`, for an edit that is to be heard at once."""
+        return self.make_player(scene, QUICK_PILOT_SECONDS)
 
 
 def mono_to_stereo(scene: Scene) -> Scene:
@@ -142,9 +151,10 @@ def play_patch(args: argparse.Namespace, scene: Scene, gain: float | None, accur
             return 1
         announcement = f"{scene.title or path.stem}, on {name} at {samplerate} Hz, blocks of {args.block_size}"
         print(announcement, file=sys.stderr if args.json else sys.stdout, flush=True)
-        watch = PatchWatcher(path, scene, player, factory.make_player, factory.with_accuracy) if args.watch else None
+        watch = PatchWatcher(path, scene, player, factory.make_quickly, factory.with_accuracy) if args.watch else None
         wish, code = play_to_end(args, player, stream, name, watch, notes)
         stream.close()
+        compile_beside((watch.player if watch is not None else player).memory.missing_kernels)
         played = voice_allocator.played_notes(allocator) if allocator else {}
         print_live_summary(watch.player if watch is not None else player, args, played)
         if wish != "next" or code:

@@ -53,7 +53,7 @@ def list_devices(args: argparse.Namespace) -> int:
 
 def cache_command(args: argparse.Namespace) -> int:
     """Tell where compiled kernels are kept, and delete them if asked; returns the exit code."""
-    from engine.compiler import cache_files
+    from engine.compiler import background, cache_files
 
     try:
         limit = cache_files.limit()
@@ -69,12 +69,15 @@ def cache_command(args: argparse.Namespace) -> int:
     kernels, size = cache_files.count(left)
     deleted = cache_files.count(before)[0] - kernels
     report = {"folder": str(base), "kernels": kernels, "bytes": size, "limit_bytes": limit, "deleted": deleted}
+    report |= {"compiling": background.is_compiling(), "background": background.is_allowed()}
     if args.json:
         print(json.dumps(json_safe(report)))
     elif args.clear:
         print(f"{base}: {deleted} kernels deleted")
     else:
         print(f"{base}: {kernels} kernels, {size / 1e6:.1f} MB; at most {limit / 1e6:g} MB")
+        if report["compiling"]:
+            print("a kernel is being compiled in the background")
     if args.clear and left:
         print_error(f"{len(left)} files in {base} cannot be deleted")
         return 1

@@ -10,6 +10,7 @@ from typing import Any
 
 from engine import audio_formats
 from engine.cli.arguments import ACCURACY_OPTIONS, VOICES
+from engine.compiler.kernel_name import read_kernel_name
 from engine.faults import Fault
 from engine.files import is_folder
 from engine.output_files import absolute_path, is_writable_folder
@@ -103,6 +104,15 @@ def parse_error_target(text: str) -> tuple[float, bool]:
     if not 0.0 < amount < 100.0:
         raise ValueError(text)
     return amount, decibels
+
+
+def check_kernel(args: argparse.Namespace) -> list[Fault]:
+    """What is wrong with the kernel that --kernel or the environment asks for."""
+    try:
+        read_kernel_name(args.kernel)
+    except ValueError as error:
+        return [Fault("--kernel", str(error))]
+    return []
 
 
 def sound_path(args: argparse.Namespace) -> Path:

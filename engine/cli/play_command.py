@@ -7,6 +7,7 @@ from engine.cli import arguments
 from engine.cli.messages import print_error, print_faults, read_patch
 from engine.cli.option_checks import (
     accuracy_options,
+    check_kernel,
     check_paths,
     check_rate_and_channels,
     numeric_options,
@@ -34,6 +35,7 @@ def add_play_command(commands: "arguments.Commands") -> None:
     arguments.add_length_and_rate(parser, "the device's own")
     arguments.add_gain(parser)
     arguments.add_cores(parser)
+    arguments.add_kernel(parser)
     parser.add_argument("--midi", metavar="PORT|FILE", help="play the notes of a file, or those of a port")
     arguments.add_voices(parser)
     parser.add_argument("--watch", action="store_true", help="switch to what is saved to the patch while it plays")
@@ -61,7 +63,7 @@ def live_command(args: argparse.Namespace) -> int:
     if scene is not None and not option_faults and record is not None and args.samplerate is not None:
         channels = max(p.channel for p in scene.pickup)  # without a rate, it is the device's own
         option_faults += check_rate_and_channels("--record", record, samplerate_of(numbers), channels)
-    faults += option_faults + check_play_options(args)
+    faults += option_faults + check_play_options(args) + check_kernel(args)
     if scene is None or faults:
         print_faults(faults)
         return 2

@@ -10,6 +10,7 @@ from engine.cli.messages import print_error, print_faults, read_patch
 from engine.cli.option_checks import (
     NumericOptions,
     accuracy_options,
+    check_kernel,
     check_paths,
     check_rate_and_channels,
     numeric_options,
@@ -52,6 +53,7 @@ def add_render_command(commands: "arguments.Commands") -> None:
     arguments.add_sound_format(parser)
     arguments.add_gain(parser)
     arguments.add_cores(parser)
+    arguments.add_kernel(parser)
     arguments.add_accuracy_options(parser)
     help_text = "render at the cheapest setting that errs less: 1e-4, or 0.1dB of a band"
     parser.add_argument("--target-error", metavar="E", help=help_text)
@@ -73,7 +75,7 @@ def render_command(args: argparse.Namespace) -> int:
     targets = {"--output": output, "--trace": optional_path(args.trace)}
     option_faults += check_paths(targets | {"--plot": plot_path(args), "--report": report_path(args)})
     option_faults += check_audio_format(output, args.subtype, "--output")
-    option_faults += ignored_options(args)
+    option_faults += ignored_options(args) + check_kernel(args)
     if scene is not None and not option_faults:
         channels = max(p.channel for p in scene.pickup)
         option_faults += check_rate_and_channels("--output", output, samplerate_of(numbers), channels)

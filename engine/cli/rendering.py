@@ -77,6 +77,7 @@ def render_from_arguments(
             trace=any(given is not None for given in (args.trace, args.plot, args.report)),
             cores=None if numbers["cores"] is None else int(numbers["cores"]),
             progress=progress,
+            kernel=args.kernel,
             **accuracy,
         )
     output, stats = sound_path(args), rendering.stats

@@ -19,14 +19,17 @@ from engine.compiler import cache_files
 from engine.compiler.kinds import Kind
 from engine.compiler.tricks import Trick, in_use, switched_off
 
-MARKS = ("engine.compiler", "numba", "(NamedTuple)")
+MARKS = "engine.compiler.decorators", "from numba", "import numba", "(IntEnum)"
+COMPILED = "kernel"  # a package of which all files count
 COMPILERS = "numba", "llvmlite"
+IN_USE = in_use(Trick.KERNEL_FILES)
 
 
 def kernel_sources() -> list[Path]:
     """The files of this package that hold compiled code, or say how what it is given is laid out."""
-    files = sorted(Path(__file__).parents[1].rglob("*.py"))
-    return [path for path in files if any(mark in path.read_text("utf-8") for mark in MARKS)]
+    package = Path(__file__).parents[1]
+    files = [(path, path.relative_to(package).parts[0]) for path in sorted(package.rglob("*.py"))]
+    return [path for path, room in files if room == COMPILED or any(m in path.read_text("utf-8") for m in MARKS)]
 
 
 @lru_cache
@@ -94,7 +97,7 @@ def warn_once(message: str) -> None:
 
 def read_kernel(module: str, function: str, kinds: tuple[Kind, ...]) -> bytes | None:
     """The machine code of a kernel, as it was written; None if it is to be compiled."""
-    if not in_use(Trick.KERNEL_FILES):
+    if not IN_USE:
         return None
     try:
         path = _path(module, function, kinds)
@@ -103,24 +106,24 @@ def read_kernel(module: str, function: str, kinds: tuple[Kind, ...]) -> bytes | 
     content = cache_files.read(path)
     if content is None:
         return None
-    key, _, rest = content.partition(b"\n")
-    return rest if key == _key(module, function, kinds) else None
+    found, _, rest = content.partition(b"\n")
+    return rest if found == key(module, function, kinds) else None
 
 
 def write_kernel(module: str, function: str, kinds: tuple[Kind, ...], content: bytes) -> None:
     """Keep the machine code of a kernel, or say why that cannot be."""
-    if not in_use(Trick.KERNEL_FILES):
+    if not IN_USE:
         return
     try:
         path = _path(module, function, kinds)
-        cache_files.write(path, _key(module, function, kinds) + b"\n" + content)
+        cache_files.write(path, key(module, function, kinds) + b"\n" + content)
         _prune(path.parent)
     except OSError as error:
         reason = error.strerror or error
         warn_once(f"compiled kernels cannot be kept ({reason}); they are compiled again at each start")
 
 
-def _key(module: str, function: str, kinds: tuple[Kind, ...]) -> bytes:
+def key(module: str, function: str, kinds: tuple[Kind, ...]) -> bytes:
     """What a file must be of."""
     return json.dumps([digest(), module, function, kinds]).encode()
 
@@ -128,5 +131,5 @@ def _key(module: str, function: str, kinds: tuple[Kind, ...]) -> bytes:
 def _path(module: str, function: str, kinds: tuple[Kind, ...]) -> Path:
     """The file of a kernel. Raises OSError."""
     name = f"{module.rpartition('.')[2]}.{function}"[:100]
-    key_digest = hashlib.sha256(_key(module, function, kinds)).hexdigest()[:16]
+    key_digest = hashlib.sha256(key(module, function, kinds)).hexdigest()[:16]
     return kernel_folder() / f"{name}-{key_digest}{cache_files.KERNEL}"

@@ -54,9 +54,8 @@ def noinline(function: Callable[..., Any]) -> Any:
 
 def kernel(function: Callable[..., Any], from_python: bool = True) -> Any:
     """Compile a function that others than compiled code call: Python, or by address (engine.compiler.kernels)."""
-    return SkipInlinedLibraries.mark(
-        numba.njit(no_cpython_wrapper=not from_python, **BASE_OPTIONS)(function), inlined=False
-    )
+    options = BASE_OPTIONS | ({} if from_python else {"no_cpython_wrapper": True})
+    return SkipInlinedLibraries.mark(numba.njit(**options)(function), inlined=False)
 
 
 @contextmanager

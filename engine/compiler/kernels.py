@@ -1,7 +1,7 @@
 """Kernels: compiled functions that Python, an audio driver or a thread calls by their address.
 
-A kernel is kept on disk as machine code, and loaded through llvmlite. A start that finds it imports neither Numba, which
-takes a second, nor the modules of compiled code.
+A kernel is kept on disk as machine code, and loaded through llvmlite. A start that finds it imports neither Numba,
+which takes a second, nor the modules of compiled code.
 """
 
 import ctypes
@@ -12,6 +12,7 @@ from typing import Any
 from engine.compiler import cache
 from engine.compiler.code_objects import Code, load_code
 from engine.compiler.kinds import FLOAT, INT, Kind
+from engine.compiler.shipped import read_shipped
 
 C_TYPES = {INT: ctypes.c_ssize_t, FLOAT: ctypes.c_double}
 
@@ -35,6 +36,11 @@ class Kernel:
                 self._loaded[kinds] = code if code is not None else self._compile(kinds)
             return self._loaded[kinds].address
 
+    def compile_for_host(self, *kinds: Kind) -> None:
+        """Compile it for this very processor, unless that is kept already."""
+        if cache.read_kernel(self.module, self.function, kinds) is None:
+            self._compile(kinds)
+
     def is_ready(self, *kinds: Kind) -> bool:
         """Whether it need not be compiled."""
         with self._lock:
@@ -44,13 +50,16 @@ class Kernel:
 
     def callable(self, *kinds: Kind, result: Any = None) -> Callable[..., Any]:
         """What calls it with whole numbers, addresses and numbers; other threads run meanwhile. result: its C type"""
-        types = [C_TYPES[kind] if isinstance(kind, str) else ctypes.c_void_p for kind in kinds]
+        types: list[Any] = [C_TYPES[kind] if isinstance(kind, str) else ctypes.c_void_p for kind in kinds]
         return ctypes.CFUNCTYPE(result, *types)(self.address(*kinds))
 
     def _from_disk(self, kinds: tuple[Kind, ...]) -> Code | None:
-        """Its code, if it is kept, and whole, and can be run here."""
-        content = cache.read_kernel(self.module, self.function, kinds)
-        return None if content is None else load_code(content)
+        """Its code, if it is kept or shipped, and whole, and can be run here."""
+        for read in (cache.read_kernel, read_shipped):
+            content = read(self.module, self.function, kinds)
+            if content is not None and (code := load_code(content)) is not None:
+                return code
+        return None
 
     def _compile(self, kinds: tuple[Kind, ...]) -> Code:
         from engine.compiler.kernel_compiler import compile_kernel  # with Numba

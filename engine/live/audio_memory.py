@@ -13,7 +13,8 @@ from engine.kernel.axes import align_to_cache_lines
 from engine.kernel.model import Model
 from engine.live import kernels
 from engine.live.shared_memory import VALUES_PER_EVENT, EventSlot, Gauge, Slot
-from engine.parallel.job_memory import JobMemory
+from engine.parallel.job_memory import RENDER_USE, JobMemory
+from engine.parallel.kernel_choice import Use, prepare
 from engine.patch.accuracy import Accuracy
 
 FADE_SECONDS = 0.005
@@ -22,6 +23,7 @@ QUEUE_SIZE = 1024  # events
 LOAD_COUNT = 8192  # blocks whose loads are kept
 RECORD_SECONDS = 20.0  # of what was played, until it is fetched
 LOAD_HIGH, LOAD_LOW = 0.8, 0.4  # of its deadline: a block above lowers the quality, one below is at ease
+INSERT_USE = Use(kernels.INSERT_EVENT, (INT, INT, INT))
 MAX_FRAMES = 1 << 40  # that are played if a scene goes on and on
 
 
@@ -30,9 +32,18 @@ class AudioMemory:
 
     seconds: until it fades out; `math.inf`: until it is stopped
     gain:    factor on SI units
+    kernel:  which is to run (engine.parallel.kernel_choice); `kernel` says which does
     """
 
-    def __init__(self, built: BuildResult, accuracy: Accuracy, channels: int, seconds: float, gain: float) -> None:
+    def __init__(
+        self,
+        built: BuildResult,
+        accuracy: Accuracy,
+        channels: int,
+        seconds: float,
+        gain: float,
+        kernel: str | None = None,
+    ) -> None:
         model, samplerate = built.model, round(built.model.samplerate)
         self.channels = channels
         self.shared = np.zeros(len(Slot), np.int64)
@@ -42,8 +53,10 @@ class AudioMemory:
         self.record = np.zeros((round(RECORD_SECONDS * samplerate), channels), np.float32)
         self.loads = np.zeros(LOAD_COUNT)  # of the last blocks, as shares of their deadlines
         self._buffers = _allocate_buffers(channels)
-        self._models = [StructHandle(model), *map(StructHandle, coarser_models(built, accuracy))]
-        self._state = StructHandle(built.state)
+        models, uses = [model, *coarser_models(built, accuracy)], [RENDER_USE, INSERT_USE]
+        prepared = prepare(models, built.state, uses, kernel)
+        self.kernel, self.missing_kernels = prepared.name, prepared.missing
+        self._models, self._state = [*map(StructHandle, prepared.models)], StructHandle(prepared.state)
         self.job_memory = JobMemory(self._models[0], self._state, (RENDERED_AT_ONCE, channels))
         self._fill_slots(model, samplerate, seconds)
         self.gauges[[Gauge.GAIN, Gauge.LOAD_HIGH, Gauge.LOAD_LOW]] = gain, LOAD_HIGH, LOAD_LOW
@@ -54,7 +67,7 @@ class AudioMemory:
         self._addresses = np.array([handle.address for handle in self._models], np.int64)
         values = {
             Slot.JOB: self.job_memory.address,
-            Slot.INSERT_EVENT: kernels.INSERT_EVENT.address(*(handle.kind for handle in handles), INT, INT, INT),
+            Slot.INSERT_EVENT: kernels.INSERT_EVENT.address(*(handle.kind for handle in handles), *INSERT_USE.others),
             Slot.MODEL: handles[0].address,
             Slot.STATE: handles[1].address,
             Slot.CHANNELS: self.channels,

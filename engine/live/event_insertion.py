@@ -139,7 +139,7 @@ def force_to_sleep(model, state, n, frame):
     state.sleep[n, Sleep.WAKE_FRAME] = state.sleep[n, Sleep.STATIC_UNTIL] = due
     state.sleep[n, Sleep.FORCED] = 1
     bounds = island_bounds(model.islands, partition_of(model.islands, n), n)
-    keep_energies(True, island_model(model, state, bounds), island_state(state, bounds))
+    keep_energies(island_model(model, state, bounds), island_state(state, bounds))
 
 
 @inline

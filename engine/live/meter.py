@@ -27,3 +27,4 @@ class MeterReading(Record):
     islands: int
     voices: int
     sounding: int  # voices with an island that moves
+    kernel: str  # special or general (engine.parallel.kernel_choice)

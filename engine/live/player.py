@@ -60,6 +60,7 @@ class Player:
     lowest:  ratio of the lowest pitch they will be tuned to
     general: exponents can be changed; the contact laws are then general ones, which take longer
     cores:   how many share the work, at audio priority where that is allowed; the samples are the same
+    kernel:  special, general or auto (engine.parallel.kernel_choice); the samples are the same
     Raises BuildError as `engine.build.build.build`.
     """
 
@@ -73,6 +74,7 @@ class Player:
         lowest: float = 1.0,
         general: bool = False,
         cores: int = 1,
+        kernel: str | None = None,
     ) -> None:
         if not math.isfinite(gain):
             raise ValueError(f"gain = {gain} is no factor")
@@ -90,7 +92,7 @@ class Player:
         if voices and self.model.force is not None:
             self.model.force.start[:] = UNUSED_SLOT  # until it is plucked
         seconds = scene.seconds if seconds is None else seconds
-        self.memory = AudioMemory(built, scene.accuracy, self.channels, seconds, gain)
+        self.memory = AudioMemory(built, scene.accuracy, self.channels, seconds, gain, kernel)
         self.shared, self.gauges, self.loads = self.memory.shared, self.memory.gauges, self.memory.loads
         self._helpers = start_helpers(cores, self.model.islands.partition.size - 1, in_realtime=True)
         self.memory.job_memory.use_helpers(self._helpers)
@@ -325,4 +327,5 @@ class Player:
             islands=len(awake),
             voices=self.voices,
             sounding=int(np.sum(awake.reshape(self.voices or 1, -1).any(axis=1))),
+            kernel=self.memory.kernel,
         )

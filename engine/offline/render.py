@@ -45,6 +45,7 @@ def render(
     trace: bool = False,
     cores: int | None = None,
     progress: Callable[[float], None] | None = None,
+    kernel: str | None = None,
     **accuracy: Any,
 ) -> Rendering:
     """Render a scene.
@@ -54,6 +55,7 @@ def render(
     trace:      keep every sample's displacements, forces and energies
     cores:      how many may share the work; all of the machine's if None. The samples are the same
     progress:   called now and then with the share rendered, 0 to 1
+    kernel:     special, general or auto (engine.parallel.kernel_choice). The samples are the same
     accuracy:   scheme, order, substeps, tolerance, oversample, precision, iterations, silence: of each, what
                 the scene says if absent or None (engine.patch.accuracy)
 
@@ -65,7 +67,7 @@ def render(
     used = scene.accuracy.replace(**accuracy)
     fine = samplerate * used.oversample
     model, state, layout = build(scene, fine, used, seconds)
-    simulation = Simulation(model, state, cores or os.cpu_count() or 1)
+    simulation = Simulation(model, state, cores or os.cpu_count() or 1, kernel=kernel)
     frames = max(1, round(seconds * samplerate)) * used.oversample
     audio = np.zeros((frames + decimation_tail(used.oversample), max(p.channel for p in scene.pickup)))
     kept = allocate_trace(model, len(audio)) if trace else None
@@ -86,6 +88,7 @@ def render(
         real_time_factor=frames / fine / elapsed,
         ns_per_sample=elapsed / len(audio) * 1e9,
         cores=simulation.cores if kept is None else 1,
+        kernel=simulation.kernel,
         islands=island_statistics(layout),
         accuracy=used.model_dump(),
         trusted=not reasons,

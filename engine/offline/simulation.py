@@ -5,13 +5,15 @@ from typing import Any
 
 import numpy as np
 
+from engine.compiler.background import compile_beside
 from engine.compiler.struct_handle import StructHandle
 from engine.kernel.codes import BALANCE_SIZE
 from engine.kernel.model import Model
 from engine.kernel.state import State, Trace
 from engine.offline.energy_statistics import EnergyStatistics, energy_statistics
 from engine.parallel.helpers import start_helpers
-from engine.parallel.job_memory import JobMemory
+from engine.parallel.job_memory import RENDER_USE, JobMemory
+from engine.parallel.kernel_choice import prepare
 
 MIN_BUFFER_FRAMES = 1024  # that a block may have at first
 
@@ -21,14 +23,20 @@ class Simulation:
 
     cores:          how many to use; more than the scene has partitions are of no use
     measure_energy: of every sample
+    kernel:         which is to run (engine.parallel.kernel_choice); `kernel` says which does
     """
 
-    def __init__(self, model: Model, state: State, cores: int = 1, measure_energy: bool = True) -> None:
+    def __init__(
+        self, model: Model, state: State, cores: int = 1, measure_energy: bool = True, kernel: str | None = None
+    ) -> None:
         self.model, self.state, self.measure_energy = model, state, measure_energy
         self.partitions = model.islands.partition.size - 1
         self.cores = min(cores, self.partitions)
         self._balance = np.zeros(BALANCE_SIZE)
-        self._handles = StructHandle(model), StructHandle(state)
+        prepared = prepare([model], state, [RENDER_USE], kernel)
+        compile_beside(prepared.missing)
+        self.kernel = prepared.name
+        self._handles = StructHandle(prepared.models[0]), StructHandle(prepared.state)
         self._memory: JobMemory | None = None
         self._helpers: Any = None
 

@@ -101,6 +101,7 @@ class RenderStatistics(SimulationStatistics):
     real_time_factor: float
     ns_per_sample: float
     cores: int
+    kernel: str  # special or general (engine.parallel.kernel_choice)
     islands: IslandStatistics
     accuracy: dict[str, Any]  # the settings that were used
     trusted: bool

@@ -13,6 +13,7 @@ from engine.compiler.semaphore import Semaphore, make_semaphore
 from engine.parallel.jobs import Crew
 
 HELP_CREW = Kernel("engine.parallel.partitions", "help_crew")
+HELP_CREW_KINDS = (INT,)
 
 
 class Helpers:
@@ -27,7 +28,7 @@ class Helpers:
         semaphore = make_semaphore()
         crew = np.zeros(len(Crew), np.int64)
         crew[[Crew.SEMAPHORE, Crew.WAIT, Crew.POST]] = semaphore.handle, semaphore.wait, semaphore.post
-        help_on = HELP_CREW.callable(INT)
+        help_on = HELP_CREW.callable(*HELP_CREW_KINDS)
 
         def run() -> None:
             if in_realtime:

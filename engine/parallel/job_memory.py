@@ -4,14 +4,22 @@ import numpy as np
 
 from engine.compiler.kernels import Kernel
 from engine.compiler.kinds import INT
-from engine.compiler.struct_handle import StructHandle
+from engine.compiler.struct_handle import StructHandle, pointer_kind
 from engine.kernel.codes import BALANCE_SIZE, Ledger, Wanted
 from engine.kernel.state import BlockOutput, Trace
 from engine.parallel.helpers import Helpers
 from engine.parallel.jobs import Job
+from engine.parallel.kernel_choice import Use
 
 RENDER_BLOCK = Kernel("engine.kernel.render_block", "render_block")
 RENDER_JOB = Kernel("engine.parallel.partitions", "render_job")
+RENDER_JOB_KINDS = INT, INT
+
+
+def no_trace() -> Trace:
+    """A trace of no frames."""
+    table, row = np.zeros((0, 0)), np.zeros(0)
+    return Trace(table, table, table, table, np.zeros(0, np.int64), row, row, row, row, row)
 
 
 def block_output(
@@ -23,9 +31,7 @@ def block_output(
     return BlockOutput(audio, ledger, trace or no_trace(), wanted)
 
 
-def no_trace() -> Trace:
-    """A trace of no frames."""
-    return Trace(*np.zeros((4, 0, 0)), np.zeros(0, np.int64), *np.zeros((5, 0)))
+RENDER_USE = Use(RENDER_BLOCK, (pointer_kind(block_output(np.zeros((0, 0)), np.zeros((0, 0)), False)), INT, INT))
 
 
 class JobMemory:
@@ -59,7 +65,7 @@ class JobMemory:
         self._audios = _addresses([output.value.audio.ctypes.data for output in self._outputs])
         self._ledgers = _addresses([ledger.ctypes.data for ledger in ledgers])
         self.job = np.zeros(len(Job), np.int64)
-        self.job[Job.RENDER_BLOCK] = RENDER_BLOCK.address(model.kind, state.kind, self._outputs[0].kind, INT, INT)
+        self.job[Job.RENDER_BLOCK] = RENDER_BLOCK.address(model.kind, state.kind, *RENDER_USE.others)
         self.job[[Job.MODEL, Job.STATE]] = model.address, state.address
         self.job[[Job.PARTITIONS, Job.CHANNELS, Job.CAPACITY]] = partitions, channels, frames
         self.job[[Job.OUTPUTS, Job.AUDIOS]] = self._outputs_at.ctypes.data, self._audios.ctypes.data
@@ -67,7 +73,7 @@ class JobMemory:
         if measure_energy:
             self.job[[Job.LEDGERS, Job.LEDGER]] = self._ledgers.ctypes.data, self._ledger.ctypes.data
         self.address = int(self.job.ctypes.data)
-        self._render = RENDER_JOB.callable(INT, INT)
+        self._render = RENDER_JOB.callable(*RENDER_JOB_KINDS)
 
     def use_helpers(self, helpers: Helpers | None) -> None:
         """Let threads take part, as long as they live."""

@@ -34,7 +34,7 @@ def summary_rows(stats: dict[str, Any]) -> dict[str, str]:
         "duration": f"{stats['seconds']:g} s at {stats['samplerate']} Hz, channels: {stats['channels']}",
         "peak": f"{_describe_peak(stats)} (gain {stats['gain_db']:+.1f} dB on SI units)",
         "speed": f"{format_factor(stats['real_time_factor'])} real time,"
-        f" {stats['ns_per_sample']:.1f} ns per sample{cores}",
+        f" {stats['ns_per_sample']:.1f} ns per sample{cores}, {stats['kernel']} kernel",
         "Newton iterations": iterations if newton["solves"] else "none needed",
         "solved": shares or "no contacts",
         "energy error": f"{energy['error_max']:.1e} of the largest energy held,"

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from engine.analysis.features import features
+from engine.compiler import background
 from engine.patch.scene import Scene
 from engine.sweep.index_csv import Cell
 
@@ -82,7 +83,8 @@ def _render_in_folder(task: RenderTask, folder: Path) -> RenderResult:
             forces[n]["file"] = str(path)
         document = document | {"force": forces}
     scene = Scene.model_validate(document)
-    rendering = render(scene, cores=1, **task.options)
+    with background.forbidden():
+        rendering = render(scene, cores=1, **task.options)
     if not np.isfinite(rendering.audio).all():
         return RenderResult(None, {}, "samples are not finite")
     stats, newton = rendering.stats, rendering.stats.newton

@@ -1,7 +1,9 @@
 """Compiled kernels are compiled again when sources, compiler or processor change."""
 
 import shutil
+from types import SimpleNamespace
 
+import llvmlite.binding
 import pytest
 from conftest import ROOT
 
@@ -14,6 +16,7 @@ def test_the_digest_is_of_all_kernel_sources(fresh, tmp_path, monkeypatch):
 
     def digest() -> str:
         cache.digest.cache_clear()
+        cache.source_digest.cache_clear()
         return cache.digest()
 
     deep, deeper = tmp_path / "engine" / "bodies_of" / "deep.py", tmp_path / "engine" / "others" / "deep.py"
@@ -31,21 +34,34 @@ def test_the_digest_is_of_all_kernel_sources(fresh, tmp_path, monkeypatch):
     assert digest() == found[-1]
 
 
-@pytest.mark.parametrize("module", ["numba", "llvmlite", "np"])
-def test_the_digest_is_of_the_compiler(fresh, monkeypatch, module):
+@pytest.mark.parametrize("package", ["numba", "llvmlite"])
+def test_the_digest_is_of_the_compiler(fresh, monkeypatch, package):
     before = cache.digest()
     cache.digest.cache_clear()
-    monkeypatch.setattr(getattr(cache, module), "__version__", "0")
+    version = cache.package_version
+    monkeypatch.setattr(cache, "package_version", lambda name: "0" if name == package else version(name))
     assert cache.digest()[:16] != before[:16]
 
 
-@pytest.mark.parametrize("what", ["name", "features"])
+def test_the_digest_is_of_the_version_of_numpy(fresh, monkeypatch):
+    before = cache.digest()
+    cache.digest.cache_clear()
+    monkeypatch.setattr(cache.np, "__version__", "0")
+    assert cache.digest()[:16] != before[:16]
+
+
+@pytest.mark.parametrize("what", ["get_host_cpu_name", "get_host_cpu_features"])
 def test_the_digest_is_of_the_processor(fresh, monkeypatch, what):
     before = cache.digest()
     cache.digest.cache_clear()
-    if what == "name":
-        monkeypatch.setattr(cache.llvmlite.binding, "get_host_cpu_name", lambda: "i486")
-    else:
-        monkeypatch.setattr(cache, "get_host_cpu_features", lambda: "+fpu")
+    found = {"get_host_cpu_name": "i486", "get_host_cpu_features": SimpleNamespace(flatten=lambda: "+fpu")}[what]
+    monkeypatch.setattr(llvmlite.binding, what, lambda: found)
     after = cache.digest()
     assert after[:17] == before[:17] and after[17:] != before[17:]
+
+
+def test_the_digest_is_of_what_numba_is_told(fresh, monkeypatch):
+    before = cache.digest()
+    cache.digest.cache_clear()
+    monkeypatch.setenv("NUMBA_CPU_NAME", "generic")
+    assert cache.digest()[17:] != before[17:]

@@ -15,20 +15,20 @@ from engine.compiler import cache, cache_files
 
 SMALL = """
 import sys
-from typing import NamedTuple
 from engine.compiler.decorators import kernel
-
-class Pair(NamedTuple):
-    x: float
-    y: float
+from engine.compiler.kernels import Kernel
+from engine.compiler.kinds import FLOAT, INT
 
 @kernel
-def total(pair):
-    return pair.x + pair.y
+def total(x, y):
+    return x + y
 
-for pair in [Pair(1.5, 2.5), Pair(1, 3), Pair(1, 3.0)][:: int(sys.argv[1])]:
-    assert total(pair) == 4
-print(sum(total.stats.cache_hits.values()))
+if __name__ == "__main__":
+    kinds = [(FLOAT, FLOAT), (INT, INT), (INT, FLOAT)][:: int(sys.argv[1])]
+    used = Kernel("small", "total")
+    ready = [used.is_ready(*pair) for pair in kinds]
+    assert all(used.address(*pair) for pair in kinds)
+    print(sum(ready))
 """
 
 resource = pytest.importorskip("resource", reason="Windows has no owners of this kind")
@@ -40,7 +40,7 @@ def test_processes_that_compile_the_same_at_once(tmp_path):
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)}
 
     def process(way: int) -> subprocess.Popen:
-        words = [sys.executable, "-c", "import small", str(way)]
+        words = [sys.executable, "small.py", str(way)]
         return subprocess.Popen(
             words, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )

@@ -3,13 +3,12 @@
 import errno
 import multiprocessing
 import os
-import pickle
 import stat
 import tempfile
 from pathlib import Path
 
 import pytest
-from kernel_files import Runs, heals, kept, only, sealed, start
+from kernel_files import heals, kept, only, planted, start
 
 from engine.cli import main
 
@@ -77,15 +76,14 @@ def test_a_folder_that_others_may_have_made_is_not_used(temporary, monkeypatch, 
 
 
 @pytest.mark.parametrize("inner", [False, True])
-def test_planted_kernels_are_not_run(temporary, tmp_path, capsys, inner):
+def test_planted_kernels_are_not_run(temporary, capsys, inner):
     """In a folder that is open to others, or in one inside it."""
     start()
-    ran = tmp_path / "ran"
     path = only(temporary)
-    path.write_bytes(sealed(pickle.dumps(Runs(ran))))
+    path.write_bytes(planted())
     (path.parent if inner else temporary).chmod(0o777)
     assert not start()
-    assert not ran.exists() and "can be written to by other users" in capsys.readouterr().err
+    assert "can be written to by other users" in capsys.readouterr().err
 
 
 def test_another_user_is_refused(temporary, monkeypatch, capsys):
@@ -119,23 +117,29 @@ def test_a_user_without_any_folder(fresh, tmp_path, monkeypatch, capsys):
     assert "no usable temporary directory" in capsys.readouterr().err
 
 
-def test_a_file_that_others_can_write_to_is_not_run(base, tmp_path):
+def test_a_planted_kernel_would_run_if_it_were_trusted(base):
+    """Or the tests beside this one would test nothing."""
     start()
-    path, ran = only(base), tmp_path / "ran"
-    path.write_bytes(sealed(pickle.dumps(Runs(ran))))
+    only(base).write_bytes(planted())
+    with pytest.raises(AssertionError):
+        start()
+
+
+def test_a_file_that_others_can_write_to_is_not_run(base):
+    start()
+    path = only(base)
+    path.write_bytes(planted())
     path.chmod(0o666)
     heals(base)
-    assert not ran.exists()
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a file away")
-def test_a_file_of_another_user_is_not_run(base, tmp_path):
+def test_a_file_of_another_user_is_not_run(base):
     start()
-    path, ran = only(base), tmp_path / "ran"
-    path.write_bytes(sealed(pickle.dumps(Runs(ran))))
+    path = only(base)
+    path.write_bytes(planted())
     os.chown(path, 65534, 65534)
     heals(base)
-    assert not ran.exists()
 
 
 def test_links_are_not_followed(base, tmp_path):

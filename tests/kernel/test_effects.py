@@ -22,9 +22,9 @@ FEW = [(), ("loss", "contact")]  # each needs a kernel of its own
 
 
 def absent_is_as_nothing(present: tuple[str, ...]) -> None:
-    bare = engine.render(with_effects(dict.fromkeys(present, 1.0)), seconds=0.05, silence=-np.inf)
+    bare = engine.render(with_effects(dict.fromkeys(present, 1.0)), seconds=0.05, silence=-np.inf, kernel="special")
     strengths = dict.fromkeys(EFFECTS, NOTHING) | dict.fromkeys(present, 1.0)
-    full = engine.render(with_effects(strengths), seconds=0.05, silence=-np.inf)
+    full = engine.render(with_effects(strengths), seconds=0.05, silence=-np.inf, kernel="special")
     wanted = {"external force" if n == "force" else n for n in EFFECTS}
     named = {"external force" if n == "force" else n for n in present}
     assert wanted & set(bare.stats["effects"]["compiled"]) == named

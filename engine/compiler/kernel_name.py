@@ -1,0 +1,24 @@
+"""The names of kernels that a user chooses from (engine.parallel.kernel_choice)."""
+
+import os
+from enum import StrEnum
+
+VARIABLE = "FDH_KERNEL"  # of the environment: the choice where none is made
+
+
+class KernelName(StrEnum):
+    """Which kernel runs, or is to run."""
+
+    SPECIAL = "special"
+    GENERAL = "general"
+    AUTO = "auto"  # the special one if it is there, or else the general one if that is
+
+
+def read_kernel_name(asked: str | None) -> KernelName:
+    """The kernel that is asked for; if none is, what the environment says, or AUTO. Raises ValueError."""
+    name = asked or os.environ.get(VARIABLE, "").lower() or KernelName.AUTO
+    try:
+        return KernelName(name)
+    except ValueError:
+        where = "" if asked else f"{VARIABLE}: "
+        raise ValueError(f'{where}"{name}" is no kernel; {", ".join(KernelName)}') from None

@@ -19,7 +19,7 @@ from engine.live.event_insertion import make_island_ready
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import newton_statistics
 from engine.patch.accuracy import Accuracy
-from scenes.drawn import decades, scenes
+from scenes.drawn import decades, either, scenes
 
 RATE = 44_100
 

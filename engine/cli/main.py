@@ -3,6 +3,7 @@
 
 import argparse
 import difflib
+import os
 import re
 import sys
 from pathlib import Path
@@ -47,6 +48,7 @@ example: {program} {example} -o out.wav"""
 def program() -> int:
     """Run the command line as a program of its own, whatever its standard streams are; returns the exit code."""
     standard_streams.prepare()
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small; to start threads takes 0.1 s
     try:
         code = main()
     except SystemExit as end:  # of argparse

@@ -112,9 +112,10 @@ def html_report(scene: "Scene", text: str, outputs: Outputs, args: argparse.Name
 
 def write_outputs(outputs: Outputs, args: argparse.Namespace) -> list[Path]:
     """Write the sound and its companions: trace, picture and page; returns the names of these. Raises WriteError."""
-    from engine.report import plots
 
     def picture(path: Path) -> None:
+        from engine.report import plots
+
         if outputs.comparison is not None:
             plots.plot_work_precision(outputs.comparison, Path(args.patch).stem, path)
         else:

@@ -38,7 +38,7 @@ def load_code(content: bytes) -> Code | None:
         return None
     llvm = _llvm()
     for name, address in addresses.items():
-        if address is not None:
+        if address is not None and not llvm.address_of_symbol(name):  # or Numba, in this process, has its own
             llvm.add_symbol(name, address)
     engine = llvm.create_mcjit_compiler(
         llvm.parse_assembly(""), llvm.Target.from_default_triple().create_target_machine()

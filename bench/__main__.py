@@ -29,8 +29,8 @@ def main() -> int:
         return golden.main(sys.argv[2:])
     if sys.argv[1:2] == ["pairs"]:
         return pairs.main(sys.argv[2:])
-    if sys.argv[1:] == ["shipped"]:
-        return shipped.run()
+    if sys.argv[1:2] == ["shipped"]:
+        return shipped.main(sys.argv[2:])
     if sys.argv[1:2] in (["--help"], ["-h"]):
         print(f"{__doc__}\n\n{', '.join(PACKAGE)}")
         return 0

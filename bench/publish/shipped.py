@@ -41,25 +41,37 @@ def requests() -> list[Request]:
     return wanted
 
 
-def run() -> int:
-    """Make an archive for each target, each in a process of its own; returns the exit code."""
-    FOLDER.mkdir(exist_ok=True)
+def main(words: list[str]) -> int:
+    """Make an archive for each target, each in a process of its own; returns the exit code.
+
+    words: the folder, if not that of the engine, and the names of targets, if not all
+    """
+    folder, *names = words or [str(FOLDER)]
+    Path(folder).mkdir(exist_ok=True)
     for target in TARGETS:
-        told = {"NUMBA_CPU_NAME": target.name, "NUMBA_CPU_FEATURES": ",".join(f"+{name}" for name in target.features)}
-        words = [sys.executable, "-c", "from bench.publish import shipped; shipped.make_archive()", target.name]
-        subprocess.run(words, env=os.environ | told, check=True)
-        print(f"{archive(target)}: {archive(target).stat().st_size / 1e3:.0f} kB", flush=True)
+        if names and target.name not in names:
+            continue
+        features = ",".join(f"+{name}" for name in target.features)
+        told = {"NUMBA_CPU_NAME": target.name, "NUMBA_CPU_FEATURES": features}
+        code = "from bench.publish import shipped; shipped.make_archive()"
+        subprocess.run([sys.executable, "-c", code, target.name, folder], env=os.environ | told, check=True)
+        path = Path(folder) / archive(target).name
+        print(f"{path}: {path.stat().st_size / 1e3:.0f} kB", flush=True)
     return 0
 
 
 def make_archive() -> None:
-    """Compile all for the target that the command line names, and write its archive."""
+    """Compile all for the target that the command line names, and write its archive into the folder that it names."""
+    import llvmlite
+    import numba
+
     from engine.compiler.kernel_compiler import compile_kernel
 
-    target = next(target for target in TARGETS if target.name == sys.argv[1])
+    target, folder = next(target for target in TARGETS if target.name == sys.argv[1]), Path(sys.argv[2])
     members = {member_name(*request): compile_kernel(*request) for request in requests()}
     about = {"sources": cache.source_digest(), "target": target.name, "features": target.features}
-    write_archive(archive(target), {ABOUT: json.dumps(about, indent=1).encode(), **members})
+    about["made_with"] = [numba.__version__, llvmlite.__version__]
+    write_archive(folder / archive(target).name, {ABOUT: json.dumps(about, indent=1).encode(), **members})
 
 
 def write_archive(path: Path, members: dict[str, bytes]) -> None:

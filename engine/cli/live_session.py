@@ -35,7 +35,8 @@ from engine.patch.scene import Scene
 from engine.wording import json_safe
 
 POLL_INTERVAL = 0.004  # s, between two looks at notes …
-IDLE_INTERVAL = 0.1  # s, … and at the meter and the patch's file
+WATCH_INTERVAL = 0.02  # s, … at the patch's file …
+IDLE_INTERVAL = 0.1  # s, … and at the meter
 PILOT_SECONDS = 1.5  # how long a patch is measured before it is played …
 QUICK_PILOT_SECONDS = 0.06  # … or an edit of it …
 MAX_PILOT_SECONDS = 30.0  # … and how much of it at most
@@ -217,17 +218,17 @@ def run_session(
     wish, deadline, player, shown = "over", math.inf, first, -math.inf
     audio_device.start_stream(stream)
     while True:
-        pressed = keys(POLL_INTERVAL if notes is not None else IDLE_INTERVAL)
+        pressed = keys(POLL_INTERVAL if notes is not None else IDLE_INTERVAL if watch is None else WATCH_INTERVAL)
         if notes is not None and notes():
             player.stop()
         if time.monotonic() - shown >= IDLE_INTERVAL:
             shown = time.monotonic()
             write(first.fetch_recording())
-            if watch is not None:
-                for line in watch.poll():
-                    print(line, file=sys.stderr)
-                player = watch.player
             show(player)
+        if watch is not None:
+            for line in watch.poll():
+                print(line, file=sys.stderr)
+            player = watch.player
         ends = [ENDS[key] for key in pressed if key in ENDS]
         if wish == "over" and (interrupted or ends):
             wish = "interrupted" if interrupted else ends[0]

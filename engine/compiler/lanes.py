@@ -80,6 +80,13 @@ class EightFrom(NamedTuple):
     first: int
 
 
+class FewFrom(NamedTuple):
+    """As EightFrom, of fewer numbers: the other lanes are read as zeros, and are not written."""
+
+    first: int
+    size: int
+
+
 def number_at(numbers: Any, place: Any) -> Any:
     """The number of an array at an index, in double precision; or eight."""
     raise TypeError("number_at is for compiled code")
@@ -210,6 +217,12 @@ def _load(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     return loaded if loaded.type == VECTOR else builder.fpext(loaded, VECTOR)
 
 
+def _first(context: Any, builder: Any, kind: Any, count: Any) -> Any:
+    """Which lanes are the first so many."""
+    several = _spread(builder, context.cast(builder, count, kind, INDEX))
+    return builder.icmp_signed("<", ir.Constant(several.type, list(range(WIDTH))), several)
+
+
 @type_callable(load_first_lanes)
 def _type_load_first(context: Any) -> Any:
     return lambda numbers, k, count: LANES
@@ -220,8 +233,7 @@ def _type_load_first(context: Any) -> Any:
 def _load_first(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     pointer = _pointer(context, builder, args[0], sig.args[0], args[1], sig.args[1])
     numbers = pointer.type.pointee
-    count = _spread(builder, context.cast(builder, args[2], sig.args[2], INDEX))
-    mask = builder.icmp_signed("<", ir.Constant(count.type, list(range(WIDTH))), count)
+    mask = _first(context, builder, sig.args[2], args[2])
     kind = ir.FunctionType(numbers, [pointer.type, INT32, mask.type, numbers])
     name = f"llvm.masked.load.v{WIDTH}f{sig.args[0].dtype.bitwidth}.p0v{WIDTH}f{sig.args[0].dtype.bitwidth}"
     function = cgutils.get_or_insert_function(builder.module, kind, name)
@@ -251,8 +263,10 @@ def _type_number_at(context: Any) -> Any:
 
 @lower_builtin(number_at, types.Any, types.BaseTuple)
 def _lanes_at(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    first, kind = builder.extract_value(args[1], 0), sig.args[1][0]
-    return _load(context, builder, signature(LANES, sig.args[0], kind), (args[0], first))
+    place, kind = cgutils.unpack_tuple(builder, args[1]), sig.args[1][0]
+    if len(place) == 2:
+        return _load_first(context, builder, signature(LANES, sig.args[0], kind, kind), (args[0], *place))
+    return _load(context, builder, signature(LANES, sig.args[0], kind), (args[0], *place))
 
 
 @lower_builtin(number_at, types.Any, types.Integer)
@@ -269,8 +283,25 @@ def _type_put_number(context: Any) -> Any:
 
 @lower_builtin(put_number, types.Any, types.BaseTuple, Lanes)
 def _put_lanes(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    first, kind = builder.extract_value(args[1], 0), sig.args[1][0]
-    return _store(context, builder, signature(types.none, sig.args[0], kind, LANES), (args[0], first, args[2]))
+    place, kind = cgutils.unpack_tuple(builder, args[1]), sig.args[1][0]
+    if len(place) == 2:
+        return _store_first(context, builder, sig.args[0], kind, (args[0], *place, args[2]))
+    return _store(context, builder, signature(types.none, sig.args[0], kind, LANES), (args[0], *place, args[2]))
+
+
+def _store_first(context: Any, builder: Any, array: Any, kind: Any, args: Any) -> Any:
+    """Write the first of eight numbers. args: the array, where, how many, and the lanes"""
+    numbers, k, count, lanes = args
+    pointer = _pointer(context, builder, numbers, array, k, kind)
+    into = pointer.type.pointee
+    mask, bits = _first(context, builder, kind, count), array.dtype.bitwidth
+    function = ir.FunctionType(ir.VoidType(), [into, pointer.type, INT32, mask.type])
+    name = f"llvm.masked.store.v{WIDTH}f{bits}.p0v{WIDTH}f{bits}"
+    stored = lanes if into == VECTOR else builder.fptrunc(lanes, into)
+    builder.call(
+        cgutils.get_or_insert_function(builder.module, function, name), [stored, pointer, INT32(bits // 8), mask]
+    )
+    return context.get_dummy_value()
 
 
 @lower_builtin(put_number, types.Any, types.Integer, types.Any)

@@ -5,7 +5,7 @@ and never changes the scheme.
 """
 
 from engine.compiler.decorators import INT64_0, inline
-from engine.compiler.lanes import EightFrom, lane_sum, magnitude, multiply_add, number_at, splat, zero_like
+from engine.compiler.lanes import EightFrom, FewFrom, lane_sum, magnitude, multiply_add, number_at, splat, zero_like
 from engine.kernel.codes import LANES, EnergyTotal, Ledger
 from engine.kernel.contacts import contact_energy
 from engine.kernel.sums import lanes_of
@@ -42,9 +42,12 @@ def kinetic_and_potential(omega_squared, weight, q, p):
     lanes = (zeros, zeros, zeros, zeros)
     for m in range(INT64_0, whole, LANES):
         lanes = add_energies(omega_squared, weight, EightFrom(m), q, p, lanes)
+    left = p.shape[0] - whole
+    if left > 1:
+        lanes = add_energies(omega_squared, weight, FewFrom(whole, left), q, p, lanes)
     sums = (lane_sum(lanes[0]), lane_sum(lanes[1]), lane_sum(lanes[2]), lane_sum(lanes[3]))
-    for m in range(whole, p.shape[0]):
-        sums = add_energies(omega_squared, weight, m, q, p, sums)
+    if left == 1:
+        sums = add_energies(omega_squared, weight, whole, q, p, sums)
     kinetic, elastic, fallen, fallen_size = sums
     return 0.5 * kinetic, 0.5 * elastic - fallen, 0.5 * elastic + fallen_size
 

@@ -12,6 +12,7 @@ single steps take it to that frame. So an event that was known beforehand, and o
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.compiler.lanes import (
     EightFrom,
+    FewFrom,
     lane_sum,
     load_lanes,
     magnitude,
@@ -117,13 +118,10 @@ def flight_energies(omega_squared, weight, flight, q, p):
     for m in range(INT64_0, lanes, LANES):
         parts = flight_energies_of(omega_squared, weight, flight, EightFrom(m), q, p)
         a, b, c = a + parts[0], b + parts[1], c + parts[2]
-    energy, absolute, lost = lane_sum(a), lane_sum(b), lane_sum(c)
-    for m in range(lanes, p.shape[0]):
-        of_mode = flight_energies_of(omega_squared, weight, flight, m, q, p)
-        energy += of_mode[0]
-        absolute += of_mode[1]
-        lost += of_mode[2]
-    return energy, absolute, lost
+    if lanes < p.shape[0]:
+        parts = flight_energies_of(omega_squared, weight, flight, FewFrom(lanes, p.shape[0] - lanes), q, p)
+        a, b, c = a + parts[0], b + parts[1], c + parts[2]
+    return lane_sum(a), lane_sum(b), lane_sum(c)
 
 
 # --- what is heard

@@ -19,7 +19,9 @@ import numpy as np
 from engine.compiler.decorators import INT64_0, INT64_1, inline, noinline
 from engine.compiler.lanes import (
     EightFrom,
+    FewFrom,
     lane_sum,
+    load_first_lanes,
     load_lanes,
     magnitude,
     multiply_add,
@@ -36,9 +38,9 @@ ROWS_AT_ONCE = 4
 DENORMAL_LIMIT = 1e-290  # √kg·m, √kg·m/s
 
 
-# What is written for one mode does the same with eight: m is an index, or EightFrom one. Sums over modes are taken in
-# eight lanes, then over the lanes, and at last over the modes that are left. So their bits depend neither on the
-# processor's vectors nor on what else a kernel does.
+# What is written for one mode does the same with eight, or fewer: m is an index, EightFrom or FewFrom one. Sums over
+# modes are taken in eight lanes, then over the lanes; a single mode that is left comes last. So their bits depend
+# neither on the processor's vectors nor on what else a kernel does.
 
 
 @inline
@@ -149,9 +151,12 @@ def begin_step(h, weight, compensation, q, p):
     lanes, total = lanes_of(p.shape[0]), splat(0.0)
     for m in range(INT64_0, lanes, LANES):
         total = total + begin_step_at(h, weight, compensation, EightFrom(m), q, p)[0]
+    left = p.shape[0] - lanes
+    if left > 1:
+        total = total + begin_step_at(h, weight, compensation, FewFrom(lanes, left), q, p)[0]
     lost = lane_sum(total)
-    for m in range(lanes, p.shape[0]):
-        lost += begin_step_at(h, weight, compensation, m, q, p)[0]
+    if left == 1:
+        lost += begin_step_at(h, weight, compensation, lanes, q, p)[0]
     return lost
 
 
@@ -161,9 +166,12 @@ def end_step(h, weight, compensation, q, p):
     lanes, total = lanes_of(p.shape[0]), splat(0.0)
     for m in range(INT64_0, lanes, LANES):
         total = total + end_step_at(h, weight, compensation, EightFrom(m), q, p)
+    left = p.shape[0] - lanes
+    if left > 1:
+        total = total + end_step_at(h, weight, compensation, FewFrom(lanes, left), q, p)
     lost = lane_sum(total)
-    for m in range(lanes, p.shape[0]):
-        lost += end_step_at(h, weight, compensation, m, q, p)
+    if left == 1:
+        lost += end_step_at(h, weight, compensation, lanes, q, p)
     return lost
 
 
@@ -175,11 +183,16 @@ def begin_step_towards(h, drift_phi, weight, compensation, q, p):
         lost_by_modes, half = begin_step_at(h, weight, compensation, EightFrom(m), q, p)
         total = total + lost_by_modes
         moves = multiply_add(number_at(drift_phi, EightFrom(m)), half, moves)
+    left = p.shape[0] - lanes
+    if left > 1:
+        lost_by_modes, half = begin_step_at(h, weight, compensation, FewFrom(lanes, left), q, p)
+        total = total + lost_by_modes
+        moves = multiply_add(number_at(drift_phi, FewFrom(lanes, left)), half, moves)
     lost, move = lane_sum(total), lane_sum(moves)
-    for m in range(lanes, p.shape[0]):
-        lost_by_mode, half = begin_step_at(h, weight, compensation, m, q, p)
+    if left == 1:
+        lost_by_mode, last = begin_step_at(h, weight, compensation, lanes, q, p)
         lost += lost_by_mode
-        move += number_at(drift_phi, m) * half
+        move += number_at(drift_phi, lanes) * last
     return lost, move
 
 
@@ -189,9 +202,12 @@ def end_step_pushed(h, kick_phi, force, weight, compensation, q, p):
     lanes, total = lanes_of(p.shape[0]), splat(0.0)
     for m in range(INT64_0, lanes, LANES):
         total = total + end_step_pushed_at(h, kick_phi, force, weight, compensation, EightFrom(m), q, p)
+    left = p.shape[0] - lanes
+    if left > 1:
+        total = total + end_step_pushed_at(h, kick_phi, force, weight, compensation, FewFrom(lanes, left), q, p)
     lost = lane_sum(total)
-    for m in range(lanes, p.shape[0]):
-        lost += end_step_pushed_at(h, kick_phi, force, weight, compensation, m, q, p)
+    if left == 1:
+        lost += end_step_pushed_at(h, kick_phi, force, weight, compensation, lanes, q, p)
     return lost
 
 
@@ -201,9 +217,12 @@ def free_step(h, weight, compensation, q, p):
     lanes, total = lanes_of(p.shape[0]), splat(0.0)
     for m in range(INT64_0, lanes, LANES):
         total = total + free_step_at(h, weight, compensation, EightFrom(m), q, p)
+    left = p.shape[0] - lanes
+    if left > 1:
+        total = total + free_step_at(h, weight, compensation, FewFrom(lanes, left), q, p)
     lost = lane_sum(total)
-    for m in range(lanes, p.shape[0]):
-        lost += free_step_at(h, weight, compensation, m, q, p)
+    if left == 1:
+        lost += free_step_at(h, weight, compensation, lanes, q, p)
     return lost
 
 
@@ -223,9 +242,12 @@ def apply_loss_all(loss, p):
     lanes, total = lanes_of(p.shape[0]), splat(0.0)
     for m in range(INT64_0, lanes, LANES):
         total = total + apply_loss_at(loss, EightFrom(m), p)
+    left = p.shape[0] - lanes
+    if left > 1:
+        total = total + apply_loss_at(loss, FewFrom(lanes, left), p)
     lost = lane_sum(total)
-    for m in range(lanes, p.shape[0]):
-        lost += apply_loss_at(loss, m, p)
+    if left == 1:
+        lost += apply_loss_at(loss, lanes, p)
     return lost
 
 
@@ -273,10 +295,10 @@ def kinetic_energy(p):
     for m in range(INT64_0, lanes, LANES):
         x = load_lanes(p, m)
         total = total + 0.5 * x * x
-    energy = lane_sum(total)
-    for m in range(lanes, p.shape[0]):
-        energy += 0.5 * p[m] * p[m]
-    return energy
+    if lanes < p.shape[0]:
+        x = load_first_lanes(p, lanes, p.shape[0] - lanes)
+        total = total + 0.5 * x * x
+    return lane_sum(total)
 
 
 @inline
@@ -405,8 +427,9 @@ def bound_modal_displacements(omega_squared, weight, per_speed, per_weight, q, p
     lanes = lanes_of(p.shape[0])
     for m in range(INT64_0, lanes, LANES):
         put_number(bound, EightFrom(m), bound_mode(omega_squared, weight, per_speed, per_weight, EightFrom(m), q, p))
-    for m in range(lanes, p.shape[0]):
-        put_number(bound, m, bound_mode(omega_squared, weight, per_speed, per_weight, m, q, p))
+    if lanes < p.shape[0]:
+        rest = FewFrom(lanes, p.shape[0] - lanes)
+        put_number(bound, rest, bound_mode(omega_squared, weight, per_speed, per_weight, rest, q, p))
 
 
 @inline
@@ -424,9 +447,12 @@ def vibration_energy(omega_squared, weight, q, p):
     lanes, total = lanes_of(p.shape[0]), splat(0.0)
     for m in range(INT64_0, lanes, LANES):
         total = total + vibration_energy_of(omega_squared, weight, EightFrom(m), q, p)
+    left = p.shape[0] - lanes
+    if left > 1:
+        total = total + vibration_energy_of(omega_squared, weight, FewFrom(lanes, left), q, p)
     energy = lane_sum(total)
-    for m in range(lanes, p.shape[0]):
-        energy += vibration_energy_of(omega_squared, weight, m, q, p)
+    if left == 1:
+        energy += vibration_energy_of(omega_squared, weight, lanes, q, p)
     return energy
 
 

@@ -47,7 +47,7 @@ from engine.kernel.sleep import (
 from engine.kernel.state import BlockOutput
 from engine.kernel.step import StepOutcome, step
 
-CHUNK_FRAMES = 256  # samples an island runs before the next one does: small enough for the fast cache
+CHUNK_FRAMES = 1024  # samples an island runs before the next one does: few enough for the fast cache
 SLEEP_CHECK_PERIOD = np.int64(8 * FLIGHT_FRAMES)
 LONG_SLEEP_FRAMES = np.int64(64 * 64)  # samples an island sleeps at a time if nothing in it moves
 CHECK_PERIOD = np.int64(FLIGHT_FRAMES)  # samples; out of contact, compressions are read from the modes this often

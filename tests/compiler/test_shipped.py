@@ -1,0 +1,110 @@
+"""The machine code that comes with the engine: of the present sources, of the right form, and with the same samples."""
+
+import json
+import subprocess
+import sys
+import zipfile
+
+import llvmlite.binding
+import pytest
+from conftest import ROOT
+
+import engine
+from engine.compiler import cache, shipped
+from engine.compiler.shipped import ABOUT, TARGETS, archive
+from engine.parallel.job_memory import RENDER_BLOCK
+
+NAMES = [target.name for target in TARGETS]
+ELF, X86_64 = b"\x7fELF\x02\x01", 0x3E
+
+
+@pytest.fixture
+def fresh_choice(monkeypatch):
+    """Forgets which archive was chosen, before and after; and no kernel is on this machine."""
+    shipped._fitting_archive.cache_clear()
+    monkeypatch.setattr("engine.compiler.kernels.cache.read_kernel", lambda *_: None)
+    monkeypatch.setattr(RENDER_BLOCK, "_loaded", {})
+    yield
+    shipped._fitting_archive.cache_clear()
+
+
+def target_named(name: str) -> shipped.Target:
+    return next(target for target in TARGETS if target.name == name)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_is_of_the_present_sources(name):
+    """`uv run python -m bench shipped` makes it anew."""
+    assert shipped.sources_of(archive(target_named(name))) == cache.source_digest()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_is_machine_code_of_its_target(name):
+    with zipfile.ZipFile(archive(target_named(name))) as file:
+        about = json.loads(file.read(ABOUT))
+        members = [file.read(member) for member in file.namelist() if member != ABOUT]
+    assert about["target"] == name and len(members) >= 10
+    for content in members:
+        header, _, code = content.partition(b"\n")
+        assert json.loads(header)["symbol"].encode() in code
+        assert code.startswith(ELF) and int.from_bytes(code[18:20], "little") == X86_64
+
+
+def supported(name: str) -> bool:
+    features = llvmlite.binding.get_host_cpu_features()
+    return all(features.get(feature) for feature in target_named(name).features)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_its_samples_are_those_of_a_special_kernel(patch, name, fresh_choice, monkeypatch):
+    if not supported(name):
+        pytest.skip("another processor")
+    monkeypatch.setattr(shipped, "TARGETS", (target_named(name),))
+    scene = patch("bouncing_ball")
+    general = engine.render(scene, 0.5, kernel="general").audio
+    assert engine.render(scene, 0.5, kernel="special").audio.tobytes() == general.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("lacking", "chosen"), [("fma", "x86-64"), ("avx2", "x86-64"), ("none", "x86-64-v3")], ids=lambda word: word
+)
+def test_the_best_that_fits_the_processor_is_chosen(fresh_choice, monkeypatch, lacking, chosen):
+    if not supported("x86-64-v3") or sys.platform != "linux":
+        pytest.skip("another processor")
+    features = dict(llvmlite.binding.get_host_cpu_features()) | {lacking: False}
+    monkeypatch.setattr(llvmlite.binding, "get_host_cpu_features", lambda: features)
+    assert shipped._fitting_archive() == archive(target_named(chosen))
+
+
+@pytest.mark.parametrize("kind", ["other sources", "damaged", "gone", "no zip"])
+def test_what_does_not_fit_is_not_used(tmp_path, fresh_choice, monkeypatch, kind):
+    for target in TARGETS:
+        content = archive(target).read_bytes()
+        path = tmp_path / archive(target).name
+        path.write_bytes({"damaged": content[: len(content) // 2], "no zip": b"none"}.get(kind, content))
+        if kind == "gone":
+            path.unlink()
+    monkeypatch.setattr(shipped, "FOLDER", tmp_path)
+    if kind == "other sources":
+        monkeypatch.setattr(cache, "source_digest", lambda: "other")
+    assert shipped.read_shipped("engine.parallel.partitions", "render_job", ("int", "int")) is None
+
+
+def test_a_trick_that_is_switched_off_is_compiled(fresh_choice, monkeypatch):
+    monkeypatch.setattr(shipped, "switched_off", lambda: {"lanes"})
+    assert shipped._fitting_archive() is None
+
+
+@pytest.mark.hard
+def test_the_same_sources_make_the_same_bytes(tmp_path):
+    import llvmlite
+    import numba
+
+    target = TARGETS[0]
+    with zipfile.ZipFile(archive(target)) as file:
+        about = json.loads(file.read(ABOUT))
+    if about["made_with"] != [numba.__version__, llvmlite.__version__]:
+        pytest.skip("made with another compiler")
+    words = [sys.executable, "-m", "bench", "shipped", str(tmp_path), target.name]
+    subprocess.run(words, cwd=ROOT, check=True, capture_output=True)
+    assert (tmp_path / archive(target).name).read_bytes() == archive(target).read_bytes()

@@ -16,7 +16,7 @@ def progress_feedback(quiet: bool) -> Iterator[Callable[[float], None]]:
     """Tell the user what takes so long: compiling, before the first samples; then a progress bar,
     on a terminal, once a render has lasted a while. Yields the function to call with the share done."""
     begin = time.perf_counter()
-    say = "compiling the kernel for this kind of scene (once per machine) …"
+    say = "compiling the kernel (once per machine) …"
     compiling = threading.Timer(PROGRESS_DELAY, lambda: print(say, file=sys.stderr))
     compiling.daemon = True
     compiling.start()

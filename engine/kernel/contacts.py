@@ -3,8 +3,8 @@
 from engine.compiler.decorators import inline, noinline
 from engine.kernel.codes import Row
 from engine.kernel.contact_law import elastic_force, potential, potential_difference
-from engine.kernel.modes import add_drifts, bound_at_row, kick_at_row, project, project_drift
 from engine.kernel.reduced_contact_solver import basis_of_island, gather_rows, spread_rows
+from engine.kernel.rows import add_drifts, bound_at_row, kick_at_row, project, project_drift
 from engine.kernel.scalar_contact_solver import loss_rate_of
 
 CANCELLATION = 100.0  # times compression and step: what B·f may be before moves are measured instead

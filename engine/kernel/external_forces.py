@@ -2,7 +2,7 @@
 
 from engine.compiler.decorators import inline
 from engine.kernel.codes import UNUSED_SLOT
-from engine.kernel.modes import kick_at_row, project_drift
+from engine.kernel.rows import kick_at_row, project_drift
 
 
 @inline

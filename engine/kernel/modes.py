@@ -14,27 +14,22 @@ mode of heavy damping loses momentum in the drift as well.
 
 import math
 
-import numpy as np
-
-from engine.compiler.decorators import INT64_0, INT64_1, inline, noinline
+from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.compiler.lanes import (
     EightFrom,
     FewFrom,
     lane_sum,
     load_first_lanes,
     load_lanes,
-    magnitude,
     multiply_add,
     number_at,
     put_number,
     splat,
-    where_positive,
     zero_like,
 )
 from engine.kernel.codes import LANES
-from engine.kernel.sums import lanes_of, sum_products, sum_sizes_of_products
+from engine.kernel.sums import lanes_of
 
-ROWS_AT_ONCE = 4
 DENORMAL_LIMIT = 1e-290  # √kg·m, √kg·m/s
 
 
@@ -299,165 +294,3 @@ def kinetic_energy(p):
         x = load_first_lanes(p, lanes, p.shape[0] - lanes)
         total = total + 0.5 * x * x
     return lane_sum(total)
-
-
-@inline
-def weighted_sum(weights, offset, x, begin, end):
-    """Σ weights[offset + m]·x[begin + m] over the modes begin to end of an island."""
-    first = np.int64(begin)
-    return sum_products(weights, np.int64(offset), x, first, np.int64(end) - first)
-
-
-@inline
-def project(rows, r, x):
-    """Displacement at row r (m) from the modes' displacements; or velocity (m/s) from their momenta."""
-    return weighted_sum(rows.phi, rows.offset[r], x, rows.mode_begin[r], rows.mode_end[r])
-
-
-@inline
-def project_drift(rows, coefficients, r, p):
-    """Displacement at row r that the coming drift brings, m."""
-    return weighted_sum(coefficients.drift_phi, rows.offset[r], p, rows.mode_begin[r], rows.mode_end[r])
-
-
-@inline
-def rows_of_same_modes(rows, r, total):
-    """How many rows from r on weigh the same modes, up to ROWS_AT_ONCE. total: of all rows"""
-    begin, end, count = rows.mode_begin[r], rows.mode_end[r], INT64_1
-    while count < ROWS_AT_ONCE and r + count < total:
-        if rows.mode_begin[r + count] != begin or rows.mode_end[r + count] != end:
-            break
-        count += 1
-    return count
-
-
-@inline
-def add_drifts_of_same_modes(rows, coefficients, r, count, p, moves):
-    """Add to `moves` the displacements, m, at two to four rows from r on that the coming drift brings: each momentum is
-    read once for all of them. Of fewer than four, the last stands for the missing ones."""
-    of, begin = coefficients.drift_phi, np.int64(rows.mode_begin[r])
-    modes, last = rows.mode_end[r] - begin, r + count - 1
-    i, j = np.int64(rows.offset[r]), np.int64(rows.offset[r + 1])
-    k, n = np.int64(rows.offset[min(r + 2, last)]), np.int64(rows.offset[last])
-    a, b, c, d = splat(0.0), splat(0.0), splat(0.0), splat(0.0)
-    vectors = modes // LANES * LANES
-    for m in range(0, vectors, LANES):
-        x = load_lanes(p, begin + m)
-        a = multiply_add(load_lanes(of, i + m), x, a)
-        b = multiply_add(load_lanes(of, j + m), x, b)
-        c = multiply_add(load_lanes(of, k + m), x, c)
-        d = multiply_add(load_lanes(of, n + m), x, d)
-    e, f, g, h = lane_sum(a), lane_sum(b), lane_sum(c), lane_sum(d)
-    for m in range(vectors, modes):
-        x = p[begin + m]
-        e += of[i + m] * x
-        f += of[j + m] * x
-        g += of[k + m] * x
-        h += of[n + m] * x
-    moves[r] += e
-    moves[r + 1] += f
-    if count > 2:
-        moves[r + 2] += g
-    if count > 3:
-        moves[r + 3] += h
-
-
-@inline
-def add_drifts(rows, coefficients, p, moves):
-    """Add to `moves` the displacement at each row, if there are any, that the coming drift brings, m."""
-    if rows is not None:
-        r, total = INT64_0, moves.shape[0]
-        while r < total:
-            count = rows_of_same_modes(rows, r, total)
-            if count > 1:
-                add_drifts_of_same_modes(rows, coefficients, r, count, p, moves)
-            else:
-                moves[r] += project_drift(rows, coefficients, r, p)
-            r += count
-
-
-@inline
-def kick_at_row(rows, coefficients, r, f, p):
-    """Half a kick by a force f (N) at row r."""
-    begin, end, offset = rows.mode_begin[r], rows.mode_end[r], rows.offset[r]
-    if end - begin == 1:
-        p[begin] += coefficients.kick_phi[offset] * f
-        return
-    a, b = coefficients.kick_phi[offset : offset + (end - begin)], p[begin:end]
-    for m in range(b.shape[0]):
-        b[m] += a[m] * f
-
-
-@inline
-def vibration_squared(omega_squared, weight, m, q, p):
-    """A² = p² + ω²·(q - q₀)² of mode m, which swings about q₀, where its weight holds it: twice its energy of
-    vibration, J. That of a free mass is p²."""
-    if omega_squared is None:
-        return p * p
-    stiffness, away = number_at(omega_squared, m), q
-    if weight is not None:
-        away = q - where_positive(stiffness, number_at(weight, m) / stiffness, 0.0)
-    return p * p + stiffness * away * away
-
-
-@inline
-def bound_by_weight(weight, per_weight, m):
-    """How far weight can move mode m meanwhile, √kg·m."""
-    limit = number_at(per_weight, m)
-    if weight is None:
-        return zero_like(limit)
-    return magnitude(number_at(weight, m)) * limit
-
-
-@inline
-def bound_mode(omega_squared, weight, per_speed, per_weight, m, q, p):
-    """How far mode m can move in a while, √kg·m."""
-    speed = math.sqrt(vibration_squared(omega_squared, weight, m, number_at(q, m), number_at(p, m)))
-    return speed * number_at(per_speed, m) + bound_by_weight(weight, per_weight, m)
-
-
-@inline
-def bound_modal_displacements(omega_squared, weight, per_speed, per_weight, q, p, bound):
-    """How far each mode can move in a while in which nothing else acts, √kg·m, into `bound`.
-
-    A mode swings with amplitude A/ω and speed A at most; it loses energy, and gains none. A free mass coasts and falls.
-
-    per_speed, per_weight: how far each mode moves per speed, s, and, if it is a free mass, per weight, s²
-    """
-    lanes = lanes_of(p.shape[0])
-    for m in range(INT64_0, lanes, LANES):
-        put_number(bound, EightFrom(m), bound_mode(omega_squared, weight, per_speed, per_weight, EightFrom(m), q, p))
-    if lanes < p.shape[0]:
-        rest = FewFrom(lanes, p.shape[0] - lanes)
-        put_number(bound, rest, bound_mode(omega_squared, weight, per_speed, per_weight, rest, q, p))
-
-
-@inline
-def vibration_energy_of(omega_squared, weight, m, q, p):
-    """Energy of vibration of mode m, ½A²; 0 of a free mass, J."""
-    square = vibration_squared(omega_squared, weight, m, number_at(q, m), number_at(p, m))
-    return where_positive(number_at(omega_squared, m), 0.5 * square, 0.0)
-
-
-@inline
-def vibration_energy(omega_squared, weight, q, p):
-    """Energy of vibration, Σ ½A² of all modes but free masses, J."""
-    if omega_squared is None:
-        return 0.0
-    lanes, total = lanes_of(p.shape[0]), splat(0.0)
-    for m in range(INT64_0, lanes, LANES):
-        total = total + vibration_energy_of(omega_squared, weight, EightFrom(m), q, p)
-    left = p.shape[0] - lanes
-    if left > 1:
-        total = total + vibration_energy_of(omega_squared, weight, FewFrom(lanes, left), q, p)
-    energy = lane_sum(total)
-    if left == 1:
-        energy += vibration_energy_of(omega_squared, weight, lanes, q, p)
-    return energy
-
-
-@inline
-def bound_at_row(rows, r, bound):
-    """How far the point of row r can move, m, if each mode moves no further than `bound`."""
-    begin, first = np.int64(rows.mode_begin[r]), np.int64(rows.offset[r])
-    return sum_sizes_of_products(rows.phi, first, bound, begin, np.int64(rows.mode_end[r]) - begin)

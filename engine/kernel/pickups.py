@@ -3,7 +3,7 @@
 from engine.compiler.decorators import inline
 from engine.compiler.lanes import greater, lane_maximum, load_lanes, magnitude, splat
 from engine.kernel.codes import FLIGHT_FRAMES, LANES, Quantity
-from engine.kernel.modes import project
+from engine.kernel.rows import project
 from engine.kernel.sleep import track_peak
 
 

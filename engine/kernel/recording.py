@@ -5,7 +5,7 @@ from engine.kernel.codes import FLIGHT_FRAMES, EnergyTotal, Ledger, Wanted
 from engine.kernel.contacts import compression_from_modes, contact_energy
 from engine.kernel.energy import island_energies, kinetic_and_potential, write_ledger
 from engine.kernel.free_flight import exchange_motion, step_saved_motion
-from engine.kernel.modes import project
+from engine.kernel.rows import project
 
 
 @inline

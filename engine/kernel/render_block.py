@@ -25,7 +25,8 @@ from engine.kernel.external_forces import has_forces
 from engine.kernel.free_flight import begin_flight, end_flight
 from engine.kernel.island_view import island_bounds, island_model, island_state
 from engine.kernel.model import Refinement
-from engine.kernel.modes import bound_modal_displacements, flush_denormals, free_step, vibration_energy
+from engine.kernel.modes import flush_denormals, free_step
+from engine.kernel.motion_bounds import bound_modal_displacements, vibration_energy
 from engine.kernel.pickups import add_flown_pickups, add_pickups
 from engine.kernel.recording import (
     keep_evaluations,

@@ -2,11 +2,14 @@
 which has every effect and runs any scene (engine.build.general). The samples are the same, bit for bit.
 
 A special kernel takes 10 s to compile. A scene whose special kernel is not there runs on the general one at once, while
-the special one is compiled beside it, for the next time.
+the special one is compiled beside it, for the next time. The general kernel comes with the engine; where that does not
+fit the processor, it is compiled once, and all scenes start at once from then on.
 """
 
 from collections.abc import Sequence
 from typing import NamedTuple
+
+import numpy as np
 
 from engine.build.general import generalise
 from engine.compiler.background import Request
@@ -48,8 +51,8 @@ def prepare(models: Sequence[Model], state: State, uses: Sequence[Use], asked: s
     general = Prepared([model for model, _ in pairs], pairs[0][1], KernelName.GENERAL)
     if name is KernelName.GENERAL:
         return general
-    if not is_ready(general, uses):
-        return special
+    if not is_ready(general, uses) and models[0].step.kick.dtype != np.float64:
+        return special  # few scenes ask for single precision: its general kernel is not worth 30 s
     return general._replace(missing=[*requests_of(special, uses), *requests_of(general, uses)])
 
 

@@ -1,12 +1,18 @@
 """The general kernel gives what special ones give, bit for bit."""
 
+import json
+import os
+import subprocess
+import sys
+import time
+
 import numpy as np
 import pytest
-from conftest import PATCHES, mostly_hard
+from conftest import PATCHES, ROOT, mostly_hard
 from hypothesis import HealthCheck, given, settings
 
 import engine
-from engine.compiler import background
+from engine.compiler import background, kernel_name
 from engine.parallel import kernel_choice
 from scenes.drawn import scenes
 from scenes.families import EFFECTS, tanpuras, with_effects
@@ -110,3 +116,28 @@ def test_the_sound_of_many_islands_is_the_same_on_both_cores(patch):
     scene = patch("tanpura_drone")
     one, two = (engine.render(scene, 0.05, cores=cores, kernel="general").audio for cores in (1, 2))
     assert np.array_equal(one, two)
+
+
+@pytest.mark.hard
+def test_a_kernel_is_compiled_beside_for_the_next_time(tmp_path):
+    """A pipe does not wait for it; `fdh cache` tells of it; and then the special kernel runs."""
+    forbidding = (background.VARIABLE, *background.FORBIDDING, kernel_name.VARIABLE)
+    environment = {name: value for name, value in os.environ.items() if name not in forbidding}
+    environment["NUMBA_CACHE_DIR"] = str(tmp_path / "cache")
+
+    def told(*words: str) -> dict:
+        command = [sys.executable, str(ROOT / "render.py"), *words, "--json"]
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+        return json.loads(done.stdout)
+
+    render = ["bouncing_ball", "--seconds", "0.01"]
+    assert told(*render)["kernel"] == "general"
+    begin = time.monotonic()
+    assert told("cache")["compiling"]
+    assert told(*render)["kernel"] == "general"
+    while told("cache")["compiling"]:
+        assert time.monotonic() - begin < 300.0
+        time.sleep(1.0)
+    assert told(*render)["kernel"] == "special"
+    assert told(*render, "--kernel", "general")["kernel"] == "general"
+    assert not told("cache")["compiling"]

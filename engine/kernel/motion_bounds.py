@@ -1,0 +1,86 @@
+"""How far modes can move in a while in which nothing acts, from the energy that they have."""
+
+import math
+
+from engine.compiler.decorators import INT64_0, inline
+from engine.compiler.lanes import (
+    EightFrom,
+    FewFrom,
+    lane_sum,
+    magnitude,
+    number_at,
+    put_number,
+    splat,
+    where_positive,
+    zero_like,
+)
+from engine.kernel.codes import LANES
+from engine.kernel.sums import lanes_of
+
+
+@inline
+def vibration_squared(omega_squared, weight, m, q, p):
+    """A² = p² + ω²·(q - q₀)² of mode m, which swings about q₀, where its weight holds it: twice its energy of
+    vibration, J. That of a free mass is p²."""
+    if omega_squared is None:
+        return p * p
+    stiffness, away = number_at(omega_squared, m), q
+    if weight is not None:
+        away = q - where_positive(stiffness, number_at(weight, m) / stiffness, 0.0)
+    return p * p + stiffness * away * away
+
+
+@inline
+def bound_by_weight(weight, per_weight, m):
+    """How far weight can move mode m meanwhile, √kg·m."""
+    limit = number_at(per_weight, m)
+    if weight is None:
+        return zero_like(limit)
+    return magnitude(number_at(weight, m)) * limit
+
+
+@inline
+def bound_mode(omega_squared, weight, per_speed, per_weight, m, q, p):
+    """How far mode m can move in a while, √kg·m."""
+    speed = math.sqrt(vibration_squared(omega_squared, weight, m, number_at(q, m), number_at(p, m)))
+    return speed * number_at(per_speed, m) + bound_by_weight(weight, per_weight, m)
+
+
+@inline
+def bound_modal_displacements(omega_squared, weight, per_speed, per_weight, q, p, bound):
+    """How far each mode can move in a while in which nothing else acts, √kg·m, into `bound`.
+
+    A mode swings with amplitude A/ω and speed A at most; it loses energy, and gains none. A free mass coasts and falls.
+
+    per_speed, per_weight: how far each mode moves per speed, s, and, if it is a free mass, per weight, s²
+    """
+    lanes = lanes_of(p.shape[0])
+    for m in range(INT64_0, lanes, LANES):
+        put_number(bound, EightFrom(m), bound_mode(omega_squared, weight, per_speed, per_weight, EightFrom(m), q, p))
+    if lanes < p.shape[0]:
+        rest = FewFrom(lanes, p.shape[0] - lanes)
+        put_number(bound, rest, bound_mode(omega_squared, weight, per_speed, per_weight, rest, q, p))
+
+
+@inline
+def vibration_energy_of(omega_squared, weight, m, q, p):
+    """Energy of vibration of mode m, ½A²; 0 of a free mass, J."""
+    square = vibration_squared(omega_squared, weight, m, number_at(q, m), number_at(p, m))
+    return where_positive(number_at(omega_squared, m), 0.5 * square, 0.0)
+
+
+@inline
+def vibration_energy(omega_squared, weight, q, p):
+    """Energy of vibration, Σ ½A² of all modes but free masses, J."""
+    if omega_squared is None:
+        return 0.0
+    lanes, total = lanes_of(p.shape[0]), splat(0.0)
+    for m in range(INT64_0, lanes, LANES):
+        total = total + vibration_energy_of(omega_squared, weight, EightFrom(m), q, p)
+    left = p.shape[0] - lanes
+    if left > 1:
+        total = total + vibration_energy_of(omega_squared, weight, FewFrom(lanes, left), q, p)
+    energy = lane_sum(total)
+    if left == 1:
+        energy += vibration_energy_of(omega_squared, weight, lanes, q, p)
+    return energy

@@ -22,7 +22,7 @@ from engine.cli.option_checks import voice_count
 from engine.cli.play_command import parse_latency
 from engine.cli.progress import progress_feedback
 from engine.cli.terminal import format_meter, read_keyboard, show_meter
-from engine.compiler.background import compile_beside
+from engine.compiler import background
 from engine.faults import PatchError
 from engine.live import audio_device, midi, midi_notes, recovery, voice_allocator
 from engine.live.hot_reload import PatchWatcher
@@ -153,9 +153,10 @@ def play_patch(args: argparse.Namespace, scene: Scene, gain: float | None, accur
         announcement = f"{scene.title or path.stem}, on {name} at {samplerate} Hz, blocks of {args.block_size}"
         print(announcement, file=sys.stderr if args.json else sys.stdout, flush=True)
         watch = PatchWatcher(path, scene, player, factory.make_quickly, factory.with_accuracy) if args.watch else None
-        wish, code = play_to_end(args, player, stream, name, watch, notes)
+        with background.postponed():
+            wish, code = play_to_end(args, player, stream, name, watch, notes)
         stream.close()
-        compile_beside((watch.player if watch is not None else player).memory.missing_kernels)
+        background.compile_beside((watch.player if watch is not None else player).memory.missing_kernels)
         played = voice_allocator.played_notes(allocator) if allocator else {}
         print_live_summary(watch.player if watch is not None else player, args, played)
         if wish != "next" or code:

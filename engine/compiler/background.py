@@ -15,7 +15,7 @@ from typing import Any
 from engine.compiler import cache_files
 
 VARIABLE = "FDH_BACKGROUND"  # of the environment: "off" lets nothing be compiled beside
-LOCK = "compiling.lock"
+LOCK, COMPILING, PLAYING = "background.lock", "compiling", "playing"
 FORBIDDING = "CI", "PYTEST_CURRENT_TEST"  # variables of the environment
 PRIORITY = 19  # the lowest, on POSIX
 _forbidden: list[bool] = []
@@ -40,7 +40,7 @@ def is_allowed() -> bool:
 
 def compile_beside(requests: Sequence[Request]) -> None:
     """Start to compile kernels for the next time, if that is allowed and nothing is being compiled yet."""
-    if not requests or not is_allowed() or is_compiling():
+    if not requests or not is_allowed() or _holder() is not None:
         return
     settings: dict[str, Any] = {"start_new_session": True}
     if sys.platform == "win32":
@@ -60,23 +60,42 @@ def compile_beside(requests: Sequence[Request]) -> None:
 
 def is_compiling() -> bool:
     """Whether a process compiles for the next time."""
+    return _holder() == COMPILING
+
+
+@contextmanager
+def postponed() -> Iterator[None]:
+    """Let no process of this user begin to compile for the next time meanwhile."""
+    lock = None
+    with suppress(OSError):
+        lock = _take_lock(PLAYING)
     try:
-        if not (cache_files.folder() / LOCK).exists():
-            return False
+        yield
+    finally:
+        if lock is not None:
+            os.close(lock)
+
+
+def _holder() -> str | None:
+    """What the process that has the lock does; None if none has it."""
+    try:
+        path = cache_files.folder() / LOCK
+        if not path.exists():
+            return None
         lock = _take_lock()
+        if lock is None:
+            return path.read_text("utf-8")
     except OSError:
-        return False
-    if lock is None:
-        return True
+        return None
     os.close(lock)
-    return False
+    return None
 
 
 def compile_requests(requests: Sequence[Request]) -> None:
     """Compile kernels that are not kept yet, if no other process does."""
     from engine.compiler.kernels import Kernel
 
-    lock = _take_lock()
+    lock = _take_lock(COMPILING)
     if lock is None:
         return
     if hasattr(os, "nice"):
@@ -86,8 +105,11 @@ def compile_requests(requests: Sequence[Request]) -> None:
     os.close(lock)
 
 
-def _take_lock() -> int | None:
-    """The lock, which ends with the process; None if another has it. Raises OSError without a folder."""
+def _take_lock(purpose: str = "") -> int | None:
+    """The lock, which ends with the process; None if another has it. Raises OSError without a folder.
+
+    purpose: what others are told
+    """
     lock = os.open(cache_files.folder() / LOCK, os.O_RDWR | os.O_CREAT, 0o600)
     try:
         if sys.platform == "win32":
@@ -101,6 +123,8 @@ def _take_lock() -> int | None:
     except OSError:
         os.close(lock)
         return None
+    os.ftruncate(lock, 0)
+    os.write(lock, purpose.encode())
     return lock
 
 

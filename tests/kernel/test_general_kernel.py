@@ -112,6 +112,19 @@ def test_nothing_is_compiled_beside_tests_workers_and_where_it_is_forbidden(monk
     assert not background.is_allowed()
 
 
+def test_nothing_is_compiled_beside_live_sound(base, monkeypatch):
+    started: list = []
+    monkeypatch.setattr(background, "is_allowed", lambda: True)
+    monkeypatch.setattr(background.subprocess, "Popen", lambda *words, **_: started.append(words))
+    request = [("module", "function", ("int",))]
+    with background.postponed():
+        background.compile_beside(request)
+        assert not started and not background.is_compiling()
+        background.compile_requests(request)  # ends at once
+    background.compile_beside(request)
+    assert len(started) == 1
+
+
 def test_the_sound_of_many_islands_is_the_same_on_both_cores(patch):
     scene = patch("tanpura_drone")
     one, two = (engine.render(scene, 0.05, cores=cores, kernel="general").audio for cores in (1, 2))

@@ -2,17 +2,22 @@
 
 The exponent is part of a law's type, so that a kernel holds the arithmetic of its own exponents only. The law of type
 Power has any exponent, and does for those with a type of their own what their types do, bit for bit. To add an
-exponent: a class, its functions in the tables below, and its branch in those of `Power`.
+exponent: a class, and its entries in the tables below. Everything else follows from them.
 
 All compressions are in metres; `k` is the contact's index in its law's arrays. Energies and
 forces are counted in `potential_coefficient` = kc/(α+1), in N/m^α: V(s) = potential_coefficient·[s]₊^(α+1).
 """
 
 import math
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
 
-from engine.compiler.decorators import inline, noinline
+from engine.compiler.decorators import inline
 from engine.compiler.overloads import overload_by_type
-from engine.kernel.laws import Cubic, Felt, Hertz, Law, Linear, Power, Quadratic
+from engine.kernel.laws import OF_EXPONENT, Cubic, Felt, Hertz, Law, Linear, Power, Quadratic
+
+NONE: Mapping[str, Any] = MappingProxyType({})
 
 # x^α, x^(1/α), x^(1/(α+1)), and the quotient (b^(α+1) - a^(α+1))/(b - a), which is α + 1 times the mean of x^α
 # over [a, b]; each without cancellation. `power_difference_quotient` is given d = |b - a|, known more precisely.
@@ -51,24 +56,11 @@ def quotient_cubic(a, b):
     return (a + b) * (a * a + b * b)
 
 
-@noinline
-def quotient_of(alpha, a, b, d):
+def general_quotient(law, k, a, b, d):
     """The quotient for any exponent."""
-    if alpha == 1.0:
-        return quotient_linear(a, b)
-    if alpha == 1.5:
-        return quotient_hertz(a, b)
-    if alpha == 2.0:
-        return quotient_quadratic(a, b)
-    if alpha == 2.5:
-        return quotient_felt(a, b)
-    if alpha == 3.0:
-        return quotient_cubic(a, b)
     # based on the larger of the two, or it overflows
-    n = alpha + 1.0
-    m = max(a, b)
-    part = d / m
-    whole = m**alpha
+    alpha, m = law.exponent[k], max(a, b)
+    n, part, whole = alpha + 1.0, d / m, m**alpha
     if part == 0.0:
         return whole * n
     if part >= 1.0:
@@ -76,30 +68,28 @@ def quotient_of(alpha, a, b, d):
     return whole * (-math.expm1(n * math.log1p(-part))) / part
 
 
-@noinline
-def power_of(alpha, x):
-    """x^α for any exponent."""
-    if alpha == 1.0:
-        return x
-    if alpha == 1.5:
-        return x * math.sqrt(x)
-    if alpha == 2.0:
-        return x * x
-    if alpha == 2.5:
-        return x * x * math.sqrt(x)
-    if alpha == 3.0:
-        return x * x * x
-    return x**alpha
+def branch_on_exponent(
+    cases: Mapping[Any, Any], otherwise: Any, exponent: str, arguments: str, functions: Mapping[str, Any] = NONE
+) -> Any:
+    """A function, for compiled code, that does for each exponent with a law of its own what the case of that law does.
+
+    cases:     functions of these arguments, by the class of the law
+    otherwise: the function for all other exponents
+    exponent:  what gives it, in terms of the arguments
+    functions: that it names
+    """
+    names: dict[str, Any] = {"otherwise": inline(otherwise), **functions}
+    lines = [f"def branch({arguments}):", f"    alpha = {exponent}"]
+    for alpha, law in OF_EXPONENT.items():
+        names[law.__name__] = inline(cases[law])
+        lines += [f"    if alpha == {alpha!r}:", f"        return {law.__name__}({arguments})"]
+    exec("\n".join([*lines, f"    return otherwise({arguments})"]), names)
+    return names["branch"]
 
 
-@noinline
-def root_of(n, x):
-    """x^(1/n) for any n."""
-    if n == 1.0:
-        return x
-    if n == 2.0:
-        return math.sqrt(x)
-    return x ** (1.0 / n)
+def with_power_law(cases: Mapping[Any, Any], otherwise: Any, arguments: str) -> dict[Any, Any]:
+    """The cases, and that of the law of any exponent."""
+    return {**cases, Power: branch_on_exponent(cases, otherwise, "law.exponent[k]", f"law, k, {arguments}")}
 
 
 _EXPONENT = {
@@ -116,7 +106,6 @@ _POWER = {
     Quadratic: lambda law, k, x: x * x,
     Felt: lambda law, k, x: x * x * math.sqrt(x),
     Cubic: lambda law, k, x: x * x * x,
-    Power: lambda law, k, x: power_of(law.exponent[k], x),
 }
 _INVERSE_POWER = {
     Linear: lambda law, k, x: x,
@@ -124,7 +113,6 @@ _INVERSE_POWER = {
     Quadratic: lambda law, k, x: math.sqrt(x),
     Felt: lambda law, k, x: x ** (1.0 / 2.5),
     Cubic: lambda law, k, x: x ** (1.0 / 3.0),
-    Power: lambda law, k, x: root_of(law.exponent[k], x),
 }
 _ROOT_OF_POTENTIAL = {
     Linear: lambda law, k, x: math.sqrt(x),
@@ -132,7 +120,6 @@ _ROOT_OF_POTENTIAL = {
     Quadratic: lambda law, k, x: x ** (1.0 / 3.0),
     Felt: lambda law, k, x: x ** (1.0 / 3.5),
     Cubic: lambda law, k, x: x ** (1.0 / 4.0),
-    Power: lambda law, k, x: root_of(law.exponent[k] + 1.0, x),
 }
 _POWER_DIFFERENCE_QUOTIENT = {
     Linear: lambda law, k, a, b, d: quotient_linear(a, b),
@@ -140,8 +127,11 @@ _POWER_DIFFERENCE_QUOTIENT = {
     Quadratic: lambda law, k, a, b, d: quotient_quadratic(a, b),
     Felt: lambda law, k, a, b, d: quotient_felt(a, b),
     Cubic: lambda law, k, a, b, d: quotient_cubic(a, b),
-    Power: lambda law, k, a, b, d: quotient_of(law.exponent[k], a, b, d),
 }
+_POWER = with_power_law(_POWER, lambda law, k, x: x ** law.exponent[k], "x")
+_INVERSE_POWER = with_power_law(_INVERSE_POWER, lambda law, k, x: x ** (1.0 / law.exponent[k]), "x")
+_ROOT_OF_POTENTIAL = with_power_law(_ROOT_OF_POTENTIAL, lambda law, k, x: x ** (1.0 / (law.exponent[k] + 1.0)), "x")
+_POWER_DIFFERENCE_QUOTIENT = with_power_law(_POWER_DIFFERENCE_QUOTIENT, general_quotient, "a, b, d")
 
 
 def exponent(law: Law, k: int) -> float:

@@ -17,9 +17,9 @@ from engine.compiler.decorators import INT64_0, INT64_1, inline, noinline
 from engine.compiler.lanes import lane_sum, load_lanes, multiply_add, splat, store_lanes, where_positive
 from engine.compiler.overloads import overload_by_type
 from engine.kernel.codes import COLUMNS, LANES, MAX_RANK, ROWS_COLUMN, Row
-from engine.kernel.contact_law import exponent, power, power_difference_quotient
+from engine.kernel.contact_law import branch_on_exponent, exponent, power, power_difference_quotient
 from engine.kernel.coupled_contact_round import contact_response
-from engine.kernel.laws import Cubic, Felt, Hertz, Linear, Power, Quadratic
+from engine.kernel.laws import OF_EXPONENT, Power
 from engine.kernel.scalar_contact_solver import loss_rate_of
 
 MAX_EVALUATIONS = 100
@@ -145,26 +145,24 @@ def respond_one_by_one(law, loss_rate, basis, groups, minus_w, vectors):
             f[k], slope[k] = contact_response(law, loss_rate, k, s[k], eta[k])
 
 
+def respond_as(kind: Any) -> Any:
+    """`respond_in_lanes` of a law of any exponent as one of this kind."""
+
+    def respond_as_kind(law, loss_rate, basis, groups, minus_w, vectors):
+        special = kind(law.potential_coefficient, law.exponent)
+        respond_in_lanes(special, loss_rate, basis, groups, minus_w, vectors)
+
+    return respond_as_kind
+
+
 @inline
-def respond_with_any_exponent(law, loss_rate, basis, groups, minus_w, vectors):
-    """As `respond_in_lanes`, where all contacts have one exponent whose law has a type of its own; else one by one."""
-    units, exponents = law.potential_coefficient, law.exponent
-    alpha = exponents[0]
-    for k in range(1, basis.contacts):
-        if exponents[k] != alpha:
+def shared_exponent(law, contacts):
+    """The exponent that all contacts have; 0 if they have several."""
+    alpha = law.exponent[0]
+    for k in range(1, contacts):
+        if law.exponent[k] != alpha:
             alpha = 0.0
-    if alpha == 1.0:
-        respond_in_lanes(Linear(units, exponents), loss_rate, basis, groups, minus_w, vectors)
-    elif alpha == 1.5:
-        respond_in_lanes(Hertz(units, exponents), loss_rate, basis, groups, minus_w, vectors)
-    elif alpha == 2.0:
-        respond_in_lanes(Quadratic(units, exponents), loss_rate, basis, groups, minus_w, vectors)
-    elif alpha == 2.5:
-        respond_in_lanes(Felt(units, exponents), loss_rate, basis, groups, minus_w, vectors)
-    elif alpha == 3.0:
-        respond_in_lanes(Cubic(units, exponents), loss_rate, basis, groups, minus_w, vectors)
-    else:
-        respond_one_by_one(law, loss_rate, basis, groups, minus_w, vectors)
+    return alpha
 
 
 def respond(law: Any, loss_rate: Any, basis: Any, groups: Any, minus_w: Any, vectors: Any) -> None:
@@ -173,11 +171,16 @@ def respond(law: Any, loss_rate: Any, basis: Any, groups: Any, minus_w: Any, vec
     raise TypeError("respond is for compiled code")
 
 
-overload_by_type(
-    respond,
-    dict.fromkeys((Linear, Hertz, Quadratic, Felt, Cubic), respond_in_lanes.py_func)
-    | {Power: respond_with_any_exponent.py_func},
+ARGUMENTS = "law, loss_rate, basis, groups, minus_w, vectors"
+SPECIAL_LAWS = OF_EXPONENT.values()
+respond_with_power_law = branch_on_exponent(
+    {kind: respond_as(kind) for kind in SPECIAL_LAWS},
+    respond_one_by_one.py_func,
+    "shared_exponent(law, basis.contacts)",
+    ARGUMENTS,
+    {"shared_exponent": shared_exponent},
 )
+overload_by_type(respond, dict.fromkeys(SPECIAL_LAWS, respond_in_lanes.py_func) | {Power: respond_with_power_law})
 
 
 @inline

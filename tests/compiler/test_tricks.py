@@ -52,7 +52,7 @@ OSCILLATOR, *OTHERS = "repelled_oscillator", "guitar_frets", "a bridge of twelve
 
 def sound(folder, plain: str, *scenes: str) -> list[str]:
     """For each scene, digests of what it becomes, in a process of its own."""
-    environment = {**os.environ, "FDH_PLAIN": plain, "NUMBA_CACHE_DIR": str(folder)}
+    environment = {**os.environ, "FDH_PLAIN": plain, "NUMBA_CACHE_DIR": str(folder), "FDH_KERNEL": "special"}
     command = [sys.executable, "-c", SOUND, *scenes]
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=True)
     return done.stdout.splitlines()

@@ -53,7 +53,7 @@ def test_effects_are_the_same_on_both(present):
 @pytest.mark.hard
 @pytest.mark.parametrize("accuracy", [{"order": 4}, {"substeps": 2}, {"precision": "float32"}], ids=str)
 def test_accuracy_is_the_same_on_both(patch, accuracy):
-    assert_same(*both(patch("piano_c4"), 0.1, **accuracy))
+    assert_same(*both(patch("barrier_cubic"), 0.1, **accuracy))
 
 
 @pytest.mark.hard

@@ -15,7 +15,7 @@ from engine.analysis.profile import kernel_id
 from engine.build.build import build
 
 NAMES = "repelled_oscillator", "tanpura"
-NOTHING_BESIDE = {"FDH_BACKGROUND": "off"}
+NOTHING_BESIDE = {"FDH_BACKGROUND": "off", "FDH_KERNEL": "auto"}
 
 
 class Cost(NamedTuple):

@@ -65,8 +65,8 @@ def processor() -> tuple[str, ...]:
     """What machine code depends on: the system, the processor and what it can do; and what Numba is told of it."""
     import llvmlite.binding as llvm
 
-    told = [os.environ.get(name, "") for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")]
-    return sys.platform, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten(), *told
+    settings = [os.environ.get(name, "") for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")]
+    return sys.platform, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten(), *settings
 
 
 @lru_cache

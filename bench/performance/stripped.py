@@ -27,6 +27,9 @@ ABSENT = {
     "loss_rate",
     "coupling",
     "events",
+    "connection",
+    "joined",
+    "duration",
     "free_masses",
     "moving",
 }

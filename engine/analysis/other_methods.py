@@ -38,7 +38,7 @@ def as_single_body(scene: Scene) -> SingleBodyCase | None:
     """The scene as a case for the other methods; None if it is more than one lossless body with a pickup between
     barriers of one power law."""
     body, contacts, pickup = scene.body[0], scene.contact, scene.pickup[0]
-    if len(scene.body) > 1 or scene.force or scene.event or len(scene.pickup) > 1 or not contacts:
+    if len(scene.body) > 1 or scene.connection or scene.force or scene.event or len(scene.pickup) > 1 or not contacts:
         return None
     if not isinstance(body, Mass | Oscillator) or body.damping:
         return None

@@ -37,6 +37,7 @@ REASONS_LEFT_OUT = {
     "contact between bodies": "no two bodies can touch",
     "contact loss": "no contact loses energy",
     "coupled contacts": "no island has several points of contact",
+    "connections": "nothing joins bodies both ways",
     "refinement": "a sample is one step",
     "events": "the score is empty",
 }

@@ -82,16 +82,20 @@ def _struck_bodies(scene: Scene, seconds: float) -> list[str]:
 
 
 def _moving_bodies(scene: Scene, seconds: float) -> list[str]:
-    """Bodies that move before the end (s): from the start, by gravity, by a strike, or by a contact that changes."""
+    """Bodies that move before the end (s): from the start, by gravity, by a strike, by a contact that changes, or by a
+    connection that changes or is stretched."""
     names = []
     for body in scene.body:
         if isinstance(body, Mass | Oscillator):
-            is_displaced = isinstance(body, Oscillator) and body.displacement != 0.0
+            held = isinstance(body, Oscillator) or any(body.name in (c.body, c.on) for c in scene.connection)
+            is_displaced = held and body.displacement != 0.0
             if body.velocity != 0.0 or is_displaced or scene.gravity != 0.0:
                 names.append(body.name)
-    changed = {e.contact for e in scene.event if isinstance(e, ChangeEvent) and e.time < seconds}
-    # a contact that changes may push both its bodies
-    names += [body for c in scene.contact if c.name in changed for body in (c.body, c.on) if body]
+    changed = {e.contact or e.connection for e in scene.event if isinstance(e, ChangeEvent) and e.time < seconds}
+    # what changes may push both its bodies
+    joining = [c for c in [*scene.contact, *scene.connection] if c.name in changed]
+    joining += [c for c in scene.connection if getattr(c, "rest", 0.0) != 0.0 and not getattr(c, "rigid", False)]
+    names += [body for c in joining for body in (c.body, c.on) if body]
     return names + _struck_bodies(scene, seconds)
 
 
@@ -122,7 +126,7 @@ def _explain_pickup(scene: Scene, pickup: Pickup, moving: list[str], has_touched
         return f'nothing touches "{name}", whose contact forces are heard; another quantity, or a [[contact]]'
     if moving and not connected & set(moving):
         names = ", ".join(f'"{n}"' for n in dict.fromkeys(moving))
-        return f'"{name}" is heard, and what moves ({names}) has no contact with it; add a [[contact]] between them'
+        return f'"{name}" is heard, and what moves ({names}) does not meet it; add a [[contact]] or a [[connection]]'
     if contacts and not has_touched:
         first = next((c for c in contacts if {c.body, c.on} & set(moving)), contacts[0])
         return "no contact ever closes: " + _explain_open_contact(scene, first, moving, seconds)

@@ -49,8 +49,8 @@ class BodyTable(Table):
     def modal_body(self, max_frequency: float = math.inf) -> ModalBody:
         """Modes of the body, those of bodies with many only up to `max_frequency` (Hz).
 
-        Raises TooManyModes if the body has too many below it and does not limit them, TooDamped if its supports
-        damp it too much; ArithmeticError or another ValueError if its numbers are beyond floating point.
+        Raises TooManyModes if the body has too many below it and does not limit them; ArithmeticError or another
+        ValueError if its numbers are beyond floating point.
         """
 
     @abstractmethod

@@ -1,4 +1,4 @@
-"""Bodies with many modes, such as strings, bars, membranes and plates: their losses, and their supports."""
+"""Bodies with many modes, such as strings, bars, membranes and plates: their losses, and the keys of their supports."""
 
 import math
 from abc import abstractmethod
@@ -15,12 +15,6 @@ from engine.bodies.table import KeyPath, Positions, Positive, Table, is_number, 
 
 MAX_SUPPORTS = 256  # of a body
 MAX_SHEET_MODES = 1_000  # of a membrane or a plate that does not say how many
-MAX_BASIS_MODES = 2_000  # modes among which those of a supported body are found
-MAX_COUPLING = 0.05  # of two modes by a damper, over their distance: so far, decay rates are right to 1 %
-
-
-class TooDamped(ValueError):
-    """Dampers of supports couple the modes of their body more than can be neglected."""
 
 
 class ModeSet(NamedTuple):
@@ -76,7 +70,7 @@ class DistributedBody(BodyTable):
     def modal_body(self, max_frequency: float = math.inf) -> ModalBody:
         with np.errstate(all="ignore"):  # what is not finite is refused in the end (engine.build.limits)
             max_omega = 2 * math.pi * max_frequency
-            return at_rest(supported_modes(self, max_omega) if self.support else self.free_modes(max_omega))
+            return at_rest(self.free_modes(max_omega))
 
     def decay_rates(self, omega: np.ndarray, wave_number: np.ndarray) -> np.ndarray:
         """σ (1/s) of modes of angular frequency ω (rad/s) and wave number β (1/m).
@@ -224,53 +218,3 @@ def are_positive(value: Any) -> TypeGuard[list[float]]:
 def rise_from_one(value: list[float]) -> bool:
     """Whether numbers begin with 1, and each is larger than the one before."""
     return value[0] == 1 and all(a < b for a, b in pairwise(value))
-
-
-def supported_modes(body: DistributedBody, max_omega: float) -> ModeSet:
-    """Modes of a body held by springs: the lowest eigenvectors of diag(ω²) + Σ k·ΦΦᵀ, found among four
-    times as many free modes, for a spring bends the body more sharply than its lowest modes can.
-
-    Dampers take the diagonal of Σ r·ΦΦᵀ in those modes: what they couple is left out, as is usual
-    for light damping (Fletcher & Rossing, sec. 4.5). Raises TooDamped where it is not light: on a string
-    from about a sixth of its impedance √(Tμ) on.
-    """
-    free = body.free_modes(max_omega)
-    count = free.omega.size
-    if count == 0:
-        return free
-    if count > MAX_BASIS_MODES:
-        raise TooManyModes(f"has {count} modes, and supports; with these at most {MAX_BASIS_MODES}")
-    basis = max(count, min(4 * count, MAX_BASIS_MODES))
-    omega, sigma, shape = body.model_copy(update={"modes": basis}).free_modes(math.inf)
-    stiffness, damping = np.diag(omega**2), np.zeros((omega.size, omega.size))
-    for support in body.support:
-        positions = body.split_positions(support.at)
-        for position in positions:
-            phi = shape(position)
-            stiffness += np.outer(phi, phi) * (support.stiffness / len(positions))
-            damping += np.outer(phi, phi) * (support.damping / len(positions))
-    if not np.all(np.isfinite(stiffness)):
-        raise FloatingPointError
-    square, vectors = np.linalg.eigh(stiffness)
-    supported_omega = np.sqrt(np.maximum(square, 0.0))[:count]
-    vectors = vectors[:, :count][:, supported_omega < max_omega]
-    damping = vectors.T @ damping @ vectors
-    supported_omega = supported_omega[supported_omega < max_omega]
-    _refuse_coupled(body, supported_omega, damping)
-    rate = np.einsum("ij,i,ij->j", vectors, sigma, vectors) + 0.5 * np.diag(damping)
-    rate = np.maximum(rate, 0.0)  # but for rounding, it is
-    return ModeSet(supported_omega, rate, lambda position: vectors.T @ shape(position))
-
-
-def _refuse_coupled(body: DistributedBody, omega: np.ndarray, damping: np.ndarray) -> None:
-    """Raise TooDamped if dampers couple modes by more than MAX_COUPLING of their distance.
-
-    damping: matrix [modes, modes], 1/s, of the supports
-    """
-    distance = np.maximum(np.abs(omega[:, None] - omega), 1e-300)
-    np.fill_diagonal(distance, np.inf)
-    worst = float(np.max(np.abs(damping) / (2 * distance), initial=0.0))
-    if worst > MAX_COUPLING:
-        most = max(s.damping for s in body.support)
-        limit = most * MAX_COUPLING / worst
-        raise TooDamped(f"damping of {most:g} kg/s is too much: right up to {limit:.2g} kg/s here")

@@ -41,6 +41,17 @@ class String(LineBody):
         bending = self.bending or 0.0
         return square - bending * beta**2, bending
 
+    def end_row(self, omega: np.ndarray, end: float) -> np.ndarray:
+        """∂V/∂y per modal displacement when an end (0 or 1) moves by y, for modes of these frequencies (rad/s), the
+        lowest first [modes], N/(√kg·m): ωₙ·cₙ = ±ω²·μ·φₙ'/β², φₙ' the slope of the mode shape at the end.
+
+        It follows from the linear shape y·x/L that takes the end along: of mode n it has -μ·φₙ'(L)/β²·y.
+        """
+        number = np.arange(1.0, omega.size + 1)
+        beta, density = number * math.pi / self.length, self.linear_density()
+        slope = math.sqrt(2 / (density * self.length)) * beta * (np.where(number % 2 == 0, 1.0, -1.0) if end else 1.0)
+        return (1.0 if end else -1.0) * omega**2 * density * slope / beta**2
+
     def free_modes(self, max_omega: float) -> ModeSet:
         """ω² = (T·β² + EI·β⁴)/μ, β = iπ/L; shapes sin βx, with modal mass μL/2 (Fletcher & Rossing, Physics of
         Musical Instruments, sec. 2.18)."""

@@ -10,6 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from engine.build import limits
+from engine.build.connection_checks import check_connections
+from engine.build.connection_coordinates import changed_connections
+from engine.build.connection_tables import connections
 from engine.build.contact_basis import BasisUse
 from engine.build.event_table import event_table
 from engine.build.flight_tables import PickupRow, build_free_flight
@@ -25,7 +28,7 @@ from engine.build.mode_coefficients import (
 from engine.build.mode_shape_rows import mode_shape_rows
 from engine.build.reachability import contacts_to_build
 from engine.build.refinement_tables import build_refinement, end_loss
-from engine.build.step_coefficients import ModeCoefficients, contact_basis_tables, step_coefficients
+from engine.build.step_coefficients import ModeCoefficients, all_factors, contact_basis_tables, step_coefficients
 from engine.faults import BuildError, Fault
 from engine.kernel.axes import align_to_cache_lines, to_single_precision
 from engine.kernel.codes import Quantity
@@ -42,6 +45,7 @@ QUANTITIES = {
     "velocity": Quantity.VELOCITY,
     "acceleration": Quantity.ACCELERATION,
     "force": Quantity.CONTACT_FORCE,
+    "end_force": Quantity.DISPLACEMENT,  # of which it is a sum (Layout.pickup_points)
 }
 MAX_FORCE_AT_START = 1e12  # N
 
@@ -76,6 +80,7 @@ def build(
     """
     accuracy = accuracy or scene.accuracy
     layout = check_and_layout(scene, samplerate, accuracy, seconds, live=event_capacity > 0)
+    check_connections(layout, accuracy, samplerate)
     modes = mode_coefficients(layout, samplerate, accuracy)
     events, event_begins = event_table(layout, nominal_stiffness(layout), samplerate, event_capacity)
     bases = np.concatenate([[0], np.cumsum([rank for _, rank in layout.contact_shapes])])
@@ -92,13 +97,14 @@ def build(
         omega_squared=omega**2 if omega.any() else None,
         weight=weight,
         force=_external_force(layout, samplerate, seconds),
-        contact=_contact(layout, modes, accuracy, variable_exponents),
+        connection=connections(layout, samplerate),
+        contact=_contact(layout, modes, accuracy, samplerate, variable_exponents),
         refinement=build_refinement(layout, modes.kick, accuracy, samplerate) if accuracy.is_refined else None,
         events=events,
         pickups=_pickups(layout),
         flight=build_free_flight(step, omega, weight, pickup_rows(layout), samplerate),
         bodies=mode_shape_rows([layout.row(point) for point in trace_points(layout)]),
-        free_masses=_free_masses(layout, omega),
+        free_masses=_free_masses(layout),
         sleep_threshold=10 ** (accuracy.silence / 20),
     )
     _refuse_loss_backwards(model, accuracy)
@@ -117,7 +123,11 @@ def check_and_layout(scene: Scene, samplerate: float, accuracy: Accuracy, second
     modal_bodies = limits.build_modal_bodies(scene, samplerate, accuracy.scheme)
     limits.check_sizes(scene, modal_bodies)
     limits.check_forces(scene, samplerate, seconds)
-    layout = Layout(scene, modal_bodies, contacts_to_build(scene, modal_bodies, live))
+    names = {c.name for c in scene.connection if c.name is not None} if live else changed_connections(scene)
+    variable = frozenset(name for name in names if name is not None)
+    is_plain = accuracy.scheme == "exact" and accuracy.order == 2
+    step = 1 / (samplerate * accuracy.substeps) if is_plain else None
+    layout = Layout(scene, modal_bodies, contacts_to_build(scene, modal_bodies, live), variable, step)
     limits.check_islands(layout)
     return layout
 
@@ -154,7 +164,7 @@ def trace_points(layout: Layout) -> list[BodyPoint]:
     """Where each body is traced: at its first pickup, or else its first contact, or else its first force."""
     scene, points = layout.scene, dict[str, BodyPoint]()
     for pickup in scene.pickup:
-        if pickup.quantity != "force" and pickup.body not in points:
+        if pickup.quantity not in ("force", "end_force") and pickup.body not in points:
             points[pickup.body] = layout.point_of(pickup)
     for k, contact_point in layout.contact_points:
         for side in layout.contact_sides(k, contact_point):
@@ -166,20 +176,22 @@ def trace_points(layout: Layout) -> list[BodyPoint]:
     return [points.get(scene.body[b].name, NOWHERE) for b in layout.body_order]
 
 
-def _free_masses(layout: Layout, omega: np.ndarray) -> FreeMasses | None:
+def _free_masses(layout: Layout) -> FreeMasses | None:
     """Free masses, counted from their island's first mode."""
-    free, islands = np.flatnonzero(omega == 0.0), layout.islands
+    free, islands = np.flatnonzero(layout.free_mass_modes), layout.islands
     if free.size == 0:
         return None
     is_audible = np.zeros(islands.free_mass.size - 1, np.bool_)
     for pickup in layout.scene.pickup:
         number = layout.body_index[pickup.body]
-        if pickup.quantity != "force" and np.any(layout.modal_bodies[number].omega == 0.0):
+        if pickup.quantity != "force" and np.any(layout.free_mass_modes[layout.global_modes(number)]):
             is_audible[layout.island_of_body[number]] = True
     return FreeMasses(free - np.repeat(islands.mode[:-1], np.diff(islands.free_mass)), is_audible)
 
 
-def _contact(layout: Layout, modes: ModeCoefficients, accuracy: Accuracy, variable_exponents: bool) -> Contact | None:
+def _contact(
+    layout: Layout, modes: ModeCoefficients, accuracy: Accuracy, samplerate: float, variable_exponents: bool
+) -> Contact | None:
     """The contacts of a layout; None without any."""
     if not layout.contact_points:
         return None
@@ -192,7 +204,7 @@ def _contact(layout: Layout, modes: ModeCoefficients, accuracy: Accuracy, variab
         law=select_law(stiffness, exponents, variable_exponents or changed),
         rows=mode_shape_rows([layout.row(a) for a, _ in layout.contact_rows]),
         other_rows=mode_shape_rows([layout.row(b) for b in others]) if any(b.body for b in others) else None,
-        basis=_contact_basis(layout, modes),
+        basis=_contact_basis(layout, modes, samplerate),
         nominal_stiffness=stiffness,
         nominal_barrier=np.array([layout.offset(k, point) for k, point in layout.contact_points]),
         tolerance=accuracy.tolerance,
@@ -200,9 +212,9 @@ def _contact(layout: Layout, modes: ModeCoefficients, accuracy: Accuracy, variab
     )
 
 
-def _contact_basis(layout: Layout, modes: ModeCoefficients) -> ContactBasis | None:
+def _contact_basis(layout: Layout, modes: ModeCoefficients, step_rate: float) -> ContactBasis | None:
     """What contacts have in common; None where there is no such island."""
-    tables = contact_basis_tables(layout, modes)
+    tables = contact_basis_tables(layout, modes, all_factors(layout, modes, step_rate))
     if not tables.rows:
         return None
     is_first = [use is BasisUse.FIRST for use in layout.basis_uses if use is not BasisUse.NONE]
@@ -249,13 +261,12 @@ def _force_table(scene: Scene, force: object, samplerate: float, seconds: float)
 
 def pickup_rows(layout: Layout) -> list[PickupRow]:
     """Where the pickups of a layout are, and what they give."""
-    pickups = [layout.scene.pickup[p] for p in layout.pickup_order]
-    return [PickupRow(layout.row(layout.point_of(pickup)), QUANTITIES[pickup.quantity]) for pickup in pickups]
+    return [PickupRow(layout.row(point), QUANTITIES[pickup.quantity]) for pickup, point in layout.pickup_points]
 
 
 def _pickups(layout: Layout) -> Pickups:
     """A pickup of quantity force lists the contacts of its body, with the sign of their push on it."""
-    pickups = [layout.scene.pickup[p] for p in layout.pickup_order]
+    pickups = [pickup for pickup, _ in layout.pickup_points]
     begin, contact, sign = [0], list[int](), list[float]()
     for pickup in pickups:
         island = layout.island_of_body[layout.body_index[pickup.body]]
@@ -267,7 +278,7 @@ def _pickups(layout: Layout) -> Pickups:
                     sign.append(-side.factor)
         begin.append(len(contact))
     return Pickups(
-        rows=mode_shape_rows([layout.row(layout.point_of(pickup)) for pickup in pickups]),
+        rows=mode_shape_rows([layout.row(point) for _, point in layout.pickup_points]),
         quantity=np.array([QUANTITIES[pickup.quantity] for pickup in pickups], dtype=np.int64),
         channel=np.array([pickup.channel - 1 for pickup in pickups], dtype=np.int64),
         gain=np.array([pickup.gain for pickup in pickups]),

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from engine.build.connection_factors import IslandFactors
 from engine.build.double_double import two_product
 from engine.kernel.codes import COLUMNS, LANES, MAX_RANK, ROWS_COLUMN
 
@@ -53,21 +54,30 @@ def truncate_shapes(phi: np.ndarray) -> tuple[np.ndarray, int]:
     return (left[:, :rank] * singular[:rank]) @ right[:rank], rank
 
 
-def find_basis(phi: np.ndarray, rank: int, kick: np.ndarray, drift: np.ndarray) -> BasisOfIsland:
-    """The basis of mode shapes of a rank, orthonormal in the compliance of the modes: Y·diag(t·v)·Yᵀ = 1.
+def find_basis(
+    phi: np.ndarray, rank: int, kick: np.ndarray, drift: np.ndarray, factors: IslandFactors | None
+) -> BasisOfIsland:
+    """The basis of mode shapes of a rank, orthonormal in the compliance of the modes with what connections hold of it:
+    Y·M·Yᵀ = 1, and M = diag(t·v) if there are none.
 
     phi:         [contacts, modes], 1/√kg
     kick, drift: t and v of each mode, s
+    factors:     of connections
     """
     root = np.sqrt(kick * drift)
     left, singular, right = np.linalg.svd(phi * root, full_matrices=False)
-    shapes = right[:rank] / root
+    shapes, at_contacts = right[:rank] / root, left[:, :rank] * singular[:rank]
+    held = np.zeros((rank, rank))
+    if factors is not None:
+        lower = np.linalg.cholesky(factors.reduce(shapes, kick, np.eye(rank)))
+        shapes, at_contacts = np.linalg.solve(lower, shapes), at_contacts @ lower
+        held = factors.reduce(shapes, kick, held)
     rounding = np.empty((rank, rank))
     for i, drifts in enumerate(shapes * drift):
         for j, kicks in enumerate(shapes * kick):
             product, error = two_product(drifts, kicks)
-            rounding[i, j] = math.fsum([*product, *error, -float(i == j)])
-    return BasisOfIsland(left[:, :rank] * singular[:rank], rounding, shapes)
+            rounding[i, j] = math.fsum([*product, *error, held[i, j], -float(i == j)])
+    return BasisOfIsland(at_contacts, rounding, shapes)
 
 
 def entries_by_row(basis: BasisOfIsland) -> np.ndarray:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from engine.build.layout import Layout
+from engine.build.spring_compensation import stiffness_beside
 from engine.kernel.codes import NO_END, UNUSED_SLOT, EventKind
 from engine.kernel.model import Events
 from engine.patch.tables import ChangeEvent, DampEvent, Event, StrikeEvent
@@ -46,7 +47,12 @@ def event_rows(layout: Layout, event: Event, stiffness: np.ndarray, samplerate: 
     if isinstance(event, DampEvent):
         return [_damp(layout, event, samplerate)]
     if isinstance(event, ChangeEvent):
-        return _change(layout, event, stiffness, samplerate)
+        of_connection = event.connection is not None
+        return (
+            _change_connection(layout, event, samplerate)
+            if of_connection
+            else _change(layout, event, stiffness, samplerate)
+        )
     return []
 
 
@@ -101,4 +107,23 @@ def _change(layout: Layout, event: ChangeEvent, stiffness: np.ndarray, samplerat
         sign = 1.0 if contact.on is not None or contact.side == "above" else -1.0
         top = contact.bridge.height if contact.bridge is not None else layout.contact_points[slots[0]][1].offset
         rows.append((island, start, end, EventKind.BARRIER, first, last, sign * (moved - top), 0.0))
+    return rows
+
+
+def _change_connection(layout: Layout, event: ChangeEvent, samplerate: float) -> list[EventRow]:
+    """A change of the one coordinate that a spring has."""
+    start, rows = round(event.time * samplerate), list[EventRow]()
+    end = max(start + 1, round((event.time + event.duration) * samplerate))
+    for n, coordinates in enumerate(layout.coordinates):
+        for i, item in enumerate(coordinates.items):
+            if item.connection is None or layout.scene.connection[item.connection].name != event.connection:
+                continue
+            stiffness = None if event.stiffness is None else stiffness_beside(item.excess, event.stiffness)
+            for kind, value in (
+                (EventKind.CONNECTION_STIFFNESS, stiffness),
+                (EventKind.CONNECTION_DAMPING, event.damping),
+                (EventKind.CONNECTION_REST, event.rest),
+            ):
+                if value is not None:
+                    rows.append((n, start, end, kind, i, i + 1, value, 0.0))
     return rows

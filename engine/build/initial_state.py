@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from engine.build.connection_tables import dense_rows, lowest_energies
 from engine.build.layout import Layout
 from engine.kernel.axes import Axis, allocate
 from engine.kernel.codes import COLUMNS, LANES, Row
 from engine.kernel.model import Model
-from engine.kernel.state import FreeFlightState, RefinementState, Scratch, State
+from engine.kernel.state import ConnectionState, FreeFlightState, RefinementState, Scratch, State
 
 
 def initial_state(layout: Layout, model: Model) -> State:
@@ -19,7 +20,7 @@ def initial_state(layout: Layout, model: Model) -> State:
         given["exponent"] = contact.law.exponent.copy()
         given["barrier"] = contact.nominal_barrier.copy()
         given["compression"] = _initial_compressions(layout, q) - given["barrier"]
-    bodies = [layout.scene.body[layout.body_index[layout.scene.pickup[i].body]] for i in layout.pickup_order]
+    bodies = [layout.scene.body[layout.body_index[pickup.body]] for pickup, _ in layout.pickup_points]
     coupling = model.step.contact is not None and model.step.contact.coupling is not None
     largest = int(np.diff(model.islands.contact).max())
     state: State = allocate(
@@ -28,10 +29,30 @@ def initial_state(layout: Layout, model: Model) -> State:
         q=q,
         p=layout.concatenate_modes("p"),
         previous_velocity=np.array([getattr(body, "velocity", 0.0) for body in bodies]),
+        connection=_initial_connections(layout, counts, q) if model.connection is not None else None,
         scratch=allocate_scratch(counts[Axis.PARTITION], largest) if coupling else None,
         refinement=allocate(RefinementState, counts) if model.refinement is not None else None,
         flight=allocate(FreeFlightState, counts),
         **given,
+    )
+    return state
+
+
+def _initial_connections(layout: Layout, counts: dict[Axis, int], q: np.ndarray) -> ConnectionState:
+    """The state of connections at time 0: as the patch has them, and stretched by where bodies are."""
+    items = [item for coordinates in layout.coordinates for item in coordinates.items]
+    rest, extension = np.array([item.rest for item in items]), []
+    for n in range(len(layout.coordinates)):
+        extension += list(dense_rows(layout, n) @ q[layout.islands.mode[n] : layout.islands.mode[n + 1]])
+    rigid = np.array([item.is_rigid for item in items])
+    state: ConnectionState = allocate(
+        ConnectionState,
+        counts,
+        stiffness=np.array([item.stiffness for item in items]),
+        damping=np.array([item.damping for item in items]),
+        rest=rest,
+        extension=np.where(rigid, 0.0, np.array(extension) - rest),
+        lowest_energy=lowest_energies(layout),
     )
     return state
 

@@ -7,12 +7,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from engine.bodies.body import ModalBody
+from engine.build.connection_coordinates import (
+    Coordinates,
+    connected_pairs,
+    end_force_parts,
+    find_coordinates,
+)
 from engine.build.contact_basis import FEW_LINEAR_CONTACTS, BasisUse, truncate_shapes
 from engine.build.contact_points import ContactPoint, contact_points
 from engine.build.subsystems import connected_components, estimate_cost, partition_islands
 from engine.kernel.model import Islands
 from engine.patch.scene import Scene
-from engine.patch.tables import Contact, Force, PluckEvent
+from engine.patch.tables import ChangeEvent, Contact, Force, Pickup, PluckEvent
 
 
 class BodyPoint(NamedTuple):
@@ -41,20 +47,29 @@ class Layout:
     scene:        what is laid out
     modal_bodies: its bodies as modes
     contacts:     numbers of the contacts that are built
+    variable:     names of the connections that may change
+    step:         s, the length of a step, that springs make up for; None: they do not
     """
 
-    def __init__(self, scene: Scene, modal_bodies: list[ModalBody], contacts: list[int]) -> None:
-        self.scene, self.modal_bodies = scene, modal_bodies
+    def __init__(
+        self,
+        scene: Scene,
+        modal_bodies: list[ModalBody],
+        contacts: list[int],
+        variable: frozenset[str] = frozenset(),
+        step: float | None = None,
+    ) -> None:
+        self.scene, self.modal_bodies, self.variable, self.step = scene, modal_bodies, variable, step
         self.body_index = {body.name: i for i, body in enumerate(scene.body)}
         self.forces = acting_forces(scene)
         joined = [scene.contact[k] for k in contacts]
         pairs = [(self.body_index[c.body], self.body_index[c.on]) for c in joined if c.on is not None]
+        pairs += connected_pairs(scene, self.body_index)
         self.island_of_body = connected_components(len(scene.body), pairs)
         self.body_order = self._sort_by_island(range(len(scene.body)), [b.name for b in scene.body])
         touching = self._sort_by_island(contacts, [c.body for c in scene.contact])
         self.contact_points = [(k, point) for k in touching for point in self.points_of(scene.contact[k])]
         self.force_order = self._sort_by_island(range(len(self.forces)), [f.body for f in self.forces])
-        self.pickup_order = self._sort_by_island(range(len(scene.pickup)), [p.body for p in scene.pickup])
 
     def _sort_by_island(self, items: Iterable[int], bodies: Sequence[str]) -> list[int]:
         """Items sorted by the island of the body that each belongs to."""
@@ -98,10 +113,20 @@ class Layout:
         for n in range(begins.size - 1):
             points = self.contact_points[begins[n] : begins[n + 1]]
             sides = [self.contact_sides(k, point) for k, point in points]
-            phi = np.array([self.dense_mode_shape(a, n) + self.dense_mode_shape(b, n) for a, b in sides])
+            phi = self._shapes_at(sides, n)
             joins_itself = any(a.body == b.body for a, b in sides)
-            found.append((phi, 0) if joins_itself else truncate_shapes(phi))
+            found.append((phi, 0) if joins_itself or self._is_variable(n) else truncate_shapes(phi))
         return found
+
+    def _shapes_at(self, sides: Sequence[tuple[BodyPoint, BodyPoint]], island: int) -> np.ndarray:
+        """The mode shapes of an island at contacts [contacts, modes]."""
+        phi = [self.dense_mode_shape(a, island) + self.dense_mode_shape(b, island) for a, b in sides]
+        return np.array(phi).reshape(len(sides), int(np.diff(self.islands.mode)[island]))
+
+    def island_contact_shapes(self, island: int) -> np.ndarray:
+        """The mode shapes of an island at its contacts, as the kernels have them [contacts, modes]."""
+        first, last = self.islands.contact[island : island + 2]
+        return self._shapes_at(self.contact_rows[first:last], island)
 
     @cached_property
     def basis_uses(self) -> list[BasisUse]:
@@ -126,6 +151,61 @@ class Layout:
         """Where each external force acts, in the kernels' order."""
         return [self.point_of(self.forces[j]) for j in self.force_order]
 
+    @cached_property
+    def pickup_points(self) -> list[tuple[Pickup, BodyPoint]]:
+        """What is heard where, in the kernels' order: each pickup, and for the force on the end of a string all that it
+        is a sum of."""
+        pickups = self.scene.pickup
+        order = self._sort_by_island(range(len(pickups)), [p.body for p in pickups])
+        return [(pickups[i], point) for i in order for point in self._points_of_pickup(pickups[i])]
+
+    def _points_of_pickup(self, pickup: Pickup) -> list[BodyPoint]:
+        if pickup.quantity != "end_force":
+            return [self.point_of(pickup)]
+        parts = end_force_parts(self.scene, self.modal_bodies, self.body_index, pickup.body, pickup.at)
+        return [BodyPoint(self.scene.body[number].name, None, 1.0, row) for number, row in parts]
+
+    # --- connections
+
+    @cached_property
+    def coordinates(self) -> list[Coordinates]:
+        """The coordinates of the connections of each island."""
+        return find_coordinates(self.scene, self.modal_bodies, self.body_index, self.island_of_body, self.step)
+
+    def _is_variable(self, island: int) -> bool:
+        """Whether connections of an island may change."""
+        numbers = [item.connection for item in self.coordinates[island].items]
+        return any(n is not None and self.scene.connection[n].name in self.variable for n in numbers)
+
+    @cached_property
+    def connected_body_numbers(self) -> set[int]:
+        """Numbers of the bodies that connections hold."""
+        return {body for coordinates in self.coordinates for item in coordinates.items for body in item.parts}
+
+    @cached_property
+    def connection_parts(self) -> list[tuple[ShapeRow, int]]:
+        """What each body has in each coordinate of its island, in the order of their modes; and which that is."""
+        parts = []
+        for coordinates in self.coordinates:
+            rows = [
+                (ShapeRow(self.local_modes(body).start, self.global_modes(body).start, values), number)
+                for number, item in enumerate(coordinates.items)
+                for body, values in item.parts.items()
+            ]
+            parts += sorted(rows, key=lambda part: (part[0].mode_begin, part[1]))
+        return parts
+
+    @cached_property
+    def is_damped(self) -> bool:
+        """Whether connections may have dampers."""
+        items = [item for coordinates in self.coordinates for item in coordinates.items]
+        changed = any(isinstance(e, ChangeEvent) and e.damping for e in self.scene.event)
+        return changed or bool(self.variable) or any(item.damping for item in items)
+
+    def bodies_of_island(self, island: int) -> list[int]:
+        """The numbers of the scene's bodies in an island."""
+        return [b for b in range(len(self.scene.body)) if self.island_of_body[b] == island]
+
     # --- islands
 
     @cached_property
@@ -135,19 +215,33 @@ class Layout:
         body = self._segment_begins(b.name for b in scene.body)
         mode = self._mode_begins[body]
         contact = self._segment_begins(scene.contact[k].body for k, _ in self.contact_points)
-        free = np.flatnonzero(self.concatenate_modes("omega") == 0.0)
+        free = np.flatnonzero(self.free_mass_modes)
+        joined, contacts = np.array([len(c.items) for c in self.coordinates]), np.diff(contact)
+        parts = [sum(len(item.parts) for item in c.items) for c in self.coordinates]
         return Islands(
             mode=mode,
             contact=contact,
             basis=np.zeros(body.size, dtype=np.int64),
-            compliance=np.concatenate([[0], np.cumsum(np.diff(contact) ** 2)]).astype(np.int64),
+            compliance=_begins(contacts**2),
+            connection=_begins(joined),
+            connection_pair=_begins(joined**2),
+            connection_contact=_begins(joined * contacts),
+            connection_part=_begins(parts),
             force=self._segment_begins(self.forces[j].body for j in self.force_order),
             event=np.zeros(body.size, dtype=np.int64),
-            pickup=self._segment_begins(scene.pickup[p].body for p in self.pickup_order),
+            pickup=self._segment_begins(pickup.body for pickup, _ in self.pickup_points),
             body=body,
             free_mass=np.searchsorted(free, mode).astype(np.int64),
             partition=partition_islands(estimate_cost(np.diff(mode), np.diff(contact))),
         )
+
+    @cached_property
+    def free_mass_modes(self) -> np.ndarray:
+        """Which modes are of free masses: without a restoring force, and not connected [modes], bool."""
+        free = np.asarray(self.concatenate_modes("omega") == 0.0)
+        for b in self.connected_body_numbers:
+            free[self.global_modes(b)] = False
+        return free
 
     def _segment_begins(self, bodies: Iterable[str]) -> np.ndarray:
         """Where each island's items begin, given the body of every item [islands + 1]."""
@@ -202,6 +296,11 @@ class Layout:
         if point.body is not None:
             phi[self.local_modes(self.body_index[point.body])] = self.mode_shape(point)
         return phi
+
+
+def _begins(counts: Any) -> np.ndarray:
+    """Where items begin that lie one after the other, so many of each, and where the last ends."""
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
 def acting_forces(scene: Scene) -> list[Force | PluckEvent]:

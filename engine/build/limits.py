@@ -8,7 +8,7 @@ import numpy as np
 
 from engine.bodies import Body, String
 from engine.bodies.body import ModalBody, TooManyModes
-from engine.bodies.distributed import TooDamped
+from engine.build.connection_coordinates import count_supports
 from engine.build.contact_points import count_points
 from engine.build.force_table import count_steps
 from engine.build.layout import Layout
@@ -38,9 +38,6 @@ def build_modal_bodies(scene: Scene, samplerate: float, scheme: str) -> list[Mod
             modal = body.modal_body(MAX_FREQUENCY_SHARE * samplerate)
         except TooManyModes as error:
             faults.append(Fault(path, f"{error}; give modes = the number to build"))
-            continue
-        except TooDamped as error:
-            faults.append(Fault(f"{path}.support", f"{error}; less of it, or decay rates of the body (sigma0, t60)"))
             continue
         except (ArithmeticError, ValueError):
             faults.append(
@@ -85,7 +82,7 @@ def _explain_unfit(body: Body, modal: ModalBody, samplerate: float, scheme: str)
 
 
 def check_sizes(scene: Scene, modal_bodies: list[ModalBody]) -> None:
-    """Raises BuildError if contacts, forces and pickups need more room than there is."""
+    """Raises BuildError if contacts, connections, forces and pickups need more room than there is."""
     modes = {body.name: modal.omega.size for body, modal in zip(scene.body, modal_bodies, strict=True)}
     points = shapes = 0
     for k, contact in enumerate(scene.contact):
@@ -97,6 +94,12 @@ def check_sizes(scene: Scene, modal_bodies: list[ModalBody]) -> None:
                 Fault(f"contact[{k}]", f"with it there are over {MAX_SCENE_CONTACT_POINTS} points of contact; fewer")
             )
         _check_shapes(f"contact[{k}]", shapes)
+    for k, connection in enumerate(scene.connection):
+        shapes += modes[connection.body] + (modes[connection.on] if connection.on is not None else 0)
+        _check_shapes(f"connection[{k}]", shapes)
+    for b, body in enumerate(scene.body):
+        shapes += modes[body.name] * count_supports(body)
+        _check_shapes(f"body[{b}]", shapes)
     pickups = [(f"pickup[{i}]", pickup.body) for i, pickup in enumerate(scene.pickup)]
     for path, name in [*pickups, *((path, force.body) for path, force in _external_forces(scene))]:
         shapes += modes[name]

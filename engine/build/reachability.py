@@ -6,9 +6,10 @@ from collections.abc import Iterable
 import numpy as np
 
 from engine.bodies.body import ModalBody
+from engine.build.connection_coordinates import Coordinate
 from engine.build.layout import BodyPoint, Layout, acting_forces
 from engine.patch.scene import Scene
-from engine.patch.tables import ChangeEvent, StrikeEvent
+from engine.patch.tables import ChangeEvent, EndConnection, StrikeEvent
 
 
 def contacts_to_build(scene: Scene, modal_bodies: list[ModalBody], live: bool = False) -> list[int]:
@@ -31,16 +32,22 @@ def initial_reach(layout: Layout, contacts: Iterable[int]) -> dict[int, float]:
     for k in contacts:
         contacts_of.setdefault(island_of[layout.body_index[scene.contact[k].body]], []).append(k)
     driven = {f.body for f in acting_forces(scene)} | {e.body for e in scene.event if isinstance(e, StrikeEvent)}
-    changed = {e.contact for e in scene.event if isinstance(e, ChangeEvent)}
+    changed = {e.contact or e.connection for e in scene.event if isinstance(e, ChangeEvent)}
     reach: dict[int, float] = {}
     for island, inside in contacts_of.items():
-        bodies = [layout.modal_bodies[b] for b in bodies_of[island]]
+        bodies, names = (
+            [layout.modal_bodies[b] for b in bodies_of[island]],
+            {scene.body[b].name for b in bodies_of[island]},
+        )
+        turned = any(c.name in changed and c.body in names for c in scene.connection)
+        rides = any(isinstance(c, EndConnection) and c.body in names for c in scene.connection)
         heavy = scene.gravity != 0.0 and any(body.gravity_participation.any() for body in bodies)
         pushed = any(scene.body[b].name in driven for b in bodies_of[island])
-        if heavy or pushed or any(scene.contact[k].name in changed for k in inside):
+        if heavy or pushed or rides or turned or any(scene.contact[k].name in changed for k in inside):
             reach[island] = math.inf
             continue
         energy = sum(float(np.sum(m.p**2 + (m.omega * m.q) ** 2)) / 2 for m in bodies)
+        energy += sum(_spring_energy(layout, item) for item in layout.coordinates[island].items)
         reach[island] = math.sqrt(2 * (energy + sum(initial_contact_energy(layout, k) for k in inside)))
     return reach
 
@@ -70,6 +77,12 @@ def static_compliance(layout: Layout, point: BodyPoint) -> float:
     moved = phi != 0.0
     with np.errstate(over="ignore"):  # of a mode that is slower than anything
         return math.inf if np.any(omega[moved] == 0.0) else float(np.sum((phi[moved] / omega[moved]) ** 2))
+
+
+def _spring_energy(layout: Layout, item: Coordinate) -> float:
+    """Energy that a spring holds at time 0, J."""
+    s = sum(float(row @ layout.modal_bodies[body].q) for body, row in item.parts.items()) - item.rest
+    return 0.5 * item.stiffness * s * s
 
 
 def initial_contact_energy(layout: Layout, k: int) -> float:

@@ -10,8 +10,8 @@ from engine.patch.accuracy import Accuracy, stage_lengths
 
 
 def build_refinement(layout: Layout, kick: np.ndarray, accuracy: Accuracy, samplerate: float) -> Refinement | None:
-    """Stages of a sample, be it one; None without contacts. kick: t of each mode in a whole step, s."""
-    if not layout.contact_points:
+    """Stages of a sample, be it one; None without contacts and connections. kick: t of each mode in a whole step, s."""
+    if not layout.contact_points and not layout.connection_parts:
         return None
     lengths = stage_lengths(accuracy)
     kinds = sorted(set(lengths))
@@ -22,9 +22,15 @@ def build_refinement(layout: Layout, kick: np.ndarray, accuracy: Accuracy, sampl
     weight = np.abs(layout.scene.gravity * layout.concatenate_modes("gravity_participation"))
     return Refinement(
         stages=stack(
-            [step_coefficients(layout, m, samplerate, length) for m, length in zip(modes, kinds, strict=True)]
+            [
+                step_coefficients(layout, m, samplerate, length, is_damped=accuracy.order == 2)
+                for m, length in zip(modes, kinds, strict=True)
+            ]
         ),
         end_loss=end_loss(np.where(damped, 1.0, np.exp(-sigma * h))) if sigma.any() else None,
+        end_damping=np.full(int(layout.islands.connection[-1]), h / 2)
+        if accuracy.order > 2 and layout.is_damped
+        else None,
         sequence=np.array([kinds.index(length) for length in lengths]),
         length=np.array(kinds),
         refine_free_flight=accuracy.scheme != "exact",

@@ -6,6 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from engine.build.compliance import contact_compliance
+from engine.build.connection_factors import IslandFactors
+from engine.build.connection_tables import connection_coefficients, island_factors
 from engine.build.contact_basis import entries_by_row, find_basis, products_by_contact
 from engine.build.layout import Layout, ShapeRow
 from engine.build.mode_shape_rows import row_coefficients
@@ -22,9 +24,14 @@ class ModeCoefficients(NamedTuple):
 
 
 def step_coefficients(
-    layout: Layout, modes: ModeCoefficients, samplerate: float, length: float = 1.0
+    layout: Layout, modes: ModeCoefficients, samplerate: float, length: float = 1.0, is_damped: bool = True
 ) -> StepCoefficients:
-    """The coefficients of a step. length: as a share of a sample, negative for a step back in time."""
+    """The coefficients of a step.
+
+    length:    as a share of a sample, negative for a step back in time
+    is_damped: whether dampers of connections act in it
+    """
+    step_rate = samplerate / length if is_damped else 0.0
     omega = layout.concatenate_modes("omega")
     forced = [layout.row(point) for point in layout.force_points]
     return StepCoefficients(
@@ -33,16 +40,20 @@ def step_coefficients(
         spring_kick=modes.kick * omega**2 if omega.any() else None,
         loss=modes.loss,
         drag=modes.drag,
-        contact=contact_coefficients(layout, modes, samplerate, length) if layout.contact_points else None,
+        connection=connection_coefficients(layout, modes.kick, modes.drift, step_rate),
+        contact=contact_coefficients(layout, modes, samplerate / length, step_rate) if layout.contact_points else None,
         force=row_coefficients(forced, modes.kick, modes.drift) if forced else None,
     )
 
 
-def contact_coefficients(
-    layout: Layout, modes: ModeCoefficients, samplerate: float, length: float
-) -> ContactCoefficients:
-    """The coefficients of the contacts of a layout, of which there are some. length: as a share of a sample."""
-    matrices, low = contact_compliance(layout, modes.kick, modes.drift)
+def contact_coefficients(layout: Layout, modes: ModeCoefficients, rate: float, step_rate: float) -> ContactCoefficients:
+    """The coefficients of the contacts of a layout, of which there are some.
+
+    rate:      one over the length of the step, 1/s
+    step_rate: the same for dampers of connections; 0 if they act outside it
+    """
+    factors = all_factors(layout, modes, step_rate)
+    matrices, low = contact_compliance(layout, modes.kick, modes.drift, factors)
     loss = np.array([layout.scene.contact[k].loss for k, _ in layout.contact_points])
     ours = [layout.row(a) for a, _ in layout.contact_rows]
     theirs = [layout.row(b) for _, b in layout.contact_rows]
@@ -52,11 +63,17 @@ def contact_coefficients(
         other_rows=row_coefficients(theirs, modes.kick, modes.drift) if joined else None,
         compliance=np.concatenate([np.diag(m) for m in matrices]),
         compliance_low=low,
-        loss_rate=loss * samplerate / length if loss.any() else None,
+        loss_rate=loss * rate if loss.any() else None,
         coupling=np.concatenate([m.ravel() for m in matrices]) if any(m.size > 1 for m in matrices) else None,
         single=_single_contacts(layout, modes),
-        basis=_basis_coefficients(layout, modes),
+        basis=_basis_coefficients(layout, modes, factors),
     )
+
+
+def all_factors(layout: Layout, modes: ModeCoefficients, step_rate: float) -> list[IslandFactors | None]:
+    """The factors of the connections of each island; None of one without any."""
+    spans = [slice(*layout.islands.mode[n : n + 2]) for n in range(layout.islands.mode.size - 1)]
+    return [island_factors(layout, n, modes.kick[m], modes.drift[m], step_rate) for n, m in enumerate(spans)]
 
 
 class BasisTables(NamedTuple):
@@ -68,13 +85,15 @@ class BasisTables(NamedTuple):
     ranks: list[int]
 
 
-def contact_basis_tables(layout: Layout, modes: ModeCoefficients) -> BasisTables:
+def contact_basis_tables(
+    layout: Layout, modes: ModeCoefficients, factors: Sequence[IslandFactors | None]
+) -> BasisTables:
     """The bases of the contacts of all islands that have one."""
     begins, tables = layout.islands.mode, BasisTables([], [], [], [])
     for n, (phi, rank) in enumerate(layout.contact_shapes):
         if rank:
             inside = slice(begins[n], begins[n + 1])
-            basis = find_basis(phi, rank, modes.kick[inside], modes.drift[inside])
+            basis = find_basis(phi, rank, modes.kick[inside], modes.drift[inside], factors[n])
             tables.rows.extend(ShapeRow(0, int(begins[n]), shape) for shape in basis.shapes)
             tables.at_contacts.append(entries_by_row(basis))
             tables.products.append(products_by_contact(basis))
@@ -82,9 +101,11 @@ def contact_basis_tables(layout: Layout, modes: ModeCoefficients) -> BasisTables
     return tables
 
 
-def _basis_coefficients(layout: Layout, modes: ModeCoefficients) -> BasisCoefficients | None:
+def _basis_coefficients(
+    layout: Layout, modes: ModeCoefficients, factors: Sequence[IslandFactors | None]
+) -> BasisCoefficients | None:
     """How the rows of the bases move in a step; None without any."""
-    tables = contact_basis_tables(layout, modes)
+    tables = contact_basis_tables(layout, modes, factors)
     if not tables.rows:
         return None
     rows = row_coefficients(tables.rows, modes.kick, modes.drift)
@@ -92,9 +113,10 @@ def _basis_coefficients(layout: Layout, modes: ModeCoefficients) -> BasisCoeffic
 
 
 def _single_contacts(layout: Layout, modes: ModeCoefficients) -> SingleContact | None:
-    """What the modes of each island do at its one contact; None if no island has just one, and no force."""
+    """What the modes of each island do at its one contact; None if no island has just one, and no
+    force or connection."""
     islands = layout.islands
-    has_one = (np.diff(islands.contact) == 1) & (np.diff(islands.force) == 0)
+    has_one = (np.diff(islands.contact) == 1) & (np.diff(islands.force) == 0) & (np.diff(islands.connection) == 0)
     if not has_one.any():
         return None
     phi = np.zeros(modes.kick.size)

@@ -14,7 +14,7 @@ from engine.compiler.tricks import Trick, in_use
 
 # literals of Python as arguments, or as initial values of what becomes one, would make Numba compile what
 # they are passed to once more
-INT64_0, INT64_1, FALSE = np.int64(0), np.int64(1), np.bool_(False)
+INT64_0, INT64_1, FALSE, TRUE = np.int64(0), np.int64(1), np.bool_(False), np.bool_(True)
 
 BASE_OPTIONS: dict[str, Any] = {
     "nogil": True,  # a block runs beside Python threads

@@ -20,6 +20,10 @@ class Axis(StrEnum):
     CONTACT = "contact"
     BASIS = "basis"  # rows of the basis of each island's contacts
     COMPLIANCE = "compliance"  # matrices of the contacts of each island, one after the other, row by row
+    CONNECTION = "connection"  # coordinates of connections
+    CONNECTION_PAIR = "connection_pair"  # matrices of the connections of each island, row by row
+    CONNECTION_CONTACT = "connection_contact"  # matrices [connections, contacts] of each island, row by row
+    CONNECTION_PART = "connection_part"  # what each body has in a connection
     FORCE = "force"
     EVENT = "event"
     PICKUP = "pickup"
@@ -33,8 +37,9 @@ class Axis(StrEnum):
 
 
 SEGMENTED = (
-    *(Axis.MODE, Axis.CONTACT, Axis.BASIS, Axis.COMPLIANCE, Axis.FORCE),
-    *(Axis.EVENT, Axis.PICKUP, Axis.BODY, Axis.FREE_MASS),
+    *(Axis.MODE, Axis.CONTACT, Axis.BASIS, Axis.COMPLIANCE),
+    *(Axis.CONNECTION, Axis.CONNECTION_PAIR, Axis.CONNECTION_CONTACT, Axis.CONNECTION_PART),
+    *(Axis.FORCE, Axis.EVENT, Axis.PICKUP, Axis.BODY, Axis.FREE_MASS),
 )
 MODAL = (Axis.MODE, Axis.SHAPE)  # these may be of single precision
 
@@ -60,6 +65,11 @@ PerDoubleModeFactor = Annotated[np.ndarray, Items(Axis.MODE, neutral=1.0, is_dou
 PerContact = Annotated[np.ndarray, Items(Axis.CONTACT)]
 PerBasisInt = Annotated[np.ndarray, Items(Axis.BASIS, np.int64)]
 PerCompliance = Annotated[np.ndarray, Items(Axis.COMPLIANCE)]
+PerConnection = Annotated[np.ndarray, Items(Axis.CONNECTION)]
+PerConnectionInt = Annotated[np.ndarray, Items(Axis.CONNECTION, np.int64)]
+PerConnectionPair = Annotated[np.ndarray, Items(Axis.CONNECTION_PAIR)]
+PerConnectionContact = Annotated[np.ndarray, Items(Axis.CONNECTION_CONTACT)]
+PerConnectionPartInt = Annotated[np.ndarray, Items(Axis.CONNECTION_PART, np.int64)]
 PerForce = Annotated[np.ndarray, Items(Axis.FORCE)]
 PerForceInt = Annotated[np.ndarray, Items(Axis.FORCE, np.int64)]
 PerEvent = Annotated[np.ndarray, Items(Axis.EVENT)]

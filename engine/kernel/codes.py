@@ -42,6 +42,10 @@ class EventKind(IntEnum):
     QUALITY = 10  # play at a level of quality
     TUNE = 11  # some islands get other coefficients
     BOOK_ENERGY = 12  # the energy of an island counts as supplied, or as taken
+    # of connections
+    CONNECTION_STIFFNESS = 13  # the stiffness of the target coordinates glides to `value`
+    CONNECTION_DAMPING = 14
+    CONNECTION_REST = 15
 
 
 class EventCursor(IntEnum):

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.kernel.codes import Row, SolveStatus
+from engine.kernel.connections import answer_contacts
 from engine.kernel.contacts import (
     apply_contact_force,
     apply_contact_forces,
@@ -85,12 +86,13 @@ def store_single_solution(contact, h, state, k, solution):
 
 
 @inline
-def use_single_solution(contact, h, state, k, solution):
+def use_single_solution(contact, connection, step, state, k, solution):
     """Give the first half-kick by the force that was found at contact k, and store it. Returns a ContactSolution."""
-    eta, b, f, evaluations, status = solution
+    (eta, b, f, evaluations, status), h = solution, step.contact
     if status == SolveStatus.FAILED:
         return ContactSolution(status, evaluations, 0.0, 0.0)
     apply_contact_force(contact, contact.other_rows, h, k, f, state.p)
+    answer_contacts(connection, step, state)
     s = state.compression[k]
     if not cancels(h, k, s, eta, f):
         return ContactSolution(status, evaluations, store_single_solution(contact, h, state, k, solution), 0.0)
@@ -135,8 +137,9 @@ def find_coupled_forces(contact, h, problem, state):
 
 
 @noinline
-def solve_coupled_contacts(contact, h, state):
+def solve_coupled_contacts(contact, connection, step, state):
     """Solve all contacts of an island, and give the first half-kick by their forces. Returns a ContactSolution."""
+    h = step.contact
     problem = CoupledProblem(
         contact.law,
         h.loss_rate,
@@ -149,9 +152,9 @@ def solve_coupled_contacts(contact, h, state):
     if not moves_by_basis(contact.basis):
         rounds = solve_persistent(problem)
         if rounds > 0:
-            return use_persistent_solution(contact, h, state, rounds)
+            return use_persistent_solution(contact, connection, step, state, rounds)
     rounds, status, excess = find_coupled_forces(contact, h, problem, state)
-    status = push_by_solution(contact, h, state, rounds, status)
+    status = push_by_solution(contact, connection, step, state, rounds, status)
     if status == SolveStatus.FAILED:
         return ContactSolution(status, rounds, 0.0, 0.0)
     lost, excess = store_coupled_solution(contact, h, state, status, excess)
@@ -159,7 +162,7 @@ def solve_coupled_contacts(contact, h, state):
 
 
 @inline
-def push_by_solution(contact, h, state, rounds, status):
+def push_by_solution(contact, connection, step, state, rounds, status):
     """Give the first half-kick by the forces found at all contacts of an island. Returns SolveStatus."""
     vectors, n = state.scratch.vectors, state.compression.shape[0]
     for k in range(n):
@@ -169,7 +172,8 @@ def push_by_solution(contact, h, state, rounds, status):
     if status != SolveStatus.FAILED:
         for k in range(n):
             state.contact_force[k] = vectors[Row.FORCE, k]
-        apply_contact_forces(contact, h, state)
+        apply_contact_forces(contact, step.contact, state)
+        answer_contacts(connection, step, state)
     return status
 
 
@@ -228,11 +232,11 @@ def store_coupled_solution(contact, h, state, status, excess):
 
 
 @noinline
-def use_persistent_solution(contact, h, state, rounds):
+def use_persistent_solution(contact, connection, step, state, rounds):
     """Use what `solve_persistent` has found: as any other solution, but that the forces at the end are known. Returns a
     ContactSolution."""
-    s, vectors, lost, excess = state.compression, state.scratch.vectors, 0.0, 0.0
-    status = push_by_solution(contact, h, state, rounds, SolveStatus.NEWTON)
+    s, vectors, lost, excess, h = state.compression, state.scratch.vectors, 0.0, 0.0, step.contact
+    status = push_by_solution(contact, connection, step, state, rounds, SolveStatus.NEWTON)
     if status == SolveStatus.FAILED:
         return ContactSolution(status, rounds, 0.0, 0.0)
     measured = measure_misses(contact, h, state)
@@ -258,15 +262,16 @@ def force_of_law(contact, loss_rate, k, s, eta, f, status):
 
 
 @inline
-def solve_contacts(contact, h, state):
-    """Solve for the contact forces of an island, and give the first half-kick by them. Returns a ContactSolution.
+def solve_contacts(contact, connection, step, state):
+    """Solve for the contact forces of an island, and give the first half-kick by them, and by what the connections
+    answer. Returns a ContactSolution.
 
-    h: ContactCoefficients
+    step: StepCoefficients
     """
     if contact is None:
         return ContactSolution(SolveStatus.FREE, INT64_0, 0.0, 0.0)
     closing, last = INT64_0, INT64_0
-    free_displacements(contact, h, state)
+    free_displacements(contact, step.contact, state)
     for k in range(state.compression.shape[0]):
         s = state.compression[k]
         if s > 0.0 or s + state.free_displacement[k] > 0.0:
@@ -276,13 +281,14 @@ def solve_contacts(contact, h, state):
         for k in range(state.compression.shape[0]):
             state.compression[k] += state.free_displacement[k]
         return ContactSolution(SolveStatus.FREE, INT64_0, 0.0, 0.0)
-    return solve_closing(contact, h, h.coupling, state, last)
+    return solve_closing(contact, connection, step, step.contact.coupling, state, last)
 
 
 @inline
-def solve_closing(contact, h, coupling, state, last):
+def solve_closing(contact, connection, step, coupling, state, last):
     """Solve contacts of which some are in reach; `last` is the last of these. Returns a ContactSolution."""
     if coupling is not None:  # by type, where no island of the scene has several contacts
         if state.compression.shape[0] > 1:
-            return solve_coupled_contacts(contact, h, state)
-    return use_single_solution(contact, h, state, last, find_contact_force(contact, h, state, last))
+            return solve_coupled_contacts(contact, connection, step, state)
+    solution = find_contact_force(contact, step.contact, state, last)
+    return use_single_solution(contact, connection, step, state, last, solution)

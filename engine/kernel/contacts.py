@@ -140,11 +140,21 @@ def bound_at_contact(contact, other_rows, k, bound):
 
 
 @inline
-def cannot_close(contact, state):
-    """Whether no contact can close if each mode moves no further than `state.displacement_bound`."""
+def reach_of_connected(connection, amplitude, k):
+    """How far what is connected can close contact k, m. amplitude: √(2E) of it, √J"""
+    if connection is None:
+        return 0.0
+    return connection.contact_reach[k] * amplitude
+
+
+@inline
+def cannot_close(contact, connection, amplitude, state):
+    """Whether no contact can close if each mode moves no further than `state.displacement_bound`, and what is connected
+    has no more than this amplitude, √J."""
     if contact is not None:
         for k in range(state.compression.shape[0]):
             distance = bound_at_contact(contact, contact.other_rows, k, state.displacement_bound)
+            distance += reach_of_connected(connection, amplitude, k)
             if not state.compression[k] + 1.01 * distance < 0.0:  # NaN can close
                 return False
     return True

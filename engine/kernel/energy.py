@@ -7,6 +7,7 @@ and never changes the scheme.
 from engine.compiler.decorators import INT64_0, inline
 from engine.compiler.lanes import EightFrom, FewFrom, lane_sum, magnitude, multiply_add, number_at, splat, zero_like
 from engine.kernel.codes import LANES, EnergyTotal, Ledger
+from engine.kernel.connections import connection_energy
 from engine.kernel.contacts import contact_energy
 from engine.kernel.sums import lanes_of
 
@@ -65,10 +66,10 @@ def accumulate(totals, column, amount):
 def island_energies(model, state):
     """The energies of an island, as the rows of a ledger have them, J."""
     kinetic, potential, absolute_potential = kinetic_and_potential(model.omega_squared, model.weight, state.q, state.p)
-    squeezed = contact_energy(model.contact, state)
+    squeezed, joined = contact_energy(model.contact, state), connection_energy(model.connection, state)
     spent = state.energy_totals[EnergyTotal.DISSIPATED] - state.energy_totals[EnergyTotal.SUPPLIED]
     # a falling ball holds energy, though its total may be 0; so do two at heights that cancel
-    return kinetic + potential + squeezed + spent, kinetic + absolute_potential + squeezed
+    return kinetic + potential + squeezed + joined + spent, kinetic + absolute_potential + squeezed + abs(joined)
 
 
 @inline

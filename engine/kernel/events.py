@@ -8,6 +8,7 @@ import math
 
 from engine.compiler.decorators import inline, noinline
 from engine.kernel.codes import NO_END, UNUSED_SLOT, EnergyTotal, EventCursor, EventKind
+from engine.kernel.connections import connection_energy, forget_moves
 from engine.kernel.contacts import contact_energy, invalidate_margins
 from engine.kernel.energy import accumulate, kinetic_and_potential
 from engine.kernel.external_forces import next_force
@@ -47,6 +48,7 @@ def glide_value(events, state, j, frame, now):
 def set_motion(model, state, m, q, p):
     """Put mode m at displacement q with momentum p, and its contacts where that takes them."""
     update_compressions(model.contact, state, m, q - state.q[m])
+    update_extensions(model.connection, state, m, q - state.q[m])
     state.q[m] = q
     state.p[m] = p
     state.kick_compensation[m] = 0.0
@@ -63,6 +65,17 @@ def update_compressions(contact, state, m, change):
             if move != 0.0:
                 state.compression[k] += move
                 state.compression_compensation[k] = 0.0
+
+
+@inline
+def update_extensions(connection, state, m, change):
+    """Let the extensions of connections follow a change of mode m."""
+    if connection is not None:
+        for r in range(connection.coordinate.shape[0]):
+            move = displacement_at_row(connection.rows, r, m, change)
+            if move != 0.0:
+                state.connection.extension[connection.coordinate[r]] += move
+                state.connection.extension_compensation[connection.coordinate[r]] = 0.0
 
 
 @inline
@@ -142,6 +155,28 @@ def glide_parameter(contact, events, state, j, frame):
                 state.barrier[k] = moved
 
 
+@inline
+def glide_connection(connection, events, state, j, frame):
+    """Glide on with the stiffness, the damping or the rest of the connections that event j changes."""
+    if connection is not None:
+        joined, first, last = state.connection, events.target_begin[j], events.target_end[j]
+        if joined.lowest_energy[0] != 0.0 or events.kind[j] == EventKind.CONNECTION_REST:
+            joined.lowest_energy[0] = -math.inf  # what is under load may rest at any energy by now
+        if events.kind[j] == EventKind.CONNECTION_STIFFNESS:
+            value = glide_value(events, state, j, frame, joined.stiffness[first])
+            for i in range(first, last):
+                joined.stiffness[i] = value
+        elif events.kind[j] == EventKind.CONNECTION_DAMPING:
+            value = glide_value(events, state, j, frame, joined.damping[first])
+            for i in range(first, last):
+                joined.damping[i] = value
+        else:
+            value = glide_value(events, state, j, frame, joined.rest[first])
+            for i in range(first, last):
+                joined.extension[i] -= value - joined.rest[i]
+                joined.rest[i] = value
+
+
 @noinline
 def execute_event(model, state, j, frame):
     """Let event j, which is not damping, act at the start of this step."""
@@ -152,6 +187,8 @@ def execute_event(model, state, j, frame):
             lift_dampers_of_struck(events, model.contact, state.event_cursor, j, frame)
     elif events.kind[j] == EventKind.LIFT:
         lift_dampers(events, state.event_cursor, j, events.target_begin[j], events.target_end[j], frame)
+    elif events.kind[j] >= EventKind.CONNECTION_STIFFNESS:
+        glide_connection(model.connection, events, state, j, frame)
     else:
         glide_parameter(model.contact, events, state, j, frame)
 
@@ -160,7 +197,8 @@ def execute_event(model, state, j, frame):
 def island_energy(model, state):
     """Energy of an island, J."""
     kinetic, potential, _ = kinetic_and_potential(model.omega_squared, model.weight, state.q, state.p)
-    return kinetic + potential + contact_energy(model.contact, state)
+    stored = contact_energy(model.contact, state) + connection_energy(model.connection, state)
+    return kinetic + potential + stored
 
 
 @noinline
@@ -181,6 +219,7 @@ def run_due_events(model, state, frame):
                 accumulate(state.energy_totals, EnergyTotal.SUPPLIED, island_energy(model, state) - before)
                 state.contact_free_until[0] = 0
                 invalidate_margins(state.refinement)
+                forget_moves(state.connection)
     active = cursor[EventCursor.FIRST_ACTIVE]
     while active < following and events.end[active] <= frame:
         active += 1
@@ -191,6 +230,7 @@ def run_due_events(model, state, frame):
 def damp_by_event(events, state, j):
     """Half of the damping of event j in this step."""
     lost = damp_modes(state, events.target_begin[j], events.target_end[j], events.value[j])
+    forget_moves(state.connection)
     accumulate(state.energy_totals, EnergyTotal.DISSIPATED, lost)
 
 

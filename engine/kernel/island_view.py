@@ -33,6 +33,14 @@ class IslandBounds(NamedTuple):
     basis_end: int
     compliance_begin: int
     compliance_end: int
+    connection_begin: int
+    connection_end: int
+    connection_pair_begin: int
+    connection_pair_end: int
+    connection_contact_begin: int
+    connection_contact_end: int
+    connection_part_begin: int
+    connection_part_end: int
     force_begin: int
     force_end: int
     event_begin: int
@@ -132,6 +140,14 @@ def island_bounds(islands, partition, i):
         islands.basis[i + 1],
         islands.compliance[i],
         islands.compliance[i + 1],
+        islands.connection[i],
+        islands.connection[i + 1],
+        islands.connection_pair[i],
+        islands.connection_pair[i + 1],
+        islands.connection_contact[i],
+        islands.connection_contact[i + 1],
+        islands.connection_part[i],
+        islands.connection_part[i + 1],
         islands.force[i],
         islands.force[i + 1],
         islands.event[i],

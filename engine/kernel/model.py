@@ -18,6 +18,11 @@ from engine.kernel.axes import (
     Items,
     PerBasisInt,
     PerCompliance,
+    PerConnection,
+    PerConnectionContact,
+    PerConnectionInt,
+    PerConnectionPair,
+    PerConnectionPartInt,
     PerContact,
     PerDoubleMode,
     PerDoubleModeFactor,
@@ -83,6 +88,25 @@ class BasisCoefficients(NamedTuple):
     products: Shared  # m/N: contact by contact, that of each pair of rows, and what each row moves
 
 
+class ConnectionCoefficients(NamedTuple):
+    """What depends on the length of a step at the connections of an island, whose forces are linear in their
+    extensions s and in the moves g that the coming drift would bring without them: f = X·s + Y·g.
+
+    X and Y hold for the stiffness and the damping that they were made for, and so does the compliance of contacts;
+    where these have changed, they are made again (engine.kernel.connection_factors).
+    """
+
+    rows: RowCoefficients  # of Connections.rows
+    compliance: PerConnectionPair  # B, m/N: how far a force at one moves another over the step
+    force_per_extension: PerConnectionPair  # X, N/m
+    force_per_move: PerConnectionPair  # Y, N/m
+    step_rate: PerConnection  # 1/s, one over the length of the step; 0 where dampers act outside it
+    made_for_stiffness: PerConnection  # N/m
+    made_for_damping: PerConnection  # kg/s
+    contact_moves: PerConnectionContact  # m/N: how far a force at a contact moves a connection
+    contact_compliance: PerCompliance  # m/N: of contacts, if nothing were connected
+
+
 class ContactCoefficients(NamedTuple):
     """What depends on the length of a step at each contact."""
 
@@ -108,6 +132,7 @@ class StepCoefficients(NamedTuple):
     spring_kick: PerMode | None  # t·ω², 1/s: momentum per displacement in half a kick
     loss: ModalLoss | None  # at either end of the step
     drag: ModalLoss | None  # in the drift, of heavily damped modes
+    connection: ConnectionCoefficients | None
     contact: ContactCoefficients | None
     force: RowCoefficients | None  # of ExternalForce.rows
 
@@ -129,6 +154,19 @@ class ExternalForce(NamedTuple):
     table: Shared  # N
     tail: PerForce  # N, for steps past its table
     scale: PerForce  # factor; events change it
+
+
+class Connections(NamedTuple):
+    """Connections: springs, dampers and rigid joints between points of bodies, or a point and the ground, and ends of
+    strings that move. Each has a coordinate: the extension of a spring; or of an end two, the displacement of the end,
+    and the force of the strings that end there."""
+
+    rows: Annotated[ModeShapeRows, Axis.CONNECTION_PART]  # what each body has in them, in the order of its modes
+    coordinate: PerConnectionPartInt  # that each part belongs to
+    coupling: PerConnectionPair  # N/m: the stiffness that the coordinates of string ends have in common
+    is_rigid: PerConnectionInt  # 1 or 0
+    is_unconnected: PerModeFactor  # 0 for modes of bodies that are connected
+    contact_reach: PerContact  # m/√J: how far a contact can close in a flight, per √(2E) of what is connected
 
 
 class ContactBasis(NamedTuple):
@@ -159,6 +197,7 @@ class Refinement(NamedTuple):
 
     stages: StepCoefficients  # one row for each kind; without loss, but for that of heavily damped modes
     end_loss: ModalLoss | None  # before the first stage and after the last
+    end_damping: PerConnection | None  # s: how long dampers act there, if they do not in the stages
     sequence: SharedInt  # the kind of each stage
     length: Shared  # of each kind, as a share of a sample
     refine_free_flight: bool  # also out of contact
@@ -254,6 +293,10 @@ class Islands(NamedTuple):
     contact: np.ndarray
     basis: np.ndarray
     compliance: np.ndarray
+    connection: np.ndarray
+    connection_pair: np.ndarray
+    connection_contact: np.ndarray
+    connection_part: np.ndarray
     force: np.ndarray
     event: np.ndarray
     pickup: np.ndarray
@@ -271,6 +314,7 @@ class Model(NamedTuple):
     omega_squared: PerMode | None  # 1/s²: restoring force
     weight: PerMode | None  # √kg·m/s²: gravity
     force: ExternalForce | None
+    connection: Connections | None
     contact: Contact | None
     refinement: Refinement | None
     events: Events | None

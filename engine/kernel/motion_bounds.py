@@ -2,7 +2,7 @@
 
 import math
 
-from engine.compiler.decorators import INT64_0, inline
+from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.compiler.lanes import (
     EightFrom,
     FewFrom,
@@ -15,6 +15,7 @@ from engine.compiler.lanes import (
     zero_like,
 )
 from engine.kernel.codes import LANES
+from engine.kernel.connections import connection_energy, has_connections
 from engine.kernel.sums import lanes_of
 
 
@@ -83,4 +84,59 @@ def vibration_energy(omega_squared, weight, q, p):
     energy = lane_sum(total)
     if left == 1:
         energy += vibration_energy_of(omega_squared, weight, lanes, q, p)
+    return energy
+
+
+# --- of what is connected: its modes exchange energy
+
+
+@inline
+def bound_connected_modes(connection, omega_squared, weight, seconds, state, bound):
+    """Take the modes that are connected from `bound`. Returns √(2E) of what is connected, √J, E without the energy of
+    weight; at most, for so many seconds."""
+    amplitude = 0.0
+    if connection is not None:
+        if has_connections(connection, state):
+            amplitude = connected_amplitude(connection, omega_squared, weight, seconds, state, bound)
+    return amplitude
+
+
+@noinline
+def connected_amplitude(connection, omega_squared, weight, seconds, state, bound):
+    """As `bound_connected_modes`, of an island that has connections."""
+    twice, pull = 2.0 * connection_energy(connection, state), 0.0
+    for m in range(state.p.shape[0]):
+        if connection.is_unconnected[m] == 0.0:
+            bound[m] = 0.0
+            twice += state.p[m] * state.p[m]
+            if omega_squared is not None:
+                twice += omega_squared[m] * state.q[m] * state.q[m]
+            if weight is not None:
+                pull += weight[m] * weight[m]
+    return math.sqrt(max(twice, 0.0)) + math.sqrt(pull) * seconds
+
+
+@inline
+def energy_of_connected(connection, omega_squared, weight, state):
+    """Energy of vibration of what is connected, J: beyond that of its rest, and beyond what `vibration_energy` counts
+    of its modes."""
+    energy = 0.0
+    if connection is not None:
+        if has_connections(connection, state):
+            energy = connected_energy(connection, omega_squared, weight, state)
+    return energy
+
+
+@noinline
+def connected_energy(connection, omega_squared, weight, state):
+    """As `energy_of_connected`, of an island that has connections."""
+    energy = connection_energy(connection, state) - state.connection.lowest_energy[0]
+    for m in range(state.p.shape[0]):
+        if connection.is_unconnected[m] == 0.0:
+            energy += 0.5 * state.p[m] * state.p[m]
+            if omega_squared is not None:
+                energy += 0.5 * omega_squared[m] * state.q[m] * state.q[m]
+                energy -= vibration_energy_of(omega_squared, weight, m, state.q, state.p)
+            if weight is not None:
+                energy -= weight[m] * state.q[m]
     return energy

@@ -2,6 +2,7 @@
 
 from engine.compiler.decorators import INT64_1, inline, noinline
 from engine.kernel.codes import FLIGHT_FRAMES, EnergyTotal, Ledger, Wanted
+from engine.kernel.connections import connection_energy
 from engine.kernel.contacts import compression_from_modes, contact_energy
 from engine.kernel.energy import island_energies, kinetic_and_potential, write_ledger
 from engine.kernel.free_flight import exchange_motion, step_saved_motion
@@ -34,7 +35,7 @@ def write_trace(trace, begin, count, bounds, model, state, frame):
         trace.iterations[i] += state.law_evaluations[0]
         kinetic, potential, _ = kinetic_and_potential(model.omega_squared, model.weight, state.q, state.p)
         trace.kinetic[i] += kinetic
-        trace.potential[i] += potential
+        trace.potential[i] += potential + connection_energy(model.connection, state)
         trace.contact[i] += contact_energy(model.contact, state)
         trace.dissipated[i] += state.energy_totals[EnergyTotal.DISSIPATED]
         trace.supplied[i] += state.energy_totals[EnergyTotal.SUPPLIED]

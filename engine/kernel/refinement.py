@@ -10,9 +10,10 @@ contact the `exact` coefficients need no stages: they are of a flow, and one ste
 import math
 from typing import Any
 
-from engine.compiler.decorators import FALSE, INT64_0, inline, noinline
+from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
 from engine.compiler.overloads import is_none, overload_by_source
 from engine.kernel.axes import Axis, fields_of
+from engine.kernel.connections import count_connections, damp_connections, has_connections
 from engine.kernel.contacts import bound_at_contact, free_displacements
 from engine.kernel.external_forces import next_force
 from engine.kernel.modes import apply_loss_all, begin_step, end_step
@@ -21,11 +22,19 @@ from engine.kernel.step import StepOutcome, step
 # --- the coefficients of one stage
 
 
-LENGTHS = {Axis.MODE: "modes", Axis.CONTACT: "contacts", Axis.COMPLIANCE: "contacts * contacts"}
+LENGTHS = {
+    Axis.MODE: "modes",
+    Axis.CONTACT: "contacts",
+    Axis.COMPLIANCE: "contacts * contacts",
+    Axis.CONNECTION: "connections",
+    Axis.CONNECTION_PAIR: "connections * connections",
+    Axis.CONNECTION_CONTACT: "connections * contacts",
+}
 
 
-def coefficients_of_stage(stages: Any, s: int, modes: int, contacts: int) -> Any:
-    """StepCoefficients of stages of kind s, for an island of so many modes and contacts. In compiled code only."""
+def coefficients_of_stage(stages: Any, s: int, modes: int, contacts: int, connections: int) -> Any:
+    """StepCoefficients of stages of kind s, for an island of so many modes, contacts and coordinates of connections. In
+    compiled code only."""
     raise TypeError("coefficients_of_stage is for compiled code")
 
 
@@ -47,7 +56,9 @@ def write_stage(kind: Any, value: str, names: dict[str, Any]) -> str:
     return f"{kind.instance_class.__name__}({', '.join(parts)})"
 
 
-def _write_stage_coefficients(stages: Any, s: Any, modes: Any, contacts: Any) -> tuple[str, dict[str, Any]]:
+def _write_stage_coefficients(
+    stages: Any, s: Any, modes: Any, contacts: Any, connections: Any
+) -> tuple[str, dict[str, Any]]:
     names: dict[str, Any] = {}
     return write_stage(stages, "stages", names), names
 
@@ -133,20 +144,23 @@ def is_forced(force, frame):
 
 
 @inline
-def refined_step(model, force, refinement, state, frame, in_contact):
+def refined_step(model, contact, force, refinement, state, frame, in_contact):
     """A sample in stages, or in one step where that is the same. Returns a StepOutcome.
 
     in_contact: whether the sample before ended in contact
     """
-    if not refinement.refine_free_flight and not in_contact and not is_forced(force, frame):
+    if contact is None:
+        return composed_step(model, force, refinement, state, frame)
+    is_plain = not in_contact and not is_forced(force, frame) and not has_connections(model.connection, state)
+    if is_plain and not refinement.refine_free_flight:
         is_free, lost = try_free_step(model, refinement, state)
         if is_free:
             return StepOutcome(FALSE, INT64_0, lost, 0.0)
-    return composed_step(model.contact, force, model.weight, refinement, state, frame)
+    return composed_step(model, force, refinement, state, frame)
 
 
 @inline
-def composed_step(contact, force, weight, refinement, state, frame):
+def composed_step(model, force, refinement, state, frame):
     """A sample in stages. Returns a StepOutcome."""
     modes, contacts = state.p.shape[0], state.compression.shape[0]
     mean_force = state.refinement.mean_force
@@ -155,10 +169,12 @@ def composed_step(contact, force, weight, refinement, state, frame):
         mean_force[k] = 0.0
     in_contact, evaluations, work = FALSE, INT64_0, 0.0
     lost = apply_loss_all(refinement.end_loss, state.p)
+    lost += damp_connections(model.connection, refinement.end_damping, FALSE, state)
     for i in range(refinement.sequence.shape[0]):
         s = refinement.sequence[i]
-        h = coefficients_of_stage(refinement.stages, s, modes, contacts)
-        outcome = step(contact, force, weight, h, state, frame)
+        connections = count_connections(model.connection, state)
+        h = coefficients_of_stage(refinement.stages, s, modes, contacts, connections)
+        outcome = step(model, force, h, state, frame)
         if outcome.in_contact:
             in_contact = True
             for k in range(contacts):
@@ -171,4 +187,5 @@ def composed_step(contact, force, weight, refinement, state, frame):
         work += outcome.supplied
     for k in range(contacts):
         state.contact_force[k] = mean_force[k]
+    lost += damp_connections(model.connection, refinement.end_damping, TRUE, state)
     return StepOutcome(in_contact, evaluations, lost + apply_loss_all(refinement.end_loss, state.p), work)

@@ -13,6 +13,8 @@ from engine.compiler.decorators import FALSE, INT64_0, INT64_1, inline, kernel
 from engine.compiler.overloads import overload_by_type
 from engine.compiler.struct_types import load_struct
 from engine.kernel.codes import FLIGHT_FRAMES, EnergyTotal, FlightFrame, Sleep
+from engine.kernel.connected_step import connected_step
+from engine.kernel.connections import forget_moves, has_connections
 from engine.kernel.contacts import (
     cannot_close,
     invalidate_margins,
@@ -26,7 +28,12 @@ from engine.kernel.free_flight import begin_flight, end_flight
 from engine.kernel.island_view import island_bounds, island_model, island_state
 from engine.kernel.model import Refinement
 from engine.kernel.modes import flush_denormals, free_step
-from engine.kernel.motion_bounds import bound_modal_displacements, vibration_energy
+from engine.kernel.motion_bounds import (
+    bound_connected_modes,
+    bound_modal_displacements,
+    energy_of_connected,
+    vibration_energy,
+)
 from engine.kernel.pickups import add_flown_pickups, add_pickups
 from engine.kernel.recording import (
     keep_evaluations,
@@ -36,7 +43,7 @@ from engine.kernel.recording import (
     wants_energies,
     wants_motion,
 )
-from engine.kernel.refinement import refined_step
+from engine.kernel.refinement import composed_step, refined_step
 from engine.kernel.sleep import (
     advance_free_masses,
     extend_sleep,
@@ -59,16 +66,16 @@ CHECK_PERIOD = np.int64(FLIGHT_FRAMES)  # samples; out of contact, compressions 
 
 @inline
 def advance(model, contact, force, state, frame, is_free, in_contact):
-    """One step of one island, the short way where nothing can act on it. Returns a StepOutcome.
+    """One step of one island, the short way where nothing but its connections can act on it. Returns a StepOutcome.
 
     is_free:    whether nothing can
     in_contact: whether the step before had a contact in reach
     """
     if contact is None:
         if force is None:
-            return advance_free(model, state)
+            return advance_free(model, model.connection, state, frame)
     if is_free or (state.compression.shape[0] == 0 and not has_forces(force)):
-        return advance_free(model, state)
+        return advance_free(model, model.connection, state, frame)
     return advance_forced(model.refinement, model, state, frame, in_contact)
 
 
@@ -81,20 +88,39 @@ overload_by_type(
     advance_forced,
     {  # chosen by type, so that the other is not compiled
         type(None): lambda refinement, model, state, frame, in_contact: step(
-            model.contact, model.force, model.weight, model.step, state, frame
+            model, model.force, model.step, state, frame
         ),
         Refinement: lambda refinement, model, state, frame, in_contact: refined_step(
-            model, model.force, refinement, state, frame, in_contact
+            model, model.contact, model.force, refinement, state, frame, in_contact
         ),
     },
 )
 
 
 @inline
-def advance_free(model, state):
-    """One step in which no force can act. Returns a StepOutcome."""
+def advance_free(model, connection, state, frame):
+    """One step in which no force can act, but those of connections. Returns a StepOutcome."""
+    if connection is not None:
+        if has_connections(connection, state):
+            return advance_connected(model.refinement, model, state, frame)
     lost = free_step(model.step, model.weight, state.kick_compensation, state.q, state.p)
     return StepOutcome(FALSE, INT64_0, lost, 0.0)
+
+
+def advance_connected(refinement: Any, model: Any, state: Any, frame: int) -> StepOutcome:
+    """One step in which only connections act: in stages, if there is refinement. In compiled code only."""
+    raise TypeError("advance_connected is for compiled code")
+
+
+overload_by_type(
+    advance_connected,
+    {
+        type(None): lambda refinement, model, state, frame: connected_step(
+            model.connection, model.weight, model.step, state
+        ),
+        Refinement: lambda refinement, model, state, frame: composed_step(model, model.force, refinement, state, frame),
+    },
+)
 
 
 @inline
@@ -121,7 +147,8 @@ def plan_free_flight(model, state, frame):
         if stays_open(model.contact, model, state):
             until = min(due, frame + 1 + CHECK_PERIOD)
             state.contact_free_until[0] = until
-            if not falls_asleep(model, state, frame, until) and not is_event_active(state):
+            may_fly = not is_event_active(state) and not has_connections(model.connection, state)
+            if not falls_asleep(model, state, frame, until) and may_fly:
                 state.flight.frame[FlightFrame.END] = frame + 1 + CHECK_PERIOD
 
 
@@ -133,7 +160,9 @@ def falls_asleep(model, state, frame, until):
     if frame % SLEEP_CHECK_PERIOD != 0 and not slept:
         return False
     flush_denormals(state.q, state.p)
+    forget_moves(state.connection)
     energy = vibration_energy(model.omega_squared, model.weight, state.q, state.p)
+    energy += energy_of_connected(model.connection, model.omega_squared, model.weight, state)
     return try_sleep(model.sleep_threshold, model.weight, model.free_masses, state, until, energy)
 
 
@@ -145,7 +174,9 @@ def stays_open(contact, model, state):
         bound_modal_displacements(
             model.omega_squared, model.weight, flight.bound_per_speed, flight.bound_per_weight, state.q, state.p, bound
         )
-        return cannot_close(contact, state)
+        seconds = FLIGHT_FRAMES / model.samplerate
+        amplitude = bound_connected_modes(model.connection, model.omega_squared, model.weight, seconds, state, bound)
+        return cannot_close(contact, model.connection, amplitude, state)
     return True
 
 

@@ -7,6 +7,8 @@ import numpy as np
 from engine.kernel.axes import (
     Axis,
     Items,
+    PerConnection,
+    PerConnectionPair,
     PerContact,
     PerEvent,
     PerIsland,
@@ -18,6 +20,7 @@ from engine.kernel.codes import (
     FLIGHT_FRAMES,
     FLIGHT_MODES,
     FLIGHT_PART,
+    LANES,
     EnergyTotal,
     EventCursor,
     FlightFrame,
@@ -43,6 +46,23 @@ class Scratch(NamedTuple):
     active: PerPartitionInt  # [partitions, K]: the contacts of the active set
     sloped: PerPartitionInt  # [partitions, K]: which of the active set have a slope
     is_active: PerPartitionInt  # [partitions, K]: whether a contact is in the active set
+
+
+class ConnectionState(NamedTuple):
+    """What changes at connections, by coordinate."""
+
+    stiffness: PerConnection  # N/m; events change it, and the next two
+    damping: PerConnection  # kg/s
+    rest: PerConnection  # m
+    extension: PerConnection  # s, m
+    extension_compensation: PerConnection  # m: what is too small to add to it yet (Kahan)
+    force: PerConnection  # f, N, constant over the step
+    free_move: PerConnection  # g, m: how the coming drift changes the extension without the force
+    move: PerConnection  # m: how it does with it
+    lowest_energy: PerIsland  # J: of all that is connected, at rest; minus infinity where that is not known
+    is_move_known: PerIslandInt  # 1 if `free_move` is that of the coming step
+    lanes: Annotated[np.ndarray, Items(Axis.CONNECTION_PART, columns=2 * LANES)]  # memory for sums
+    matrix: PerConnectionPair  # memory to make factors
 
 
 class RefinementState(NamedTuple):
@@ -87,6 +107,7 @@ class State(NamedTuple):
     compression_compensation: PerContact  # m: what is too small to add to the compression yet (Kahan)
     free_displacement: PerContact  # m: g, the change of compression without contact force
     contact_force: PerContact  # N, mean over the last step
+    connection: ConnectionState | None
     scratch: Scratch | None  # for coupled contacts
     refinement: RefinementState | None
     flight: FreeFlightState

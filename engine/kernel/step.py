@@ -1,6 +1,6 @@
 """One step of one island in which forces may act:
 
-loss/2 · kick/2 · [find contact forces] · drift · kick/2 · loss/2
+loss/2 · kick/2 · [find forces of connections and contacts] · drift · kick/2 · loss/2
 """
 
 from typing import Any, NamedTuple
@@ -8,6 +8,14 @@ from typing import Any, NamedTuple
 from engine.compiler.decorators import FALSE, INT64_0, inline, noinline
 from engine.compiler.overloads import overload_by_type
 from engine.kernel.codes import SolveStatus
+from engine.kernel.connections import (
+    begin_connections,
+    finish_connections,
+    has_connections,
+    hold_connections,
+    measure_moves,
+    push_by_connections,
+)
 from engine.kernel.contact_forces import (
     find_contact_force,
     solve_contacts,
@@ -26,6 +34,15 @@ from engine.kernel.modes import (
     rescale_kinetic_energy,
     reverse_motion,
 )
+
+
+class Acting(NamedTuple):
+    """What may act on an island in a step, beside its own modes; None where it does not."""
+
+    contact: Any  # Contact
+    connection: Any  # Connections
+    force: Any  # ExternalForce
+    weight: Any  # of each mode
 
 
 class StepOutcome(NamedTuple):
@@ -52,13 +69,13 @@ def repay_energy_debt(state, excess):
 @inline
 def without_end_loss(h):
     """The coefficients of a step without loss at its ends."""
-    return StepCoefficients(h.kick, h.drift, h.spring_kick, None, h.drag, h.contact, h.force)
+    return StepCoefficients(h.kick, h.drift, h.spring_kick, None, h.drag, h.connection, h.contact, h.force)
 
 
 @inline
 def without_loss(h):
     """The coefficients of a step without any loss of its modes."""
-    return StepCoefficients(h.kick, h.drift, h.spring_kick, None, None, h.contact, h.force)
+    return StepCoefficients(h.kick, h.drift, h.spring_kick, None, None, h.connection, h.contact, h.force)
 
 
 @inline
@@ -72,49 +89,60 @@ def end_step_before_loss(h, drag, weight, state, failed):
 
 
 @inline
-def step(contact, force, weight, h, state, frame):
-    """A step with contacts and external forces. Returns a StepOutcome.
+def step(model, force, h, state, frame):
+    """A step with connections, contacts and external forces. Returns a StepOutcome.
 
     h: StepCoefficients
     """
+    acting = Acting(model.contact, model.connection, force, model.weight)
+    return step_if_contacts(model.contact, acting, h, state, frame)
+
+
+@inline
+def step_if_contacts(contact, acting, h, state, frame):
+    """A step, of which there may be another kind if there are contacts. Returns a StepOutcome."""
     if contact is None:
-        return step_in_passes(None, contact, force, weight, h, state, frame)
-    return step_with_contacts(h.contact.single, contact, force, weight, h, state, frame)
+        return step_in_passes(None, acting, h, state, frame)
+    return step_with_contacts(h.contact.single, acting, h, state, frame)
 
 
-def step_with_contacts(
-    single: Any, contact: Any, force: Any, weight: Any, h: Any, state: Any, frame: int
-) -> StepOutcome:
+def step_with_contacts(single: Any, acting: Any, h: Any, state: Any, frame: int) -> StepOutcome:
     """A step with contacts: in two passes over the modes where islands have but one. In compiled code only."""
     raise TypeError("step_with_contacts is for compiled code")
 
 
 @inline
-def step_in_passes(single, contact, force, weight, h, state, frame):
+def step_in_passes(single, acting, h, state, frame):
     """A step whose parts each go through the modes that they act on. Returns a StepOutcome."""
-    dissipated = begin_step(h, weight, state.kick_compensation, state.q, state.p)
-    apply_forces(force, h.force, frame, state.p)
-    solution = solve_contacts(contact, h.contact, state)  # and their first half-kick
-    return finish_step_in_passes(contact, force, weight, h, state, frame, (solution, dissipated))
+    dissipated = begin_step(h, acting.weight, state.kick_compensation, state.q, state.p)
+    apply_forces(acting.force, h.force, frame, state.p)
+    begin_connections(acting.connection, h, state)
+    solution = solve_contacts(acting.contact, acting.connection, h, state)  # and their first half-kick
+    return finish_step_in_passes(acting, h, state, frame, (solution, dissipated))
 
 
 @inline
-def finish_step_in_passes(contact, force, weight, h, state, frame, begun):
+def finish_step_in_passes(acting, h, state, frame, begun):
     """The step from the first half-kick of the contacts on. Returns a StepOutcome.
 
     begun: the ContactSolution, and the energy lost before it
     """
+    contact, connection, force, weight = acting
     solution, dissipated = begun
     in_contact, failed = solution.status != SolveStatus.FREE, solution.status == SolveStatus.FAILED
     dissipated_in_contact, work = solution.dissipated, 0.0
     if failed:
         reverse_motion(h.drift, state.q, state.p)
         clear_forces(contact, state)
+        hold_connections(connection, state)
     else:
         work = external_work(force, h.force, frame, state.p)
-    if in_contact or has_forces(force):  # their second half-kick comes before the loss
+        measure_moves(connection, h, state)
+    dissipated += finish_connections(connection, h, state)
+    if in_contact or has_forces(force) or has_connections(connection, state):
         dissipated += end_step_before_loss(h, h.drag, weight, state, failed)
-        apply_forces(force, h.force, frame, state.p)
+        apply_forces(force, h.force, frame, state.p)  # their second half-kicks come before the loss
+        push_by_connections(connection, h, state)
         if in_contact:
             apply_contact_forces(contact, h.contact, state)
             dissipated_in_contact += repay_energy_debt(state, solution.excess)
@@ -127,14 +155,15 @@ def finish_step_in_passes(contact, force, weight, h, state, frame, begun):
 @noinline
 def finish_rare_step(contact, weight, h, state, solution, dissipated):
     """The rest of a step whose contact solve failed, or whose forces all but cancel. Returns a StepOutcome."""
-    used = use_single_solution(contact, h.contact, state, INT64_0, solution)
-    return finish_step_in_passes(contact, None, weight, h, state, INT64_0, (used, dissipated))
+    used = use_single_solution(contact, None, h, state, INT64_0, solution)
+    acting = Acting(contact, None, None, weight)
+    return finish_step_in_passes(acting, h, state, INT64_0, (used, dissipated))
 
 
 @inline
-def step_in_two_passes(single, contact, force, weight, h, state, frame):
-    """A step of an island with one contact at most, and without external forces: a pass over the modes before the
-    solve, and one after it, instead of seven. Returns a StepOutcome."""
+def step_in_two_passes(single, contact, weight, h, state):
+    """A step of an island with one contact at most, and without connections and external forces: a pass over the modes
+    before the solve, and one after it, instead of seven. Returns a StepOutcome."""
     dissipated, move = begin_step_towards(h, single.drift_phi, weight, state.kick_compensation, state.q, state.p)
     if state.compression.shape[0] == 0:
         dissipated += end_step(h, weight, state.kick_compensation, state.q, state.p)
@@ -165,11 +194,12 @@ def has_several_contacts(coupling, state):
 
 
 @inline
-def step_as_contacts_allow(single, contact, force, weight, h, state, frame):
+def step_as_contacts_allow(single, acting, h, state, frame):
     """A step in two passes where that can be, and else in as many as it takes. Returns a StepOutcome."""
-    if has_several_contacts(h.contact.coupling, state) or has_forces(force):
-        return step_in_passes(single, contact, force, weight, h, state, frame)
-    return step_in_two_passes(single, contact, force, weight, h, state, frame)
+    is_pushed = has_forces(acting.force) or has_connections(acting.connection, state)
+    if has_several_contacts(h.contact.coupling, state) or is_pushed:
+        return step_in_passes(single, acting, h, state, frame)
+    return step_in_two_passes(single, acting.contact, acting.weight, h, state)
 
 
 overload_by_type(

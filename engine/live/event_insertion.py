@@ -4,6 +4,7 @@ from engine.compiler.decorators import inline, kernel
 from engine.compiler.intrinsics import float64_view, int64_view
 from engine.compiler.struct_types import load_struct
 from engine.kernel.codes import UNUSED_SLOT, EnergyTotal, EventCursor, EventKind, Sleep, SleepMonitor
+from engine.kernel.connections import reset_extensions
 from engine.kernel.contacts import compression_from_modes, resync_open_contacts
 from engine.kernel.energy import accumulate
 from engine.kernel.events import island_energy, next_due
@@ -90,6 +91,7 @@ def book_island_energy(model, state, n, sign):
     part, part_state = island_model(model, state, bounds), island_state(state, bounds)
     if sign > 0:
         reset_compressions(part.contact, part_state)
+        reset_extensions(part.connection, part_state)
     accumulate(part_state.energy_totals, EnergyTotal.SUPPLIED, sign * island_energy(part, part_state))
 
 

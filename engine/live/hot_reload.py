@@ -9,19 +9,22 @@ from engine.live.player import Player
 from engine.patch.reader import load
 from engine.patch.scene import Scene
 
-LIVE_KEYS = ("stiffness", "exponent", "barrier", "gap")
+LIVE_KEYS = {"contact": ("stiffness", "exponent", "barrier", "gap"), "connection": ("stiffness", "damping", "rest")}
 
 
 def changed_parameters(old: Scene, new: Scene) -> dict[str, float] | None:
     """The knobs that make the old scene the new one, and their values; None if no knobs can."""
     before, after = old.model_dump(exclude_none=True), new.model_dump(exclude_none=True)
     changed: dict[str, float] = {}
-    if len(before["contact"]) == len(after["contact"]):
-        for was, now in zip(before["contact"], after["contact"], strict=True):
-            for key in LIVE_KEYS:
+    for section, keys in LIVE_KEYS.items():
+        if len(before[section]) != len(after[section]):
+            continue
+        for was, now in zip(before[section], after[section], strict=True):
+            for key in keys:
                 plain = isinstance(was.get(key), float) and isinstance(now.get(key), float)
-                if plain and was[key] != now[key] and was[key] * now[key] != 0.0 and "name" in was:
-                    changed[f"contact.{was['name']}.{key}"] = now[key]
+                may_vanish = section == "connection" or (plain and was[key] * now[key] != 0.0)
+                if plain and may_vanish and was[key] != now[key] and "name" in was:
+                    changed[f"{section}.{was['name']}.{key}"] = now[key]
                     was[key] = now[key]
     return changed if before == after else None
 

@@ -212,15 +212,15 @@ class Player:
             self._put_event(["damp", name], event, frame)
 
     def set(self, parameter: str, value: float, seconds: float = GLIDE_SECONDS, frame: int = 0) -> None:
-        """Set a live parameter: `contact.NAME.stiffness`, `.exponent`, `.barrier` or `.gap`. The value glides, and what
-        that does to the energy is accounted for, so that it cannot blow up the sound. Raises KeyError if there is no
-        such parameter."""
+        """Set a live parameter: `contact.NAME.stiffness`, `.exponent`, `.barrier` or `.gap`, and of a connection
+        `connection.NAME.stiffness`, `.damping` or `.rest`. The value glides, and what that does to the energy is
+        accounted for, so that it cannot blow up the sound. Raises KeyError if there is no such parameter."""
         if parameter not in self.live_parameters:
-            known = ", ".join(self.live_parameters) or "none: give a contact a name"
+            known = ", ".join(self.live_parameters) or "none: give a contact or a connection a name"
             raise KeyError(f"no knob {parameter}; there are {known}")
-        _, name, key = parameter.split(".")
+        section, name, key = parameter.split(".")
         value, duration = checked_number(parameter, value), checked_number("seconds", seconds)
-        event = make_event(ChangeEvent, parameter, kind="change", contact=name, duration=duration, **{key: value})
+        event = make_event(ChangeEvent, parameter, kind="change", duration=duration, **{section: name, key: value})
         self._put_event([parameter, value], event, frame)
 
     def tune(self, voice: int, ratio: float, frame: int = 0, seconds: float = 0.0, body: str | None = None) -> None:

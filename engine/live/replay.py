@@ -19,6 +19,7 @@ from engine.patch.tables import MAX_EXPONENT
 
 MAX_LOG_BYTES = 64_000_000  # bytes of a log
 HOURS = 10  # that a log tells of at most
+CONNECTION_EVENTS = EventKind.CONNECTION_STIFFNESS, EventKind.CONNECTION_DAMPING, EventKind.CONNECTION_REST
 Whole = Annotated[int, Field(ge=-(1 << 62), le=1 << 62)]  # that the audio thread can hold
 Real = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -113,6 +114,7 @@ def validated_row(player: Player, row: list[int | float]) -> tuple[Any, ...]:
         (EventKind.STRIKE, EventKind.DAMP, EventKind.LIFT, EventKind.THROW), model.islands.mode
     )
     sizes |= dict.fromkeys((EventKind.STIFFNESS, EventKind.BARRIER, EventKind.EXPONENT), model.islands.contact)
+    sizes |= dict.fromkeys(CONNECTION_EVENTS, model.islands.connection)
     if kind == EventKind.QUALITY:
         good = 0 <= first <= player.shared[Slot.LOWEST_QUALITY]
     elif kind == EventKind.PLUCK:
@@ -120,6 +122,8 @@ def validated_row(player: Player, row: list[int | float]) -> tuple[Any, ...]:
     else:
         good = kind in sizes and 0 <= island < count
         good = good and 0 <= first < last <= sizes[kind][island + 1] - sizes[kind][island]
+    if kind in (EventKind.CONNECTION_STIFFNESS, EventKind.CONNECTION_DAMPING):
+        good = good and row[6] >= 0.0
     if kind == EventKind.EXPONENT:
         good = good and 1.0 <= row[6] <= MAX_EXPONENT
     good = good and all(abs(number) <= 1 << 62 for number in row[:6])

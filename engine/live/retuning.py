@@ -12,6 +12,7 @@ from engine.build.layout import Layout
 from engine.kernel.axes import Axis, Items, pair_arrays
 from engine.kernel.model import (
     BasisCoefficients,
+    Connections,
     ContactBasis,
     FreeFlight,
     Model,
@@ -93,7 +94,7 @@ def _pairs(target: tuple[Model, Layout], source: tuple[Model, Layout], voice: in
         yield from _mode_pairs(poly, single, poly_layout.global_modes(voice * bodies + b), layout.global_modes(b))
     for i in range(islands):
         n = voice * islands + i
-        for axis in ("contact", "force", "pickup", "body", "basis"):
+        for axis in ("contact", "connection_part", "force", "pickup", "body", "basis"):
             to, of = (getattr(model.islands, axis) for model in (poly, single))
             for a, x in zip(_rows_of(poly, axis), _rows_of(single, axis), strict=axis != "basis"):
                 for r in range(to[n + 1] - to[n]):
@@ -111,6 +112,10 @@ def _tuned_arrays(poly: Model, single: Model, *axes: Axis) -> Iterator[tuple[Ite
                 yield items, ours, theirs
     if Axis.MODE in axes and poly.omega_squared is not None:
         yield Items(Axis.MODE), poly.omega_squared, single.omega_squared
+    if poly.connection is not None and single.connection is not None:
+        for items, ours, theirs in pair_arrays(Connections, poly.connection, single.connection):
+            if items.axis in axes and items.axis is not Axis.MODE:
+                yield items, ours, theirs
 
 
 def _mode_pairs(poly: Model, single: Model, to: slice, of: slice) -> Iterator[Arrays]:
@@ -125,8 +130,9 @@ def _mode_pairs(poly: Model, single: Model, to: slice, of: slice) -> Iterator[Ar
 
 
 def _contact_pairs(poly: Model, single: Model, n: int, i: int) -> Iterator[Arrays]:
-    """How the bodies of an island give at its contacts."""
-    for items, ours, theirs in _tuned_arrays(poly, single, Axis.CONTACT, Axis.COMPLIANCE):
+    """How the bodies of an island give at its contacts and connections."""
+    axes = Axis.CONTACT, Axis.COMPLIANCE, Axis.CONNECTION, Axis.CONNECTION_PAIR, Axis.CONNECTION_CONTACT
+    for items, ours, theirs in _tuned_arrays(poly, single, *axes):
         if theirs is not None:
             begin, start = getattr(poly.islands, items.axis), getattr(single.islands, items.axis)
             yield ours[begin[n] : begin[n + 1]], theirs[start[i] : start[i + 1]]
@@ -168,13 +174,17 @@ RowsAt = tuple[ModeShapeRows, RowCoefficients | PickupTables | None]
 
 
 def _rows_of(model: Model, axis: str) -> list[RowsAt]:
-    """The mode shape rows of a model that go with its contacts, forces, pickups or bodies, with their coefficients."""
+    """The mode shape rows of a model that go with its contacts, connections, forces, pickups or bodies, with their
+    coefficients."""
     if axis == "contact":
         contact, step = model.contact, model.step.contact
         if contact is None or step is None:
             return []
         other = [] if contact.other_rows is None else [(contact.other_rows, step.other_rows)]
         return [(contact.rows, step.rows), *other]
+    if axis == "connection_part":
+        connection, joined = model.connection, model.step.connection
+        return [] if connection is None or joined is None else [(connection.rows, joined.rows)]
     if axis == "force":
         return [(model.force.rows, model.step.force)] if model.force is not None else []
     if axis == "pickup":

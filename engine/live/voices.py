@@ -16,15 +16,16 @@ def retune(scene: Scene, ratio: float, names: set[str] | None = None) -> Scene:
 def replicate(scene: Scene, voices: int) -> Scene:
     """So many copies of a scene beside each other, all at rest: no score, plucks and hammers that wait to be told.
     Copy n of body `b` is `b_n`; contacts likewise."""
-    parts: dict[str, list[Any]] = {"body": [], "contact": [], "pickup": [], "force": []}
+    parts: dict[str, list[Any]] = {"body": [], "contact": [], "connection": [], "pickup": [], "force": []}
     waiting = [f.model_copy(update={"start": 0.0}) for b in scene.body for f in plucks(scene, b.name)]
     for n in range(voices):
         for body in scene.body:
             still = {"velocity": 0.0} if isinstance(body, Mass | Oscillator) else {}
             parts["body"].append(body.model_copy(update={"name": f"{body.name}_{n}"} | still))
-        for contact in scene.contact:
-            names = {key: f"{name}_{n}" for key in ("name", "body", "on") if (name := getattr(contact, key))}
-            parts["contact"].append(contact.model_copy(update=names))
+        for section in ("contact", "connection"):
+            for joined in getattr(scene, section):
+                names = {key: f"{name}_{n}" for key in ("name", "body", "on") if (name := getattr(joined, key))}
+                parts[section].append(joined.model_copy(update=names))
         parts["pickup"] += [p.model_copy(update={"body": f"{p.body}_{n}"}) for p in scene.pickup]
         parts["force"] += [f.model_copy(update={"body": f"{f.body}_{n}"}) for f in waiting]
     return scene.model_copy(update=parts | {"event": []})

@@ -18,6 +18,7 @@ EFFECTS: dict[str, Callable[[Model], Any]] = {
     "contact between bodies": lambda model: model.contact and model.contact.other_rows,
     "contact loss": lambda model: _at_contacts(model, "loss_rate"),
     "coupled contacts": lambda model: _at_contacts(model, "coupling"),
+    "connections": lambda model: model.connection,
     "refinement": lambda model: model.refinement,
     "events": lambda model: model.events,
 }

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from engine.bodies.table import KeyPath
+from engine.patch.foreign_words import explain_key, explain_kind
 from engine.patch.scene import Scene
 from engine.wording import format_value, to_one_line
 
@@ -111,14 +112,17 @@ def _describe_key_error(error: Any, location: Location) -> str:
     kind, (path, models, field) = error["type"], location
     if kind == "extra_forbidden":
         known = list(dict.fromkeys(key for model in models.values() for key in model.model_fields))
-        return f"unknown key; {suggestion(_last_key(path), known)}"
+        section = str(path[0]) if len(path) > 1 else ""
+        return (
+            f"unknown key; {explain_key(section, _last_key(path), list(models)) or suggestion(_last_key(path), known)}"
+        )
     if kind == "missing":
         return f"missing; {_describe_field(field)}"
     if kind == "union_tag_not_found":
         return f"kind missing; one of {', '.join(models)}"
     if kind == "union_tag_invalid":
         tag = str(error.get("ctx", {}).get("tag"))
-        return f"unknown kind {format_value(tag)}; {suggestion(tag, list(models))}"
+        return f"unknown kind {format_value(tag)}; {explain_kind(str(path[0]), tag) or suggestion(tag, list(models))}"
     return ""
 
 

@@ -7,6 +7,7 @@ from typing import Any
 from engine.patch.json_schema import patch_schema, resolve_ref, variants
 from engine.patch.reference_page import SECTIONS, format_range, split_unit, top_level
 from engine.patch.scene import Scene
+from engine.patch.tables import SpringConnection
 
 
 @dataclass(frozen=True)
@@ -37,21 +38,28 @@ def list_parameters(scene: Scene) -> list[Parameter]:
             tables = variants(node, schema)
             for i, table in enumerate(value):
                 name = table.get("name") or i
-                if f"{section}.{name}.gap" in live:  # which is 0 where it is not given
-                    table = {"gap": 0.0} | table
+                for key in ("gap", "damping", "rest", "stiffness"):  # which are 0 where they are not given
+                    if f"{section}.{name}.{key}" in live:
+                        table = {key: 0.0} | table
                 parameters += _table_parameters(f"{section}.{name}.", table, tables[table.get("kind", "")], schema)
     return [replace(p, live=p.path in live) for p in parameters]
 
 
 def live_parameters(scene: Scene, variable_exponents: bool = False) -> list[str]:
     """Paths of what can be changed while a scene is played: stiffness, and barrier or gap, of each contact that has a
-    name. variable_exponents: also its exponent, if the model was built so."""
+    name; and stiffness, damping and rest of each spring that has one.
+
+    variable_exponents: also exponents of contacts, if the model was built so
+    """
     paths = []
     for contact in scene.contact:
         if contact.name is not None and contact.stiffness > 0.0:
             paths.append(f"contact.{contact.name}.stiffness")
             paths.append(f"contact.{contact.name}.{'gap' if contact.on else 'barrier'}")
             paths += [f"contact.{contact.name}.exponent"] if variable_exponents else []
+    for connection in scene.connection:
+        if isinstance(connection, SpringConnection) and connection.name is not None and not connection.rigid:
+            paths += [f"connection.{connection.name}.{key}" for key in ("stiffness", "damping", "rest")]
     return paths
 
 

@@ -35,6 +35,7 @@ keys where the first line of a patch is `#:schema` and the path of `patches/patc
 SECTIONS: dict[str, tuple[str, dict[str, str]]] = {
     "body": ("Bodies: `[[body]]`", {"[[body.support]]": "Support"}),
     "contact": ("Contacts: `[[contact]]`", {"bridge = { … }": "Bridge", "frets = { … }": "Frets"}),
+    "connection": ("Connections: `[[connection]]`", {}),
     "force": ("Forces: `[[force]]`", {}),
     "event": ("Events: `[[event]]`", {}),
     "pickup": ("Pickups: `[[pickup]]`", {}),

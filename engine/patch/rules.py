@@ -9,22 +9,29 @@ from typing import Any
 
 from pydantic_core import InitErrorDetails
 
-from engine.bodies import BODIES, MeasuredBody
-from engine.bodies.body import BodyTable
+from engine.bodies import String
 from engine.bodies.table import KeyPath, is_given, is_number, make_fault
+from engine.patch.connection_rules import check_change_of_connection, check_connections, find_rigid_joint
+from engine.patch.positions import check_positions, count_positions, kind_of, tables_of
 from engine.patch.tables import MAX_EXPONENT, MAX_FORCE_AT_1_MM, max_stiffness
 from engine.wording import format_names, format_value
 
 Faults = Iterator[InitErrorDetails]
 
-BODY_KEYS = (("contact", "body"), ("contact", "on"), ("force", "body"), ("event", "body"), ("pickup", "body"))
+BODY_KEYS = (
+    *(("contact", "body"), ("contact", "on"), ("connection", "body"), ("connection", "on")),
+    *(("force", "body"), ("event", "body"), ("pickup", "body")),
+)
 
 
 def check_rules(data: dict[str, Any]) -> Faults:
     """All faults of a document that break these rules."""
     bodies = {b["name"]: b for _, b in tables_of(data, "body") if isinstance(b.get("name"), str)}
-    contacts = {c["name"]: c for _, c in tables_of(data, "contact") if isinstance(c.get("name"), str)}
-    for section in ("body", "contact"):
+    contacts, connections = (
+        {c["name"]: c for _, c in tables_of(data, section) if isinstance(c.get("name"), str)}
+        for section in ("contact", "connection")
+    )
+    for section in ("body", "contact", "connection"):
         yield from _check_unique(data, section)
     for i, body in tables_of(data, "body"):
         yield from _check_body(("body", i), body)
@@ -33,33 +40,27 @@ def check_rules(data: dict[str, Any]) -> Faults:
             yield from _check_exists((section, i, key), table.get(key), bodies, "body", "bodies")
     for i, body in tables_of(data, "body"):
         for j, support in tables_of(body, "support"):
-            yield from _check_positions(("body", i, "support", j, "at"), support, body, single=False)
+            yield from check_positions(("body", i, "support", j, "at"), support, body, single=False)
     for i, contact in tables_of(data, "contact"):
         yield from _check_contact(("contact", i), contact, bodies)
+    yield from check_connections(data, bodies)
     end = data.get("seconds", 2.0)
     for i, event in tables_of(data, "event"):
         time = event.get("time")
         if is_number(time) and is_number(end) and time >= end:
             yield make_fault(("event", i, "time"), time, "after the end", f"before {end:g} s, or more seconds")
-        yield from _check_event(("event", i), event, bodies, contacts)
+        yield from _check_event(("event", i), event, bodies, contacts, connections)
+        if event.get("kind") == "strike" and find_rigid_joint(event.get("body"), data):
+            message = f"a rigid joint holds {format_value(event['body'])}, which cannot be put elsewhere"
+            yield make_fault(("event", i, "body"), event["body"], message, "a joint with a stiffness, or a force")
     for section in ("force", "event", "pickup"):
         for i, table in tables_of(data, section):
             everywhere = table.get("quantity") == "force" and not is_given(table, "at")
-            if not everywhere and (section != "event" or table.get("kind") == "pluck"):
+            if section == "pickup" and table.get("quantity") == "end_force":
+                yield from _check_end_pickup((section, i), table, bodies)
+            elif not everywhere and (section != "event" or table.get("kind") == "pluck"):
                 target = bodies.get(str(table.get("body")))
-                yield from _check_positions((section, i, "at"), table, target, single=True)
-
-
-def tables_of(data: dict[str, Any], section: str) -> Iterator[tuple[int, dict[str, Any]]]:
-    """The tables of an array, with their numbers from 0; what is no table is passed over."""
-    items = data.get(section)
-    if isinstance(items, list):
-        yield from ((i, item) for i, item in enumerate(items) if isinstance(item, dict))
-
-
-def kind_of(body: dict[str, Any] | None) -> type[BodyTable] | None:
-    """The kind of body that a table describes; None if it is not known."""
-    return None if body is None else BODIES.get(str(body.get("kind")))
+                yield from check_positions((section, i, "at"), table, target, single=True)
 
 
 def has_length(body: dict[str, Any]) -> bool:
@@ -72,12 +73,6 @@ def is_lumped(body: dict[str, Any]) -> bool:
     """Whether a table describes a mass or an oscillator."""
     kind = kind_of(body)
     return kind is not None and kind.IS_LUMPED
-
-
-def count_positions(table: dict[str, Any], key: str, body: dict[str, Any] | None) -> int:
-    """How many positions a key lists on a body."""
-    at, kind = table.get(key), kind_of(body) or BodyTable
-    return len(kind.split_positions(at)) if isinstance(at, list) else 1
 
 
 def _check_unique(data: dict[str, Any], section: str) -> Faults:
@@ -114,34 +109,6 @@ def _check_body(path: KeyPath, body: dict[str, Any]) -> Faults:
     yield from kind.faults(path, body)
 
 
-def _check_positions(path: KeyPath, table: dict[str, Any], body: dict[str, Any] | None, single: bool) -> Faults:
-    """The positions that a key of a table lists are such as the body has. single: there is one of them only."""
-    kind, key = kind_of(body), str(path[-1])
-    if body is None or kind is None or (kind is MeasuredBody and is_given(body, "file")):  # which could not be read
-        return
-    at = table.get(key)
-    if kind.IS_LUMPED:
-        if at is not None:
-            message = f"{format_value(body['name'])} is a {body['kind']}, which has no places"
-            yield make_fault(path, at, message, "leave it out")
-        return
-    remedy = kind.position_help(body)
-    if at is None:
-        yield make_fault(path[:-1], table, f"no place on {format_value(body['name'])}", f"give {key} = {remedy}")
-        return
-    positions = kind.split_positions(at)
-    if single and len(positions) > 1:
-        yield make_fault(path, at, "several places", f"give one: {remedy}")
-    for position in positions:
-        if not kind.has_position(body, position):
-            message = f"{format_value(position)} is no place on {format_value(body['name'])}"
-            yield make_fault(path, at, message, remedy)
-            return
-        if outside := kind.explain_outside(body, position):
-            yield make_fault(path, at, *outside)
-            return
-
-
 def _check_contact(path: KeyPath, contact: dict[str, Any], bodies: dict[str, Any]) -> Faults:
     """A contact is with a barrier, a body, a bridge or frets, and gives the keys of that alone."""
     on, barrier, gap = is_given(contact, "on"), is_given(contact, "barrier"), is_given(contact, "gap")
@@ -168,9 +135,9 @@ def _check_contact_positions(
 ) -> Faults:
     """The points of a contact are on its bodies, and its lists are as long as these are many."""
     on = is_given(contact, "on")
-    yield from _check_positions((*path, "at"), contact, body, single=False)
+    yield from check_positions((*path, "at"), contact, body, single=False)
     if on:
-        yield from _check_positions((*path, "on_at"), contact, other_body, single=False)
+        yield from check_positions((*path, "on_at"), contact, other_body, single=False)
         if contact["on"] == contact.get("body") and _joins_same_position(contact, body):
             message = "a body cannot touch itself at one place"
             yield make_fault((*path, "on"), contact["on"], message, "name another body")
@@ -250,7 +217,24 @@ def _check_bridge(path: KeyPath, bridge: dict[str, Any], body: dict[str, Any]) -
             yield make_fault((*path, "width"), width, "the bridge reaches past the end", remedy)
 
 
-def _check_event(path: KeyPath, event: dict[str, Any], bodies: dict[str, Any], contacts: dict[str, Any]) -> Faults:
+def _check_end_pickup(path: KeyPath, pickup: dict[str, Any], bodies: dict[str, Any]) -> Faults:
+    """The force on its end is that of a string."""
+    body, at = bodies.get(str(pickup.get("body"))), pickup.get("at")
+    if body is not None and kind_of(body) is not None and kind_of(body) is not String:
+        message = f"{format_value(pickup['body'])} is a {body.get('kind')}, which has no ends"
+        yield make_fault((*path, "quantity"), pickup["quantity"], message, "a string has")
+    elif isinstance(at, bool) or at not in (0, 1):
+        message = "no end given" if at is None else f"{format_value(at)} is no end"
+        yield make_fault((*path, "at") if at is not None else path, at, message, "give at = 0 or 1")
+
+
+def _check_event(
+    path: KeyPath,
+    event: dict[str, Any],
+    bodies: dict[str, Any],
+    contacts: dict[str, Any],
+    connections: dict[str, Any],
+) -> Faults:
     """A strike moves a lumped body; a change is of something that a named contact has."""
     kind, body = event.get("kind"), bodies.get(str(event.get("body")))
     if kind == "strike" and body is not None and not is_lumped(body):
@@ -259,6 +243,17 @@ def _check_event(path: KeyPath, event: dict[str, Any], bodies: dict[str, Any], c
         yield make_fault((*path, "body"), event["body"], message, remedy)
     if kind != "change":
         return
+    of_contact, of_connection = is_given(event, "contact"), is_given(event, "connection")
+    if of_contact == of_connection:
+        message = "both contact and connection given" if of_contact else "neither contact nor connection given"
+        yield make_fault(path, event, message, "name the one that changes")
+        return
+    if of_connection:
+        yield from check_change_of_connection(path, event, connections)
+        return
+    for key in ("damping", "rest"):
+        if is_given(event, key):
+            yield make_fault((*path, key), event[key], f"a contact has no {key}", "a connection has")
     yield from _check_exists((*path, "contact"), event.get("contact"), contacts, "contact", "named contacts")
     if not any(is_given(event, key) for key in ("stiffness", "exponent", "barrier", "gap")):
         yield make_fault(path, event, "nothing changes", "give a new stiffness, exponent, barrier or gap")

@@ -18,8 +18,9 @@ from engine.bodies.table import KeyPath, Table, make_fault
 from engine.files import check_regular_file
 from engine.output_files import error_reason
 from engine.patch.accuracy import Accuracy
-from engine.patch.rules import check_rules, tables_of
-from engine.patch.tables import MAX_SECONDS, Contact, Event, Force, Pickup, SampledForce
+from engine.patch.positions import tables_of
+from engine.patch.rules import check_rules
+from engine.patch.tables import MAX_SECONDS, Connection, Contact, Event, Force, Pickup, SampledForce
 from engine.wording import to_one_line
 
 SAMPLE_RATE_RANGE = (4_000, 768_000)  # Hz
@@ -43,6 +44,9 @@ class Scene(Table):
     accuracy: Accuracy = Field(default=Accuracy(), description="how exactly it is computed")
     body: list[Body] = Field(min_length=1, max_length=MAX_TABLES, description="the bodies")
     contact: list[Contact] = Field(default=[], max_length=MAX_TABLES, description="where bodies collide")
+    connection: list[Connection] = Field(
+        default=[], max_length=MAX_TABLES, description="what holds bodies together: springs, joints, ends of strings"
+    )
     force: list[Force] = Field(default=[], max_length=MAX_TABLES, description="external forces")
     event: list[Event] = Field(default=[], max_length=MAX_TABLES, description="the score: what happens when")
     pickup: list[Pickup] = Field(min_length=1, max_length=MAX_TABLES, description="what is heard")
@@ -74,13 +78,13 @@ class Scene(Table):
 
 
 def connected_bodies(scene: Scene, name: str) -> set[str]:
-    """The names of a body and of all bodies that contacts connect with it, directly or through others."""
+    """The names of a body and of all bodies that contacts and connections join with it, directly or through others."""
     names, size = {name}, 0
     while size < len(names):
         size = len(names)
-        for contact in scene.contact:
-            if contact.on is not None and names & {contact.body, contact.on}:
-                names |= {contact.body, contact.on}
+        for joined in [*scene.contact, *scene.connection]:
+            if joined.on is not None and names & {joined.body, joined.on}:
+                names |= {joined.body, joined.on}
     return names
 
 

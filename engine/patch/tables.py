@@ -1,11 +1,11 @@
-"""The tables of a patch beside its bodies: contacts, forces, events, pickups, each validated on its own.
+"""The tables of a patch beside its bodies: contacts, connections, forces, events, pickups, each validated on its own.
 
 Field descriptions carry unit and meaning; ranges are part of the fields.
 """
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
 from engine.bodies.table import Displacement, Fraction, Metres, Name, Offsets, Positions, Table, Velocity
 
@@ -13,6 +13,8 @@ MAX_SECONDS = 3_600.0  # of a rendering
 MAX_CHANNELS = 16
 MAX_CONTACT_POINTS = 256  # of a bridge, or of frets
 MAX_EXPONENT = 12.0
+MAX_CONNECTION_STIFFNESS = 1e15  # N/m
+MAX_CONNECTION_DAMPING = 1e9  # kg/s
 MAX_FORCE_AT_1_MM = 1e15  # N, of a contact: far beyond any material
 
 Newtons = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -79,6 +81,50 @@ class Contact(Table):
     stiffness: Stiffness = Field(description="stiffness kc, N/m^exponent; at 1 mm of compression at most 1e15 N")
     exponent: Exponent = Field(description="exponent α of the power law, at least 1")
     loss: float = Field(default=0.0, ge=0.0, le=1e9, description="Hunt-Crossley loss μ, s/m")
+
+
+# --- connections
+
+
+class _ConnectionTable(Table):
+    name: Name | None = Field(default=None, description="name, by which events refer to it")
+
+
+class SpringConnection(_ConnectionTable):
+    """A spring and a damper that hold two places together both ways, or a rigid joint."""
+
+    kind: Literal["spring"] = "spring"
+    body: Name = Field(description="the body it holds")
+    at: Positions = Field(default=None, description="where on it: a place")
+    on: Name | None = Field(default=None, description="the body that it is held to; without it, the ground")
+    on_at: Positions = Field(default=None, description="where on that body: a place")
+    stiffness: float = Field(default=0.0, ge=0.0, le=MAX_CONNECTION_STIFFNESS, description="stiffness, N/m")
+    damping: float = Field(default=0.0, ge=0.0, le=MAX_CONNECTION_DAMPING, description="damping, kg/s")
+    rigid: bool = Field(default=False, description="nothing gives: the two move as one; instead of stiffness")
+    rest: Metres = Field(
+        default=0.0, description="how far the body is above the other where no force acts, m: body minus other"
+    )
+
+
+class EndConnection(_ConnectionTable):
+    """The end of a string rides on another body, instead of being fixed."""
+
+    kind: Literal["end"]
+    body: Name = Field(description="the string")
+    at: float = Field(ge=0.0, le=1.0, description="which end: 0 or 1")
+    on: Name = Field(description="the body that carries the end, such as a board")
+    on_at: Positions = Field(default=None, description="where on that body: a place")
+
+
+def _connection_kind(value: object) -> str | None:
+    """The kind of a connection: a spring, unless it says otherwise."""
+    kind = value.get("kind", "spring") if isinstance(value, dict) else getattr(value, "kind", "spring")
+    return kind if isinstance(kind, str) else None
+
+
+Connection = Annotated[
+    Annotated[SpringConnection, Tag("spring")] | Annotated[EndConnection, Tag("end")], Discriminator(_connection_kind)
+]
 
 
 # --- forces and events
@@ -164,16 +210,22 @@ class DampEvent(_EventTable):
 
 
 class ChangeEvent(_EventTable):
-    """A contact's stiffness, exponent, or the place of its barrier, glides to a new value."""
+    """What a contact or a connection is like glides to a new value: a stiffness, an exponent, the place of a barrier; a
+    damping, or a rest."""
 
     kind: Literal["change"]
-    contact: Name = Field(description="the contact")
-    stiffness: Stiffness | None = Field(default=None, description="new stiffness, N/m^exponent")
+    contact: Name | None = Field(default=None, description="the contact; or give a connection")
+    connection: Name | None = Field(default=None, description="the connection, a spring")
+    stiffness: Stiffness | None = Field(default=None, description="new stiffness, N/m^exponent; of a connection N/m")
     exponent: Exponent | None = Field(default=None, description="new exponent")
     barrier: Metres | None = Field(
         default=None, description="new position of its barrier, m; a list moves by as much as its first"
     )
     gap: Metres | None = Field(default=None, description="new gap, m")
+    damping: float | None = Field(
+        default=None, ge=0.0, le=MAX_CONNECTION_DAMPING, description="new damping of a connection, kg/s"
+    )
+    rest: Metres | None = Field(default=None, description="new rest of a connection, m")
     duration: float = Field(default=0.005, ge=0.0, le=MAX_SECONDS, description="how long it glides, s")
 
 
@@ -185,8 +237,10 @@ class Pickup(Table):
 
     body: Name = Field(description="the body that is heard")
     at: Positions = Field(default=None, description="where on it; no matter for its force")
-    quantity: Literal["displacement", "velocity", "acceleration", "force"] = Field(
-        default="velocity", description="what of it is heard, in SI units; force: all contact forces on the body"
+    quantity: Literal["displacement", "velocity", "acceleration", "force", "end_force"] = Field(
+        default="velocity",
+        description="what of it is heard, in SI units; force: all contact forces on the body; end_force: that of a"
+        " string on its end, at 0 or 1",
     )
     channel: int = Field(default=1, ge=1, le=MAX_CHANNELS, description="channel of the output, 1 is left")
     gain: float = Field(default=1.0, ge=-1e12, le=1e12, description="factor")

@@ -1,0 +1,104 @@
+"""What stands against building connections, by the paths of their patch."""
+
+import math
+
+import numpy as np
+
+from engine.bodies.distributed import LineBody
+from engine.build.connection_coordinates import Coordinate, used_connections
+from engine.build.layout import Layout
+from engine.faults import BuildError, Fault
+from engine.patch.accuracy import Accuracy
+from engine.patch.tables import ChangeEvent, SpringConnection
+
+MAX_ISLAND_COORDINATES = 512  # of an island; what they move is a product of matrices in each step
+MAX_GAP = 1e-12  # m, of a rigid joint, beside rounding
+MAX_DAMPING_OUTSIDE = 0.1  # r·W·h/2 of a damper outside steps back in time: beyond, it would take too little
+STILL = 1e-12  # of a body's largest mode shape: what moves less at a place does not move
+
+
+def check_connections(layout: Layout, accuracy: Accuracy, samplerate: float) -> None:
+    """Raises BuildError, which names each connection that cannot be built."""
+    faults = [*_find_still(layout), *_find_apart(layout)]
+    if accuracy.order > 2:
+        faults += _find_overdamped(layout, accuracy, samplerate)
+    for coordinates in layout.coordinates:
+        if len(coordinates.items) > MAX_ISLAND_COORDINATES:
+            message = f"with it over {MAX_ISLAND_COORDINATES} coordinates of connections join the same bodies"
+            faults.append(Fault(coordinates.items[MAX_ISLAND_COORDINATES].path, f"{message}; fewer of them"))
+    if faults:
+        raise BuildError(*faults)
+
+
+def _find_still(layout: Layout) -> list[Fault]:
+    """Connections at places that do not move, where they could hold nothing."""
+    faults, scene = [], layout.scene
+    for k in sorted(used_connections(scene)):
+        connection = scene.connection[k]
+        sides = [("at", connection.body)] if isinstance(connection, SpringConnection) else []
+        sides += [("on_at", connection.on)] if connection.on is not None else []
+        for key, name in sides:
+            number, at = layout.body_index[name], getattr(connection, key)
+            body, modal = scene.body[number], layout.modal_bodies[number]
+            shape = modal.shape(body.split_positions(at)[0])
+            if np.max(np.abs(shape), initial=0.0) > STILL * _largest_shape(body, modal):
+                continue
+            remedy = (
+                '; kind = "end" lets the end of a string move' if isinstance(body, LineBody) and key == "at" else ""
+            )
+            message = f'"{name}" does not move there, and nothing would be held'
+            faults.append(Fault(f"connection[{k}].{key}", f"{message}; another place{remedy}"))
+    return faults
+
+
+def _largest_shape(body: object, modal: object) -> float:
+    """About the largest mode shape of a body, 1/√kg."""
+    mass = body.total_mass()  # type: ignore[attr-defined]
+    return 1 / math.sqrt(mass) if 0.0 < mass < math.inf else 1e-300
+
+
+def _find_apart(layout: Layout) -> list[Fault]:
+    """Rigid joints whose sides begin apart, or move apart."""
+    faults = []
+    for k, connection in enumerate(layout.scene.connection):
+        if not (isinstance(connection, SpringConnection) and connection.rigid):
+            continue
+        gap, speed, size = -connection.rest, 0.0, abs(connection.rest)
+        sides = [(connection.body, connection.at, 1.0)]
+        sides += [(connection.on, connection.on_at, -1.0)] if connection.on is not None else []
+        for name, at, sign in sides:
+            number = layout.body_index[name]
+            modal, body = layout.modal_bodies[number], layout.scene.body[number]
+            shape = modal.shape(body.split_positions(at)[0])
+            gap, speed = gap + sign * float(shape @ modal.q), speed + sign * float(shape @ modal.p)
+            size += float(np.abs(shape) @ np.abs(modal.q))
+        path = f"connection[{k}]"
+        if abs(gap) > MAX_GAP + 1e-12 * size:
+            rest = connection.rest + gap
+            message = f"a rigid joint that begins {gap:.6g} m apart"
+            faults.append(Fault(f"{path}.rigid", f"{message}; rest = {rest:.6g}, or the bodies where they meet"))
+        elif abs(speed) > 1e-12:
+            message = f"a rigid joint whose sides begin to part at {speed:.6g} m/s"
+            faults.append(Fault(f"{path}.rigid", f"{message}; the same velocity for both"))
+    return faults
+
+
+def _find_overdamped(layout: Layout, accuracy: Accuracy, samplerate: float) -> list[Fault]:
+    """Dampers that are too strong to act outside of steps back in time."""
+    changed = {e.connection: e.damping for e in layout.scene.event if isinstance(e, ChangeEvent) and e.damping}
+    faults = []
+    for coordinates in layout.coordinates:
+        for item in coordinates.items:
+            name = layout.scene.connection[item.connection].name if item.connection is not None else None
+            damping = max(item.damping, changed.get(name) or 0.0 if name is not None else 0.0)
+            limit = 2 * MAX_DAMPING_OUTSIDE * samplerate / max(_mobility(item), 1e-300)
+            if damping > limit:
+                message = f"order {accuracy.order} has steps back in time, in which a damper would create energy"
+                remedy = f"at most {limit:.3g} kg/s here, or order = 2 and substeps"
+                faults.append(Fault(f"{item.path}.damping", f"{message}; {remedy}"))
+    return faults
+
+
+def _mobility(item: Coordinate) -> float:
+    """W = Φ·Φᵀ of a coordinate, 1/kg."""
+    return sum(float(np.sum(values**2)) for values in item.parts.values())

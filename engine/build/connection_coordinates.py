@@ -1,0 +1,222 @@
+"""The coordinates of connections: what each measures of the modes of its bodies, and the stiffness that they have
+(docs/design.md, "Connections").
+
+A spring has one: its extension. Ends of strings at one point of a body have two: the displacement y there, and the
+force w = Σ ωₙ·cₙ·aₙ of all strings that end there, for a string of modes aₙ with fixed ends holds
+
+    V = Σ ½·(ωₙ·aₙ + cₙ·y)² + T/(2L)·y²,   cₙ = ωₙ·μ·φₙ'(L)/βₙ²
+
+when its end is at y; with both ends moving, Σ ½·(ωₙ·aₙ + c⁰ₙ·y₀ + c¹ₙ·y₁)² + T/(2L)·(y₁ - y₀)².
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from engine.bodies import String
+from engine.bodies.body import ModalBody
+from engine.bodies.distributed import DistributedBody
+from engine.build.spring_compensation import compensate_step, stiffness_beside
+from engine.patch.scene import Scene
+from engine.patch.tables import ChangeEvent, EndConnection, SpringConnection
+
+REDUNDANT = 1e-9  # of a rigid joint: what is left of it beside others, below which they hold it already
+
+
+class Coordinate(NamedTuple):
+    """A coordinate of connections: Σ of a row over the modes of each of its bodies, less its rest."""
+
+    path: str  # in the patch
+    connection: int | None  # number of its connection
+    parts: dict[int, np.ndarray]  # by number of the body: its row [modes], 1/√kg; of w in N/(√kg·m)
+    stiffness: float = 0.0  # N/m
+    damping: float = 0.0  # kg/s
+    rest: float = 0.0  # m
+    is_rigid: bool = False
+    excess: float = 0.0  # m/N: compliance of its rows beyond that of its bodies (engine.build.spring_compensation)
+
+
+class Coordinates(NamedTuple):
+    """All coordinates of an island."""
+
+    items: list[Coordinate]
+    coupling: np.ndarray  # [items, items], N/m: of ends of strings
+
+
+def connected_pairs(scene: Scene, numbers: dict[str, int]) -> list[tuple[int, int]]:
+    """The numbers of bodies that connections join."""
+    used = used_connections(scene)
+    return [(numbers[c.body], numbers[c.on]) for k, c in enumerate(scene.connection) if k in used and c.on is not None]
+
+
+def used_connections(scene: Scene) -> set[int]:
+    """Numbers of the connections that are built: that amount to anything, now or by an event."""
+    changed = changed_connections(scene)
+    return {
+        k
+        for k, c in enumerate(scene.connection)
+        if isinstance(c, EndConnection) or c.rigid or c.stiffness or c.damping or c.name in changed
+    }
+
+
+def changed_connections(scene: Scene) -> set[str | None]:
+    """Names of connections that the score changes."""
+    return {e.connection for e in scene.event if isinstance(e, ChangeEvent) and e.connection is not None}
+
+
+def find_coordinates(
+    scene: Scene,
+    bodies: Sequence[ModalBody],
+    numbers: dict[str, int],
+    island_of: Sequence[int],
+    step: float | None,
+) -> list[Coordinates]:
+    """The coordinates of each island.
+
+    bodies, numbers: modes of the scene's bodies, and their numbers by name
+    island_of:       the island of each body
+    step:            s, what springs make up for; None: they do not
+    """
+    count = max(island_of) + 1
+    items: list[list[Coordinate]] = [[] for _ in range(count)]
+    for coordinate in [*_of_supports(scene, bodies), *_of_springs(scene, bodies, numbers)]:
+        if step is not None and not coordinate.damping and not coordinate.is_rigid:
+            coordinate = _compensated(scene, bodies, coordinate, step)
+        items[island_of[next(iter(coordinate.parts))]].append(coordinate)
+    ends = _StringEnds(scene, bodies, numbers)
+    found = []
+    for n in range(count):
+        more, coupling = ends.of_island(n, island_of)
+        kept = _drop_redundant(items[n])
+        found.append(Coordinates(kept + more, np.pad(coupling, ((len(kept), 0), (len(kept), 0)))))
+    return found
+
+
+def _compensated(scene: Scene, bodies: Sequence[ModalBody], coordinate: Coordinate, step: float) -> Coordinate:
+    """The coordinate of a plain spring, so that a step gives the right frequencies."""
+
+    def omega_of(body: int) -> np.ndarray | None:
+        return None if scene.body[body].IS_LUMPED else bodies[body].omega
+
+    parts, excess = compensate_step(coordinate.parts, coordinate.stiffness, omega_of, step)
+    stiffness = stiffness_beside(excess, coordinate.stiffness)
+    return coordinate._replace(parts=parts, stiffness=stiffness, excess=excess)
+
+
+def _drop_redundant(items: list[Coordinate]) -> list[Coordinate]:
+    """The coordinates without rigid ones that others hold already, whose part of the force nothing says."""
+    kept, held = list[Coordinate](), list[dict[int, np.ndarray]]()
+    for item in items:
+        if item.is_rigid:
+            left, size = dict(item.parts), _norm(item.parts)
+            for _ in range(2):  # once more, for what rounding has left
+                for row in held:
+                    share = sum(float(row[b] @ left[b]) for b in row if b in left)
+                    left = {b: left.get(b, np.zeros(1)) - share * row.get(b, np.zeros(1)) for b in left | row}
+            if _norm(left) <= REDUNDANT * size:
+                continue
+            length = _norm(left)
+            held.append({b: values / length for b, values in left.items()})
+        kept.append(item)
+    return kept
+
+
+def _norm(parts: dict[int, np.ndarray]) -> float:
+    return float(np.sqrt(sum(float(np.sum(values**2)) for values in parts.values())))
+
+
+def count_supports(body: Any) -> int:
+    """How many places supports hold a body at."""
+    supports = body.support if isinstance(body, DistributedBody) else []
+    return sum(len(body.split_positions(support.at)) for support in supports)
+
+
+def _of_supports(scene: Scene, bodies: Sequence[ModalBody]) -> Iterator[Coordinate]:
+    """Supports: springs and dampers to the ground."""
+    for b, body in enumerate(scene.body):
+        for j, support in enumerate(body.support if isinstance(body, DistributedBody) else ()):
+            places = body.split_positions(support.at)
+            if support.stiffness or support.damping:
+                for place in places:
+                    parts = {b: bodies[b].shape(place)}
+                    shares = support.stiffness / len(places), support.damping / len(places)
+                    yield Coordinate(f"body[{b}].support[{j}]", None, parts, *shares)
+
+
+def _of_springs(scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int]) -> Iterator[Coordinate]:
+    """Springs, dampers and rigid joints."""
+    used = used_connections(scene)
+    for k, c in enumerate(scene.connection):
+        if k in used and isinstance(c, SpringConnection):
+            parts = {numbers[c.body]: _shape(scene, bodies, numbers[c.body], c.at)}
+            if c.on is not None:
+                on = numbers[c.on]
+                parts[on] = parts.get(on, 0.0) - _shape(scene, bodies, on, c.on_at)
+            yield Coordinate(f"connection[{k}]", k, parts, c.stiffness, c.damping, c.rest, c.rigid)
+
+
+def _shape(scene: Scene, bodies: Sequence[ModalBody], number: int, at: Any) -> np.ndarray:
+    """Mode shapes of a body at the one place that a key gives."""
+    return bodies[number].shape(scene.body[number].split_positions(at)[0])
+
+
+class _StringEnds:
+    """The ends of strings that move, by the point of the body that carries them."""
+
+    def __init__(self, scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int]) -> None:
+        self.scene, self.bodies = scene, bodies
+        self.points: dict[tuple[int, str], list[tuple[int, int, float]]] = {}  # number of connection and string, end
+        for k, c in enumerate(scene.connection):
+            if isinstance(c, EndConnection):
+                point = numbers[c.on], repr(c.on_at)
+                self.points.setdefault(point, []).append((k, numbers[c.body], c.at))
+
+    def of_island(self, island: int, island_of: Sequence[int]) -> tuple[list[Coordinate], np.ndarray]:
+        """Two coordinates of each point of an island, w and y, and the stiffness that they have."""
+        points = [(on, ends) for (on, _), ends in self.points.items() if island_of[on] == island]
+        items: list[Coordinate] = []
+        coupling = np.zeros((2 * len(points), 2 * len(points)))
+        ends_of: dict[int, list[tuple[int, float]]] = {}  # of a string: the coordinate y, and which end
+        for n, (on, ends) in enumerate(points):
+            k = ends[0][0]
+            rows: dict[int, Any] = {}
+            for _, string, end in ends:
+                rows[string] = rows.get(string, 0.0) + self._row(string, end)
+                ends_of.setdefault(string, []).append((2 * n + 1, end))
+            shape = _shape(self.scene, self.bodies, on, self.scene.connection[k].on_at)
+            items += [Coordinate(f"connection[{k}]", k, rows), Coordinate(f"connection[{k}]", k, {on: shape})]
+            coupling[2 * n, 2 * n + 1] = coupling[2 * n + 1, 2 * n] = 1.0
+        for string, moving in ends_of.items():
+            for i, a in moving:
+                for j, b in moving:
+                    coupling[i, j] += end_stiffness(self.scene.body[string], self.bodies[string].omega, a, b)
+        return items, coupling
+
+    def _row(self, string: int, end: float) -> np.ndarray:
+        body = self.scene.body[string]
+        assert isinstance(body, String)
+        return body.end_row(self.bodies[string].omega, end)
+
+
+def end_stiffness(body: Any, omega: np.ndarray, a: float, b: float) -> float:
+    """The stiffness, N/m, that two ends a and b of a string, or one with itself, have in V: Σ cₙ·cₙ ± T/L."""
+    tension = float(body.tension_and_bending()[0] / body.length)
+    product = float(np.sum(body.end_row(omega, a) / omega * (body.end_row(omega, b) / omega)))
+    return product + (tension if a == b else -tension)
+
+
+def end_force_parts(
+    scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int], name: str, end: float
+) -> list[tuple[int, np.ndarray]]:
+    """The force of a string on its end (0 or 1), -∂V/∂y, as rows over the modes of bodies: its own, and those of the
+    bodies that its ends ride on [(number of the body, row [modes], N/(√kg·m))]."""
+    string = scene.body[numbers[name]]
+    assert isinstance(string, String)
+    omega = bodies[numbers[name]].omega
+    parts = [(numbers[name], -string.end_row(omega, end))]
+    for c in scene.connection:
+        if isinstance(c, EndConnection) and c.body == name:
+            on = numbers[c.on]
+            parts.append((on, -end_stiffness(string, omega, end, c.at) * _shape(scene, bodies, on, c.on_at)))
+    return parts

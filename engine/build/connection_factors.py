@@ -1,0 +1,39 @@
+"""The factors of connections in a step, when a scene is built; engine.kernel.connection_factors makes them again."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from engine.build.connection_coordinates import Coordinates
+
+
+class IslandFactors(NamedTuple):
+    """The connections of an island in a step."""
+
+    compliance: np.ndarray  # B [coordinates, coordinates]
+    per_extension: np.ndarray  # X
+    per_move: np.ndarray  # Y
+    kicks: np.ndarray  # t·rows [coordinates, modes]
+    drifts: np.ndarray  # v·rows
+
+    def reduce(self, shapes: np.ndarray, kick: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+        """The compliance [rows, rows] of points whose mode shapes are given, with what the connections hold, of that
+        without."""
+        moves = self.contact_moves(shapes, kick)
+        return np.asarray(matrix - moves.T @ self.per_move @ moves)
+
+    def contact_moves(self, shapes: np.ndarray, kick: np.ndarray) -> np.ndarray:
+        """How far forces at points move the coordinates [coordinates, rows], m/N."""
+        return np.asarray(self.drifts @ (shapes * kick).T)
+
+
+def find_factors(coordinates: Coordinates, compliance: np.ndarray, step_rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """X and Y of f = X·s + Y·g: (1 + D·B)·f = K·s + D·g with D = K/2 + R/h; and (B·f)ᵢ = (g + s)ᵢ where rigid."""
+    items, unit = coordinates.items, np.eye(len(coordinates.items))
+    rigid = np.array([item.is_rigid for item in items])
+    held = np.where(rigid, 1 / np.where(rigid, np.diag(compliance), 1.0), 0.0)
+    per_extension = coordinates.coupling + np.diag([item.stiffness for item in items] + held)
+    damping = np.diag([item.damping * step_rate for item in items])
+    per_move = np.where(rigid[:, None], np.diag(held), per_extension / 2 + damping)
+    matrix = np.where(rigid[:, None], 0.0, unit) + per_move @ compliance
+    return np.linalg.solve(matrix, per_extension), np.linalg.solve(matrix, per_move)

@@ -1,0 +1,184 @@
+"""Connections as the kernels read them: rows, compliance, and the factors of their forces
+(engine.kernel.connection_factors)."""
+
+import math
+
+import numpy as np
+
+from engine.build.connection_coordinates import Coordinates
+from engine.build.connection_factors import IslandFactors, find_factors
+from engine.build.layout import Layout
+from engine.build.mode_shape_rows import mode_shape_rows, row_coefficients
+from engine.kernel.codes import FLIGHT_FRAMES
+from engine.kernel.model import ConnectionCoefficients, Connections
+
+MAX_MODES_AT_REST = 400  # of an island under load, whose energy at rest is looked for
+
+
+def dense_rows(layout: Layout, island: int) -> np.ndarray:
+    """The rows of the coordinates of an island over all its modes [coordinates, modes]."""
+    items = layout.coordinates[island].items
+    rows = np.zeros((len(items), int(layout.islands.mode[island + 1] - layout.islands.mode[island])))
+    for row, item in zip(rows, items, strict=True):
+        for body, values in item.parts.items():
+            row[layout.local_modes(body)] = values
+    return rows
+
+
+def island_factors(
+    layout: Layout, island: int, kick: np.ndarray, drift: np.ndarray, step_rate: float
+) -> IslandFactors | None:
+    """The factors of an island's connections; None without any.
+
+    kick, drift: t and v of the modes of the island, s
+    step_rate:   one over the length of the step, 1/s; 0 if dampers act outside it
+    """
+    coordinates = layout.coordinates[island]
+    if not coordinates.items:
+        return None
+    rows = dense_rows(layout, island)
+    kicks, drifts = rows * kick, rows * drift
+    compliance = kicks @ drifts.T
+    return IslandFactors(compliance, *find_factors(coordinates, compliance, step_rate), kicks, drifts)
+
+
+def connection_coefficients(
+    layout: Layout, kick: np.ndarray, drift: np.ndarray, step_rate: float
+) -> ConnectionCoefficients | None:
+    """The coefficients of all connections of a layout; None without any."""
+    if not layout.connection_parts:
+        return None
+    begins = layout.islands.mode
+    values: list[list[np.ndarray]] = [[] for _ in range(5)]
+    for n in range(begins.size - 1):
+        inside = slice(begins[n], begins[n + 1])
+        factors = island_factors(layout, n, kick[inside], drift[inside], step_rate)
+        shapes = layout.island_contact_shapes(n)
+        empty = np.zeros((0, 0))
+        moves = factors.contact_moves(shapes, kick[inside]) if factors is not None else empty
+        matrices = factors[:3] if factors is not None else (empty, empty, empty)
+        contacts = (shapes * kick[inside]) @ (shapes * drift[inside]).T
+        for kept, matrix in zip(values, (*matrices, moves, contacts), strict=True):
+            kept.append(matrix.ravel())
+    compliance, per_extension, per_move, contact_moves, contact_compliance = map(np.concatenate, values)
+    items = [item for coordinates in layout.coordinates for item in coordinates.items]
+    rows = row_coefficients([row for row, _ in layout.connection_parts], kick, drift)
+    return ConnectionCoefficients(
+        rows=rows,
+        compliance=compliance,
+        force_per_extension=per_extension,
+        force_per_move=per_move,
+        step_rate=np.full(len(items), step_rate),
+        made_for_stiffness=np.array([item.stiffness for item in items]),
+        made_for_damping=np.array([item.damping for item in items]),
+        contact_moves=contact_moves,
+        contact_compliance=contact_compliance,
+    )
+
+
+def connections(layout: Layout, samplerate: float) -> Connections | None:
+    """The connections of a layout; None without any."""
+    if not layout.connection_parts:
+        return None
+    items = [item for coordinates in layout.coordinates for item in coordinates.items]
+    connected = np.ones(int(layout.islands.mode[-1]))
+    for b in layout.connected_body_numbers:
+        connected[layout.global_modes(b)] = 0.0
+    return Connections(
+        rows=mode_shape_rows([row for row, _ in layout.connection_parts]),
+        coordinate=np.array([number for _, number in layout.connection_parts], np.int64),
+        coupling=np.concatenate([c.coupling.ravel() for c in layout.coordinates]),
+        is_rigid=np.array([item.is_rigid for item in items], np.int64),
+        is_unconnected=connected,
+        contact_reach=contact_reach(layout, FLIGHT_FRAMES / samplerate),
+    )
+
+
+# --- how far what is connected can move contacts
+
+
+def contact_reach(layout: Layout, seconds: float) -> np.ndarray:
+    """How far each contact can close in so many seconds by what is connected, m, per √(2E) of it, √J [contacts].
+
+    A displacement Φ·q of energy E changes no faster than √(2E·ΣΦ²), and is no more than √(2E·C), C its static
+    compliance: by Cauchy and Schwarz, and whatever the springs of the connections are.
+    """
+    omega, begins, reach = layout.concatenate_modes("omega"), layout.islands.mode, []
+    for n in range(begins.size - 1):
+        shapes, inside = layout.island_contact_shapes(n), omega[begins[n] : begins[n + 1]]
+        if not layout.coordinates[n].items:
+            reach.append(np.zeros(len(shapes)))
+            continue
+        for b in layout.bodies_of_island(n):
+            if b not in layout.connected_body_numbers:
+                shapes[:, layout.local_modes(b)] = 0.0
+        limit = np.array([2 * math.sqrt(c) for c in _static_compliances(layout, n, shapes, inside)])
+        reach.append(np.minimum(seconds * np.sqrt(np.sum(shapes**2, axis=1)), limit.reshape(-1)))
+    return np.concatenate(reach)
+
+
+def _static_compliances(layout: Layout, island: int, shapes: np.ndarray, omega: np.ndarray) -> list[float]:
+    """Φ·H⁻¹·Φᵀ of mode shapes, H the stiffness of the modes with the ends of strings; infinite where a free mass has a
+    part in it."""
+    coupling = layout.coordinates[island].coupling
+    ends = np.flatnonzero(np.any(coupling != 0.0, axis=1))
+    rows, compliances = dense_rows(layout, island)[ends], []
+    free = omega == 0.0
+    give = 1 / np.where(free, 1.0, omega) ** 2
+    held = coupling[np.ix_(ends, ends)]
+    factor = np.linalg.solve(np.eye(ends.size) + held @ (rows * give) @ rows.T, held)
+    for phi in shapes:
+        if np.any(phi[free] != 0.0) or (ends.size and np.any(rows[:, free])):
+            compliances.append(math.inf)
+            continue
+        moved = (rows * give) @ phi
+        compliances.append(max(0.0, float(phi * give @ phi - moved @ factor @ moved)))
+    return compliances
+
+
+# --- at rest
+
+
+def lowest_energies(layout: Layout) -> np.ndarray:
+    """The energy of what is connected in each island when it is at rest, J [islands]: 0 without weight and without
+    springs under load; minus infinity where that is not worth finding."""
+    scene, omega = layout.scene, layout.concatenate_modes("omega")
+    weight, begins = -scene.gravity * layout.concatenate_modes("gravity_participation"), layout.islands.mode
+    lowest = []
+    for n, coordinates in enumerate(layout.coordinates):
+        inside = slice(begins[n], begins[n + 1])
+        mine = [
+            m for b in layout.bodies_of_island(n) if b in layout.connected_body_numbers for m in _indices(layout, b)
+        ]
+        load = weight[inside][mine]
+        if not coordinates.items or not (load.any() or any(item.rest for item in coordinates.items)):
+            lowest.append(0.0)
+        elif len(mine) > MAX_MODES_AT_REST:
+            lowest.append(-math.inf)
+        else:
+            lowest.append(_energy_at_rest(coordinates, dense_rows(layout, n)[:, mine], omega[inside][mine], load))
+    return np.array(lowest)
+
+
+def _indices(layout: Layout, body: int) -> range:
+    modes = layout.local_modes(body)
+    return range(modes.start, modes.stop)
+
+
+def _energy_at_rest(coordinates: Coordinates, rows: np.ndarray, omega: np.ndarray, load: np.ndarray) -> float:
+    """The least of ½q·ω²·q + ½s·K·s - load·q with s = rows·q - rest, and s = 0 where rigid, J; minus infinity if there
+    is none, as where something falls for ever."""
+    items, size = coordinates.items, omega.size
+    stiffness = coordinates.coupling + np.diag([item.stiffness for item in items])
+    rest, rigid = np.array([item.rest for item in items]), np.array([item.is_rigid for item in items])
+    held = rows[rigid]
+    matrix = np.zeros((size + len(held), size + len(held)))
+    matrix[:size, :size] = np.diag(omega**2) + rows.T @ stiffness @ rows
+    matrix[size:, :size], matrix[:size, size:] = held, held.T
+    pull = np.concatenate([load + rows.T @ stiffness @ rest, rest[rigid]])
+    solution, *_ = np.linalg.lstsq(matrix, pull, rcond=None)
+    if np.max(np.abs(matrix @ solution - pull)) > 1e-9 * np.max(np.abs(pull)):
+        return -math.inf
+    q = solution[:size]
+    s = rows @ q - rest
+    return float(0.5 * np.sum((omega * q) ** 2) + 0.5 * s @ stiffness @ s - load @ q)

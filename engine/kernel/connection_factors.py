@@ -1,0 +1,117 @@
+"""The factors of connections: what their forces are, per extension and per move (docs/design.md, "Connections").
+
+With K the stiffness of the coordinates of an island, R their damping, and B their compliance over a step of length h,
+
+    f = K·(s + η/2) + R·η/h,   η = g - B·f   ⇒   (1 + D·B)·f = K·s + D·g,   D = K/2 + R/h
+
+and where a coordinate is rigid, (B·f)ᵢ = (g + s)ᵢ instead. What contacts see is their own compliance, less what the
+connections hold: B_kk - B_kc·Y·B_ck.
+"""
+
+from engine.compiler.decorators import inline, noinline
+
+
+@inline
+def update_factors(connection, h, contact, state):
+    """Make the factors of a step again where the stiffness or the damping is not what they were made for.
+
+    h, contact: ConnectionCoefficients, and ContactCoefficients or None
+    """
+    joined = state.connection
+    for i in range(joined.extension.shape[0]):
+        if h.made_for_stiffness[i] != joined.stiffness[i] or h.made_for_damping[i] != joined.damping[i]:
+            make_factors(connection, h, joined)
+            reduce_contact_compliance(h, contact, joined.extension.shape[0])
+            return
+
+
+@noinline
+def make_factors(connection, h, joined):
+    """Make X and Y."""
+    n, x, y, matrix = joined.extension.shape[0], h.force_per_extension, h.force_per_move, joined.matrix
+    for i in range(n):
+        h.made_for_stiffness[i], h.made_for_damping[i] = joined.stiffness[i], joined.damping[i]
+        for j in range(n):
+            x[i * n + j] = connection.coupling[i * n + j]
+            y[i * n + j] = 0.5 * connection.coupling[i * n + j]
+        x[i * n + i] += joined.stiffness[i]
+        y[i * n + i] += 0.5 * joined.stiffness[i] + joined.damping[i] * h.step_rate[i]
+        if connection.is_rigid[i] != 0:
+            x[i * n + i] = y[i * n + i] = 1.0 / h.compliance[i * n + i]
+    for i in range(n):
+        for j in range(n):
+            total = 1.0 if i == j and connection.is_rigid[i] == 0 else 0.0
+            for k in range(n):
+                total += y[i * n + k] * h.compliance[k * n + j]
+            matrix[i * n + j] = total
+    eliminate(matrix, x, y, n)
+
+
+@noinline
+def eliminate(matrix, x, y, n):
+    """Solve matrix·X = x and matrix·Y = y [n, n] in their place, by Gauss and Jordan, with pivots."""
+    for c in range(n):
+        pivot = c
+        for i in range(c + 1, n):
+            if abs(matrix[i * n + c]) > abs(matrix[pivot * n + c]):
+                pivot = i
+        for j in range(n):
+            matrix[c * n + j], matrix[pivot * n + j] = matrix[pivot * n + j], matrix[c * n + j]
+            x[c * n + j], x[pivot * n + j] = x[pivot * n + j], x[c * n + j]
+            y[c * n + j], y[pivot * n + j] = y[pivot * n + j], y[c * n + j]
+        scale = 1.0 / matrix[c * n + c]
+        scale_row(matrix, c, n, scale)
+        scale_row(x, c, n, scale)
+        scale_row(y, c, n, scale)
+        for i in range(n):
+            factor = matrix[i * n + c]
+            if i != c and factor != 0.0:
+                subtract_row(matrix, i, c, n, factor)
+                subtract_row(x, i, c, n, factor)
+                subtract_row(y, i, c, n, factor)
+
+
+@inline
+def scale_row(matrix, i, n, factor):
+    """Multiply a row by a factor."""
+    for j in range(n):
+        matrix[i * n + j] *= factor
+
+
+@inline
+def subtract_row(matrix, i, j, n, factor):
+    """Subtract a multiple of row j from row i."""
+    for k in range(n):
+        matrix[i * n + k] -= factor * matrix[j * n + k]
+
+
+@inline
+def reduce_contact_compliance(h, contact, n):
+    """Make the compliance of contacts again, of which X and Y are those of h."""
+    if contact is not None:
+        contacts = contact.compliance.shape[0]
+        for k in range(contacts):
+            contact.compliance[k] = reduced_compliance(h, n, contacts, k, k)
+            contact.compliance_low[k] = 0.0
+        reduce_coupling(h, contact.coupling, n, contacts)
+
+
+@inline
+def reduce_coupling(h, coupling, n, contacts):
+    """The same for the compliance of each contact to the others; if there is one contact, none is kept."""
+    if coupling is not None:
+        for k in range(contacts):
+            for j in range(contacts):
+                coupling[k * contacts + j] = reduced_compliance(h, n, contacts, k, j)
+
+
+@noinline
+def reduced_compliance(h, n, contacts, k, j):
+    """How far a force at contact j moves contact k over the step, m/N."""
+    total = h.contact_compliance[k * contacts + j]
+    for a in range(n):
+        held = 0.0
+        for b in range(n):
+            held += h.force_per_move[a * n + b] * h.contact_moves[b * contacts + j]
+        total -= h.contact_moves[a * contacts + k] * held
+    return total

@@ -1,0 +1,89 @@
+"""Rules that only the whole patch can break, of connections: what they join, and what may change of them."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from pydantic_core import InitErrorDetails
+
+from engine.bodies import String
+from engine.bodies.table import KeyPath, is_given, is_number, make_fault
+from engine.patch.positions import check_positions, kind_of, tables_of
+from engine.wording import format_names, format_value
+
+Faults = Iterator[InitErrorDetails]
+
+
+def check_connections(data: dict[str, Any], bodies: dict[str, Any]) -> Faults:
+    """All faults of the connections of a document. bodies: its bodies by name"""
+    ends: set[tuple[Any, Any]] = set()
+    for i, table in tables_of(data, "connection"):
+        path: KeyPath = ("connection", i)
+        if table.get("kind", "spring") == "end":
+            yield from _check_end(path, table, bodies)
+            end = (table.get("body"), table.get("at"))
+            if end in ends:
+                yield make_fault(
+                    (*path, "at"), table.get("at"), "that end rides on something already", "one for each end"
+                )
+            ends.add(end)
+        elif table.get("kind", "spring") == "spring":
+            yield from _check_spring(path, table, bodies)
+
+
+def _check_end(path: KeyPath, table: dict[str, Any], bodies: dict[str, Any]) -> Faults:
+    """The end of a string rides on another body."""
+    string, at = bodies.get(str(table.get("body"))), table.get("at")
+    if string is not None and kind_of(string) is not None and kind_of(string) is not String:
+        message = f"{format_value(table['body'])} is a {string.get('kind')}, which has no ends"
+        yield make_fault((*path, "body"), table["body"], message, 'a string has; kind = "spring" joins other bodies')
+    if is_number(at) and at not in (0, 1):
+        yield make_fault((*path, "at"), at, f"{format_value(at)} is no end", "0 or 1")
+    if is_given(table, "on") and table["on"] == table.get("body"):
+        yield make_fault((*path, "on"), table["on"], "a string cannot carry its own end", "name another body")
+        return
+    yield from check_positions((*path, "on_at"), table, bodies.get(str(table.get("on"))), single=True)
+
+
+def _check_spring(path: KeyPath, table: dict[str, Any], bodies: dict[str, Any]) -> Faults:
+    """A spring holds two places, or a place and the ground, and is stiff, damped or rigid."""
+    rigid, on = table.get("rigid") is True, is_given(table, "on")
+    given = [key for key in ("stiffness", "damping") if is_given(table, key)]
+    if not rigid and not given:
+        yield make_fault(path, table, "it holds nothing", "give a stiffness in N/m, a damping in kg/s, or rigid = true")
+    if rigid and given:
+        message = f"rigid and {given[0]} given"
+        yield make_fault((*path, given[0]), table[given[0]], message, "what is rigid does not give: one of them")
+    body = bodies.get(str(table.get("body")))
+    yield from check_positions((*path, "at"), table, body, single=True)
+    if on:
+        yield from check_positions((*path, "on_at"), table, bodies.get(str(table["on"])), single=True)
+        if table["on"] == table.get("body") and table.get("at") == table.get("on_at"):
+            message = "it joins a place with itself"
+            yield make_fault((*path, "on"), table["on"], message, "another body, or another place on_at")
+    elif is_given(table, "on_at"):
+        yield make_fault((*path, "on_at"), table["on_at"], "on_at without on", "name the other body by on")
+
+
+def check_change_of_connection(path: KeyPath, event: dict[str, Any], connections: dict[str, Any]) -> Faults:
+    """An event changes what a spring has."""
+    for key in ("exponent", "barrier", "gap"):
+        if is_given(event, key):
+            remedy = "a connection has a stiffness, a damping and a rest"
+            yield make_fault((*path, key), event[key], f"a connection has no {key}", remedy)
+    if not any(is_given(event, key) for key in ("stiffness", "damping", "rest")):
+        yield make_fault(path, event, "nothing changes", "give a new stiffness, damping or rest")
+    connection = connections.get(str(event.get("connection")))
+    if connection is None:
+        message = f"no connection is named {format_value(event.get('connection'))}"
+        remedy = f"the named connections are {format_names(connections)}"
+        yield make_fault((*path, "connection"), event.get("connection"), message, remedy)
+    elif connection.get("rigid") is True or connection.get("kind") == "end":
+        what = "a rigid joint" if connection.get("rigid") is True else "the end of a string"
+        message = f"{format_value(event['connection'])} is {what}, of which nothing changes"
+        yield make_fault((*path, "connection"), event["connection"], message, "a spring may change")
+
+
+def find_rigid_joint(name: Any, data: dict[str, Any]) -> bool:
+    """Whether a rigid joint holds a body."""
+    joints = [table for _, table in tables_of(data, "connection") if table.get("rigid") is True]
+    return any(name in (table.get("body"), table.get("on")) for table in joints)

@@ -1,0 +1,44 @@
+"""Words that one may look for in a patch, and what the engine calls it."""
+
+JOIN = '[[connection]] joins bodies: a spring, a damper, rigid = true, or kind = "end" for the end of a string'
+END = '[[connection]] with kind = "end" lets the end of a string ride on a body'
+TOUCH = "bridge = { … } of a [[contact]] is one that the string buzzes on"
+
+# by the section that a key stands in, "" for a key or table of the patch itself
+KEYS: dict[str, dict[str, str]] = {
+    "": dict.fromkeys(("spring", "joint", "glue", "damper", "bond", "constraint", "connections", "coupling"), JOIN)
+    | dict.fromkeys(("bridge", "board", "soundboard", "end"), f"{END}; {TOUCH}"),
+    "body": dict.fromkeys(("spring", "springs", "glue", "joint", "connection", "damper", "rigid", "attach", "on"), JOIN)
+    | dict.fromkeys(("bridge", "board", "soundboard", "end", "termination"), f"{END}; {TOUCH}"),
+    "contact": dict.fromkeys(("glue", "joint", "rigid", "rest", "damping"), f"a contact only pushes; {JOIN}"),
+    "connection": {
+        **dict.fromkeys(("gap", "barrier"), "rest, m: how far the body is above the other where no force acts"),
+        **dict.fromkeys(("exponent", "loss"), "a connection is linear; a [[contact]] has an exponent and a loss"),
+        **dict.fromkeys(("glue", "joint", "fixed"), "rigid = true"),
+    },
+}
+END_KEYS = ("stiffness", "damping", "rigid", "rest")  # of connections, but not of ends
+
+# by section, what a kind may be meant by
+KINDS: dict[str, dict[str, str]] = {
+    "body": dict.fromkeys(("spring", "damper", "joint"), JOIN)
+    | {"bridge": f"{END}; {TOUCH}"}
+    | dict.fromkeys(
+        ("board", "soundboard"), 'kind = "plate", or measured "modes"; strings end on it by [[connection]]'
+    ),
+    "connection": dict.fromkeys(("glue", "rigid", "joint", "fixed", "weld"), 'kind = "spring" with rigid = true')
+    | {"damper": 'kind = "spring" with a damping', "dashpot": 'kind = "spring" with a damping'}
+    | dict.fromkeys(("bridge", "string_end"), 'kind = "end"'),
+}
+
+
+def explain_key(section: str, key: str, kinds: list[str]) -> str:
+    """What an unknown key is called here, or ""; kinds: of the table it stands in."""
+    if section == "connection" and kinds == ["end"] and key in END_KEYS:
+        return "an end has none: what holds it is its string"
+    return KEYS.get(section, {}).get(key.lower(), "")
+
+
+def explain_kind(section: str, kind: str) -> str:
+    """What an unknown kind is called here, or ""."""
+    return KINDS.get(section, {}).get(kind.lower(), "")

@@ -12,7 +12,7 @@ from bench.performance import pairs
 from bench.publish import compare, shipped
 
 MEASUREMENTS = {  # in this order
-    "performance": ["realtime", "instruments", "scaling", "effects", "start", "tricks", "live"],
+    "performance": ["realtime", "instruments", "scaling", "connections", "effects", "start", "tricks", "live"],
     "accuracy": ["price", "jvari", "metric", "hard"],
     "paper": ["newton", "figures"],
     "rivals": ["peers"],

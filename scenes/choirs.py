@@ -50,3 +50,12 @@ def choir(strings: int = 3, **more: Any) -> dict[str, Any]:
         "pickup": [{"body": "board", "at": "ear"}],
         **more,
     }
+
+
+def struck_choir(strings: int = 3, **more: Any) -> dict[str, Any]:
+    """The same, struck by one hammer."""
+    scene = choir(strings, **more)
+    scene["body"].append({"name": "hammer", "kind": "mass", "mass": 8.9e-3, "displacement": -1e-3, "velocity": 2.5})
+    felt = {"body": "hammer", "on_at": 0.12, "stiffness": 4.5e9, "exponent": 2.5}
+    scene["contact"] = [felt | {"on": f"string_{i}"} for i in range(strings)]
+    return scene

@@ -5,6 +5,9 @@ import os
 from pathlib import Path
 from typing import Any
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported: where tests share the
+# cores, eigenvalues take 40 times as long with more
+
 import numpy as np
 import pytest
 

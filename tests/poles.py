@@ -37,7 +37,7 @@ def engine_poles(scene, samplerate=SAMPLERATE, **accuracy):
 
 def exact_poles(scene, samplerate=SAMPLERATE):
     """Poles of q'' + 2σq' + ω²q = -Rᵀ(K·R·q + C·R·q'), R the rows of the connections."""
-    _, _, layout = build(scene, samplerate, scene.accuracy.replace(order=4))  # whose rows are those of the bodies
+    _, _, layout = build(scene, samplerate, scene.accuracy.replace(scheme="fdh"))  # its rows are those of the bodies
     omega, sigma = layout.concatenate_modes("omega"), layout.concatenate_modes("sigma")
     rows, items = dense_rows(layout, 0), layout.coordinates[0]
     stiffness = items.coupling + np.diag([item.stiffness for item in items.items])

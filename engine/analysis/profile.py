@@ -134,12 +134,12 @@ def _profile_island(layout: Layout, model: Model, state: State, n: int, mean: fl
     touching, asleep = state.contact_samples[n] / frames, state.sleep[n, Sleep.SAMPLES_SLEPT] / frames
     return IslandProfile(
         bodies=[layout.scene.body[b].name for b in bodies],
-        modes=int(model.islands.mode[n + 1] - model.islands.mode[n]),
+        modes=int(layout.mode_counts[n]),
         modes_dropped=sum(_modes_dropped(layout, b) for b in bodies),
         contacts=contacts,
         solver=SOLVER_NAMES.get(contacts, "vector"),
         activity=Activity(float(1 - touching - asleep), float(touching), float(asleep)),
-        ns_expected=float(estimate_cost(np.diff(layout.islands.mode), np.diff(layout.islands.contact))[n]),
+        ns_expected=float(estimate_cost(layout.mode_counts, np.diff(layout.islands.contact))[n]),
         ns_mean=float(mean),
         ns_busiest=float(worst),
     )

@@ -5,7 +5,8 @@ import math
 import numpy as np
 
 from engine.bodies.distributed import LineBody
-from engine.build.connection_coordinates import Coordinate, used_connections
+from engine.build.connection_coordinates import used_connections
+from engine.build.coordinates import Coordinate
 from engine.build.layout import Layout
 from engine.faults import BuildError, Fault
 from engine.patch.accuracy import Accuracy

@@ -9,39 +9,22 @@ force w = Σ ωₙ·cₙ·aₙ of all strings that end there, for a string of mo
 when its end is at y; with both ends moving, Σ ½·(ωₙ·aₙ + c⁰ₙ·y₀ + c¹ₙ·y₁)² + T/(2L)·(y₁ - y₀)².
 """
 
+import math
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from engine.bodies import String
 from engine.bodies.body import ModalBody
 from engine.bodies.distributed import DistributedBody
-from engine.build.spring_compensation import compensate_step, stiffness_beside
+from engine.build.coordinates import Coordinate, Coordinates
+from engine.build.spring_compensation import compensate_springs
 from engine.patch.scene import Scene
 from engine.patch.tables import ChangeEvent, EndConnection, SpringConnection
 
+SMALLEST_SINGULAR_VALUE = 1e-5  # of the largest: beyond, a share of 1e-10 of the stiffness of a support is left out
 REDUNDANT = 1e-9  # of a rigid joint: what is left of it beside others, below which they hold it already
-
-
-class Coordinate(NamedTuple):
-    """A coordinate of connections: Σ of a row over the modes of each of its bodies, less its rest."""
-
-    path: str  # in the patch
-    connection: int | None  # number of its connection
-    parts: dict[int, np.ndarray]  # by number of the body: its row [modes], 1/√kg; of w in N/(√kg·m)
-    stiffness: float = 0.0  # N/m
-    damping: float = 0.0  # kg/s
-    rest: float = 0.0  # m
-    is_rigid: bool = False
-    excess: float = 0.0  # m/N: compliance of its rows beyond that of its bodies (engine.build.spring_compensation)
-
-
-class Coordinates(NamedTuple):
-    """All coordinates of an island."""
-
-    items: list[Coordinate]
-    coupling: np.ndarray  # [items, items], N/m: of ends of strings
 
 
 def connected_pairs(scene: Scene, numbers: dict[str, int]) -> list[tuple[int, int]]:
@@ -81,27 +64,26 @@ def find_coordinates(
     count = max(island_of) + 1
     items: list[list[Coordinate]] = [[] for _ in range(count)]
     for coordinate in [*_of_supports(scene, bodies), *_of_springs(scene, bodies, numbers)]:
-        if step is not None and not coordinate.damping and not coordinate.is_rigid:
-            coordinate = _compensated(scene, bodies, coordinate, step)
         items[island_of[next(iter(coordinate.parts))]].append(coordinate)
     ends = _StringEnds(scene, bodies, numbers)
     found = []
     for n in range(count):
         more, coupling = ends.of_island(n, island_of)
         kept = _drop_redundant(items[n])
-        found.append(Coordinates(kept + more, np.pad(coupling, ((len(kept), 0), (len(kept), 0)))))
+        coordinates = Coordinates(kept + more, np.pad(coupling, ((len(kept), 0), (len(kept), 0))))
+        found.append(_compensated(scene, bodies, coordinates, step) if step is not None and kept else coordinates)
     return found
 
 
-def _compensated(scene: Scene, bodies: Sequence[ModalBody], coordinate: Coordinate, step: float) -> Coordinate:
-    """The coordinate of a plain spring, so that a step gives the right frequencies."""
+def _compensated(scene: Scene, bodies: Sequence[ModalBody], coordinates: Coordinates, step: float) -> Coordinates:
+    """Coordinates whose springs give the right frequencies; those that have a name may change."""
 
-    def omega_of(body: int) -> np.ndarray | None:
-        return None if scene.body[body].IS_LUMPED else bodies[body].omega
+    def omega_of(body: int) -> np.ndarray:
+        return np.zeros(1) if scene.body[body].IS_LUMPED else bodies[body].omega
 
-    parts, excess = compensate_step(coordinate.parts, coordinate.stiffness, omega_of, step)
-    stiffness = stiffness_beside(excess, coordinate.stiffness)
-    return coordinate._replace(parts=parts, stiffness=stiffness, excess=excess)
+    numbers = [item.connection for item in coordinates.items]
+    named = [n is not None and scene.connection[n].name is not None for n in numbers]
+    return compensate_springs(coordinates, named, omega_of, step)
 
 
 def _drop_redundant(items: list[Coordinate]) -> list[Coordinate]:
@@ -138,10 +120,15 @@ def _of_supports(scene: Scene, bodies: Sequence[ModalBody]) -> Iterator[Coordina
         for j, support in enumerate(body.support if isinstance(body, DistributedBody) else ()):
             places = body.split_positions(support.at)
             if support.stiffness or support.damping:
-                for place in places:
-                    parts = {b: bodies[b].shape(place)}
-                    shares = support.stiffness / len(places), support.damping / len(places)
-                    yield Coordinate(f"body[{b}].support[{j}]", None, parts, *shares)
+                for row in _independent_rows(np.array([bodies[b].shape(place) for place in places])):
+                    yield Coordinate(f"body[{b}].support[{j}]", None, {b: row}, support.stiffness, support.damping)
+
+
+def _independent_rows(rows: np.ndarray) -> np.ndarray:
+    """Rows for places that share a spring evenly, as few as move [rows, modes]: places close together move alike."""
+    _, singular, shapes = np.linalg.svd(rows / math.sqrt(len(rows)), full_matrices=False)
+    kept = singular > SMALLEST_SINGULAR_VALUE * singular[0]
+    return np.asarray(singular[kept, None] * shapes[kept])
 
 
 def _of_springs(scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int]) -> Iterator[Coordinate]:

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from engine.build.connection_coordinates import Coordinates
+from engine.build.coordinates import Coordinates
 
 
 class IslandFactors(NamedTuple):

@@ -5,8 +5,8 @@ import math
 
 import numpy as np
 
-from engine.build.connection_coordinates import Coordinates
 from engine.build.connection_factors import IslandFactors, find_factors
+from engine.build.coordinates import Coordinates
 from engine.build.layout import Layout
 from engine.build.mode_shape_rows import mode_shape_rows, row_coefficients
 from engine.kernel.codes import FLIGHT_FRAMES
@@ -56,7 +56,7 @@ def connection_coefficients(
         shapes = layout.island_contact_shapes(n)
         empty = np.zeros((0, 0))
         moves = factors.contact_moves(shapes, kick[inside]) if factors is not None else empty
-        matrices = factors[:3] if factors is not None else (empty, empty, empty)
+        matrices = factors[:3] if factors is not None else (empty,) * 3
         contacts = (shapes * kick[inside]) @ (shapes * drift[inside]).T
         for kept, matrix in zip(values, (*matrices, moves, contacts), strict=True):
             kept.append(matrix.ravel())

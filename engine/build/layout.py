@@ -8,17 +8,20 @@ import numpy as np
 
 from engine.bodies.body import ModalBody
 from engine.build.connection_coordinates import (
-    Coordinates,
     connected_pairs,
     end_force_parts,
     find_coordinates,
 )
 from engine.build.contact_basis import FEW_LINEAR_CONTACTS, BasisUse, truncate_shapes
 from engine.build.contact_points import ContactPoint, contact_points
+from engine.build.coordinates import Coordinates
 from engine.build.subsystems import connected_components, estimate_cost, partition_islands
+from engine.kernel.codes import LANES
 from engine.kernel.model import Islands
 from engine.patch.scene import Scene
 from engine.patch.tables import ChangeEvent, Contact, Force, Pickup, PluckEvent
+
+MIN_ALIGNED_MODES = 16  # of a connected body: from so many on, it begins and ends where vectors do
 
 
 class BodyPoint(NamedTuple):
@@ -188,7 +191,7 @@ class Layout:
         parts = []
         for coordinates in self.coordinates:
             rows = [
-                (ShapeRow(self.local_modes(body).start, self.global_modes(body).start, values), number)
+                (self._connection_row(body, values), number)
                 for number, item in enumerate(coordinates.items)
                 for body, values in item.parts.items()
             ]
@@ -201,6 +204,11 @@ class Layout:
         items = [item for coordinates in self.coordinates for item in coordinates.items]
         changed = any(isinstance(e, ChangeEvent) and e.damping for e in self.scene.event)
         return changed or bool(self.variable) or any(item.damping for item in items)
+
+    def _connection_row(self, body: int, values: np.ndarray) -> ShapeRow:
+        """A row of a connection over the modes of a body, and those of no body that fill its last vector."""
+        padded = np.pad(values, (0, self._room_of(body) - values.size))
+        return ShapeRow(self.local_modes(body).start, self.global_modes(body).start, padded)
 
     def bodies_of_island(self, island: int) -> list[int]:
         """The numbers of the scene's bodies in an island."""
@@ -232,7 +240,7 @@ class Layout:
             pickup=self._segment_begins(pickup.body for pickup, _ in self.pickup_points),
             body=body,
             free_mass=np.searchsorted(free, mode).astype(np.int64),
-            partition=partition_islands(estimate_cost(np.diff(mode), np.diff(contact))),
+            partition=partition_islands(estimate_cost(self.mode_counts, np.diff(contact))),
         )
 
     @cached_property
@@ -253,8 +261,35 @@ class Layout:
 
     @cached_property
     def _mode_begins(self) -> np.ndarray:
-        """First mode of each body, in the kernels' order, and the number of all modes."""
-        return np.cumsum([0] + [self.modal_bodies[b].omega.size for b in self.body_order]).astype(np.int64)
+        """First mode of each body, in the kernels' order, and the number of all modes.
+
+        Bodies of many modes that are connected begin, and end, where vectors of their island do: between them there may
+        be modes of no body, which nothing moves or hears.
+        """
+        begins, at, first, island = list[int](), 0, 0, -1
+        for b in self.body_order:
+            if self.island_of_body[b] != island:
+                island, first = self.island_of_body[b], at
+            at += -(at - first) % self._vector_of(b)
+            begins.append(at)
+            at += self._room_of(b)
+        return np.array([*begins, at], dtype=np.int64)
+
+    def _vector_of(self, number: int) -> int:
+        """How many modes of a body are taken at once where it has connections; 1 if it has few modes, or none."""
+        is_large = self.modal_bodies[number].omega.size >= MIN_ALIGNED_MODES
+        return LANES if is_large and number in self.connected_body_numbers else 1
+
+    def _room_of(self, number: int) -> int:
+        """How many modes there is room for from the first of a body on."""
+        size = self.modal_bodies[number].omega.size
+        return size + -size % self._vector_of(number)
+
+    @cached_property
+    def mode_counts(self) -> np.ndarray:
+        """How many modes the bodies of each island have [islands]."""
+        sizes = [body.omega.size for body in self.modal_bodies]
+        return np.bincount(self.island_of_body, sizes).astype(np.int64)
 
     @cached_property
     def _slot_of_body(self) -> dict[int, int]:
@@ -272,8 +307,17 @@ class Layout:
         return slice(modes.start - begin, modes.stop - begin)
 
     def concatenate_modes(self, field: str) -> np.ndarray:
-        """A field of the modal bodies, over all modes."""
-        return np.concatenate([getattr(self.modal_bodies[b], field) for b in self.body_order])
+        """A field of the modal bodies, over all modes; what is of no body is like the mode before it, at rest."""
+        values = np.zeros(int(self._mode_begins[-1]))
+        for slot, b in enumerate(self.body_order):
+            own = getattr(self.modal_bodies[b], field)
+            begin, end = self._mode_begins[slot : slot + 2]
+            values[begin : begin + own.size] = own
+            if field == "omega":
+                values[begin + own.size : end] = max(own[-1], 1.0)
+            elif field == "sigma":
+                values[begin + own.size : end] = own[-1]
+        return values
 
     def mode_shape(self, point: BodyPoint) -> np.ndarray:
         """The mode shapes of a body at a point, times the factor [modes], 1/√kg; empty without a body."""

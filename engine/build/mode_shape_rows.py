@@ -7,7 +7,7 @@ import numpy as np
 from engine.build.layout import ShapeRow
 from engine.kernel.model import ModeShapeRows, RowCoefficients
 
-SIMD_WIDTH = 4  # modes that the processor takes at once
+SIMD_WIDTH = 8  # modes that the processor takes at once
 
 
 def mode_shape_rows(rows: Sequence[ShapeRow]) -> ModeShapeRows:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from engine.bodies.body import ModalBody
-from engine.build.connection_coordinates import Coordinate
+from engine.build.coordinates import Coordinates
 from engine.build.layout import BodyPoint, Layout, acting_forces
 from engine.patch.scene import Scene
 from engine.patch.tables import ChangeEvent, EndConnection, StrikeEvent
@@ -47,7 +47,7 @@ def initial_reach(layout: Layout, contacts: Iterable[int]) -> dict[int, float]:
             reach[island] = math.inf
             continue
         energy = sum(float(np.sum(m.p**2 + (m.omega * m.q) ** 2)) / 2 for m in bodies)
-        energy += sum(_spring_energy(layout, item) for item in layout.coordinates[island].items)
+        energy += _spring_energy(layout, layout.coordinates[island])
         reach[island] = math.sqrt(2 * (energy + sum(initial_contact_energy(layout, k) for k in inside)))
     return reach
 
@@ -79,10 +79,12 @@ def static_compliance(layout: Layout, point: BodyPoint) -> float:
         return math.inf if np.any(omega[moved] == 0.0) else float(np.sum((phi[moved] / omega[moved]) ** 2))
 
 
-def _spring_energy(layout: Layout, item: Coordinate) -> float:
-    """Energy that a spring holds at time 0, J."""
-    s = sum(float(row @ layout.modal_bodies[body].q) for body, row in item.parts.items()) - item.rest
-    return 0.5 * item.stiffness * s * s
+def _spring_energy(layout: Layout, coordinates: Coordinates) -> float:
+    """Energy that the springs of an island hold at time 0, J."""
+    bodies, items = layout.modal_bodies, coordinates.items
+    s = np.array([sum(float(row @ bodies[b].q) for b, row in item.parts.items()) - item.rest for item in items])
+    stiffness = coordinates.coupling + np.diag([item.stiffness for item in items])
+    return float(0.5 * s @ stiffness @ s)
 
 
 def initial_contact_energy(layout: Layout, k: int) -> float:

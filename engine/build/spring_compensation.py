@@ -3,39 +3,96 @@
 A force that is constant over a step, and follows from the mean of the extensions at its ends, meets a compliance that
 is too small at high frequencies: by the factor 1 - θ²/6 to leading order, θ = ωh, whatever mode gives it. With the mode
 shapes γₙ·Φₙ in place of Φₙ, γₙ² = θₙ/sin θₙ, each mode gives what it should at its own frequency, and all of them a
-constant too much, C₀ = Σ (γₙ² - 1)·Φₙ²/ωₙ². That is taken from the compliance of the spring: 1/k → 1/k - C₀. What holds
-harder than that is made up for in part.
+constant too much: between springs i and j, C_ij = Σ (γₙ² - 1)·Φᵢ·Φⱼ/ωₙ². That is taken from the compliance of the
+springs: K⁻¹ → K⁻¹ - C. What holds harder than that is made up for in part; and what stands beside a damper, a rigid
+joint or a spring that may change is not.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
+from engine.build.coordinates import Coordinate, Coordinates
+
 MAX_GAIN = 2.2  # γ²: that of 14 kHz at 44.1 kHz; what is higher gives almost the same at every frequency that is heard
-MAX_SHARE = 0.75  # of the compliance of the spring that may be taken from it
-MAX_SHARE_LATER = 0.95  # the same where an event makes it harder
+MAX_SHARE = 0.75  # of the compliance of springs that may be taken from it
+MAX_SHARE_LATER = 0.95  # the same where an event makes one harder
+MAX_OVERLAP = 0.1  # of what two coordinates have too much, as a share: beyond, they stand beside each other
 
 
-def compensate_step(
-    parts: dict[int, np.ndarray], stiffness: float, omega_of: Callable[[int], np.ndarray | None], step: float
-) -> tuple[dict[int, np.ndarray], float]:
-    """Rows of bodies for a spring of a stiffness (N/m) between them, so that a step of so many seconds gives the right
-    frequencies; and how much compliance they have too much, m/N.
+class _Rows(NamedTuple):
+    """The rows of coordinates over the modes of all their bodies."""
 
-    parts:    the mode shapes at its ends, by number of the body
-    omega_of: angular frequencies of a body, rad/s; None if its row is to stay as it is
+    modes: dict[int, slice]  # by number of the body
+    shapes: np.ndarray  # [coordinates, modes], 1/√kg
+    give: np.ndarray  # 1/ω² [modes], s²
+    gain: np.ndarray  # γ² - 1 [modes]
+
+    def scaled(self, share: np.ndarray) -> np.ndarray:
+        """The rows with a share of the gain for each."""
+        return np.asarray(self.shapes * np.sqrt(1 + share[:, None] * self.gain))
+
+    def excess(self, share: np.ndarray) -> np.ndarray:
+        """The compliance that they have too much then [coordinates, coordinates], m/N."""
+        scaled = self.scaled(share)
+        return np.asarray((scaled * self.give) @ scaled.T - (self.shapes * self.give) @ self.shapes.T)
+
+
+def compensate_springs(
+    coordinates: Coordinates, may_change: Sequence[bool], omega_of: Callable[[int], np.ndarray], step: float
+) -> Coordinates:
+    """The coordinates of an island, whose plain springs give the right frequencies in a step of so many seconds.
+
+    may_change: whether an event may change each
+    omega_of:   angular frequencies of a body, rad/s; 0 of modes whose shapes are to stay as they are
     """
-    gains, excess = dict[int, np.ndarray](), 0.0
-    for body, row in parts.items():
-        omega = omega_of(body)
-        if omega is not None and np.all(omega > 0.0):
-            angle = np.minimum(omega * step, 3.0)
-            gains[body] = np.minimum(angle / np.sin(angle), MAX_GAIN) - 1
-            excess += float(np.sum(gains[body] * (row / omega) ** 2))
-    share = min(1.0, MAX_SHARE / max(stiffness * excess, MAX_SHARE))
-    return {b: row * np.sqrt(1 + share * gains[b]) if b in gains else row for b, row in parts.items()}, share * excess
+    items = coordinates.items
+    rows, alone = _rows(items, omega_of, step), np.array(may_change, dtype=bool)
+    damped = np.array([bool(c.damping) or c.is_rigid for c in items])
+    plain = (np.array([c.stiffness > 0.0 for c in items]) | alone) & ~damped
+    whole = rows.excess(np.ones(len(items)))
+    limit = MAX_OVERLAP * np.sqrt(np.outer(np.diag(whole), np.diag(whole)))
+    beside = (np.abs(whole) > limit) & ~np.eye(len(items), dtype=bool)
+    together = plain & ~alone
+    chosen = plain & ~np.any(beside & ~np.outer(together, together), axis=1)
+    stiffness = np.array([c.stiffness for c in items])
+    share = np.where(chosen, np.minimum(1.0, MAX_SHARE / np.maximum(stiffness * np.diag(whole), MAX_SHARE)), 0.0)
+    joint = np.flatnonzero(chosen & together)
+    root = np.sqrt(stiffness[joint])
+    for _ in range(3):
+        excess = rows.excess(share)[np.ix_(joint, joint)]
+        taken = float(np.max(np.linalg.eigvalsh(root[:, None] * excess * root), initial=0.0))
+        share[joint] *= min(1.0, MAX_SHARE / max(taken, MAX_SHARE))
+    excess, scaled = rows.excess(share), rows.scaled(share)
+    coupling = coordinates.coupling.copy()
+    if joint.size:
+        held = root[:, None] * excess[np.ix_(joint, joint)] * root
+        coupling[np.ix_(joint, joint)] = root[:, None] * np.linalg.inv(np.eye(joint.size) - held) * root
+    changed = []
+    for i, item in enumerate(items):
+        parts = {b: scaled[i, modes] for b, modes in rows.modes.items() if b in item.parts}
+        more = float(excess[i, i])
+        own = 0.0 if i in joint else stiffness_beside(more, item.stiffness)
+        changed.append(item._replace(parts=parts, stiffness=own, excess=more))
+    return Coordinates(changed, coupling)
 
 
 def stiffness_beside(excess: float, stiffness: float) -> float:
     """The stiffness (N/m) that, with so much compliance of its rows beyond the right one (m/N), is as this one."""
     return stiffness / (1 - min(stiffness * excess, MAX_SHARE_LATER))
+
+
+def _rows(items: Sequence[Coordinate], omega_of: Callable[[int], np.ndarray], step: float) -> _Rows:
+    """The rows of coordinates, with their gains."""
+    bodies = sorted({b for item in items for b in item.parts})
+    omega = [omega_of(b) for b in bodies]
+    empty = {b: np.zeros(w.size) for b, w in zip(bodies, omega, strict=True)}
+    shapes = [np.concatenate([item.parts.get(b, empty[b]) for b in bodies]) for item in items]
+    all_omega = np.concatenate(omega)
+    angle = np.minimum(all_omega * step, 3.0)
+    moving = np.where(all_omega > 0.0, all_omega, 1.0)
+    gain = np.where(all_omega > 0.0, np.minimum(angle / np.sin(np.where(angle > 0.0, angle, 1.0)), MAX_GAIN) - 1, 0.0)
+    ends = np.cumsum([0] + [w.size for w in omega]).tolist()
+    modes = {b: slice(*ends[n : n + 2]) for n, b in enumerate(bodies)}
+    return _Rows(modes, np.array(shapes), np.where(all_omega > 0.0, 1 / moving**2, 0.0), gain)

@@ -38,20 +38,26 @@ def connected_step(connection, weight, h, state):
         for r in range(connection.coordinate.shape[0]):
             joined.free_move[connection.coordinate[r]] += move_at_part(connection, weight, h, r, state)
     solve_connections(h.connection, joined)
-    for i in range(joined.free_move.shape[0]):
-        joined.free_move[i] = joined.move[i] = 0.0
-    lost, begin, r, parts = 0.0, INT64_0, INT64_0, connection.coordinate.shape[0]
+    for i in range(joined.force.shape[0]):
+        store_lanes(joined.lanes[i], INT64_0, splat(0.0))
+        store_lanes(joined.lanes[i], LANES, splat(0.0))
+    total, begin, r, parts = splat(0.0), INT64_0, INT64_0, connection.coordinate.shape[0]
     while r < parts:
         first, end = np.int64(connection.rows.mode_begin[r]), np.int64(connection.rows.mode_end[r])
         count = INT64_1
         while r + count < parts and connection.rows.mode_begin[r + count] == first:
             count += 1
-        lost += step_free_modes(weight, h, begin, first, state)
-        lost += step_connected_modes(connection, weight, h, (r, count), state)
+        if begin < first:
+            total = total + step_free_modes(weight, h, begin, first, state)
+        total = total + step_connected_modes(connection, weight, h, (r, count), state)
         begin, r = end, r + count
-    lost += step_free_modes(weight, h, begin, state.p.shape[0], state)
+    if begin < state.p.shape[0]:
+        total = total + step_free_modes(weight, h, begin, state.p.shape[0], state)
+    for i in range(joined.force.shape[0]):
+        joined.move[i] = lane_sum(load_lanes(joined.lanes[i], INT64_0))
+        joined.free_move[i] = lane_sum(load_lanes(joined.lanes[i], LANES))
     joined.is_move_known[0] = 1
-    lost += finish_connections(connection, h, state)
+    lost = lane_sum(total) + finish_connections(connection, h, state)
     return StepOutcome(FALSE, INT64_0, lost, 0.0)
 
 
@@ -66,9 +72,12 @@ def step_mode(weight, h, compensation, push, m, q, p):
     half, lost_first = begin_step_mode(h, weight, compensation, m, x, number_at(p, m))
     half = kick_by_force(push, half)
     moved, left, lost_later = end_step_mode_pushed(h, push, weight, compensation, m, x, half)
+    coming = coming_momentum(
+        weight, h, compensation, m, moved, left
+    )  # before q and p are written, or all is read again
     put_number(q, m, moved)
     put_number(p, m, left)
-    return lost_first + lost_later, half, coming_momentum(weight, h, compensation, m, moved, left)
+    return lost_first + lost_later, half, coming
 
 
 @inline
@@ -107,19 +116,19 @@ def move_at_part(connection, weight, h, r, state):
 
 @inline
 def step_free_modes(weight, h, begin, end, state):
-    """A step of modes begin:end, which nothing is connected to. Returns the energy lost."""
+    """A step of modes begin:end, which nothing is connected to. Returns the energy lost, in lanes."""
     total, whole, kept = splat(0.0), begin + lanes_of(end - begin), state.kick_compensation
     for m in range(begin, whole, LANES):
         total = total + step_mode(weight, h, kept, None, EightFrom(m), state.q, state.p)[0]
     if whole < end:
         total = total + step_mode(weight, h, kept, None, FewFrom(whole, end - whole), state.q, state.p)[0]
-    return lane_sum(total)
+    return total
 
 
 @inline
 def step_connected_modes(connection, weight, h, parts, state):
-    """A step of the modes of a body that connections hold; what they add to the coming moves goes into `free_move`.
-    Returns the energy lost.
+    """A step of the modes of a body that connections hold; what they move these by, and will, is added to the lanes of
+    each. Returns the energy lost, in lanes.
 
     parts: the first of the body, and how many it has
     """
@@ -143,30 +152,36 @@ def step_modes_of_one_part(connection, weight, h, r, state):
     """As `step_connected_modes`, of a body with one part."""
     first, row = np.int64(connection.rows.mode_begin[r]), np.int64(connection.rows.offset[r])
     count, i = np.int64(connection.rows.mode_end[r]) - first, connection.coordinate[r]
-    f, whole, zeros, drift = -state.connection.force[i], lanes_of(count), splat(0.0), h.connection.rows.drift_phi
-    sums = zeros, zeros, zeros
+    f, whole, total, drift = -state.connection.force[i], lanes_of(count), splat(0.0), h.connection.rows.drift_phi
+    moves = begin_sums(state.connection, i)
     for k in range(INT64_0, whole, LANES):
         stepped = step_at_one_part(weight, h, EightFrom(row + k), f, EightFrom(first + k), state)
-        sums = add_step(sums, stepped, load_lanes(drift, row + k))
+        total, moves = total + stepped[0], add_step(moves, stepped, load_lanes(drift, row + k))
     if whole < count:
         at, m = FewFrom(row + whole, count - whole), FewFrom(first + whole, count - whole)
-        sums = add_step(sums, step_at_one_part(weight, h, at, f, m, state), number_at(drift, at))
-    add_moves(state.connection, i, sums[1], sums[2])
-    return lane_sum(sums[0])
+        stepped = step_at_one_part(weight, h, at, f, m, state)
+        total, moves = total + stepped[0], add_step(moves, stepped, number_at(drift, at))
+    keep_sums(state.connection, i, moves)
+    return total
+
+
+@inline
+def begin_sums(joined, i):
+    """What coordinate i is moved by and will be moved by, so far, in lanes."""
+    return load_lanes(joined.lanes[i], INT64_0), load_lanes(joined.lanes[i], LANES)
 
 
 @inline
 def add_step(sums, stepped, drift_phi):
-    """Add to sums of energies lost, of moves and of moves to come what modes did whose v·Φ are given."""
-    (total, moves, coming_moves), (lost, half, coming) = sums, stepped
-    return total + lost, multiply_add(drift_phi, half, moves), multiply_add(drift_phi, coming, coming_moves)
+    """Add what modes did, and will do, whose v·Φ are given."""
+    return multiply_add(drift_phi, stepped[1], sums[0]), multiply_add(drift_phi, stepped[2], sums[1])
 
 
 @inline
-def add_moves(joined, i, moves, coming_moves):
-    """Add what eight lanes moved coordinate i by, and will move it by."""
-    joined.move[i] += lane_sum(moves)
-    joined.free_move[i] += lane_sum(coming_moves)
+def keep_sums(joined, i, sums):
+    """Put the sums of coordinate i back."""
+    store_lanes(joined.lanes[i], INT64_0, sums[0])
+    store_lanes(joined.lanes[i], LANES, sums[1])
 
 
 @inline
@@ -183,26 +198,22 @@ def step_modes_of_two_parts(connection, weight, h, r, state):
     first, a = np.int64(connection.rows.mode_begin[r]), np.int64(connection.rows.offset[r])
     b, count = np.int64(connection.rows.offset[r + 1]), np.int64(connection.rows.mode_end[r]) - first
     i, j, joined = connection.coordinate[r], connection.coordinate[r + 1], state.connection
-    forces, whole, zeros, drift = (-joined.force[i], -joined.force[j]), lanes_of(count), splat(0.0), h.connection.rows
-    drift, sums, others = drift.drift_phi, (zeros, zeros, zeros), (zeros, zeros, zeros)
+    forces, whole, total, drift = (-joined.force[i], -joined.force[j]), lanes_of(count), splat(0.0), h.connection.rows
+    drift, moves, others = drift.drift_phi, begin_sums(joined, i), begin_sums(joined, j)
     for k in range(INT64_0, whole, LANES):
         rows = EightFrom(a + k), EightFrom(b + k)
         stepped = step_at_two_parts(weight, h, rows, forces, EightFrom(first + k), state)
-        sums, others = (
-            add_step(sums, stepped, number_at(drift, rows[0])),
-            add_step(others, stepped, number_at(drift, rows[1])),
-        )
+        total, moves = total + stepped[0], add_step(moves, stepped, number_at(drift, rows[0]))
+        others = add_step(others, stepped, number_at(drift, rows[1]))
     if whole < count:
         rest = count - whole
         few = FewFrom(a + whole, rest), FewFrom(b + whole, rest)
         stepped = step_at_two_parts(weight, h, few, forces, FewFrom(first + whole, rest), state)
-        sums, others = (
-            add_step(sums, stepped, number_at(drift, few[0])),
-            add_step(others, stepped, number_at(drift, few[1])),
-        )
-    add_moves(joined, i, sums[1], sums[2])
-    add_moves(joined, j, others[1], others[2])
-    return lane_sum(sums[0])
+        total, moves = total + stepped[0], add_step(moves, stepped, number_at(drift, few[0]))
+        others = add_step(others, stepped, number_at(drift, few[1]))
+    keep_sums(joined, i, moves)
+    keep_sums(joined, j, others)
+    return total
 
 
 @noinline
@@ -211,25 +222,17 @@ def step_modes_of_many_parts(connection, weight, h, parts, state):
     (r, count), rows, joined = parts, connection.rows, state.connection
     first = np.int64(rows.mode_begin[r])
     size, total = np.int64(rows.mode_end[r]) - first, splat(0.0)
-    for n in range(r, r + count):
-        store_lanes(joined.lanes[n], INT64_0, splat(0.0))
-        store_lanes(joined.lanes[n], LANES, splat(0.0))
     for k in range(INT64_0, size, LANES):
         rest, push = min(size - k, LANES), splat(0.0)
         for n in range(r, r + count):
             kick = number_at(h.connection.rows.kick_phi, FewFrom(np.int64(rows.offset[n]) + k, rest))
             push = push - kick * joined.force[connection.coordinate[n]]
         m = FewFrom(first + k, rest)
-        lost, half, coming = step_mode(weight, h, state.kick_compensation, push, m, state.q, state.p)
-        total = total + lost
+        stepped = step_mode(weight, h, state.kick_compensation, push, m, state.q, state.p)
+        total = total + stepped[0]
         for n in range(r, r + count):
-            drift, sums = (
-                number_at(h.connection.rows.drift_phi, FewFrom(np.int64(rows.offset[n]) + k, rest)),
-                joined.lanes[n],
+            drift, i = FewFrom(np.int64(rows.offset[n]) + k, rest), connection.coordinate[n]
+            keep_sums(
+                joined, i, add_step(begin_sums(joined, i), stepped, number_at(h.connection.rows.drift_phi, drift))
             )
-            store_lanes(sums, INT64_0, multiply_add(drift, half, load_lanes(sums, INT64_0)))
-            store_lanes(sums, LANES, multiply_add(drift, coming, load_lanes(sums, LANES)))
-    for n in range(r, r + count):
-        sums = joined.lanes[n]
-        add_moves(joined, connection.coordinate[n], load_lanes(sums, INT64_0), load_lanes(sums, LANES))
-    return lane_sum(total)
+    return total

@@ -10,7 +10,14 @@ import math
 
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.kernel.connection_factors import update_factors
-from engine.kernel.rows import kick_at_row, project, project_drift
+from engine.kernel.rows import (
+    drifts_of_same_modes,
+    kick_at_row,
+    kick_at_rows_of_same_modes,
+    project,
+    project_drift,
+    rows_of_same_modes,
+)
 
 
 @inline
@@ -53,17 +60,43 @@ def project_moves(connection, h, p, moves):
     """How the coming drift changes each extension, m, into `moves`."""
     for i in range(moves.shape[0]):
         moves[i] = 0.0
-    for r in range(connection.coordinate.shape[0]):
-        moves[connection.coordinate[r]] += project_drift(connection.rows, h.rows, r, p)
+    r, total, of = INT64_0, connection.coordinate.shape[0], connection.coordinate
+    while r < total:
+        count = rows_of_same_modes(connection.rows, r, total)
+        if count == 1:
+            moves[of[r]] += project_drift(connection.rows, h.rows, r, p)
+        else:
+            a, b, c, d = drifts_of_same_modes(connection.rows, h.rows, r, count, p)
+            moves[of[r]] += a
+            moves[of[r + 1]] += b
+            if count > 2:
+                moves[of[r + 2]] += c
+            if count > 3:
+                moves[of[r + 3]] += d
+        r += count
+
+
+@inline
+def kick_by_forces(connection, h, forces, p):
+    """Half a kick by forces at all coordinates, N."""
+    r, total, of = INT64_0, connection.coordinate.shape[0], connection.coordinate
+    while r < total:
+        count = rows_of_same_modes(connection.rows, r, total)
+        if count == 1:
+            kick_at_row(connection.rows, h.rows, r, -forces[of[r]], p)
+        else:
+            c = -forces[of[r + 2]] if count > 2 else 0.0
+            d = -forces[of[r + 3]] if count > 3 else 0.0
+            four = -forces[of[r]], -forces[of[r + 1]], c, d
+            kick_at_rows_of_same_modes(connection.rows, h.rows, r, count, four, p)
+        r += count
 
 
 @inline
 def push_by_connections(connection, h, state):
     """Half a kick by all connections."""
     if connection is not None:
-        for r in range(connection.coordinate.shape[0]):
-            f = state.connection.force[connection.coordinate[r]]
-            kick_at_row(connection.rows, h.connection.rows, r, -f, state.p)
+        kick_by_forces(connection, h.connection, state.connection.force, state.p)
 
 
 @inline
@@ -88,26 +121,36 @@ def begin_connections(connection, h, state):
 
 
 @inline
+def answer_contact(connection, h, state, k, f):
+    """After the first half-kick of contact k alone, by a force f: let the connections answer what it moves."""
+    if connection is not None:
+        joined, contacts = state.connection, state.compression.shape[0]
+        for i in range(joined.move.shape[0]):
+            joined.move[i] = -h.connection.contact_moves[i * contacts + k] * f
+        answer(connection, h.connection, joined, state.p)
+
+
+@inline
 def answer_contacts(connection, h, state):
-    """After the first half-kick of contacts: let the connections answer what these move."""
+    """As `answer_contact`, of all contacts by their forces."""
     if connection is not None:
         if state.connection.extension.shape[0] > 0:
-            answer(connection, h.connection, state.connection, state.p)
+            joined, contacts = state.connection, state.compression.shape[0]
+            for i in range(joined.move.shape[0]):
+                moved = 0.0
+                for k in range(contacts):
+                    moved += h.connection.contact_moves[i * contacts + k] * state.contact_force[k]
+                joined.move[i] = -moved
+            answer(connection, h.connection, joined, state.p)
 
 
-@noinline
+@inline
 def answer(connection, h, joined, p):
-    """As `answer_contacts`: by the forces that there are, each connection ought to move by g - B·f. By as much as the
-    bodies would move it further, times Y, its force changes."""
-    further, n = joined.move, joined.move.shape[0]
-    project_moves(connection, h, p, further)
-    for i in range(n):
-        further[i] -= joined.free_move[i] - product_at(h.compliance, i, joined.force)
-    for i in range(n):
-        joined.free_move[i] = product_at(h.force_per_move, i, further)
-    for r in range(connection.coordinate.shape[0]):
-        kick_at_row(connection.rows, h.rows, r, -joined.free_move[connection.coordinate[r]], p)
-    for i in range(n):
+    """The forces of connections change by Y times `move`, by which the bodies would move them further; and kick."""
+    for i in range(joined.move.shape[0]):
+        joined.free_move[i] = product_at(h.force_per_move, i, joined.move)
+    kick_by_forces(connection, h, joined.free_move, p)
+    for i in range(joined.move.shape[0]):
         joined.force[i] += joined.free_move[i]
 
 
@@ -130,7 +173,7 @@ def hold_connections(connection, state):
 def finish_connections(connection, h, state):
     """Give each connection its new extension. Returns the energy that dampers have taken, J.
 
-    The moves are measured: what rounding made of B·f would have the same sign in each step, and add up.
+    The moves are measured: what rounding made of g - B·f would have the same sign in each step, and add up.
     """
     lost = 0.0
     if connection is not None:

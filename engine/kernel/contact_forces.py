@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.kernel.codes import Row, SolveStatus
-from engine.kernel.connections import answer_contacts
+from engine.kernel.connections import answer_contact, answer_contacts
 from engine.kernel.contacts import (
     apply_contact_force,
     apply_contact_forces,
@@ -92,7 +92,7 @@ def use_single_solution(contact, connection, step, state, k, solution):
     if status == SolveStatus.FAILED:
         return ContactSolution(status, evaluations, 0.0, 0.0)
     apply_contact_force(contact, contact.other_rows, h, k, f, state.p)
-    answer_contacts(connection, step, state)
+    answer_contact(connection, step, state, k, f)
     s = state.compression[k]
     if not cancels(h, k, s, eta, f):
         return ContactSolution(status, evaluations, store_single_solution(contact, h, state, k, solution), 0.0)

@@ -99,7 +99,15 @@ def end_step_mode_pushed(h, push, weight, compensation, m, q, p):
     p = kick_by_spring(h.spring_kick, m, q, p)
     p = kick_by_force(push, kick_by_weight(weight, compensation, h.kick, m, p))
     p, lost = apply_loss(h.loss, m, p)
-    return q, p, lost + dragged
+    return q, p, add_drag(h.drag, lost, dragged)
+
+
+@inline
+def add_drag(drag, lost, dragged):
+    """The energy lost at the end of a step and in its drift."""
+    if drag is None:
+        return lost
+    return lost + dragged
 
 
 @inline

@@ -42,9 +42,9 @@ def rows_of_same_modes(rows, r, total):
 
 
 @inline
-def add_drifts_of_same_modes(rows, coefficients, r, count, p, moves):
-    """Add to `moves` the displacements, m, at two to four rows from r on that the coming drift brings: each momentum is
-    read once for all of them. Of fewer than four, the last stands for the missing ones."""
+def drifts_of_same_modes(rows, coefficients, r, count, p):
+    """The displacements, m, at two to four rows from r on that the coming drift brings: each momentum is read once for
+    all of them. Of fewer than four, the last stands for the missing ones."""
     of, begin = coefficients.drift_phi, np.int64(rows.mode_begin[r])
     modes, last = rows.mode_end[r] - begin, r + count - 1
     i, j = np.int64(rows.offset[r]), np.int64(rows.offset[r + 1])
@@ -64,6 +64,13 @@ def add_drifts_of_same_modes(rows, coefficients, r, count, p, moves):
         f += of[j + m] * x
         g += of[k + m] * x
         h += of[n + m] * x
+    return e, f, g, h
+
+
+@inline
+def add_drifts_of_same_modes(rows, coefficients, r, count, p, moves):
+    """Add the same to `moves`."""
+    e, f, g, h = drifts_of_same_modes(rows, coefficients, r, count, p)
     moves[r] += e
     moves[r + 1] += f
     if count > 2:
@@ -96,6 +103,18 @@ def kick_at_row(rows, coefficients, r, f, p):
     a, b = coefficients.kick_phi[offset : offset + (end - begin)], p[begin:end]
     for m in range(b.shape[0]):
         b[m] += a[m] * f
+
+
+@inline
+def kick_at_rows_of_same_modes(rows, coefficients, r, count, forces, p):
+    """Half a kick by four forces (N) at two to four rows from r on, of which the last stands for missing ones."""
+    of, begin = coefficients.kick_phi, np.int64(rows.mode_begin[r])
+    modes, last = rows.mode_end[r] - begin, r + count - 1
+    i, j = np.int64(rows.offset[r]), np.int64(rows.offset[r + 1])
+    k, n = np.int64(rows.offset[min(r + 2, last)]), np.int64(rows.offset[last])
+    a, b, c, d = forces
+    for m in range(modes):
+        p[begin + m] += (of[i + m] * a + of[j + m] * b) + (of[k + m] * c + of[n + m] * d)
 
 
 @inline

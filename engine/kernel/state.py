@@ -61,7 +61,7 @@ class ConnectionState(NamedTuple):
     move: PerConnection  # m: how it does with it
     lowest_energy: PerIsland  # J: of all that is connected, at rest; minus infinity where that is not known
     is_move_known: PerIslandInt  # 1 if `free_move` is that of the coming step
-    lanes: Annotated[np.ndarray, Items(Axis.CONNECTION_PART, columns=2 * LANES)]  # memory for sums
+    lanes: Annotated[np.ndarray, Items(Axis.CONNECTION, columns=2 * LANES)]  # memory for sums
     matrix: PerConnectionPair  # memory to make factors
 
 

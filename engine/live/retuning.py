@@ -20,7 +20,7 @@ from engine.kernel.model import (
     RowCoefficients,
     StepCoefficients,
 )
-from engine.live.voices import replicate, retune
+from engine.live.voices import replicate, retune, sounding_bodies
 from engine.patch.accuracy import Accuracy
 from engine.patch.scene import Scene, connected_bodies
 
@@ -68,7 +68,7 @@ class VoiceTuning:
         if key not in self._tables:
             scene = retune(self._patch, ratio)
             if body is not None:
-                heard = {p.body for p in self._patch.pickup}
+                heard = set(sounding_bodies(self._patch))
                 names = (connected_bodies(self._patch, body) & heard) | {body}
                 scene = retune(retune(self._patch, self._lowest, heard - names), ratio, names)
             single = replicate(scene, 1).model_copy(update={"accuracy": self._accuracy})

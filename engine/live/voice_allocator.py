@@ -13,7 +13,7 @@ import numpy as np
 from engine.bodies import Mass
 from engine.live.midi_notes import MidiError, Note, note_frequency, note_name
 from engine.live.player import Player
-from engine.live.voices import plucks, striker_velocities, strikers
+from engine.live.voices import plucks, sounding_bodies, striker_velocities, strikers
 from engine.patch.scene import Scene, connected_bodies
 
 NOMINAL_VELOCITY = 64  # velocity of a note at which hammers are as fast as the patch has them …
@@ -146,7 +146,7 @@ class VoiceAllocator:
         return round(damper[1] * self.player.samplerate)
 
     def _damp(self, voice: int, damper: tuple[float, float], frame: int) -> None:
-        for name in dict.fromkeys(p.body for p in self.player.patch.pickup):
+        for name in sounding_bodies(self.player.patch):
             self.player.damp(f"{name}_{voice}", *damper, frame=frame)
 
 

@@ -7,9 +7,18 @@ from engine.patch.scene import Scene
 from engine.patch.tables import Force, HalfSineForce, PluckEvent, PluckForce, PulseForce, StrikeEvent
 
 
+def sounding_bodies(scene: Scene) -> list[str]:
+    """The bodies whose pitch is that of the scene: those that are heard; and of one that carries ends of strings, such
+    as a board, these strings."""
+    names: list[str] = []
+    for pickup in scene.pickup:
+        names += [c.body for c in scene.connection if c.kind == "end" and c.on == pickup.body] or [pickup.body]
+    return list(dict.fromkeys(names))
+
+
 def retune(scene: Scene, ratio: float, names: set[str] | None = None) -> Scene:
-    """The scene with some bodies at another pitch: those named, or else those that are heard."""
-    chosen = {p.body for p in scene.pickup} if names is None else names
+    """The scene with some bodies at another pitch: those named, or else those that sound."""
+    chosen = set(sounding_bodies(scene)) if names is None else names
     return scene.model_copy(update={"body": [b.retuned(ratio) if b.name in chosen else b for b in scene.body]})
 
 

@@ -127,7 +127,7 @@ def simulation_statistics(simulation: Simulation) -> SimulationStatistics:
 
 def island_statistics(layout: Layout) -> IslandStatistics:
     """How many islands there are, and the largest."""
-    modes = np.diff(layout.islands.mode)
+    modes = layout.mode_counts
     largest = int(np.argmax(modes * (1 + np.diff(layout.islands.contact))))
     names = [b.name for b in layout.scene.body if layout.island_of_body[layout.body_index[b.name]] == largest]
     contacts = int(np.diff(layout.islands.contact)[largest])

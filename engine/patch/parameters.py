@@ -41,7 +41,9 @@ def list_parameters(scene: Scene) -> list[Parameter]:
                 for key in ("gap", "damping", "rest", "stiffness"):  # which are 0 where they are not given
                     if f"{section}.{name}.{key}" in live:
                         table = {key: 0.0} | table
-                parameters += _table_parameters(f"{section}.{name}.", table, tables[table.get("kind", "")], schema)
+                parameters += _table_parameters(
+                    f"{section}.{name}.", table, tables[table.get("kind") or next(iter(tables))], schema
+                )
     return [replace(p, live=p.path in live) for p in parameters]
 
 

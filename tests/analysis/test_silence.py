@@ -84,7 +84,8 @@ def test_the_ball_is_thrown_the_wrong_way(silent):
 
 def test_the_pickup_hears_another_body(silent):
     told = silent("hammer", ('[[pickup]]\nbody = "string"', OTHER + '\nbody = "other"'))
-    assert told == '"other" is heard, and what moves ("hammer") has no contact with it; add a [[contact]] between them'
+    joined = "does not meet it; add a [[contact]] or a [[connection]]"
+    assert told == f'"other" is heard, and what moves ("hammer") {joined}'
 
 
 @pytest.mark.parametrize("at", ["0.0", "1.0"])

@@ -137,47 +137,6 @@ def test_a_gain_is_no_larger_than_the_file_holds(tmp_path, capsys, subtype, most
 # --- limits that say themselves
 
 
-def test_a_damper_too_strong_for_its_body_is_refused():
-    """Above about a sixth of the impedance of a string, decay rates would be wrong: -18.7 dB where 0 dB is right."""
-    string = {"name": "body", "kind": "string", "length": 0.65, "density": 6e-3, "tension": 700.0, "sigma0": 0.5}
-    impedance = (700.0 * 6e-3) ** 0.5
-    for share in (0.02, 0.1):
-        light = string | {"modes": 40, "support": [{"at": 0.3, "damping": share * impedance}]}
-        assert engine.render(scene([light], pickup=[{"body": "body", "at": 0.1}]), seconds=0.01).stats["trusted"]
-    for damping in (3.0, 300.0):
-        heavy = string | {"modes": 40, "support": [{"at": 0.3, "damping": damping}]}
-        with pytest.raises(BuildError, match=rf"damping of {damping:g} kg/s is too much: right up to 0\.4\d kg/s here"):
-            engine.render(scene([heavy], pickup=[{"body": "body", "at": 0.1}]), seconds=0.01)
-
-
-def test_the_decay_rates_of_supported_strings_are_those_of_the_state_space():
-    """At the limit, within 1 %: eigenvalues of the damped string, not of its undamped modes."""
-    from engine.bodies import String
-
-    body = {
-        "name": "s",
-        "kind": "string",
-        "length": 0.65,
-        "density": 6e-3,
-        "tension": 700.0,
-        "sigma0": 0.5,
-        "modes": 30,
-    }
-    damper = {"at": 0.37, "damping": 0.1 * (700.0 * 6e-3) ** 0.5, "stiffness": 1e3}
-    held = String.model_validate(body | {"support": [damper]})
-    omega, sigma, shape = String.model_validate(body | {"modes": 120}).free_modes(np.inf)
-    row = shape(0.37)
-    stiffness = np.diag(omega**2) + 1e3 * np.outer(row, row)
-    damping = np.diag(2 * sigma) + damper["damping"] * np.outer(row, row)
-    n = omega.size
-    roots = np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -damping]]))
-    roots = roots[roots.imag > 0]
-    own = held.modal_body()
-    for m in range(18):
-        nearest = roots[np.argmin(np.abs(roots.imag - own.omega[m]))]
-        assert own.sigma[m] == pytest.approx(-nearest.real, rel=0.01)
-
-
 @pytest.mark.parametrize("stiffness, exponent", [(1e60, 1.0), (1.1e18, 1.0), (1e23, 2.5)])
 def test_a_contact_harder_than_anything_is_refused(stiffness, exponent):
     with pytest.raises(ValueError, match=r"is harder than anything; at most .* 1e\+15 N at 1 mm"):

@@ -1,0 +1,77 @@
+"""What joined bodies cost: a choir on a board in real time, and joined bodies in free vibration against one fused pass
+over the same modes; the error of energy beside."""
+
+import time
+from typing import Any
+
+import numba
+import numpy as np
+
+import engine
+from bench.performance.instruments import measure
+from bench.publish.report import pin, publish
+from engine.build.build import build
+from engine.kernel.modes import free_step
+from engine.offline.simulation import Simulation, time_block
+from scenes.choirs import choir, struck_choir
+
+RATE = 44_100
+FRAMES = 4096
+REPEATS = 40
+UNHEARD = [{"body": "board", "quantity": "force"}]  # no contacts: what is heard costs nothing
+
+
+@numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
+def fused_passes(h: Any, compensation: np.ndarray, q: np.ndarray, p: np.ndarray, frames: int) -> float:
+    """So many steps of modes on which nothing acts. Returns the energy lost, J."""
+    lost = 0.0
+    for _ in range(frames):
+        lost += free_step(h, None, compensation, q, p)
+    return lost
+
+
+def time_fused_pass(scene: engine.Scene) -> float:
+    """ns of a step of the modes of a scene, if nothing were joined."""
+    model, state, _ = build(scene, RATE)
+    state.p[:] = 1.0
+    best = np.inf
+    for _ in range(REPEATS + 1):  # the first compiles
+        begin = time.perf_counter()
+        fused_passes(model.step, state.kick_compensation, state.q, state.p, FRAMES)
+        best = min(best, time.perf_counter() - begin)
+    return float(best / FRAMES * 1e9)
+
+
+def time_joined(scene: engine.Scene) -> float:
+    """ns of a sample of a scene in free vibration."""
+    model, state, _ = build(scene, RATE, scene.accuracy.replace(silence=-np.inf))
+    state.p[:] = 1.0
+    simulation, audio = Simulation(model, state, measure_energy=False), np.zeros((FRAMES, 1))
+    return float(min(time_block(simulation, audio) for _ in range(REPEATS)) / FRAMES * 1e9)
+
+
+def run() -> None:
+    """Measure, print and write the tables."""
+    pin()
+    free = []
+    for strings in (1, 3):
+        scene = engine.Scene.model_validate(choir(strings) | {"pickup": UNHEARD})
+        modes, fused, joined = build(scene, RATE)[1].q.size, time_fused_pass(scene), time_joined(scene)
+        free.append([f"{strings} + board", f"{modes}", f"{fused:.0f}", f"{joined:.0f}", f"{joined / fused:.2f}"])
+    publish("joined", ["strings", "modes", "one fused pass, ns", "joined, ns per sample", "ratio"], free, "connections")
+    rows = []
+    for name, scene in (("three strings, board, hammer", engine.Scene.model_validate(struck_choir())),):
+        found = []
+        for settings in ({}, {"substeps": 2}, {"order": 4}):
+            changed = scene.model_copy(update={"accuracy": scene.accuracy.replace(**settings)})
+            seconds = measure(changed, 1.0, metered=True, repeats=3)[0]
+            found.append(f"{1 / (seconds * RATE):.0f}")
+            error = engine.render(changed, 10.0).stats.energy.error_max
+            found.append(f"{error:.0e}")
+        rows.append([name, *found])
+    header = ["scene", "× real time", "error of energy in 10 s", "two substeps", "error", "order 4", "error"]
+    publish("choir", header, rows, "connections")
+
+
+if __name__ == "__main__":
+    run()

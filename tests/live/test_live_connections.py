@@ -1,0 +1,111 @@
+"""Joined bodies that are played: what holds them is turned, pitches change, and the balance of energy stays."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import engine
+from engine.live.hot_reload import changed_parameters
+from engine.live.player import Player
+from engine.live.replay import replay
+from engine.live.voices import retune, sounding_bodies
+from scenes.choirs import struck_choir
+
+BOLT = ROOT / "patches" / "bolt_on_a_string.toml"
+RANGES = {"stiffness": (1e3, 1e7), "damping": (1e-2, 1e2), "rest": (-1e-3, 1e-3)}
+BLOCK = 64
+
+
+def swept(player: Player, keys: list[str], frames: int) -> np.ndarray:
+    """Play with the keys of the bolt's thread swept from end to end, 20 times a second, while the hammer flies."""
+    out = np.zeros((frames, player.channels), np.float32)
+    for n in range(frames // BLOCK):
+        if n % 60 == 0:
+            player.strike(velocity=4.0, displacement=-2e-3)
+        share = 0.5 - 0.5 * math.cos(2 * math.pi * 20 * n * BLOCK / 44_100)
+        for key in keys:
+            low, high = RANGES[key]
+            value = low * (high / low) ** share if low > 0.0 else low + (high - low) * share
+            player.set(f"connection.thread.{key}", value, BLOCK / 44_100)
+        player.render_into(out[n * BLOCK : (n + 1) * BLOCK])
+    return out
+
+
+@pytest.mark.parametrize("keys", [["stiffness"], ["damping"], ["rest"], list(RANGES)], ids="+".join)
+def test_a_sweep_keeps_the_balance_of_energy(keys):
+    """Of stiffness and damping over 4 decades, and of the rest over 2 mm; and a replay is the same."""
+    player = Player(engine.load(BOLT), gain=1e-4, seconds=math.inf)
+    played = swept(player, keys, 22_050)
+    now = player.meter()
+    assert played.any() and now["not_finite"] == 0 and now["newton"]["unconverged"] == 0
+    assert now["energy_error"] <= 1e-12
+    again = replay(json.loads(json.dumps(player.log())))
+    np.testing.assert_array_equal(played[: len(again)], again)
+
+
+def test_played_as_written_it_is_what_is_rendered():
+    scene = engine.load(BOLT)
+    player, audio = Player(scene, gain=1e-3), engine.render(scene, 0.5).audio
+    played = np.zeros((len(audio), player.channels), np.float32)
+    player.render_into(played)
+    fade = 4410  # after which it has faded in
+    assert np.abs(audio).max() > 0.1
+    assert np.abs(played[fade:] - 1e-3 * audio[fade:]).max() <= 1e-6 * 1e-3 * np.abs(audio).max()
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.5, 1.9])
+def test_a_voice_on_a_board_sounds_as_built_at_its_pitch(ratio):
+    """A voice that is tuned from an octave lower has the coefficients of one that was built so: mode by mode."""
+    scene = engine.Scene.model_validate(struck_choir(2))
+    tuned = Player(scene, gain=1e-3, seconds=math.inf, voices=2, lowest=1.0)
+    built = Player(scene, gain=1e-3, seconds=math.inf, voices=1, lowest=ratio)
+    heard = []
+    for player, voice in ((tuned, 1), (built, 0)):
+        player.tune(voice, ratio)
+        player.strike(f"hammer_{voice}", velocity=2.0)
+        out = np.zeros((8820, player.channels), np.float32)
+        player.render_into(out)
+        heard.append(out)
+        assert player.meter()["energy_error"] <= 1e-12
+    assert np.abs(heard[1]).max() > 0.0
+    assert np.abs(heard[0] - heard[1]).max() <= 1e-5 * np.abs(heard[1]).max()
+
+
+def test_knobs_of_connections_are_listed_and_others_refused():
+    player = Player(engine.load(BOLT))
+    assert {f"connection.thread.{key}" for key in RANGES} <= set(player.live_parameters)
+    with pytest.raises(KeyError, match=r"no knob connection.thread.gap; there are .*connection.thread.rest"):
+        player.set("connection.thread.gap", 1.0)
+    with pytest.raises(ValueError, match="damping"):
+        player.set("connection.thread.damping", -1.0)
+
+
+def test_an_edited_connection_is_turned_and_not_built_anew():
+    old = engine.load(BOLT)
+    table = old.model_dump(exclude_none=True)
+    table["connection"][0] |= {"stiffness": 1e5, "damping": 2.0}
+    changed = {"connection.thread.stiffness": 1e5, "connection.thread.damping": 2.0}
+    assert changed_parameters(old, engine.Scene.model_validate(table)) == changed
+
+
+def test_notes_tune_the_strings_and_not_the_board():
+    scene = engine.load(ROOT / "patches" / "piano_choir.toml")
+    assert sounding_bodies(scene) == ["left", "middle", "right"]
+    higher = retune(scene, 1.5)
+    for before, after in zip(scene.body, higher.body, strict=True):
+        assert getattr(after, "frequency", None) == (
+            before.frequency * 1.5 if before.kind == "string" else getattr(before, "frequency", None)
+        )
+
+
+def test_a_log_with_a_negative_damping_is_refused():
+    player = Player(engine.load(BOLT), seconds=math.inf)
+    player.set("connection.thread.damping", 2.0)
+    player.render_into(np.zeros((64, player.channels), np.float32))
+    record = json.loads(json.dumps(player.log()))
+    record["events"][0]["row"][6] = -1.0
+    with pytest.raises(ValueError, match="an event that cannot be"):
+        replay(record)

@@ -1,0 +1,475 @@
+"""Connections: pitch and decay of what is joined against the eigenvalues of the same modes, motion against SciPy's
+DOP853, and the ledger of energy."""
+
+import math
+
+import numpy as np
+import pytest
+from poles import SAMPLERATE, cents, engine_poles, exact_poles, step_map
+from scipy.integrate import solve_ivp
+
+import engine
+from engine.bodies import String
+from engine.build.build import build
+from engine.faults import BuildError
+from scenes.choirs import choir, string
+
+SPRINGS = [1e3, 1e4, 3e4, 1e5, 3e5, 1e6, 1e7, 1e9, "rigid"]  # N/m
+DAMPERS = [0.01, 0.1, 1.0, 10.0, 100.0, 1e4]  # kg/s
+PLACES = [0.5, 0.4, 0.3, 0.2, 0.12, 0.9, 0.93, 0.94]
+MODES = 54
+
+
+def held(connections, bodies=(), loss=0.5, **more) -> engine.Scene:
+    """A C4 string, with other bodies, and connections."""
+    body = [string("s", modes=MODES, sigma0=loss), *bodies]
+    return engine.Scene.model_validate(
+        {"body": body, "connection": connections, "pickup": [{"body": "s", "at": 0.3}], **more}
+    )
+
+
+def spring(stiffness, **keys) -> dict:
+    return {"body": "s", **keys, **({"rigid": True} if stiffness == "rigid" else {"stiffness": stiffness})}
+
+
+def nearest(poles, wanted):
+    """The poles nearest to those wanted."""
+    return np.array([poles[np.argmin(np.abs(poles - pole))] for pole in wanted])
+
+
+def errors(scene, count=18, **accuracy):
+    """Of the lowest poles: error of pitch, cents, and of decay, as a share."""
+    exact = exact_poles(scene)[:count]
+    found = nearest(engine_poles(scene, **accuracy), exact)
+    return np.abs(cents(found, exact)), np.abs(found.real / exact.real - 1)
+
+
+# --- a spring, a damper, a rigid joint, anywhere on a string
+
+
+@pytest.mark.parametrize("at", PLACES)
+@pytest.mark.parametrize("stiffness", SPRINGS)
+def test_a_spring_on_a_string_has_the_right_pitch(at, stiffness):
+    """Far within 0.4 cent to partial 4 and 4 cents to partial 18; and with two substeps within a quarter of these."""
+    scene = held([spring(stiffness, at=at)])
+    for substeps, part in ((1, 1.0), (2, 0.25)):
+        pitch, _ = errors(scene, substeps=substeps)
+        assert pitch[:4].max() <= 0.1 * part
+        assert pitch.max() <= 1.5 * part
+
+
+@pytest.mark.parametrize("at", PLACES)
+@pytest.mark.parametrize("damping", DAMPERS)
+def test_a_damper_on_a_string_has_the_right_decay(at, damping):
+    scene = held([{"body": "s", "at": at, "damping": damping}])
+    for substeps, part in ((1, 1.0), (2, 0.25)):
+        _, decay = errors(scene, substeps=substeps)
+        assert decay[:4].max() <= 0.005 * part
+        assert decay.max() <= 0.10 * part
+
+
+@pytest.mark.parametrize("damping", DAMPERS)
+def test_a_support_is_right_at_any_damping(damping):
+    """As -16.1 1/s at 100 kg/s, where the diagonal of the damping matrix would give -16 655."""
+    body = string("s", modes=MODES, support=[{"at": 0.37, "stiffness": 1e3, "damping": damping}])
+    scene = engine.Scene.model_validate({"body": [body], "pickup": [{"body": "s", "at": 0.3}]})
+    _, decay = errors(scene)
+    assert decay[:4].max() <= 0.005
+    assert decay.max() <= 0.10
+
+
+def test_a_support_with_several_places_shares_its_spring_among_them():
+    places = [0.1, 0.3, 0.35]
+    body = string("s", modes=MODES, support=[{"at": places, "stiffness": 3e4, "damping": 3.0}])
+    one = engine.Scene.model_validate({"body": [body], "pickup": [{"body": "s", "at": 0.3}]})
+    several = held([{"body": "s", "at": at, "stiffness": 1e4, "damping": 1.0} for at in places])
+    assert np.allclose(engine_poles(one), engine_poles(several), rtol=1e-9)
+
+
+@pytest.mark.parametrize("stiffness", [1e4, 1e5, 1e6, 1e7, 1e8])
+def test_near_the_end_a_spring_to_a_board_gives_pitch_and_decay(stiffness):
+    scene = held([spring(stiffness, at=0.985, on="board", on_at="bridge")], [choir(1)["body"][1]])
+    exact = exact_poles(scene)
+    partials = 261.6256 * np.arange(1, 19) * np.sqrt(1 + 3.7702e-4 * np.arange(1, 19) ** 2)
+    slow = [exact[np.abs(exact.imag / (2 * math.pi) - f) < 0.06 * f] for f in partials]
+    wanted = np.array([poles[np.argmax(poles.real)] for poles in slow])  # of the string: those that die last
+    found = nearest(engine_poles(scene), wanted)
+    pitch, decay = np.abs(cents(found, wanted)), np.abs(found.real / wanted.real - 1)
+    assert pitch[:4].max() <= 0.05
+    assert pitch.max() <= 0.9
+    assert decay.max() <= 0.01 or stiffness > 1e5
+
+
+# --- few bodies
+
+
+def lumped(name, **keys):
+    return {"name": name, "kind": "mass", "mass": 0.01} | keys
+
+
+def test_two_masses_on_a_spring_swing_as_they_should():
+    """ω² = k·(1/a + 1/b), in the midpoint's own time: ω → (2/h)·atan(ωh/2)."""
+    stiffness, a, b = 1e4, 0.01, 0.03
+    scene = engine.Scene.model_validate(
+        {
+            "body": [lumped("a", mass=a), lumped("b", mass=b)],
+            "connection": [{"body": "a", "on": "b", "stiffness": stiffness}],
+            "pickup": [{"body": "a"}],
+        }
+    )
+    omega = math.sqrt(stiffness * (1 / a + 1 / b))
+    pole = engine_poles(scene)
+    assert pole.imag == pytest.approx([2 * SAMPLERATE * math.atan(omega / (2 * SAMPLERATE))], rel=1e-9)
+
+
+def ring(**keys):
+    """Three bodies of which each is joined to both others."""
+    bodies = [
+        lumped("a", velocity=keys.pop("velocity", 0.0)),
+        lumped("b", mass=0.02),
+        {"name": "c", "kind": "oscillator", "mass": 0.03, "frequency": 200.0},
+    ]
+    joints = [{"body": x, "on": y, **keys} for x, y in (("a", "b"), ("b", "c"), ("c", "a"))]
+    return engine.Scene.model_validate({"body": bodies, "connection": joints, "pickup": [{"body": "a"}]})
+
+
+def test_three_bodies_in_a_ring():
+    found, exact = engine_poles(ring(stiffness=2e3)), exact_poles(ring(stiffness=2e3))
+    assert np.abs(cents(found, exact)).max() <= 0.1
+
+
+def test_rigid_joints_that_repeat_each_other_hold_as_fewer_do():
+    """A ring of rigid joints is one body of 60 g on the spring of the oscillator."""
+    omega = 2 * math.pi * 200.0 * math.sqrt(0.03 / 0.06)
+    pole = engine_poles(ring(rigid=True))
+    assert pole[0].imag == pytest.approx(omega, rel=1e-4)
+
+
+def test_a_body_joined_to_itself():
+    scene = held([{"body": "s", "at": 0.3, "on": "s", "on_at": 0.8, "stiffness": 2e4}])
+    pitch, _ = errors(scene)
+    assert pitch[:4].max() <= 0.1
+    assert pitch.max() <= 1.5
+
+
+def test_the_same_spring_twice_is_one_of_twice_the_stiffness():
+    one, two = held([spring(1e4, at=0.3)]), held([spring(5e3, at=0.3), spring(5e3, at=0.3)])
+    assert np.abs(cents(engine_poles(two)[:18], engine_poles(one)[:18])).max() <= 1e-2
+
+
+def test_what_is_rigid_stays_together():
+    """A mass that is rigidly joined to a string moves as the string does there."""
+    scene = held(
+        [{"body": "bolt", "on": "s", "on_at": 0.4, "rigid": True}],
+        [lumped("bolt", mass=1e-3)],
+        force=[{"kind": "pluck", "body": "s", "at": 0.2, "amplitude": 5.0, "duration": 2e-3}],
+        pickup=[
+            {"body": "s", "at": 0.4, "quantity": "displacement"},
+            {"body": "bolt", "quantity": "displacement", "channel": 2},
+        ],
+    )
+    rendering = engine.render(scene, 1.0)
+    string_moves, bolt_moves = rendering.audio.T
+    assert np.abs(bolt_moves).max() > 1e-5
+    assert np.abs(string_moves - bolt_moves).max() <= 1e-12 * np.abs(bolt_moves).max()
+
+
+@pytest.mark.parametrize(
+    "contacts", [[], [{"body": "s", "at": 0.4, "barrier": 1e5, "stiffness": 1.0, "exponent": 1.5}]]
+)
+def test_the_pass_where_nothing_touches_does_what_any_step_does(contacts):
+    """One pass over the modes, with and without contacts in reach of the scene: the same map."""
+    connections = [spring(1e4, at=0.3), {"body": "s", "at": 0.5, "damping": 2.0}, spring(3e3, at=0.8)]
+    plain = step_map(held(connections[:2]))
+    assert np.allclose(
+        step_map(held(connections[:2], contact=contacts)), plain, rtol=0, atol=1e-12 * np.abs(plain).max()
+    )
+    many = step_map(held(connections, contact=contacts))
+    assert np.allclose(many, step_map(held(connections)), rtol=0, atol=1e-12 * np.abs(many).max())
+
+
+# --- the motion, with contacts
+
+
+def test_a_hammer_on_a_held_string_moves_as_integrated():
+    """A hammer strikes an oscillator that a spring and a damper join to another: against DOP853."""
+    k, r, kc, alpha, m, mass = 2e4, 3.0, 1e7, 2.5, 0.02, 0.01
+    omega = 2 * math.pi * np.array([150.0, 410.0])
+    scene = engine.Scene.model_validate(
+        {
+            "body": [
+                {"name": "a", "kind": "oscillator", "mass": m, "frequency": 150.0},
+                {"name": "b", "kind": "oscillator", "mass": m, "frequency": 410.0},
+                lumped("hammer", mass=mass, displacement=-1e-4, velocity=1.0),
+            ],
+            "connection": [{"body": "a", "on": "b", "stiffness": k, "damping": r, "rest": 1e-4}],
+            "contact": [{"body": "hammer", "on": "a", "stiffness": kc, "exponent": alpha}],
+            "pickup": [
+                {"body": name, "quantity": "displacement", "channel": n + 1}
+                for n, name in enumerate(("a", "b", "hammer"))
+            ],
+        }
+    )
+    rendering = engine.render(scene, 0.02, substeps=16)
+
+    def motion(_, y):
+        a, b, x, va, vb, vx = y
+        force = k * (a - b - 1e-4) + r * (va - vb)
+        push = kc * max(0.0, x - a) ** alpha
+        return [va, vb, vx, -(omega[0] ** 2) * a + (push - force) / m, -(omega[1] ** 2) * b + force / m, -push / mass]
+
+    times = np.arange(len(rendering.audio)) / SAMPLERATE
+    exact = solve_ivp(motion, (0, 0.02), [0, 0, -1e-4, 0, 0, 1.0], "DOP853", times, rtol=1e-11, atol=1e-15).y[:3].T
+    assert np.abs(exact).max() > 1e-4
+    assert np.abs(rendering.audio - exact).max() <= 1e-4 * np.abs(exact).max()
+
+
+# --- energy
+
+
+PLUCK = [{"kind": "pluck", "body": "s", "at": 0.2, "amplitude": 5.0, "duration": 2e-3}]
+
+
+@pytest.mark.parametrize("lossless", [True, False], ids=["lossless", "lossy"])
+@pytest.mark.parametrize(
+    "connection",
+    [spring(1e3, at=0.63), spring(1e6, at=0.63), spring(1e9, at=0.63), spring("rigid", at=0.63)]
+    + [{"body": "s", "at": 0.63, "damping": d} for d in (0.1, 100.0)],
+    ids=str,
+)
+def test_the_ledger_of_a_held_string_closes(connection, lossless):
+    scene = held([connection], force=PLUCK)
+    if lossless:
+        body = scene.body[0].model_copy(update={"sigma0": 0.0, "b3": 0.0})
+        scene = scene.model_copy(update={"body": [body]})
+    stats = engine.render(scene, 10.0).stats
+    assert stats.energy.supplied > 1e-4
+    assert stats.energy.error_max <= 1e-12
+    assert ("damping" in connection) or not lossless or stats.energy.dissipated == 0.0
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 1e5, 1e7])
+def test_the_ledger_of_a_ring_closes(stiffness):
+    stats = engine.render(ring(stiffness=stiffness, velocity=1.0), 10.0).stats
+    assert stats.energy.error_max <= 1e-12
+
+
+@pytest.mark.parametrize("accuracy", [{"substeps": 2}, {"order": 4}, {"order": 6}], ids=str)
+def test_the_ledger_closes_at_every_order(accuracy):
+    connections = [spring(1e5, at=0.63), {"kind": "end", "body": "s", "at": 1.0, "on": "o"}]
+    body = {"name": "o", "kind": "oscillator", "mass": 0.5, "frequency": 90.0}
+    stats = engine.render(held(connections, [body], force=PLUCK), 1.0, **accuracy).stats
+    assert stats.energy.error_max <= 1e-13
+
+
+@pytest.mark.parametrize("order, least", [(2, 3.9), (4, 12.0), (6, 55.0)])
+def test_errors_fall_as_the_order_says(order, least):
+    """Half the step leaves 2^-order of the error of the pitch of partials 10 to 18; springs that make up for the step
+    begin better at order 2."""
+    scene = held(
+        [spring(1e5, at=0.5), {"kind": "end", "body": "s", "at": 1.0, "on": "o"}],
+        [{"name": "o", "kind": "oscillator", "mass": 0.5, "frequency": 90.0}],
+    )
+    coarse, fine = (errors(scene, order=order, substeps=n)[0][9:18].max() for n in (1, 2))
+    assert coarse / fine >= least
+
+
+def test_a_damper_outside_steps_back_in_time():
+    """At order 4 a weak damper acts in half-steps outside; a strong one is refused, with what would be right."""
+    weak = held([{"body": "s", "at": 0.5, "damping": 0.02}])
+    _, decay = errors(weak, order=4)
+    assert decay[:4].max() <= 0.005
+    assert (
+        engine.render(
+            held([{"body": "s", "at": 0.5, "damping": 0.02}], force=PLUCK), 1.0, order=4
+        ).stats.energy.error_max
+        <= 1e-13
+    )
+    with pytest.raises(BuildError, match=r"connection\[0\].damping: order 4 has steps back in time.*order = 2"):
+        build(held([{"body": "s", "at": 0.5, "damping": 1.0}]), SAMPLERATE, weak.accuracy.replace(order=4))
+
+
+# --- changes
+
+
+CHANGES = [
+    {"time": 0.1, "kind": "change", "connection": "c", "stiffness": 3e5, "duration": 0.05},
+    {"time": 0.2, "kind": "change", "connection": "c", "damping": 5.0, "duration": 0.05},
+    {"time": 0.3, "kind": "change", "connection": "c", "rest": 2e-3, "duration": 0.1},
+    {"time": 0.5, "kind": "change", "connection": "c", "stiffness": 0.0, "damping": 0.0},
+]
+
+
+def test_what_changes_is_accounted_for():
+    scene = held([spring(1e3, at=0.63, name="c")], force=PLUCK, event=CHANGES)
+    energy = engine.render(scene, 1.0).stats.energy
+    assert energy.error_max <= 1e-12
+    assert energy.supplied > 1e-4
+
+
+@pytest.mark.parametrize(
+    "before, after", [({"stiffness": 2e4}, {"stiffness": 5e4}), ({"damping": 0.5}, {"damping": 2.0})], ids=str
+)
+def test_after_a_change_the_string_is_as_one_that_was_always_so(before, after):
+    """Factors that the kernel makes again are those of a scene that is built with the new values."""
+    change = {"time": 0.001, "kind": "change", "connection": "c", "duration": 0.0, **after}
+    later = [{**PLUCK[0], "start": 0.01}]
+    changed, always = (
+        held([{"name": "c", "body": "s", "at": 0.63, **values}, spring(1e3, at=0.2)], force=later, event=event)
+        for values, event in ((before, [change]), (after, []))
+    )
+    a, b = engine.render(changed, 0.2).audio, engine.render(always, 0.2).audio
+    assert np.abs(b).max() > 0.1
+    assert np.abs(a - b).max() <= 1e-9 * np.abs(b).max()
+
+
+def test_a_contact_meets_what_a_changed_spring_leaves(tmp_path):
+    """The compliance of a contact follows the spring beside it: the ledger closes, and a rendered blow is that of a
+    scene that was built so."""
+    hammer = lumped("h", mass=3e-3, displacement=-5e-3, velocity=2.0)
+    contact = [{"body": "h", "on": "o", "stiffness": 1e8, "exponent": 2.0}]
+    bodies = [{"name": "o", "kind": "oscillator", "mass": 0.02, "frequency": 200.0}, hammer]
+    pickup = [{"body": "o", "quantity": "force"}]
+    blows = []
+    for stiffness, event in (
+        (1e3, [{"time": 0.0, "kind": "change", "connection": "c", "stiffness": 8e5, "duration": 0.0}]),
+        (8e5, []),
+    ):
+        joint = [{"name": "c", "body": "o", "stiffness": stiffness}]
+        table = {"body": bodies, "connection": joint, "contact": contact, "event": event, "pickup": pickup}
+        rendering = engine.render(engine.Scene.model_validate(table), 0.02)
+        assert rendering.stats.energy.error_max <= 1e-13
+        blows.append(rendering.audio)
+    assert np.abs(blows[0]).max() > 10.0
+    assert np.allclose(blows[0], blows[1], rtol=0, atol=1e-9 * np.abs(blows[1]).max())
+
+
+# --- ends of strings
+
+
+def test_a_choir_on_a_board_has_the_right_pitch_and_decay():
+    """With two substeps, partials 1 to 12 of three strings on a board of 261 modes."""
+    scene = engine.Scene.model_validate(choir())
+    exact, found = exact_poles(scene), engine_poles(scene, substeps=2)
+    for n in range(1, 13):
+        f = 261.6256 * n * math.sqrt(1 + 3.7702e-4 * n * n)
+        near = exact[np.abs(exact.imag / (2 * math.pi) - f) < 0.03 * f]
+        for pole in near[np.argsort(-near.real)][:3]:  # those of the strings die last
+            mine = found[np.argmin(np.abs(found - pole))]
+            assert abs(1200 * math.log2(mine.imag / pole.imag)) <= 0.05
+            assert 0.95 <= mine.real / pole.real <= 1.05
+
+
+def test_both_ends_of_a_string_may_move():
+    """The force at one end depends on where the other is."""
+    bodies = [
+        {"name": f"o{n}", "kind": "oscillator", "mass": 0.05, "frequency": f} for n, f in enumerate((100.0, 150.0))
+    ]
+    scene = held([{"kind": "end", "body": "s", "at": float(n), "on": f"o{n}"} for n in (0, 1)], bodies)
+    pitch, decay = errors(scene)
+    assert pitch.max() <= 0.4
+    assert decay[2:12].max() <= 1e-3  # the lowest two are of the oscillators, that lose next to nothing
+
+
+def test_a_heavy_mass_at_the_end_is_as_a_fixed_end():
+    scene = held(
+        [{"kind": "end", "body": "s", "at": 1.0, "on": "o"}],
+        [{"name": "o", "kind": "oscillator", "mass": 1e4, "frequency": 1e-3}],
+    )
+    found = engine_poles(scene)
+    f = 261.6256 * np.arange(1, 19) * np.sqrt((1 + 3.7702e-4 * np.arange(1, 19) ** 2) / (1 + 3.7702e-4))
+    strings = found[found.imag > 100.0][:18]
+    assert np.abs(1200 * np.log2(strings.imag / (2 * math.pi) / f)).max() <= 0.01
+
+
+def test_the_force_on_the_end_of_a_pulled_string_is_its_share():
+    """A weight that hangs at x/L pulls the far end with that share of itself; on a spring, by as much as that gives."""
+    pull = [{"kind": "constant", "body": "s", "at": 0.3, "amplitude": 2.0}]
+    pickups = [{"body": "s", "at": at, "quantity": "end_force", "channel": n + 1} for n, at in enumerate((0.0, 1.0))]
+    body = string("s", modes=400, sigma0=300.0)
+    fixed = engine.Scene.model_validate({"body": [body], "force": pull, "pickup": pickups})
+    forces = engine.render(fixed, 0.2, samplerate=768_000).audio[-1]
+    assert forces == pytest.approx([1.4, 0.6], rel=5e-3)
+    stand = {"name": "o", "kind": "oscillator", "mass": 0.02, "stiffness": 5e3, "damping": 500.0}
+    moving = {
+        "body": [body, stand],
+        "connection": [{"kind": "end", "body": "s", "at": 1.0, "on": "o"}],
+        "force": pull,
+        "pickup": [*pickups, {"body": "o", "quantity": "displacement", "channel": 3}],
+    }
+    last = engine.render(engine.Scene.model_validate(moving), 0.2, samplerate=768_000).audio[-1]
+    tension = String.model_validate(body).tension_and_bending()[0] / 0.62  # N/m: the string holds its end, too
+    assert last[2] == pytest.approx(0.6 / (5e3 + tension), rel=5e-3)
+    assert last[1] == pytest.approx(5e3 * last[2], rel=5e-3)
+    assert last[0] + last[1] == pytest.approx(2.0, rel=5e-3)
+
+
+def test_a_choir_dies_away_in_two_stages():
+    """The first partial falls fast while the strings move together, and slowly once they do not."""
+    scene = choir(seconds=4.0)
+    scene["force"] = [
+        {"kind": "half_sine", "body": f"string_{i}", "at": 0.12, "amplitude": 10.0, "duration": 2e-3} for i in range(3)
+    ]
+    audio = engine.render(engine.Scene.model_validate(scene)).audio[:, 0]
+    size, f = 8192, 261.6256 * math.sqrt(1 + 3.7702e-4)
+    window = np.hanning(size) * np.exp(-2j * np.pi * f * np.arange(size) / SAMPLERATE)
+    starts = np.arange(0, len(audio) - size, 2048)
+    level = 20 * np.log10([abs(audio[s : s + size] @ window) for s in starts])
+    times = starts / SAMPLERATE
+    early, late = (np.polyfit(times[span], level[span], 1)[0] for span in (times < 0.25, times > 2.0))
+    assert early < 3 * late < 0.0
+
+
+# --- sleep, and the kernels
+
+
+def test_what_is_connected_sleeps_and_wakes():
+    events = [{"time": 2.0, "kind": "pluck", "body": "s", "at": 0.2, "amplitude": 5.0, "duration": 2e-3}]
+    rendering = engine.render(held([spring(1e4, at=0.37)], force=PLUCK, event=events, seconds=3.0, loss=20.0))
+    assert rendering.stats.activity.asleep > 0.2
+    early, late = np.abs(rendering.audio[:4410]).max(), np.abs(rendering.audio[88_200:92_610]).max()
+    assert late == pytest.approx(early, rel=1e-3)
+    assert np.abs(rendering.audio[80_000:88_000]).max() == 0.0
+
+
+def test_a_weight_on_a_spring_comes_to_rest():
+    """At m·g/k below where it began; and then it sleeps."""
+    scene = engine.Scene.model_validate(
+        {
+            "gravity": 9.81,
+            "body": [lumped("a")],
+            "connection": [{"body": "a", "stiffness": 1e3, "damping": 1.0}],
+            "pickup": [{"body": "a", "quantity": "displacement"}],
+        }
+    )
+    rendering = engine.render(scene, 3.0)
+    assert rendering.audio[-1, 0] == pytest.approx(-0.01 * 9.81 / 1e3, rel=1e-6)
+    assert rendering.stats.energy.error_max <= 1e-12
+
+
+def test_connected_bodies_still_touch_when_they_should():
+    """A ball that falls on a sprung plate: contact begins in the sample in which the distance is gone."""
+    scene = engine.Scene.model_validate(
+        {
+            "body": [lumped("ball", displacement=5e-3, velocity=-0.5), lumped("plate", mass=0.1)],
+            "connection": [{"body": "plate", "stiffness": 1e4, "damping": 1.0}],
+            "contact": [{"body": "ball", "on": "plate", "side": "below", "stiffness": 1e7, "exponent": 1.5}],
+            "pickup": [{"body": "plate", "quantity": "force"}],
+        }
+    )
+    force = engine.render(scene, 0.05).audio[:, 0]
+    assert np.flatnonzero(force)[0] == pytest.approx(5e-3 / 0.5 * SAMPLERATE, abs=1.5)
+
+
+@pytest.mark.parametrize("size", [1, 7, 64, 1000])
+def test_blocks_of_any_size_give_the_same(size):
+    from engine.offline.simulation import Simulation
+
+    scene = engine.Scene.model_validate(choir(2, force=[{**PLUCK[0], "body": "string_0"}]))
+    whole, parts = np.zeros((2000, 1)), np.zeros((2000, 1))
+    for out, step in ((whole, 2000), (parts, size)):
+        model, state, _ = build(scene, SAMPLERATE)
+        simulation = Simulation(model, state)
+        for begin in range(0, 2000, step):
+            simulation.render_block(out[begin : begin + step])
+    assert whole.tobytes() == parts.tobytes()

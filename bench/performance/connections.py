@@ -9,7 +9,7 @@ import numpy as np
 
 import engine
 from bench.performance.instruments import measure
-from bench.publish.report import pin, publish
+from bench.publish.report import figure, pin, publish
 from engine.build.build import build
 from engine.kernel.modes import free_step
 from engine.offline.simulation import Simulation, time_block
@@ -50,6 +50,30 @@ def time_joined(scene: engine.Scene) -> float:
     return float(min(time_block(simulation, audio) for _ in range(REPEATS)) / FRAMES * 1e9)
 
 
+def first_partial(scene: engine.Scene) -> tuple[np.ndarray, np.ndarray]:
+    """The level of a C4's first partial, dB, and when, s."""
+    audio, size, hop = engine.render(scene, 4.5).audio[:, 0], 8192, 1024
+    wave = np.hanning(size) * np.exp(-2j * np.pi * 261.6256 * np.arange(size) / RATE)
+    starts = np.arange(0, len(audio) - size, hop)
+    return (starts + size / 2) / RATE, 20 * np.log10([abs(audio[s : s + size] @ wave) for s in starts])
+
+
+def draw_two_stages() -> None:
+    """How the shipped choir dies away, and one string of it alone."""
+    choir_scene = engine.load("piano_choir").model_copy(update={"event": []})
+    gone = {"left", "right"}
+    table = choir_scene.model_dump(exclude_none=True)
+    for section, keys in (("body", ("name",)), ("connection", ("body",)), ("contact", ("on",))):
+        table[section] = [item for item in table[section] if not {item.get(key) for key in keys} & gone]
+    with figure("two_stages", 7, 4) as axes:
+        for name, scene in (("three strings", choir_scene), ("one string", engine.Scene.model_validate(table))):
+            seconds, level = first_partial(scene)
+            axes.plot(seconds, level - level.max(), label=name)
+        axes.set(xlabel="time, s", ylabel="first partial of the board, dB", ylim=(-70, 3))
+        axes.grid(True, alpha=0.2)
+        axes.legend()
+
+
 def run() -> None:
     """Measure, print and write the tables."""
     pin()
@@ -71,6 +95,7 @@ def run() -> None:
         rows.append([name, *found])
     header = ["scene", "× real time", "error of energy in 10 s", "two substeps", "error", "order 4", "error"]
     publish("choir", header, rows, "connections")
+    draw_two_stages()
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ from engine.patch import reader
 from engine.patch.toml_lines import locate_keys, nearest_line, split_statements
 from engine.report import console
 
-ODD = sorted((ROOT / "tests" / "bad_patches").glob("*.toml"))
+ODD = sorted((ROOT / "tests" / "patch" / "bad_patches").glob("*.toml"))
 AT_ONCE = 8.0  # s of processor time: most take a hundredth of one
 MASS = '[[body]]\nname = "b"\nkind = "mass"\nmass = 1.0\nvelocity = 1.0\n[[pickup]]\nbody = "b"\n'
 STRING = '[[body]]\nname = "s"\nkind = "string"\nlength = 1.0\ndensity = 1e-3\ntension = 50.0\n'

@@ -14,6 +14,7 @@ from hypothesis import HealthCheck, given, settings
 import engine
 from engine.compiler import background, kernel_name
 from engine.parallel import kernel_choice
+from scenes.choirs import struck_choir
 from scenes.drawn import scenes
 from scenes.families import EFFECTS, tanpuras, with_effects
 
@@ -54,6 +55,12 @@ def test_effects_are_the_same_on_both(present):
 @pytest.mark.parametrize("accuracy", [{"order": 4}, {"substeps": 2}, {"precision": "float32"}], ids=str)
 def test_accuracy_is_the_same_on_both(patch, accuracy):
     assert_same(*both(patch("barrier_cubic"), 0.1, **accuracy))
+
+
+@pytest.mark.hard
+@pytest.mark.parametrize("accuracy", [{}, {"order": 4}, {"precision": "float32"}], ids=str)
+def test_joined_bodies_are_the_same_on_both(accuracy):
+    assert_same(*both(engine.Scene.model_validate(struck_choir()), 0.1, **accuracy))
 
 
 @pytest.mark.hard

@@ -66,13 +66,13 @@ def find_coordinates(
     for coordinate in [*_of_supports(scene, bodies), *_of_springs(scene, bodies, numbers)]:
         items[island_of[next(iter(coordinate.parts))]].append(coordinate)
     ends = _StringEnds(scene, bodies, numbers)
-    found = []
+    of_islands = []
     for n in range(count):
         more, coupling = ends.of_island(n, island_of)
         kept = _drop_redundant(items[n])
         coordinates = Coordinates(kept + more, np.pad(coupling, ((len(kept), 0), (len(kept), 0))))
-        found.append(_compensated(scene, bodies, coordinates, step) if step is not None and kept else coordinates)
-    return found
+        of_islands.append(_compensated(scene, bodies, coordinates, step) if step is not None and kept else coordinates)
+    return of_islands
 
 
 def _compensated(scene: Scene, bodies: Sequence[ModalBody], coordinates: Coordinates, step: float) -> Coordinates:

@@ -81,15 +81,15 @@ def connections(layout: Layout, samplerate: float) -> Connections | None:
     if not layout.connection_parts:
         return None
     items = [item for coordinates in layout.coordinates for item in coordinates.items]
-    connected = np.ones(int(layout.islands.mode[-1]))
+    unconnected = np.ones(int(layout.islands.mode[-1]))
     for b in layout.connected_body_numbers:
-        connected[layout.global_modes(b)] = 0.0
+        unconnected[layout.global_modes(b)] = 0.0
     return Connections(
         rows=mode_shape_rows([row for row, _ in layout.connection_parts]),
         coordinate=np.array([number for _, number in layout.connection_parts], np.int64),
         coupling=np.concatenate([c.coupling.ravel() for c in layout.coordinates]),
         is_rigid=np.array([item.is_rigid for item in items], np.int64),
-        is_unconnected=connected,
+        is_unconnected=unconnected,
         contact_reach=contact_reach(layout, FLIGHT_FRAMES / samplerate),
     )
 
@@ -124,15 +124,15 @@ def _static_compliances(layout: Layout, island: int, shapes: np.ndarray, omega: 
     ends = np.flatnonzero(np.any(coupling != 0.0, axis=1))
     rows, compliances = dense_rows(layout, island)[ends], []
     free = omega == 0.0
-    give = 1 / np.where(free, 1.0, omega) ** 2
+    modal_compliance = 1 / np.where(free, 1.0, omega) ** 2
     held = coupling[np.ix_(ends, ends)]
-    factor = np.linalg.solve(np.eye(ends.size) + held @ (rows * give) @ rows.T, held)
+    factor = np.linalg.solve(np.eye(ends.size) + held @ (rows * modal_compliance) @ rows.T, held)
     for phi in shapes:
         if np.any(phi[free] != 0.0) or (ends.size and np.any(rows[:, free])):
             compliances.append(math.inf)
             continue
-        moved = (rows * give) @ phi
-        compliances.append(max(0.0, float(phi * give @ phi - moved @ factor @ moved)))
+        moved = (rows * modal_compliance) @ phi
+        compliances.append(max(0.0, float(phi * modal_compliance @ phi - moved @ factor @ moved)))
     return compliances
 
 
@@ -147,16 +147,18 @@ def lowest_energies(layout: Layout) -> np.ndarray:
     lowest = []
     for n, coordinates in enumerate(layout.coordinates):
         inside = slice(begins[n], begins[n + 1])
-        mine = [
+        connected = [
             m for b in layout.bodies_of_island(n) if b in layout.connected_body_numbers for m in _indices(layout, b)
         ]
-        load = weight[inside][mine]
+        load = weight[inside][connected]
         if not coordinates.items or not (load.any() or any(item.rest for item in coordinates.items)):
             lowest.append(0.0)
-        elif len(mine) > MAX_MODES_AT_REST:
+        elif len(connected) > MAX_MODES_AT_REST:
             lowest.append(-math.inf)
         else:
-            lowest.append(_energy_at_rest(coordinates, dense_rows(layout, n)[:, mine], omega[inside][mine], load))
+            lowest.append(
+                _energy_at_rest(coordinates, dense_rows(layout, n)[:, connected], omega[inside][connected], load)
+            )
     return np.array(lowest)
 
 

@@ -39,11 +39,11 @@ def initial_reach(layout: Layout, contacts: Iterable[int]) -> dict[int, float]:
             [layout.modal_bodies[b] for b in bodies_of[island]],
             {scene.body[b].name for b in bodies_of[island]},
         )
-        turned = any(c.name in changed and c.body in names for c in scene.connection)
-        rides = any(isinstance(c, EndConnection) and c.body in names for c in scene.connection)
+        has_changes = any(c.name in changed and c.body in names for c in scene.connection)
+        has_ends = any(isinstance(c, EndConnection) and c.body in names for c in scene.connection)
         heavy = scene.gravity != 0.0 and any(body.gravity_participation.any() for body in bodies)
         pushed = any(scene.body[b].name in driven for b in bodies_of[island])
-        if heavy or pushed or rides or turned or any(scene.contact[k].name in changed for k in inside):
+        if heavy or pushed or has_ends or has_changes or any(scene.contact[k].name in changed for k in inside):
             reach[island] = math.inf
             continue
         energy = sum(float(np.sum(m.p**2 + (m.omega * m.q) ** 2)) / 2 for m in bodies)

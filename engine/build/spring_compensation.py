@@ -26,7 +26,7 @@ class _Rows(NamedTuple):
 
     modes: dict[int, slice]  # by number of the body
     shapes: np.ndarray  # [coordinates, modes], 1/√kg
-    give: np.ndarray  # 1/ω² [modes], s²
+    modal_compliance: np.ndarray  # 1/ω² [modes], s²
     gain: np.ndarray  # γ² - 1 [modes]
 
     def scaled(self, share: np.ndarray) -> np.ndarray:
@@ -36,7 +36,9 @@ class _Rows(NamedTuple):
     def excess(self, share: np.ndarray) -> np.ndarray:
         """The compliance that they have too much then [coordinates, coordinates], m/N."""
         scaled = self.scaled(share)
-        return np.asarray((scaled * self.give) @ scaled.T - (self.shapes * self.give) @ self.shapes.T)
+        return np.asarray(
+            (scaled * self.modal_compliance) @ scaled.T - (self.shapes * self.modal_compliance) @ self.shapes.T
+        )
 
 
 def compensate_springs(

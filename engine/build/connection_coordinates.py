@@ -6,7 +6,8 @@ force w = Σ ωₙ·cₙ·aₙ of all strings that end there, for a string of mo
 
     V = Σ ½·(ωₙ·aₙ + cₙ·y)² + T/(2L)·y²,   cₙ = ωₙ·μ·φₙ'(L)/βₙ²
 
-when its end is at y; with both ends moving, Σ ½·(ωₙ·aₙ + c⁰ₙ·y₀ + c¹ₙ·y₁)² + T/(2L)·(y₁ - y₀)².
+when its end is at y; with both ends moving, Σ ½·(ωₙ·aₙ + c⁰ₙ·y₀ + c¹ₙ·y₁)² + T/(2L)·(y₁ - y₀)². What is kept of w is
+w/κ, κ = Σ (Σ cₙ² + T/L) over the strings, a length as y is: of unlike numbers the factors would not be as exact.
 """
 
 import math
@@ -165,19 +166,21 @@ class _StringEnds:
         items: list[Coordinate] = []
         coupling = np.zeros((2 * len(points), 2 * len(points)))
         ends_of: dict[int, list[tuple[int, float]]] = {}  # of a string: the coordinate y, and which end
-        for n, (on, ends) in enumerate(points):
-            k = ends[0][0]
-            rows: dict[int, Any] = {}
+        for n, (_, ends) in enumerate(points):
             for _, string, end in ends:
-                rows[string] = rows.get(string, 0.0) + self._row(string, end)
                 ends_of.setdefault(string, []).append((2 * n + 1, end))
-            shape = _shape(self.scene, self.bodies, on, self.scene.connection[k].on_at)
-            items += [Coordinate(f"connection[{k}]", k, rows), Coordinate(f"connection[{k}]", k, {on: shape})]
-            coupling[2 * n, 2 * n + 1] = coupling[2 * n + 1, 2 * n] = 1.0
         for string, moving in ends_of.items():
             for i, a in moving:
                 for j, b in moving:
                     coupling[i, j] += end_stiffness(self.scene.body[string], self.bodies[string].omega, a, b)
+        for n, (on, ends) in enumerate(points):
+            k, stiffness = ends[0][0], coupling[2 * n + 1, 2 * n + 1]
+            rows: dict[int, Any] = {}
+            for _, string, end in ends:
+                rows[string] = rows.get(string, 0.0) + self._row(string, end) / stiffness
+            shape = _shape(self.scene, self.bodies, on, self.scene.connection[k].on_at)
+            items += [Coordinate(f"connection[{k}]", k, rows), Coordinate(f"connection[{k}]", k, {on: shape})]
+            coupling[2 * n, 2 * n + 1] = coupling[2 * n + 1, 2 * n] = stiffness
         return items, coupling
 
     def _row(self, string: int, end: float) -> np.ndarray:

@@ -222,17 +222,26 @@ def step_modes_of_many_parts(connection, weight, h, parts, state):
     (r, count), rows, joined = parts, connection.rows, state.connection
     first = np.int64(rows.mode_begin[r])
     size, total = np.int64(rows.mode_end[r]) - first, splat(0.0)
-    for k in range(INT64_0, size, LANES):
-        rest, push = min(size - k, LANES), splat(0.0)
+    whole = lanes_of(size)
+    for k in range(INT64_0, whole, LANES):
+        push = splat(0.0)
         for n in range(r, r + count):
-            kick = number_at(h.connection.rows.kick_phi, FewFrom(np.int64(rows.offset[n]) + k, rest))
-            push = push - kick * joined.force[connection.coordinate[n]]
-        m = FewFrom(first + k, rest)
+            kick = load_lanes(h.connection.rows.kick_phi, np.int64(rows.offset[n]) + k)
+            push = multiply_add(kick, -joined.force[connection.coordinate[n]], push)
+        stepped = step_mode(weight, h, state.kick_compensation, push, EightFrom(first + k), state.q, state.p)
+        total = total + stepped[0]
+        for n in range(r, r + count):
+            drift, i = load_lanes(h.connection.rows.drift_phi, np.int64(rows.offset[n]) + k), connection.coordinate[n]
+            keep_sums(joined, i, add_step(begin_sums(joined, i), stepped, drift))
+    if whole < size:
+        rest, push = size - whole, splat(0.0)
+        for n in range(r, r + count):
+            kick = number_at(h.connection.rows.kick_phi, FewFrom(np.int64(rows.offset[n]) + whole, rest))
+            push = multiply_add(kick, -joined.force[connection.coordinate[n]], push)
+        m = FewFrom(first + whole, rest)
         stepped = step_mode(weight, h, state.kick_compensation, push, m, state.q, state.p)
         total = total + stepped[0]
         for n in range(r, r + count):
-            drift, i = FewFrom(np.int64(rows.offset[n]) + k, rest), connection.coordinate[n]
-            keep_sums(
-                joined, i, add_step(begin_sums(joined, i), stepped, number_at(h.connection.rows.drift_phi, drift))
-            )
+            at, i = FewFrom(np.int64(rows.offset[n]) + whole, rest), connection.coordinate[n]
+            keep_sums(joined, i, add_step(begin_sums(joined, i), stepped, number_at(h.connection.rows.drift_phi, at)))
     return total

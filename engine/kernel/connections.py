@@ -8,6 +8,8 @@ the connections answer in the same step.
 
 import math
 
+import numpy as np
+
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.kernel.connection_factors import update_factors
 from engine.kernel.rows import (
@@ -18,6 +20,7 @@ from engine.kernel.rows import (
     project_drift,
     rows_of_same_modes,
 )
+from engine.kernel.sums import sum_products
 
 
 @inline
@@ -49,10 +52,7 @@ def forget_moves(joined):
 @inline
 def product_at(matrix, i, x):
     """Row i of a matrix times a vector."""
-    n, total = x.shape[0], 0.0
-    for j in range(n):
-        total += matrix[i * n + j] * x[j]
-    return total
+    return sum_products(matrix, np.int64(i) * x.shape[0], x, INT64_0, x.shape[0])
 
 
 @inline

@@ -12,7 +12,7 @@ import engine
 from engine.bodies import String
 from engine.build.build import build
 from engine.faults import BuildError
-from scenes.choirs import choir, string
+from scenes.choirs import board, choir, string
 
 SPRINGS = [1e3, 1e4, 3e4, 1e5, 3e5, 1e6, 1e7, 1e9, "rigid"]  # N/m
 DAMPERS = [0.01, 0.1, 1.0, 10.0, 100.0, 1e4]  # kg/s
@@ -358,6 +358,24 @@ def test_a_choir_on_a_board_has_the_right_pitch_and_decay():
             mine = found[np.argmin(np.abs(found - pole))]
             assert abs(1200 * math.log2(mine.imag / pole.imag)) <= 0.05
             assert 0.95 <= mine.real / pole.real <= 1.05
+
+
+def test_the_ledger_of_many_strings_on_a_board_closes():
+    """Of 24 strings at 12 points of it."""
+    points = {f"p{i}": (0.1 + 0.06 * i, 0.37) for i in range(12)} | {"ear": (0.3, 0.6)}
+    names = [f"s{i}" for i in range(24)]
+    scene = engine.Scene.model_validate(
+        {
+            "body": [*(string(name, 100.0 * i - 600.0, modes=20) for i, name in enumerate(names)), board(points)],
+            "connection": [
+                {"kind": "end", "body": name, "at": 1.0, "on": "board", "on_at": f"p{i // 2}"}
+                for i, name in enumerate(names)
+            ],
+            "force": [{**PLUCK[0], "body": "s5"}],
+            "pickup": [{"body": "board", "at": "ear"}],
+        }
+    )
+    assert engine.render(scene, 0.5).stats.energy.error_max <= 1e-13
 
 
 def test_both_ends_of_a_string_may_move():

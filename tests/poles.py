@@ -66,3 +66,15 @@ def sorted_poles(poles):
 
 def cents(poles, exact):
     return 1200 * np.log2(poles.imag / exact.imag)
+
+
+def nearest(poles, wanted):
+    """The poles nearest to those wanted."""
+    return np.array([poles[np.argmin(np.abs(poles - pole))] for pole in wanted])
+
+
+def errors(scene, count=18, **accuracy):
+    """Of the lowest poles: error of pitch, cents, and of decay, as a share."""
+    exact = exact_poles(scene)[:count]
+    found = nearest(engine_poles(scene, **accuracy), exact)
+    return np.abs(cents(found, exact)), np.abs(found.real / exact.real - 1)

@@ -310,13 +310,13 @@ class Layout:
         """A field of the modal bodies, over all modes; what is of no body is like the mode before it, at rest."""
         values = np.zeros(int(self._mode_begins[-1]))
         for slot, b in enumerate(self.body_order):
-            own = getattr(self.modal_bodies[b], field)
+            modes = getattr(self.modal_bodies[b], field)
             begin, end = self._mode_begins[slot : slot + 2]
-            values[begin : begin + own.size] = own
+            values[begin : begin + modes.size] = modes
             if field == "omega":
-                values[begin + own.size : end] = max(own[-1], 1.0)
+                values[begin + modes.size : end] = max(modes[-1], 1.0)
             elif field == "sigma":
-                values[begin + own.size : end] = own[-1]
+                values[begin + modes.size : end] = modes[-1]
         return values
 
     def mode_shape(self, point: BodyPoint) -> np.ndarray:

@@ -75,8 +75,8 @@ def compensate_springs(
     for i, item in enumerate(items):
         parts = {b: scaled[i, modes] for b, modes in rows.modes.items() if b in item.parts}
         more = float(excess[i, i])
-        own = 0.0 if i in joint else stiffness_beside(more, item.stiffness)
-        changed.append(item._replace(parts=parts, stiffness=own, excess=more))
+        stiffness_alone = 0.0 if i in joint else stiffness_beside(more, item.stiffness)
+        changed.append(item._replace(parts=parts, stiffness=stiffness_alone, excess=more))
     return Coordinates(changed, coupling)
 
 

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from conftest import ROOT
+from turned_knobs import sweep_knobs
 
 import engine
 from engine.live.player import Player
@@ -13,22 +14,6 @@ from engine.live.replay import replay
 
 PIANO = ROOT / "patches" / "piano_c4.toml"
 RANGES = {"stiffness": (1e4, 1e12), "gap": (-2e-3, 2e-3), "exponent": (1.0, 8.0)}
-BLOCK = 64
-
-
-def swept(player: Player, knobs: list[str], frames: int) -> np.ndarray:
-    """Play with the knobs swept from end to end of their ranges and back, 20 times a second, while hammers fly."""
-    out = np.zeros((frames, player.channels), np.float32)
-    for n in range(frames // BLOCK):
-        if n % 60 == 0:
-            player.strike(velocity=4.0, displacement=-1e-4)
-        share = 0.5 - 0.5 * math.cos(2 * math.pi * 20 * n * BLOCK / 44_100)
-        for knob in knobs:
-            low, high = RANGES[knob.rpartition(".")[2]]
-            value = low * (high / low) ** share if low > 0.0 else low + (high - low) * share
-            player.set(knob, value, BLOCK / 44_100)
-        player.render_into(out[n * BLOCK : (n + 1) * BLOCK])
-    return out
 
 
 @pytest.mark.parametrize(
@@ -37,7 +22,7 @@ def swept(player: Player, knobs: list[str], frames: int) -> np.ndarray:
 def test_a_sweep_keeps_the_balance_of_energy(keys):
     """Of stiffness over 8 decades, of the gap over 4 mm, of the exponent from 1 to 8; and a replay is the same."""
     player = Player(engine.load(PIANO), gain=1e-4, seconds=math.inf, general="exponent" in keys)
-    played = swept(player, [f"contact.felt.{key}" for key in keys], 44_100)
+    played = sweep_knobs(player, {f"contact.felt.{key}": RANGES[key] for key in keys}, 44_100, -1e-4)
     now = player.meter()
     assert played.any() and now["not_finite"] == 0 and now["newton"]["unconverged"] == 0
     assert now["energy_error"] <= 1e-12

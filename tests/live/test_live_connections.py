@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from conftest import ROOT
+from turned_knobs import sweep_knobs
 
 import engine
 from engine.live.hot_reload import changed_parameters
@@ -16,29 +17,13 @@ from scenes.choirs import struck_choir
 
 BOLT = ROOT / "patches" / "bolt_on_a_string.toml"
 RANGES = {"stiffness": (1e3, 1e7), "damping": (1e-2, 1e2), "rest": (-1e-3, 1e-3)}
-BLOCK = 64
-
-
-def swept(player: Player, keys: list[str], frames: int) -> np.ndarray:
-    """Play with the keys of the bolt's thread swept from end to end, 20 times a second, while the hammer flies."""
-    out = np.zeros((frames, player.channels), np.float32)
-    for n in range(frames // BLOCK):
-        if n % 60 == 0:
-            player.strike(velocity=4.0, displacement=-2e-3)
-        share = 0.5 - 0.5 * math.cos(2 * math.pi * 20 * n * BLOCK / 44_100)
-        for key in keys:
-            low, high = RANGES[key]
-            value = low * (high / low) ** share if low > 0.0 else low + (high - low) * share
-            player.set(f"connection.thread.{key}", value, BLOCK / 44_100)
-        player.render_into(out[n * BLOCK : (n + 1) * BLOCK])
-    return out
 
 
 @pytest.mark.parametrize("keys", [["stiffness"], ["damping"], ["rest"], list(RANGES)], ids="+".join)
 def test_a_sweep_keeps_the_balance_of_energy(keys):
     """Of stiffness and damping over 4 decades, and of the rest over 2 mm; and a replay is the same."""
     player = Player(engine.load(BOLT), gain=1e-4, seconds=math.inf)
-    played = swept(player, keys, 22_050)
+    played = sweep_knobs(player, {f"connection.thread.{key}": RANGES[key] for key in keys}, 22_050, -2e-3)
     now = player.meter()
     assert played.any() and now["not_finite"] == 0 and now["newton"]["unconverged"] == 0
     assert now["energy_error"] <= 1e-12

@@ -64,7 +64,7 @@ def is_node(scene: Scene, name: str, at: Any) -> bool:
         positions = [[x, 0.47] for x in GENERIC_POSITIONS]
     if not isinstance(body, MeasuredBody):
         modes = min(body.modes or MODES_EXAMINED, MODES_EXAMINED)
-        body = body.model_copy(update={"modes": modes, "support": []})
+        body = body.model_copy(update={"modes": modes, "support": [], "displacement": None, "velocity": None})
     shape = body.modal_body().shape
     largest = max(np.max(np.abs(shape(position))) for position in positions)
     return bool(np.max(np.abs(shape(at))) <= NODE_THRESHOLD * largest)
@@ -91,6 +91,8 @@ def _moving_bodies(scene: Scene, seconds: float) -> list[str]:
             is_displaced = held and body.displacement != 0.0
             if body.velocity != 0.0 or is_displaced or scene.gravity != 0.0:
                 names.append(body.name)
+        elif getattr(body, "displacement", None) or getattr(body, "velocity", None):
+            names.append(body.name)
     changed = {e.contact or e.connection for e in scene.event if isinstance(e, ChangeEvent) and e.time < seconds}
     # what changes may push both its bodies
     joining = [c for c in [*scene.contact, *scene.connection] if c.name in changed]
@@ -108,7 +110,7 @@ def _explain_no_motion(scene: Scene, seconds: float) -> str:
     times += [e.time for e in scene.event if isinstance(e, StrikeEvent | PluckEvent)]
     if times:
         return f"nothing happens before {min(times):g} s, and it ends at {seconds:g} s; give more seconds"
-    remedy = "give a mass a velocity, or add a [[force]] or an [[event]]"
+    remedy = "give a body a velocity or a displacement, or add a [[force]] or an [[event]]"
     return f"nothing moves at the start, and no force or strike acts; {remedy}"
 
 

@@ -8,18 +8,32 @@ import numpy as np
 from pydantic import Field
 from pydantic_core import InitErrorDetails
 
-from engine.bodies.distributed import LineBody, ModeSet, are_positive, mode_numbers, rise_from_one
-from engine.bodies.table import KeyPath, Positive, make_fault
+from engine.bodies.body import TO_60_DB
+from engine.bodies.distributed import LineBody, ModeSet, mode_numbers, rise_from_one
+from engine.bodies.table import KeyPath, Positive, Table, are_positive, is_given, make_fault
+
+NODE = 0.2241575  # of the first partial of a free bar, fraction of its length
+
+
+class Cords(Table):
+    """Cords through the nodes of a free bar, on which it bounces and rocks as a whole."""
+
+    frequency: float = Field(default=10.0, ge=0.0, le=1e4, description="at which it bounces, Hz; 0: it floats")
+    t60: Positive = Field(default=0.5, description="time for bouncing and rocking to fall by 60 dB, s")
 
 
 class Bar(LineBody):
-    """A thin bar (Euler-Bernoulli)."""
+    """A thin bar (Euler-Bernoulli). With free ends it also moves as a whole, on cords or on its supports; that is in
+    addition to `modes`."""
 
     kind: Literal["bar"]
     ends: Literal["free", "clamped", "cantilever"] = Field(
-        default="free", description="both ends free (held at its nodes), both clamped, or the first clamped"
+        default="free", description="both ends free, both clamped, or the first clamped"
     )
     bending: float | None = Field(default=None, gt=0.0, le=1e12, description="bending stiffness EI, N·m²")
+    cords: Cords | None = Field(
+        default=None, description="what a free bar lies on; soft ones, if neither they nor a support are given"
+    )
     ratios: list[Positive] | None = Field(
         default=None,
         min_length=1,
@@ -52,12 +66,31 @@ class Bar(LineBody):
             root = bar_roots(self.ends, number)
             omega = speed * (root / length) ** 2
         scale = 1 / math.sqrt(density * length)
-        return ModeSet(omega, self.decay_rates(omega, root / length), lambda x: scale * bar_shape(self.ends, root, x))
+        sigma = self.decay_rates(omega, root / length)
+        if self.ends != "free" or omega.size == 0:
+            return ModeSet(omega, sigma, lambda x: scale * bar_shape(self.ends, root, x))
+        rigid_omega, rigid_sigma = self.rigid_modes()
+
+        def shape(x: float) -> np.ndarray:
+            rigid = scale * np.array([1.0, math.sqrt(12) * (x - 0.5)])
+            return np.concatenate([scale * bar_shape("free", root, x), rigid])
+
+        return ModeSet(np.concatenate([omega, rigid_omega]), np.concatenate([sigma, rigid_sigma]), shape)
+
+    def rigid_modes(self) -> tuple[np.ndarray, np.ndarray]:
+        """ω (rad/s) and σ (1/s) of a free bar that moves and turns as a whole: on cords of stiffness k at its nodes,
+        ω² = 2k/m, and 12·(½ - node)²·2k/m of the turn."""
+        cords = self.cords or Cords(frequency=0.0 if self.support else Cords().frequency)
+        omega = 2 * math.pi * cords.frequency * np.array([1.0, math.sqrt(12) * (0.5 - NODE)])
+        return omega, np.full(2, TO_60_DB / cords.t60 if cords.frequency else 0.0)
 
     @classmethod
     def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
-        """The ratios of partials rise from 1."""
+        """Cords hold a free bar; the ratios of partials rise from 1."""
         yield from super().faults(path, table)
+        if is_given(table, "cords") and table.get("ends", "free") != "free":
+            message = f"cords under a bar that is {table['ends']}"
+            yield make_fault((*path, "cords"), table["cords"], message, 'a bar with ends = "free" lies on cords')
         ratios: Any = table.get("ratios")
         if are_positive(ratios) and not rise_from_one(ratios):
             remedy = "the first is 1, each next one is higher"

@@ -34,6 +34,10 @@ class TooManyModes(ValueError):
     """A body has more modes below the highest frequency than can be built."""
 
 
+class NoSuchMode(ValueError):
+    """A body is to begin in the shape of a mode that it has not."""
+
+
 class BodyTable(Table):
     """A body of a patch. Each kind of body is a subclass, in a file of its own."""
 
@@ -56,6 +60,10 @@ class BodyTable(Table):
     @abstractmethod
     def total_mass(self) -> float:
         """Mass of the body, kg; infinite where it is not known."""
+
+    def initial_displacement(self, at: Any) -> float:
+        """Displacement at a position at time 0, m."""
+        return 0.0
 
     def retuned(self, ratio: float) -> Self:
         """The body with all its frequencies multiplied by a ratio."""

@@ -4,16 +4,30 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from itertools import pairwise
-from typing import Any, ClassVar, NamedTuple, TypeGuard
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import Field
 from pydantic_core import InitErrorDetails
 
-from engine.bodies.body import MAX_MODES, MIN_OMEGA, TO_60_DB, BodyTable, ModalBody, TooManyModes
-from engine.bodies.table import KeyPath, Positions, Positive, Table, is_number, make_fault
+from engine.bodies.body import MAX_MODES, MIN_OMEGA, BodyTable, ModalBody, TooManyModes
+from engine.bodies.decay import DECAY_LAWS, Decay, t60_faults, t60_rates
+from engine.bodies.initial_shape import (
+    INITIAL_SHAPES,
+    Initial,
+    InitialShape,
+    Profile,
+    Quadrature,
+    line_quadrature,
+    peak_of_line,
+    peak_of_rectangle,
+    rectangle_quadrature,
+)
+from engine.bodies.table import KeyPath, Positions, Positive, Table, is_given, is_number, make_fault
 
+AUDIBLE = 20_000.0  # Hz
 MAX_SUPPORTS = 256  # of a body
+MAX_GRID = 96  # positions on each side of a sheet, where something is summed over it
 MAX_SHEET_MODES = 1_000  # of a membrane or a plate that does not say how many
 
 
@@ -34,10 +48,10 @@ class Support(Table):
 
 
 class DistributedBody(BodyTable):
-    """A body with many modes. At time 0 it is at rest; gravity does not move it from there.
+    """A body with many modes. At time 0 it is at rest, or as `displacement` and `velocity` say; gravity acts not on it.
 
     Its decay rate is σ = sigma0 + sigma1·β + sigma3·β³ + b3·ω² for a mode of wave number β and angular
-    frequency ω; or `t60` gives it.
+    frequency ω; or `t60` or a law of `decay` gives it.
     """
 
     modes: int | None = Field(
@@ -62,55 +76,69 @@ class DistributedBody(BodyTable):
     t60_at: list[Positive] | None = Field(
         default=None, min_length=2, max_length=2, description="two frequencies, Hz; between them σ goes as frequency²"
     )
+    decay: Decay | None = Field(default=None, description="a law of loss by its name; instead of decay rates and t60")
+
+    displacement: Initial | None = Field(default=None, description="displacement at time 0")
+    velocity: Initial | None = Field(default=None, description="velocity at time 0")
 
     @abstractmethod
     def free_modes(self, max_omega: float) -> ModeSet:
         """Modes below an angular frequency (rad/s), without supports, the lowest first."""
 
+    @abstractmethod
+    def quadrature(self, modes: int, kinks: list[float]) -> Quadrature:
+        """Positions that resolve so many modes, and profiles with such kinks (engine.bodies.initial_shape)."""
+
+    @abstractmethod
+    def peak(self, at: Any) -> Profile:
+        """The profile that is 1 at a place, and falls to 0 at the ends or the rim."""
+
     def modal_body(self, max_frequency: float = math.inf) -> ModalBody:
         with np.errstate(all="ignore"):  # what is not finite is refused in the end (engine.build.limits)
-            max_omega = 2 * math.pi * max_frequency
-            return at_rest(self.free_modes(max_omega))
+            body = at_rest(self.free_modes(2 * math.pi * max_frequency))
+            return body._replace(q=self._modal(self.displacement, body), p=self._modal(self.velocity, body))
+
+    def initial_displacement(self, at: Any) -> float:
+        if self.displacement is None:
+            return 0.0
+        body = self.modal_body(AUDIBLE)
+        return float(body.shape(at) @ body.q)
+
+    def _modal(self, begin: InitialShape | None, body: ModalBody) -> np.ndarray:
+        """What modes begin with [modes]."""
+        if begin is None:
+            return np.zeros(body.omega.size)
+        return begin.modal(body.shape, self.quadrature(body.omega.size, begin.kinks()), self.peak)
 
     def decay_rates(self, omega: np.ndarray, wave_number: np.ndarray) -> np.ndarray:
-        """σ (1/s) of modes of angular frequency ω (rad/s) and wave number β (1/m).
+        """σ (1/s) of modes of angular frequency ω (rad/s) and wave number β (1/m), the lowest first.
 
-        σ0 + σ1·β + σ3·β³ (van Walstijn, Bridges, Mehes, DAFx-16) + b3·ω² (Chaigne & Askenfelt 1994, whose b1 is
-        σ0); or T60 at two frequencies, with σ going as ω² between (Bilbao, Numerical Sound Synthesis, sec. 7.3).
+        By the law of `decay` (engine.bodies.decay), or by `t60`, or σ0 + σ1·β + σ3·β³ + b3·ω².
         """
-        if self.t60 is None:
-            per_wave = self.sigma1 * wave_number + self.sigma3 * wave_number**3
-            return np.asarray(self.sigma0 + per_wave + self.b3 * omega**2)
-        rates = [TO_60_DB / t for t in self.t60]
-        if len(rates) == 1 or self.t60_at is None:
-            return np.full_like(omega, rates[0])
-        a, b = ((2 * math.pi * f) ** 2 for f in self.t60_at)
-        slope = (rates[1] - rates[0]) / (b - a)
-        return np.asarray(rates[0] + slope * (omega**2 - a))
+        if self.decay is not None:
+            return self.decay.rates(omega, wave_number)
+        if self.t60 is not None:
+            return t60_rates(self.t60, self.t60_at, omega)
+        per_wave = self.sigma1 * wave_number + self.sigma3 * wave_number**3
+        return np.asarray(self.sigma0 + per_wave + self.b3 * omega**2)
 
     @classmethod
     def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
-        """T60 excludes the other losses, and must not make any mode grow."""
-        times, at = table.get("t60"), table.get("t60_at")
-        others = [k for k in ("sigma0", "sigma1", "sigma3", "b3") if table.get(k)]
-        if times and others:
-            remedy = "give decay rates or times, not both"
-            yield make_fault((*path, "t60"), times, f"t60 and {others[0]} given", remedy)
-        if not are_positive(times) or (at is not None and not are_positive(at)):
-            return
-        if len(times) == 2 and at is None:
-            yield make_fault((*path, "t60"), times, "two times without frequencies", "give t60_at = [Hz, Hz]")
-        elif at is not None and len(at) == 2 and len(times) == 2:
-            (a, b), (long, short) = at, times
-            if a >= b or short > long:
-                message = f"{long:g} s at {a:g} Hz and {short:g} s at {b:g} Hz"
-                remedy = "the higher frequency second, and its time not the longer: else some mode would never decay"
-                yield make_fault((*path, "t60"), times, message, remedy)
-            elif short < long * (a / b) ** 2:
-                remedy = f"the second time at least {long * (a / b) ** 2:.3g} s"
-                yield make_fault((*path, "t60"), times, "modes below the first frequency would grow", remedy)
-        elif at is not None:
-            yield make_fault((*path, "t60_at"), at, "frequencies without two times", "give t60 = [s, s]")
+        """Losses are given in one way, and make no mode grow."""
+        rates = [k for k in ("sigma0", "sigma1", "sigma3", "b3") if table.get(k)]
+        ways = [k for k in ("decay", "t60") if is_given(table, k)] + rates[:1]
+        if len(ways) > 1:
+            remedy = "give the losses in one way: decay, t60, or decay rates"
+            yield make_fault((*path, ways[0]), table[ways[0]], f"{ways[0]} and {ways[1]} given", remedy)
+        yield from t60_faults(path, table, "t60", "t60_at")
+        law = table.get("decay")
+        if isinstance(law, dict) and law.get("kind") in DECAY_LAWS:
+            yield from DECAY_LAWS[law["kind"]].faults((*path, "decay"), law)
+        for key in ("displacement", "velocity"):
+            begin = table.get(key)
+            if isinstance(begin, dict) and begin.get("kind") in INITIAL_SHAPES:
+                kind = INITIAL_SHAPES[begin["kind"]]
+                yield from kind.faults((*path, key), begin, is_sheet=not cls.HAS_LENGTH)
 
 
 class LineBody(DistributedBody):
@@ -129,6 +157,12 @@ class LineBody(DistributedBody):
 
     def total_mass(self) -> float:
         return self.linear_density() * self.length
+
+    def quadrature(self, modes: int, kinks: list[float]) -> Quadrature:
+        return line_quadrature(modes + 2, kinks, self.total_mass())
+
+    def peak(self, at: Any) -> Profile:
+        return peak_of_line(at)
 
 
 class SheetBody(DistributedBody):
@@ -152,6 +186,12 @@ class SheetBody(DistributedBody):
         if stiffness:
             return math.sqrt(stiffness / self.density)
         return 2 * math.pi * (self.frequency or 0.0) / lowest
+
+    def quadrature(self, modes: int, kinks: list[float]) -> Quadrature:
+        return rectangle_quadrature(min(16 + 3 * math.isqrt(modes), MAX_GRID), self.total_mass())
+
+    def peak(self, at: Any) -> Profile:
+        return peak_of_rectangle(at)
 
     def rectangle_modes(self, sides: list[float], speed: float, power: int, max_omega: float) -> ModeSet:
         """Modes of a rectangle: ω = speed·β^power; shapes sin(mπx)·sin(nπy) with modal mass ρab/4."""
@@ -208,11 +248,6 @@ def mode_numbers(frequencies: Callable[[np.ndarray], np.ndarray], limit: int | N
     if limit is None and number.size > MAX_MODES:
         raise TooManyModes(f"has more than {MAX_MODES} modes below {max_omega / 2 / math.pi:.0f} Hz")
     return number
-
-
-def are_positive(value: Any) -> TypeGuard[list[float]]:
-    """Whether a value of a patch is a list of positive numbers."""
-    return isinstance(value, list) and bool(value) and all(is_number(x) and 0 < x < math.inf for x in value)
 
 
 def rise_from_one(value: list[float]) -> bool:

@@ -1,7 +1,7 @@
 """Masses and oscillators: bodies of one mode."""
 
 import math
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -39,6 +39,9 @@ class LumpedBody(BodyTable):
 
     def total_mass(self) -> float:
         return self.mass
+
+    def initial_displacement(self, at: Any) -> float:
+        return self.displacement
 
 
 class Mass(LumpedBody):

@@ -7,7 +7,8 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from engine.bodies.distributed import MAX_SHEET_MODES, ModeSet, SheetBody
+from engine.bodies.distributed import MAX_GRID, MAX_SHEET_MODES, ModeSet, SheetBody
+from engine.bodies.initial_shape import Profile, Quadrature, circle_quadrature, peak_of_circle
 from engine.bodies.table import Positive, is_given
 from engine.wording import format_value
 
@@ -56,6 +57,14 @@ class Membrane(SheetBody):
     def total_mass(self) -> float:
         a, b = self.size or (0.0, 0.0)
         return self.density * (math.pi * (self.radius or 0.0) ** 2 if self.size is None else a * b)
+
+    def quadrature(self, modes: int, kinks: list[float]) -> Quadrature:
+        if self.size is not None:
+            return super().quadrature(modes, kinks)
+        return circle_quadrature(min(12 + math.isqrt(modes), MAX_GRID // 2), self.total_mass())
+
+    def peak(self, at: Any) -> Profile:
+        return super().peak(at) if self.size is not None else peak_of_circle(at)
 
     @classmethod
     def explain_outside(cls, table: dict[str, Any], item: Any) -> tuple[str, str] | None:

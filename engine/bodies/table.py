@@ -1,6 +1,7 @@
 """Tables of a patch: their common base, the types of their values, and how their faults are reported."""
 
-from typing import Annotated, Any
+import math
+from typing import Annotated, Any, TypeGuard
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, WithJsonSchema
 from pydantic_core import InitErrorDetails, PydanticCustomError
@@ -29,6 +30,11 @@ class Table(BaseModel):
 def is_number(value: Any) -> bool:
     """Whether a value is a number; True and False are none."""
     return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def are_positive(value: Any) -> TypeGuard[list[float]]:
+    """Whether a value of a patch is a list of positive numbers."""
+    return isinstance(value, list) and bool(value) and all(is_number(x) and 0 < x < math.inf for x in value)
 
 
 def is_given(table: dict[str, Any], key: str) -> bool:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from engine.build.connection_tables import dense_rows, lowest_energies
-from engine.build.layout import Layout
+from engine.build.layout import BodyPoint, Layout
 from engine.kernel.axes import Axis, allocate
 from engine.kernel.codes import COLUMNS, LANES, Row
 from engine.kernel.model import Model
@@ -20,7 +20,6 @@ def initial_state(layout: Layout, model: Model) -> State:
         given["exponent"] = contact.law.exponent.copy()
         given["barrier"] = contact.nominal_barrier.copy()
         given["compression"] = _initial_compressions(layout, q) - given["barrier"]
-    bodies = [layout.scene.body[layout.body_index[pickup.body]] for pickup, _ in layout.pickup_points]
     coupling = model.step.contact is not None and model.step.contact.coupling is not None
     largest = int(np.diff(model.islands.contact).max())
     state: State = allocate(
@@ -28,7 +27,7 @@ def initial_state(layout: Layout, model: Model) -> State:
         counts,
         q=q,
         p=layout.concatenate_modes("p"),
-        previous_velocity=np.array([getattr(body, "velocity", 0.0) for body in bodies]),
+        previous_velocity=np.array([_initial_velocity(layout, point) for _, point in layout.pickup_points]),
         connection=_initial_connections(layout, counts, q) if model.connection is not None else None,
         scratch=allocate_scratch(counts[Axis.PARTITION], largest) if coupling else None,
         refinement=allocate(RefinementState, counts) if model.refinement is not None else None,
@@ -36,6 +35,13 @@ def initial_state(layout: Layout, model: Model) -> State:
         **given,
     )
     return state
+
+
+def _initial_velocity(layout: Layout, point: BodyPoint) -> float:
+    """Velocity of a point at time 0, m/s."""
+    if point.body is None:
+        return 0.0
+    return float(layout.mode_shape(point) @ layout.modal_bodies[layout.body_index[point.body]].p)
 
 
 def _initial_connections(layout: Layout, counts: dict[Axis, int], q: np.ndarray) -> ConnectionState:

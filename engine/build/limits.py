@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from engine.bodies import Body, String
-from engine.bodies.body import ModalBody, TooManyModes
+from engine.bodies.body import ModalBody, NoSuchMode, TooManyModes
 from engine.build.connection_coordinates import count_supports
 from engine.build.contact_points import count_points
 from engine.build.force_table import count_steps
@@ -38,6 +38,9 @@ def build_modal_bodies(scene: Scene, samplerate: float, scheme: str) -> list[Mod
             modal = body.modal_body(MAX_FREQUENCY_SHARE * samplerate)
         except TooManyModes as error:
             faults.append(Fault(path, f"{error}; give modes = the number to build"))
+            continue
+        except NoSuchMode as error:
+            faults.append(Fault(path, str(error)))
             continue
         except (ArithmeticError, ValueError):
             faults.append(

@@ -3,6 +3,7 @@
 from typing import Any
 
 from engine.bodies import Mass, Oscillator
+from engine.bodies.distributed import DistributedBody
 from engine.patch.scene import Scene
 from engine.patch.tables import Force, HalfSineForce, PluckEvent, PluckForce, PulseForce, StrikeEvent
 
@@ -29,7 +30,9 @@ def replicate(scene: Scene, voices: int) -> Scene:
     waiting = [f.model_copy(update={"start": 0.0}) for b in scene.body for f in plucks(scene, b.name)]
     for n in range(voices):
         for body in scene.body:
-            still = {"velocity": 0.0} if isinstance(body, Mass | Oscillator) else {}
+            still: dict[str, Any] = {"velocity": 0.0} if isinstance(body, Mass | Oscillator) else {}
+            if isinstance(body, DistributedBody):
+                still = {"displacement": None, "velocity": None}
             parts["body"].append(body.model_copy(update={"name": f"{body.name}_{n}"} | still))
         for section in ("contact", "connection"):
             for joined in getattr(scene, section):

@@ -57,15 +57,16 @@ def _warn_of_hammer_inside(
 def _initial_compression(
     bodies: dict[str, Any], contact: Contact, hammer: str, begin: float
 ) -> tuple[float, float, float]:
-    """Compression at time 0, the hammer's own share of it, and what is subtracted; spread bodies rest at 0."""
+    """Compression at time 0, the hammer's own share of it, and what is subtracted."""
     sign = 1.0 if contact.side == "above" else -1.0
     on = None if contact.on is None else bodies[contact.on]
-    offset = contact_points(contact, bodies[contact.body], on)[0].offset
+    point = contact_points(contact, bodies[contact.body], on)[0]
+    offset = point.offset
     offset = -offset if contact.on is None and contact.side == "below" else offset
     depth = hammer_share = 0.0
-    for name, factor in ((contact.body, sign), (contact.on, -sign)):
+    for name, at, factor in ((contact.body, point.at, sign), (contact.on, point.on_at, -sign)):
         if name is not None:
-            place = begin if name == hammer else getattr(bodies[name], "displacement", 0.0)
+            place = begin if name == hammer else bodies[name].initial_displacement(at)
             depth += factor * place
             hammer_share += factor * begin if name == hammer else 0.0
     return depth - offset, hammer_share, offset

@@ -36,7 +36,8 @@ def locate_error(error: Any) -> Location:
     field: FieldInfo | None = None
     inner = models
     for part in error["loc"]:
-        if error["type"] != "scene" and len(inner) > 1 and part in inner and isinstance(path[-1], int):
+        follows_table = bool(path) and (isinstance(path[-1], int) or not _is_list(field))
+        if error["type"] != "scene" and len(inner) > 1 and part in inner and follows_table:
             inner = {part: inner[part]}
             continue
         if isinstance(part, str):
@@ -44,7 +45,13 @@ def locate_error(error: Any) -> Location:
             field = next((m.model_fields[part] for m in models.values() if part in m.model_fields), None)
             inner = _models_by_kind(field.annotation) if field else {}
         path += (part,)
-    return Location(path, models if isinstance(path[-1:] and path[-1], str) else inner, field)
+    is_key = isinstance(path[-1:] and path[-1], str) and not error["type"].startswith("union_tag")
+    return Location(path, models if is_key else inner, field)
+
+
+def _is_list(field: FieldInfo | None) -> bool:
+    """Whether a field holds a list."""
+    return field is not None and typing.get_origin(field.annotation) is list
 
 
 def _models_by_kind(annotation: Any) -> dict[str, type[BaseModel]]:
@@ -135,8 +142,8 @@ def _describe_table_error(error: Any, location: Location) -> str:
         header = f"[[{path[0]}]]" if is_array and path else f"[{_last_key(path)}]"
         return f"{value} is not a table; write {header}" if path else "not a table of keys"
     if is_table:
-        inner = _models_by_kind(field.annotation).values() if field else ()
-        needed = [k for m in inner for k, f in m.model_fields.items() if f.is_required()] or ["name"]
+        inner = list(_models_by_kind(field.annotation).values()) if field else []
+        needed = [k for m in inner[:1] for k, f in m.model_fields.items() if f.is_required()] or ["name"]
         return f"{value} is not a table; write {_last_key(path)} = {{ {', '.join(f'{k} = …' for k in needed)} }}"
     if kind == "list_type":
         return f"{value} is not a list; write {_last_key(path)} = [ … ]: {_describe_field(field)}"

@@ -58,8 +58,11 @@ def _simplify_values(nodes: dict[str, Any]) -> dict[str, Any]:
     return {name: _simplify(node) for name, node in nodes.items()}
 
 
-def resolve_ref(node: dict[str, Any], schema: dict[str, Any]) -> dict[str, Any]:
-    """The schema of the table that a node refers to, or the node itself."""
+def resolve_ref(node: dict[str, Any], schema: dict[str, Any], kind: Any = None) -> dict[str, Any]:
+    """The schema of the table that a node refers to, or the node itself; of several tables, the one of a kind."""
+    if "oneOf" in node:
+        tables = [resolve_ref(option, schema) for option in node["oneOf"]]
+        return next((t for t in tables if t["properties"]["kind"]["const"] == kind), tables[0])
     ref = node.get("$ref") or next((part["$ref"] for part in node.get("allOf", []) if "$ref" in part), None)
     return schema["definitions"][ref.rpartition("/")[2]] if ref else node
 

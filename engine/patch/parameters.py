@@ -72,7 +72,7 @@ def _table_parameters(
     for key, node in table["properties"].items():
         value, path = values.get(key), prefix + key
         if isinstance(value, dict) and "patternProperties" not in node:
-            yield from _table_parameters(f"{path}.", value, resolve_ref(node, schema), schema)
+            yield from _table_parameters(f"{path}.", value, resolve_ref(node, schema, value.get("kind")), schema)
         elif isinstance(value, list) and value and isinstance(value[0], dict):
             for i, inner in enumerate(value):
                 yield from _table_parameters(f"{path}.{i}.", inner, variants(node, schema)[""], schema)

@@ -10,10 +10,12 @@ from collections.abc import Iterator
 from dataclasses import astuple, dataclass
 from typing import Any
 
+from engine.bodies.decay import DECAY_LAWS
+from engine.bodies.initial_shape import INITIAL_SHAPES
 from engine.patch.json_schema import patch_schema, resolve_ref, variants
 
 UNITS = (
-    *("m", "kg", "s", "Hz", "N", "dB", "m/s", "m/s²", "m³/s", "1/s", "s/m", "1/√kg"),
+    *("m", "kg", "s", "Hz", "N", "dB", "m/s", "m/s²", "m²/s", "m³/s", "1/s", "s/m", "1/√kg"),
     *("kg/m", "kg/m²", "kg/s", "N/m", "N·m", "N·m²", "N/m^exponent"),
 )
 UNIT_PATTERN = re.compile(rf", ({'|'.join(map(re.escape, sorted(UNITS, key=len, reverse=True)))})(?=[;:,]|$)")
@@ -33,7 +35,15 @@ keys where the first line of a patch is `#:schema` and the path of `patches/patc
 
 # arrays of tables and [accuracy]: their headings, and the tables inside them with the names of their models
 SECTIONS: dict[str, tuple[str, dict[str, str]]] = {
-    "body": ("Bodies: `[[body]]`", {"[[body.support]]": "Support"}),
+    "body": (
+        "Bodies: `[[body]]`",
+        {"[[body.support]]": "Support", "cords = { … }": "Cords"}
+        | {f'decay = {{ kind = "{kind}", … }}': law.__name__ for kind, law in DECAY_LAWS.items()}
+        | {
+            f'displacement, velocity = {{ kind = "{kind}", … }}': shape.__name__
+            for kind, shape in INITIAL_SHAPES.items()
+        },
+    ),
     "contact": ("Contacts: `[[contact]]`", {"bridge = { … }": "Bridge", "frets = { … }": "Frets"}),
     "connection": ("Connections: `[[connection]]`", {}),
     "force": ("Forces: `[[force]]`", {}),
@@ -127,7 +137,7 @@ def format_range(node: dict[str, Any]) -> str:
         return "a place" if {"type": "string"} in options else format_range(options[0]) + ", or a list"
     if "patternProperties" in node:
         return "lists by name"
-    if "properties" in node or "allOf" in node:
+    if "properties" in node or "allOf" in node or "oneOf" in node:
         return "a table"
     if node.get("type") == "string":
         return "a name" if "pattern" in node else "text"

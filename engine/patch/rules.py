@@ -41,6 +41,9 @@ def check_rules(data: dict[str, Any]) -> Faults:
     for i, body in tables_of(data, "body"):
         for j, support in tables_of(body, "support"):
             yield from check_positions(("body", i, "support", j, "at"), support, body, single=False)
+        for key in ("displacement", "velocity"):
+            if isinstance(body.get(key), dict) and is_given(body[key], "at"):
+                yield from check_positions(("body", i, key, "at"), body[key], body, single=True)
     for i, contact in tables_of(data, "contact"):
         yield from _check_contact(("contact", i), contact, bodies)
     yield from check_connections(data, bodies)

@@ -4,7 +4,7 @@
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from pydantic import Field, ModelWrapValidatorHandler, ValidationError, Validati
 from pydantic_core import InitErrorDetails
 
 from engine.bodies import Body
-from engine.bodies.modal_csv import read_modes
+from engine.bodies.csv_files import read_modes, read_shape
 from engine.bodies.table import KeyPath, Table, make_fault
 from engine.files import check_regular_file
 from engine.output_files import error_reason
@@ -61,7 +61,7 @@ class Scene(Table):
         scene = None
         folder = Path((info.context or {}).get("folder", "."))
         if isinstance(data, dict):
-            data, file_faults = _read_modal_files(_limit_integers(data), folder)
+            data, file_faults = _read_body_files(_limit_integers(data), folder)
             faults += [*file_faults, *islice(_check_force_files(data, folder), MAX_FAULTS_COLLECTED)]
         try:
             scene = handler(data)
@@ -102,9 +102,12 @@ def _limit_integers(value: Any) -> Any:
 def _repeat_error(error: Any, data: Any) -> InitErrorDetails:
     """An error that pydantic raised, by itself or for a check of ours on one key, to be raised with the others."""
     if error["type"] == "scene":
-        path = error["loc"]
-        if len(path) > 2 and data[path[0]][path[1]].get("kind") == path[2]:  # pydantic puts a table's kind there
-            path = path[:2] + path[3:]
+        path: KeyPath = ()
+        value = data
+        for part in error["loc"]:
+            if isinstance(value, dict) and part not in value and part == value.get("kind"):
+                continue  # pydantic puts a table's kind there
+            path, value = (*path, part), value[part]
         message, _, remedy = error["msg"].partition("; ")
         return make_fault(path, error["input"], message, remedy)
     details = InitErrorDetails(type=error["type"], loc=error["loc"], input=error["input"])
@@ -113,19 +116,31 @@ def _repeat_error(error: Any, data: Any) -> InitErrorDetails:
     return details
 
 
-def _read_modal_files(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[InitErrorDetails]]:
-    """The document with modes in place of the files they are in, so that a scene is complete in itself; and the faults
-    of the files that cannot be read."""
+def _read_body_files(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[InitErrorDetails]]:
+    """The document with numbers in place of the files that bodies name, so that a scene is complete in itself; and the
+    faults of the files that cannot be read."""
     bodies = data.get("body")
     if not isinstance(bodies, list):
         return data, []
-    complete, faults = [], []
+    complete, faults = [], list[InitErrorDetails]()
+
+    def replace_file(table: Any, path: KeyPath, read: Callable[[Path], dict[str, Any]], content: str) -> Any:
+        if not isinstance(table, dict) or not isinstance(table.get("file"), str):
+            return table
+        try:
+            return {k: v for k, v in table.items() if k != "file"} | read(folder / table["file"])
+        except (OSError, ValueError) as error:
+            faults.append(_make_file_fault((*path, "file"), table["file"], "CSV", error, content))
+            return table
+
     for i, body in enumerate(bodies):
-        if isinstance(body, dict) and body.get("kind") == "modes" and isinstance(body.get("file"), str):
-            try:
-                body = {k: v for k, v in body.items() if k != "file"} | read_modes(folder / body["file"])
-            except (OSError, ValueError) as error:
-                faults.append(_make_file_fault(("body", i, "file"), body["file"], "CSV", error, "a table of modes"))
+        if isinstance(body, dict):
+            if body.get("kind") == "modes":
+                body = replace_file(body, ("body", i), read_modes, "a table of modes")
+            for key in ("displacement", "velocity"):
+                if isinstance(body.get(key), dict) and body[key].get("kind") == "points":
+                    shape = replace_file(body[key], ("body", i, key), read_shape, "columns x, value")
+                    body = body | {key: shape}
         complete.append(body)
     return data | {"body": complete}, faults
 

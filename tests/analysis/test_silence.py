@@ -52,8 +52,8 @@ def test_a_render_that_sounds_is_not_silent(silent):
 
 def test_nothing_moves(silent):
     assert silent("") == (
-        "nothing moves at the start, and no force or strike acts; give a mass a velocity, or add a [[force]] or an"
-        " [[event]]"
+        "nothing moves at the start, and no force or strike acts; give a body a velocity or a displacement, or add a"
+        " [[force]] or an [[event]]"
     )
 
 

@@ -15,7 +15,7 @@ from conftest import ROOT
 from sweeps import plan
 
 import engine
-from engine.bodies.modal_csv import read_modes as measured
+from engine.bodies.csv_files import read_modes as measured
 from engine.faults import PatchError
 from engine.live import midi_notes
 from engine.live.player import Player

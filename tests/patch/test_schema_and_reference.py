@@ -18,7 +18,7 @@ SCHEMA = ROOT / "patches" / "patch.schema.json"
 # numbers without a unit, and places
 DIMENSIONLESS = {
     "at", "on_at", "modes", "inharmonicity", "ratios", "points", "count", "exponent", "channel", "gain",
-    "order", "substeps", "tolerance", "oversample", "iterations",
+    "order", "substeps", "tolerance", "oversample", "iterations", "b", "eta", "number", "x", "y", "scale",
 }  # fmt: skip
 PICKUP = {"body": "a"}
 MASS = {"name": "a", "kind": "mass", "mass": 1.0}

@@ -17,8 +17,10 @@ from scenes.small import scene
 HIGHEST = 21_609.0  # Hz
 
 
-def hertz(body) -> np.ndarray:
-    return body.modal_body(HIGHEST).omega / (2 * math.pi)
+def hertz(body, highest: float = HIGHEST) -> np.ndarray:
+    """Frequencies of the partials, Hz: without the two modes of a free bar that moves as a whole."""
+    frequencies = body.modal_body(highest).omega / (2 * math.pi)
+    return frequencies[:-2] if getattr(body, "ends", "") == "free" else frequencies
 
 
 def string(**more) -> String:
@@ -159,7 +161,7 @@ FEW = [
 
 @pytest.mark.parametrize("body", FEW, ids=lambda b: b.kind)
 def test_all_modes_below_the_highest_are_built_and_none_above(body):
-    few, more = hertz(body), body.modal_body(1.3 * HIGHEST).omega / (2 * math.pi)
+    few, more = hertz(body), hertz(body, 1.3 * HIGHEST)
     assert few.max() < HIGHEST
     np.testing.assert_array_equal(np.sort(few), np.sort(more[more < HIGHEST]))
     assert few.size < more.size
@@ -191,10 +193,7 @@ def test_shapes_of_bars_are_orthonormal(ends):
     x, w = np.polynomial.legendre.leggauss(200)
     shapes = np.array([body.modal_body(math.inf).shape((1 + a) / 2) for a in x])
     gram = shapes.T @ (shapes * (0.2 * w / 2)[:, None])
-    if ends == "free":  # the two motions of the bar as a whole are not built, and are orthogonal to all others
-        np.testing.assert_allclose(shapes.T @ w, 0, atol=1e-12)
-        np.testing.assert_allclose(shapes.T @ (w * x), 0, atol=1e-12)
-    np.testing.assert_allclose(gram, np.eye(25), atol=1e-12)
+    np.testing.assert_allclose(gram, np.eye(27 if ends == "free" else 25), atol=1e-12)  # two as a whole
 
 
 def test_shapes_of_strings_are_orthonormal():
@@ -259,7 +258,7 @@ def test_decay_by_wave_number_and_frequency():
 
 
 def test_times_to_fall_by_60_db():
-    own = bar(t60=[2.0]).modal_body(HIGHEST)
+    own = bar(t60=[2.0], ends="clamped").modal_body(HIGHEST)
     np.testing.assert_allclose(np.exp(-own.sigma * 2.0), 1e-3, rtol=1e-12)
     own = string(frequency=100.0, t60=[15.0, 6.0], t60_at=[100.0, 2000.0]).modal_body(HIGHEST)
     assert TO_60_DB / own.sigma[0] == pytest.approx(15.0, rel=1e-12)

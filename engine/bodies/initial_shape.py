@@ -1,0 +1,199 @@
+"""What strings, bars, membranes and plates begin with: a displacement and a velocity, as functions of the position."""
+
+import math
+from abc import abstractmethod
+from collections.abc import Callable, Iterator
+from typing import Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field
+from pydantic_core import InitErrorDetails
+
+from engine.bodies.body import NoSuchMode
+from engine.bodies.table import Fraction, KeyPath, Positions, Table, is_given, is_number, make_fault
+
+MAX_SHAPE_POINTS = 10_000  # of a file
+Amplitude = Annotated[float, Field(ge=-1e3, le=1e3)]
+Shape = Callable[[Any], np.ndarray]  # position → [modes], 1/√kg
+Profile = Callable[[Any], float]  # position → m, or m/s
+
+
+class Quadrature(NamedTuple):
+    """Positions on a body, and the mass that each stands for."""
+
+    positions: list[Any]
+    masses: np.ndarray  # [positions], kg
+
+    def project(self, profile: Profile, shape: Shape) -> np.ndarray:
+        """∫ Φ·y dm of a profile y: the modal coordinates that add up to it [modes], √kg·m of a displacement."""
+        total = np.zeros(1)
+        for position, mass in zip(self.positions, self.masses.tolist(), strict=True):
+            total = total + (mass * profile(position)) * shape(position)
+        return total
+
+
+class InitialShape(Table):
+    """A displacement or a velocity at time 0."""
+
+    def kinks(self) -> list[float]:
+        """Where a profile along a line has kinks, fractions."""
+        return []
+
+    @abstractmethod
+    def modal(self, shape: Shape, quadrature: Quadrature, peak: Callable[[Any], Profile]) -> np.ndarray:
+        """What the modes begin with [modes], √kg·m of a displacement, √kg·m/s of a velocity.
+
+        shape:      of the modes
+        quadrature: of the body
+        peak:       from a place to the profile that is 1 there and falls to 0 at the ends or the rim
+        """
+
+    @classmethod
+    def faults(cls, path: KeyPath, table: dict[str, Any], is_sheet: bool) -> Iterator[InitErrorDetails]:
+        """Faults that no key shows alone. The table is as it was read; path: of the table"""
+        yield from ()
+
+
+class InitialTriangle(InitialShape):
+    """Pulled aside at one place: a triangle on a string or bar, a cone on a sheet, zero at its ends or rim."""
+
+    kind: Literal["triangle"]
+    at: Positions = Field(description="where it is largest")
+    amplitude: Amplitude = Field(description="how large it is there, m; of a velocity m/s")
+
+    def kinks(self) -> list[float]:
+        return [float(self.at)] if is_number(self.at) else []
+
+    def modal(self, shape: Shape, quadrature: Quadrature, peak: Callable[[Any], Profile]) -> np.ndarray:
+        return self.amplitude * quadrature.project(peak(self.at), shape)
+
+
+class InitialMode(InitialShape):
+    """The shape of one mode."""
+
+    kind: Literal["mode"]
+    number: int = Field(default=1, ge=1, le=20_000, description="which, 1 is the lowest")
+    amplitude: Amplitude = Field(description="how large it is at its largest, m; of a velocity m/s")
+
+    def modal(self, shape: Shape, quadrature: Quadrature, peak: Callable[[Any], Profile]) -> np.ndarray:
+        """Raises NoSuchMode."""
+        column = np.array([shape(position)[self.number - 1 : self.number] for position in quadrature.positions])
+        if column.size == 0:
+            raise NoSuchMode(f"has no mode {self.number} below 0.49 of the sample rate; a lower one")
+        modal = np.zeros(shape(quadrature.positions[0]).size)
+        modal[self.number - 1] = self.amplitude / float(np.max(np.abs(column)))
+        return modal
+
+
+class InitialPoints(InitialShape):
+    """Values at points, linear between them: lists here, or a CSV file with columns x (and y of a sheet) and value."""
+
+    kind: Literal["points"]
+    file: str | None = Field(
+        default=None, min_length=1, description="CSV file, relative to the patch; instead of the lists"
+    )
+    x: list[Fraction] | None = Field(
+        default=None, min_length=2, max_length=MAX_SHAPE_POINTS, description="places, fractions of the length"
+    )
+    y: list[Fraction] | None = Field(
+        default=None, min_length=2, max_length=MAX_SHAPE_POINTS, description="of a sheet: fractions of its other side"
+    )
+    value: list[Amplitude] | None = Field(
+        default=None, min_length=2, max_length=MAX_SHAPE_POINTS, description="what is there, m; of a velocity m/s"
+    )
+    scale: Amplitude = Field(default=1.0, description="factor on the values")
+
+    def kinks(self) -> list[float]:
+        return [] if self.y is not None or self.x is None else self.x
+
+    def modal(self, shape: Shape, quadrature: Quadrature, peak: Callable[[Any], Profile]) -> np.ndarray:
+        x, value = np.array(self.x or []), np.array(self.value or [])
+        if self.y is None:
+            order = np.argsort(x, kind="stable")
+            x, value = x[order], value[order]
+            return self.scale * quadrature.project(lambda at: float(np.interp(at, x, value, 0.0, 0.0)), shape)
+        from scipy.interpolate import LinearNDInterpolator
+
+        inner = LinearNDInterpolator(np.column_stack([x, self.y]), value, fill_value=0.0)
+        return self.scale * quadrature.project(lambda at: float(inner(at[0], at[1])), shape)
+
+    @classmethod
+    def faults(cls, path: KeyPath, table: dict[str, Any], is_sheet: bool) -> Iterator[InitErrorDetails]:
+        """The lists are equally long, and as many as the body has directions."""
+        if is_given(table, "file"):  # which could not be read
+            return
+        needed = ("x", "y", "value") if is_sheet else ("x", "value")
+        for key in ("x", "y", "value"):
+            if (key in needed) != is_given(table, key):
+                message = f"no {key} given" if key in needed else "a string or a bar has no y"
+                yield make_fault(path, table, message, f"give a file, or {', '.join(needed)}")
+                return
+        sizes = [len(table[key]) for key in needed if isinstance(table[key], list)]
+        if len(set(sizes)) > 1:
+            yield make_fault(path, table, "lists of unlike lengths", "one number for each point in each")
+
+
+INITIAL_SHAPES: dict[str, type[InitialShape]] = {
+    "triangle": InitialTriangle,
+    "mode": InitialMode,
+    "points": InitialPoints,
+}
+Initial = Annotated[InitialTriangle | InitialMode | InitialPoints, Field(discriminator="kind")]
+
+
+def peak_of_line(at: float) -> Profile:
+    """1 at a place of a line, and linear to 0 at its ends."""
+    return lambda x: float(np.interp(x, [0.0, at, 1.0], [float(at == 0.0), 1.0, float(at == 1.0)]))
+
+
+def peak_of_rectangle(at: list[float]) -> Profile:
+    """1 at a place of a rectangle, and linear to 0 at its rim: a pyramid."""
+
+    def share(x: float, a: float) -> float:
+        return (x - a) / (1 - a) if x > a else (a - x) / a if x < a else 0.0
+
+    return lambda place: 1 - max(share(place[0], at[0]), share(place[1], at[1]))
+
+
+def peak_of_circle(at: list[float]) -> Profile:
+    """1 at a place of a circle, whose positions are fractions of the square around it, and linear to 0 at its rim: a
+    cone."""
+    apex = 2 * np.array(at) - 1
+
+    def value(place: Any) -> float:
+        way = 2 * np.array(place) - 1 - apex  # the rim is where |apex + s·way| = 1
+        square, along = float(way @ way), float(way @ apex)
+        if square == 0.0:
+            return 1.0
+        to_rim = (math.sqrt(along**2 + square * (1 - float(apex @ apex))) - along) / square
+        return 1 - 1 / to_rim if to_rim > 1 else 0.0
+
+    return value
+
+
+def line_quadrature(waves: int, kinks: list[float], mass: float) -> Quadrature:
+    """Six Gauss points in each half-wave of a line, and between kinks.
+
+    waves: half-waves of the highest mode; kinks: fractions; mass: kg
+    """
+    ends = np.unique(np.concatenate([np.linspace(0.0, 1.0, waves + 1), kinks]))
+    node, weight = np.polynomial.legendre.leggauss(6)
+    width = np.diff(ends)[:, None]
+    positions = (ends[:-1, None] + width * (node + 1) / 2).ravel()
+    return Quadrature(positions.tolist(), mass * (width * weight / 2).ravel())
+
+
+def rectangle_quadrature(count: int, mass: float) -> Quadrature:
+    """Gauss points of a rectangle. count: on each side; mass: kg"""
+    node, weight = np.polynomial.legendre.leggauss(count)
+    x = ((node + 1) / 2).tolist()
+    return Quadrature([[a, b] for a in x for b in x], mass * np.outer(weight, weight).ravel() / 4)
+
+
+def circle_quadrature(count: int, mass: float) -> Quadrature:
+    """Gauss points of a circle, on rays. count: along its radius; mass: kg"""
+    node, weight = np.polynomial.legendre.leggauss(count)
+    radius, angle = (node + 1) / 2, np.arange(4 * count) * (math.pi / (2 * count))
+    x, y = (np.outer(radius, wave(angle)).ravel() / 2 + 0.5 for wave in (np.cos, np.sin))
+    masses = mass * np.repeat(weight * radius / (4 * count), 4 * count)
+    return Quadrature(np.column_stack([x, y]).tolist(), masses)

@@ -46,7 +46,7 @@ def in_blocks(scene: engine.Scene, size: int) -> np.ndarray:
     model, state, _ = build(scene, SAMPLERATE)
     running = simulation(model, state)
     advance = getattr(running, "render_block", None) or running.block
-    audio = np.zeros((round(TRACED * SAMPLERATE), max(p.channel for p in scene.pickup)))
+    audio = np.zeros((round(TRACED * SAMPLERATE), scene.channels))
     for begin in range(0, len(audio), size):
         advance(audio[begin : begin + size])
     return audio

@@ -210,7 +210,7 @@ def refinement() -> tuple[list[str], dict[str, list[float]]]:
         best = {"in contact": np.inf, "after": np.inf}
         for _ in range(5):
             model, state, _ = build(scene, RATE, accuracy)
-            simulation, out = Simulation(model, state), np.zeros((RATE, max(p.channel for p in scene.pickup)))
+            simulation, out = Simulation(model, state), np.zeros((RATE, scene.channels))
             simulation.render_block(out[:60])  # the hammer is on its way
             idle = min(time_block(simulation, out[:0]) for _ in range(20))
             for label, frames in (("in contact", 100), ("after", RATE - 1000)):

@@ -28,7 +28,7 @@ def cost(scene: engine.Scene, silence: float = -np.inf, frames: int = FRAMES, wa
     """ns per sample from time 0 on, or after `warm` samples; minimum of the repeats."""
     model, state, _ = build(scene, RATE, Accuracy(silence=silence))
     simulation = Simulation(model, state, measure_energy=False)
-    out = np.zeros((frames, max(p.channel for p in scene.pickup)))
+    out = np.zeros((frames, scene.channels))
     for _ in range(warm // frames):
         simulation.render_block(out)
     simulation.render_block(out[:64])

@@ -31,7 +31,7 @@ def measure(
     if not state.p.any() and model.force is None:
         state.p[:] = 1.0  # or it would sleep
     simulation = Simulation(model, state, cores, metered)
-    out = np.zeros((FRAMES, max(p.channel for p in scene.pickup)))
+    out = np.zeros((FRAMES, scene.channels))
 
     def render(frames: int) -> None:
         for begin in range(0, frames, FRAMES):

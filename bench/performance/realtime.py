@@ -27,7 +27,7 @@ def measure(scene: engine.Scene, size: int, cores: int = 1, metered: bool = True
     """Seconds of each block [runs, blocks], every run from the same warm state."""
     model, state, _ = build(scene, RATE)
     simulation = Simulation(model, state, cores, metered)
-    out = np.zeros((size, max(p.channel for p in scene.pickup)))
+    out = np.zeros((size, scene.channels))
     for _ in range(max(1, round(WARM * RATE / size))):
         simulation.render_block(out)
     saved = [(array, array.copy()) for array in arrays_of(state)]

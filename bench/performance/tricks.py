@@ -16,7 +16,7 @@ from engine.build.build import build
 from engine.offline.simulation import Simulation
 scene = engine.load(sys.argv[1])
 model, state, _ = build(scene, 44_100, scene.accuracy, 1.0)
-out = numpy.zeros((4096, max(p.channel for p in scene.pickup)))
+out = numpy.zeros((4096, scene.channels))
 begin = time.process_time()
 Simulation(model, state).render_block(out[:0])
 compiled = time.process_time() - begin

@@ -84,7 +84,7 @@ def profile_scene(
     """
     settings = scene.accuracy.replace(**accuracy)
     model, state, layout = build(scene, samplerate, settings, seconds, one_partition_per_island=True)
-    channels = max(p.channel for p in scene.pickup)
+    channels = scene.channels
     mean, worst = _measure_costs(model, state, round(seconds * samplerate), channels, on_compiled)
     return Profile(
         kernel=kernel_id(model, state),

@@ -57,6 +57,8 @@ def is_node(scene: Scene, name: str, at: Any) -> bool:
     body = next(b for b in scene.body if b.name == name)
     if at is None or isinstance(body, Mass | Oscillator):
         return False
+    if len(body.split_positions(at)) > 1:
+        return all(is_node(scene, name, place) for place in body.split_positions(at))
     positions: list[Any] = list(GENERIC_POSITIONS)
     if isinstance(body, MeasuredBody):
         positions = list(body.points or {})

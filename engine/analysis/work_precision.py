@@ -275,7 +275,7 @@ def _add_probes(scene: Scene) -> tuple[Scene, tuple[int, int]]:
     After the channels of the scene come the contact forces on the bodies that touch, masses and oscillators first, then
     the velocities of these, as many as there are channels for.
     """
-    channels = max(p.channel for p in scene.pickup)
+    channels = scene.channels
     lumped = [b.name for b in scene.body if isinstance(b, Mass | Oscillator)]
     touching = list(dict.fromkeys(name for c in scene.contact for name in (c.body, c.on) if name))
     touching.sort(key=lambda name: name not in lumped)
@@ -322,7 +322,7 @@ def _run(
     simulation = Simulation(model, state)
     frames = max(1, round(seconds * samplerate))
     fine = frames * accuracy.oversample
-    out = np.zeros((fine + decimation_tail(accuracy.oversample), max(p.channel for p in scene.pickup)))
+    out = np.zeros((fine + decimation_tail(accuracy.oversample), scene.channels))
     simulation.render_block(out[:fine])
     stats = simulation_statistics(simulation)
     if accuracy.oversample > 1:
@@ -347,7 +347,7 @@ def _perturb(model: Model, state: State, by: float) -> None:
 def _measure_cost(scene: Scene, seconds: float, samplerate: int, accuracy: Accuracy) -> float:
     """Time per sample of the output, ns, of the fastest of some runs; that of an empty call does not count."""
     frames = max(1, round(seconds * samplerate))
-    out = np.zeros((frames * accuracy.oversample, max(p.channel for p in scene.pickup)))
+    out = np.zeros((frames * accuracy.oversample, scene.channels))
     best = np.inf
     for _ in range(TIMED_RUNS):
         model, state, _ = build(scene, samplerate * accuracy.oversample, accuracy, seconds)

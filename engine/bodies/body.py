@@ -47,6 +47,8 @@ class BodyTable(Table):
     AT_MOST_ONE_OF: ClassVar[list[tuple[str, str]]] = []
     IS_LUMPED: ClassVar[bool] = False  # one mode, no positions
     HAS_LENGTH: ClassVar[bool] = False  # a string or a bar
+    HEARD: ClassVar[str] = "velocity"  # what a pickup hears of it that does not say
+    HAS_AREA: ClassVar[bool] = False  # pushes air as a whole: `volume_row`
     PITCH_POWERS: ClassVar[dict[str, int]] = {}  # keys that make its pitch; each goes with this power of frequency
 
     @abstractmethod

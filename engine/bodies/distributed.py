@@ -178,6 +178,18 @@ class SheetBody(DistributedBody):
     density: float = Field(gt=0.0, le=1e9, description="mass per area, kg/m²")
     frequency: float | None = Field(default=None, gt=0.0, le=1e6, description="frequency of the first partial, Hz")
 
+    HEARD: ClassVar[str] = "acceleration"
+    HAS_AREA: ClassVar[bool] = True
+
+    def area(self) -> float:
+        """Area, m²."""
+        return self.total_mass() / self.density
+
+    def volume_row(self, body: ModalBody) -> np.ndarray:
+        """∫ Φ dA: the volume that each mode displaces [modes], m²/√kg. body: its modes"""
+        quadrature = self.quadrature(body.omega.size, [])
+        return quadrature.project(lambda position: 1.0, body.shape) / self.density
+
     def dispersion_constant(self, stiffness: float | None, lowest: float) -> float:
         """√(stiffness/ρ), or what gives the first partial its frequency: ω over a power of the wave number.
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from engine.build import limits
+from engine.build.body_point import NOWHERE, BodyPoint
 from engine.build.connection_checks import check_connections
 from engine.build.connection_coordinates import changed_connections
 from engine.build.connection_tables import connections
@@ -18,7 +19,7 @@ from engine.build.event_table import event_table
 from engine.build.flight_tables import PickupRow, build_free_flight
 from engine.build.force_table import ForceTable, force_table
 from engine.build.initial_state import initial_state
-from engine.build.layout import NOWHERE, BodyPoint, Layout
+from engine.build.layout import Layout
 from engine.build.mode_coefficients import (
     MAX_DAMPING_BACKWARDS,
     SCHEMES,
@@ -40,13 +41,6 @@ from engine.patch.accuracy import Accuracy
 from engine.patch.scene import Scene
 from engine.patch.tables import ChangeEvent
 
-QUANTITIES = {
-    "displacement": Quantity.DISPLACEMENT,
-    "velocity": Quantity.VELOCITY,
-    "acceleration": Quantity.ACCELERATION,
-    "force": Quantity.CONTACT_FORCE,
-    "end_force": Quantity.DISPLACEMENT,  # of which it is a sum (Layout.pickup_points)
-}
 MAX_FORCE_AT_START = 1e12  # N
 
 
@@ -164,7 +158,8 @@ def trace_points(layout: Layout) -> list[BodyPoint]:
     """Where each body is traced: at its first pickup, or else its first contact, or else its first force."""
     scene, points = layout.scene, dict[str, BodyPoint]()
     for pickup in scene.pickup:
-        if pickup.quantity not in ("force", "end_force") and pickup.body not in points:
+        everywhere = pickup.quantity == "pressure" and pickup.at is None
+        if pickup.quantity not in ("force", "end_force") and not everywhere and pickup.body not in points:
             points[pickup.body] = layout.point_of(pickup)
     for k, contact_point in layout.contact_points:
         for side in layout.contact_sides(k, contact_point):
@@ -261,27 +256,27 @@ def _force_table(scene: Scene, force: object, samplerate: float, seconds: float)
 
 def pickup_rows(layout: Layout) -> list[PickupRow]:
     """Where the pickups of a layout are, and what they give."""
-    return [PickupRow(layout.row(point), QUANTITIES[pickup.quantity]) for pickup, point in layout.pickup_points]
+    return [PickupRow(layout.row(heard.point), heard.quantity) for heard in layout.heard_points]
 
 
 def _pickups(layout: Layout) -> Pickups:
     """A pickup of quantity force lists the contacts of its body, with the sign of their push on it."""
-    pickups = [pickup for pickup, _ in layout.pickup_points]
     begin, contact, sign = [0], list[int](), list[float]()
-    for pickup in pickups:
-        island = layout.island_of_body[layout.body_index[pickup.body]]
-        inside = slice(*layout.islands.contact[island : island + 2]) if pickup.quantity == "force" else slice(0)
+    for heard in layout.heard_points:
+        island = layout.island_of_body[layout.body_index[heard.pickup.body]]
+        is_force = heard.quantity == Quantity.CONTACT_FORCE
+        inside = slice(*layout.islands.contact[island : island + 2]) if is_force else slice(0)
         for slot, (k, point) in enumerate(layout.contact_points[inside]):
             for side in layout.contact_sides(k, point):
-                if side.body == pickup.body:
+                if side.body == heard.pickup.body:
                     contact.append(slot)
                     sign.append(-side.factor)
         begin.append(len(contact))
     return Pickups(
-        rows=mode_shape_rows([layout.row(point) for _, point in layout.pickup_points]),
-        quantity=np.array([QUANTITIES[pickup.quantity] for pickup in pickups], dtype=np.int64),
-        channel=np.array([pickup.channel - 1 for pickup in pickups], dtype=np.int64),
-        gain=np.array([pickup.gain for pickup in pickups]),
+        rows=mode_shape_rows([layout.row(heard.point) for heard in layout.heard_points]),
+        quantity=np.array([heard.quantity for heard in layout.heard_points], dtype=np.int64),
+        channel=np.array([heard.channel for heard in layout.heard_points], dtype=np.int64),
+        gain=np.array([heard.gain for heard in layout.heard_points]),
         contact_begin=np.array(begin[:-1], dtype=np.int64),
         contact_end=np.array(begin[1:], dtype=np.int64),
         contact=np.array(contact, dtype=np.int64),

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from engine.build.body_point import BodyPoint
 from engine.build.connection_tables import dense_rows, lowest_energies
-from engine.build.layout import BodyPoint, Layout
+from engine.build.layout import Layout
 from engine.kernel.axes import Axis, allocate
 from engine.kernel.codes import COLUMNS, LANES, Row
 from engine.kernel.model import Model
@@ -27,7 +28,7 @@ def initial_state(layout: Layout, model: Model) -> State:
         counts,
         q=q,
         p=layout.concatenate_modes("p"),
-        previous_velocity=np.array([_initial_velocity(layout, point) for _, point in layout.pickup_points]),
+        previous_velocity=np.array([_initial_velocity(layout, heard.point) for heard in layout.heard_points]),
         connection=_initial_connections(layout, counts, q) if model.connection is not None else None,
         scratch=allocate_scratch(counts[Axis.PARTITION], largest) if coupling else None,
         refinement=allocate(RefinementState, counts) if model.refinement is not None else None,

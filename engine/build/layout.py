@@ -7,33 +7,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from engine.bodies.body import ModalBody
-from engine.build.connection_coordinates import (
-    connected_pairs,
-    end_force_parts,
-    find_coordinates,
-)
+from engine.build.body_point import BodyPoint
+from engine.build.connection_coordinates import connected_pairs, find_coordinates
 from engine.build.contact_basis import FEW_LINEAR_CONTACTS, BasisUse, truncate_shapes
 from engine.build.contact_points import ContactPoint, contact_points
 from engine.build.coordinates import Coordinates
+from engine.build.pickup_points import HeardPoint, heard_points
 from engine.build.subsystems import connected_components, estimate_cost, partition_islands
 from engine.kernel.codes import LANES
 from engine.kernel.model import Islands
 from engine.patch.scene import Scene
-from engine.patch.tables import ChangeEvent, Contact, Force, Pickup, PluckEvent
+from engine.patch.tables import ChangeEvent, Contact, Force, PluckEvent
 
 MIN_ALIGNED_MODES = 16  # of a connected body: from so many on, it begins and ends where vectors do
-
-
-class BodyPoint(NamedTuple):
-    """A position on a body, with a factor on the mode shape there; no body: a barrier."""
-
-    body: str | None
-    position: Any
-    factor: float
-    phi: np.ndarray | None = None  # the mode shapes there [modes], 1/√kg, if they are not those of the body
-
-
-NOWHERE = BodyPoint(None, None, 0.0)
 
 
 class ShapeRow(NamedTuple):
@@ -143,9 +129,7 @@ class Layout:
         return uses
 
     def point_of(self, table: Any) -> BodyPoint:
-        """Where a force acts, or a pickup listens; nowhere, if that is all contact forces of its body."""
-        if getattr(table, "quantity", None) == "force":
-            return NOWHERE
+        """Where a force acts."""
         body = self.scene.body[self.body_index[table.body]]
         return BodyPoint(table.body, body.split_positions(table.at)[0], 1.0)
 
@@ -155,18 +139,11 @@ class Layout:
         return [self.point_of(self.forces[j]) for j in self.force_order]
 
     @cached_property
-    def pickup_points(self) -> list[tuple[Pickup, BodyPoint]]:
-        """What is heard where, in the kernels' order: each pickup, and for the force on the end of a string all that it
-        is a sum of."""
+    def heard_points(self) -> list[HeardPoint]:
+        """What is heard where, in the kernels' order."""
         pickups = self.scene.pickup
         order = self._sort_by_island(range(len(pickups)), [p.body for p in pickups])
-        return [(pickups[i], point) for i in order for point in self._points_of_pickup(pickups[i])]
-
-    def _points_of_pickup(self, pickup: Pickup) -> list[BodyPoint]:
-        if pickup.quantity != "end_force":
-            return [self.point_of(pickup)]
-        parts = end_force_parts(self.scene, self.modal_bodies, self.body_index, pickup.body, pickup.at)
-        return [BodyPoint(self.scene.body[number].name, None, 1.0, row) for number, row in parts]
+        return [h for i in order for h in heard_points(self.scene, self.modal_bodies, self.body_index, pickups[i])]
 
     # --- connections
 
@@ -237,7 +214,7 @@ class Layout:
             connection_part=_begins(parts),
             force=self._segment_begins(self.forces[j].body for j in self.force_order),
             event=np.zeros(body.size, dtype=np.int64),
-            pickup=self._segment_begins(pickup.body for pickup, _ in self.pickup_points),
+            pickup=self._segment_begins(heard.pickup.body for heard in self.heard_points),
             body=body,
             free_mass=np.searchsorted(free, mode).astype(np.int64),
             partition=partition_islands(estimate_cost(self.mode_counts, np.diff(contact))),

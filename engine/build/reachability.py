@@ -6,8 +6,9 @@ from collections.abc import Iterable
 import numpy as np
 
 from engine.bodies.body import ModalBody
+from engine.build.body_point import BodyPoint
 from engine.build.coordinates import Coordinates
-from engine.build.layout import BodyPoint, Layout, acting_forces
+from engine.build.layout import Layout, acting_forces
 from engine.patch.scene import Scene
 from engine.patch.tables import ChangeEvent, EndConnection, StrikeEvent
 

@@ -50,7 +50,7 @@ def accuracy_command(args: argparse.Namespace) -> int:
     if sound is not None:
         option_faults += check_audio_format(sound, None, "--output")
         if scene is not None and not option_faults:
-            channels = max(p.channel for p in scene.pickup)
+            channels = scene.channels
             option_faults += check_rate_and_channels("--output", sound, samplerate_of(numbers), channels)
     elif args.output is not None:
         option_faults.append(Fault("--output", "for --report; give that too"))

@@ -126,7 +126,7 @@ class PlayerFactory:
 
 def mono_to_stereo(scene: Scene) -> Scene:
     """A patch of one channel, to be heard on two: a driver may give one channel to one loudspeaker."""
-    if any(p.channel > 1 for p in scene.pickup):
+    if scene.channels > 1:
         return scene
     return scene.model_copy(
         update={"pickup": [p.model_copy(update={"channel": c}) for c in (1, 2) for p in scene.pickup]}

@@ -61,7 +61,7 @@ def live_command(args: argparse.Namespace) -> int:
     option_faults += check_paths({"--record": record, "--event-log": optional_path(args.event_log)})
     option_faults += check_audio_format(record or Path("none.wav"), args.subtype, "--record")
     if scene is not None and not option_faults and record is not None and args.samplerate is not None:
-        channels = max(p.channel for p in scene.pickup)  # without a rate, it is the device's own
+        channels = scene.channels  # without a rate, it is the device's own
         option_faults += check_rate_and_channels("--record", record, samplerate_of(numbers), channels)
     faults += option_faults + check_play_options(args) + check_kernel(args)
     if scene is None or faults:

@@ -77,7 +77,7 @@ def render_command(args: argparse.Namespace) -> int:
     option_faults += check_audio_format(output, args.subtype, "--output")
     option_faults += ignored_options(args) + check_kernel(args)
     if scene is not None and not option_faults:
-        channels = max(p.channel for p in scene.pickup)
+        channels = scene.channels
         option_faults += check_rate_and_channels("--output", output, samplerate_of(numbers), channels)
     faults += option_faults
     if scene is None or faults:

@@ -35,7 +35,7 @@ def replay_command(args: argparse.Namespace) -> int:
     faults = check_paths({"--output": output}) + check_audio_format(output, args.subtype, "--output")
     try:
         log = read_log(Path(args.log))
-        channels = max(p.channel for p in log.made().pickup)
+        channels = log.made().channels
         faults += check_rate_and_channels("--output", output, log.samplerate, channels)
         if not faults:
             with progress_feedback(args.json):

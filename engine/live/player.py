@@ -86,7 +86,7 @@ class Player:
             plain = scene.accuracy.replace(order=2, substeps=1, precision="float64")  # a voice is tuned table by table
             scene = replicate(retune(scene, lowest), voices).model_copy(update={"accuracy": plain})
         self.scene, self.samplerate, self.gain = scene, samplerate, gain
-        self.channels = max(p.channel for p in scene.pickup)
+        self.channels = scene.channels
         built = build(scene, samplerate, event_capacity=EVENTS_PER_ISLAND, variable_exponents=general)
         self.model, self.state, self.layout = built
         if voices and self.model.force is not None:

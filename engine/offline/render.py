@@ -69,7 +69,7 @@ def render(
     model, state, layout = build(scene, fine, used, seconds)
     simulation = Simulation(model, state, cores or os.cpu_count() or 1, kernel=kernel)
     frames = max(1, round(seconds * samplerate)) * used.oversample
-    audio = np.zeros((frames + decimation_tail(used.oversample), max(p.channel for p in scene.pickup)))
+    audio = np.zeros((frames + decimation_tail(used.oversample), scene.channels))
     kept = allocate_trace(model, len(audio)) if trace else None
     elapsed = _render_in_chunks(simulation, audio[:frames], kept, progress)
     simulated = simulation_statistics(simulation)

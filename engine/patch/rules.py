@@ -9,9 +9,9 @@ from typing import Any
 
 from pydantic_core import InitErrorDetails
 
-from engine.bodies import String
 from engine.bodies.table import KeyPath, is_given, is_number, make_fault
 from engine.patch.connection_rules import check_change_of_connection, check_connections, find_rigid_joint
+from engine.patch.pickup_rules import check_pickup
 from engine.patch.positions import check_positions, count_positions, kind_of, tables_of
 from engine.patch.tables import MAX_EXPONENT, MAX_FORCE_AT_1_MM, max_stiffness
 from engine.wording import format_names, format_value
@@ -58,11 +58,10 @@ def check_rules(data: dict[str, Any]) -> Faults:
             yield make_fault(("event", i, "body"), event["body"], message, "a joint with a stiffness, or a force")
     for section in ("force", "event", "pickup"):
         for i, table in tables_of(data, section):
-            everywhere = table.get("quantity") == "force" and not is_given(table, "at")
-            if section == "pickup" and table.get("quantity") == "end_force":
-                yield from _check_end_pickup((section, i), table, bodies)
-            elif not everywhere and (section != "event" or table.get("kind") == "pluck"):
-                target = bodies.get(str(table.get("body")))
+            target = bodies.get(str(table.get("body")))
+            if section == "pickup":
+                yield from check_pickup((section, i), table, target)
+            elif section != "event" or table.get("kind") == "pluck":
                 yield from check_positions((section, i, "at"), table, target, single=True)
 
 
@@ -218,17 +217,6 @@ def _check_bridge(path: KeyPath, bridge: dict[str, Any], body: dict[str, Any]) -
         if at - half < 0 or at + half > 1:
             remedy = f"{format_value(body['name'])} is {length:g} m long"
             yield make_fault((*path, "width"), width, "the bridge reaches past the end", remedy)
-
-
-def _check_end_pickup(path: KeyPath, pickup: dict[str, Any], bodies: dict[str, Any]) -> Faults:
-    """The force on its end is that of a string."""
-    body, at = bodies.get(str(pickup.get("body"))), pickup.get("at")
-    if body is not None and kind_of(body) is not None and kind_of(body) is not String:
-        message = f"{format_value(pickup['body'])} is a {body.get('kind')}, which has no ends"
-        yield make_fault((*path, "quantity"), pickup["quantity"], message, "a string has")
-    elif isinstance(at, bool) or at not in (0, 1):
-        message = "no end given" if at is None else f"{format_value(at)} is no end"
-        yield make_fault((*path, "at") if at is not None else path, at, message, "give at = 0 or 1")
 
 
 def _check_event(

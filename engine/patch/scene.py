@@ -72,9 +72,15 @@ class Scene(Table):
             faults += islice(check_rules(data), MAX_FAULTS_COLLECTED)
         if faults or scene is None:
             raise ValidationError.from_exception_data(cls.__name__, faults[:MAX_FAULTS_COLLECTED])
-        if not any(isinstance(f, SampledForce) for f in scene.force):
-            return scene
-        return scene.model_copy(update={"force": [_with_absolute_file(f, folder) for f in scene.force]})
+        kinds = {body.name: type(body) for body in scene.body}
+        pickups = [p if p.quantity else p.model_copy(update={"quantity": kinds[p.body].HEARD}) for p in scene.pickup]
+        forces = [_with_absolute_file(f, folder) for f in scene.force]
+        return scene.model_copy(update={"pickup": pickups, "force": forces})
+
+    @property
+    def channels(self) -> int:
+        """How many channels its sound has."""
+        return max(2 if p.pan is not None else p.channel for p in self.pickup)
 
 
 def connected_bodies(scene: Scene, name: str) -> set[str]:

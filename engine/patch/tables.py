@@ -236,11 +236,24 @@ class Pickup(Table):
     """What is heard."""
 
     body: Name = Field(description="the body that is heard")
-    at: Positions = Field(default=None, description="where on it; no matter for its force")
-    quantity: Literal["displacement", "velocity", "acceleration", "force", "end_force"] = Field(
-        default="velocity",
-        description="what of it is heard, in SI units; force: all contact forces on the body; end_force: that of a"
-        " string on its end, at 0 or 1",
+    at: Positions = Field(
+        default=None,
+        description="where on it: a place, or a list whose mean is heard; no matter for its force",
+    )
+    quantity: Literal["displacement", "velocity", "acceleration", "pressure", "force", "end_force"] | None = Field(
+        default=None,
+        description="what of it is heard, in SI units; if absent velocity, of a membrane or plate acceleration;"
+        " pressure: that of a baffled sheet in air, far off; force: all contact forces on the body; end_force: that of"
+        " a string on its end, at 0 or 1",
+    )
+    distance: float | None = Field(
+        default=None, ge=1e-3, le=1e6, description="of a pressure: how far off it is heard, m; 1 if absent"
     )
     channel: int = Field(default=1, ge=1, le=MAX_CHANNELS, description="channel of the output, 1 is left")
+    pan: float | None = Field(
+        default=None,
+        ge=-1.0,
+        le=1.0,
+        description="between channels 1 and 2, from -1, left, to 1, right, at constant power; instead of a channel",
+    )
     gain: float = Field(default=1.0, ge=-1e12, le=1e12, description="factor")

@@ -14,7 +14,7 @@ from scenes.small import barrier, mass, oscillator, scene
 def run(scene: engine.Scene, frames: int, sizes: list[int]) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
     """Render in blocks of the given sizes, over and over."""
     model, state, _ = build(scene, 44_100)
-    out = np.empty((frames, max(p.channel for p in scene.pickup)))
+    out = np.empty((frames, scene.channels))
     simulation = Simulation(model, state)
     begin, n = 0, 0
     while begin < frames:

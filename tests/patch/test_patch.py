@@ -145,6 +145,7 @@ exponent = 1.5
 """
 BAR = '[[body]]\nname = "b"\nkind = "bar"\nlength = 1\nmass = 1\nfrequency = 9\nratios = [1, 4, 3]\n\n'
 AT = "at = 0.3\nbarrier = 0.0\n"
+PUSH = '[[force]]\nkind = "constant"\namplitude = 1.0\nbody = "s"\nat = {}\n'
 
 
 @pytest.mark.parametrize(
@@ -154,7 +155,7 @@ AT = "at = 0.3\nbarrier = 0.0\n"
         (STRING.replace("at = 0.9", "at = nan") + AT, "pickup[0].at", "nan is no place on a body"),
         (STRING.replace("at = 0.9", "") + AT, "pickup[0]", 'no place on "s"; give at = a fraction of its length'),
         (STRING.replace("at = 0.9", 'at = "middle"') + AT, "pickup[0].at", '"middle" is no place on "s"'),
-        (STRING.replace("at = 0.9", "at = [0.1, 0.2]") + AT, "pickup[0].at", "several places; give one"),
+        (STRING + AT + PUSH.format("[0.1, 0.2]"), "force[0].at", "several places; give one"),
         (STRING.replace("tension = 50.0", "tension = 0.0") + AT, "body[0].tension", "0.0 is out of range; tension, N"),
         (STRING.replace("density = 0.3", "density = 0.3\nsize = [0.1]") + AT, "body[1]", "both radius and size"),
         (STRING.replace("radius = 0.2", "size = [0.1]") + AT, "body[1].size", "1 in the list, at least 2"),

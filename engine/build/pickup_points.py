@@ -1,0 +1,75 @@
+"""What each pickup hears: one or several points of bodies, each with a quantity, a channel and a gain."""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from engine.bodies.body import ModalBody
+from engine.bodies.distributed import SheetBody
+from engine.build.body_point import NOWHERE, BodyPoint
+from engine.build.connection_coordinates import end_force_parts
+from engine.kernel.codes import Quantity
+from engine.patch.scene import Scene
+from engine.patch.tables import Pickup
+
+AIR_DENSITY = 1.204  # kg/m³, at 20 °C
+QUANTITIES = {
+    "displacement": Quantity.DISPLACEMENT,
+    "velocity": Quantity.VELOCITY,
+    "acceleration": Quantity.ACCELERATION,
+    "pressure": Quantity.ACCELERATION,  # a sum of accelerations
+    "force": Quantity.CONTACT_FORCE,
+    "end_force": Quantity.DISPLACEMENT,  # a sum of displacements
+}
+
+
+class HeardPoint(NamedTuple):
+    """One term of what a pickup hears."""
+
+    pickup: Pickup
+    point: BodyPoint
+    quantity: Quantity
+    channel: int  # from 0
+    gain: float
+
+
+def heard_points(
+    scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int], pickup: Pickup
+) -> Iterator[HeardPoint]:
+    """All that a pickup hears. bodies, numbers: modes of the scene's bodies, and their numbers by name"""
+    for point in _points(scene, bodies, numbers, pickup):
+        for channel, gain in _channels(pickup):
+            yield HeardPoint(pickup, point, QUANTITIES[pickup.quantity or "velocity"], channel, gain)
+
+
+def _channels(pickup: Pickup) -> list[tuple[int, float]]:
+    """The channels of a pickup, from 0, with its gain on each; a pan shares its power between two."""
+    if pickup.pan is None:
+        return [(pickup.channel - 1, pickup.gain)]
+    angle = (pickup.pan + 1) * math.pi / 4
+    return [(0, pickup.gain * math.cos(angle)), (1, pickup.gain * math.sin(angle))]
+
+
+def _points(scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int], pickup: Pickup) -> list[BodyPoint]:
+    """Where a pickup listens; nowhere, if that is all contact forces of its body."""
+    if pickup.quantity == "force":
+        return [NOWHERE]
+    if pickup.quantity == "end_force":
+        parts = end_force_parts(scene, bodies, numbers, pickup.body, pickup.at)
+        return [BodyPoint(scene.body[number].name, None, 1.0, row) for number, row in parts]
+    body, modal = scene.body[numbers[pickup.body]], bodies[numbers[pickup.body]]
+    places = body.split_positions(pickup.at)
+    if pickup.quantity == "pressure":
+        assert isinstance(body, SheetBody)
+        row = body.volume_row(modal) if pickup.at is None else body.area() * _mean_shape(modal, places)
+        return [BodyPoint(pickup.body, None, 1.0, AIR_DENSITY / (2 * math.pi * (pickup.distance or 1.0)) * row)]
+    if len(places) == 1:
+        return [BodyPoint(pickup.body, places[0], 1.0)]
+    return [BodyPoint(pickup.body, None, 1.0, _mean_shape(modal, places))]
+
+
+def _mean_shape(body: ModalBody, places: list[object]) -> np.ndarray:
+    """Mean of the mode shapes at some places [modes], 1/√kg."""
+    return np.asarray(np.mean([body.shape(place) for place in places], axis=0))

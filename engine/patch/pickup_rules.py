@@ -1,0 +1,43 @@
+"""Rules of pickups that no key shows alone. Tables are as they were read."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from pydantic_core import InitErrorDetails
+
+from engine.bodies import String
+from engine.bodies.table import KeyPath, is_given, make_fault
+from engine.patch.positions import check_positions, kind_of
+from engine.wording import format_value
+
+Faults = Iterator[InitErrorDetails]
+
+
+def check_pickup(path: KeyPath, pickup: dict[str, Any], body: dict[str, Any] | None) -> Faults:
+    """A pickup has the keys of what it hears. body: the table of its body"""
+    quantity, has_place = pickup.get("quantity"), is_given(pickup, "at")
+    if is_given(pickup, "pan") and pickup.get("channel", 1) != 1:
+        message = "pan and channel given"
+        yield make_fault((*path, "pan"), pickup["pan"], message, "a pan is between channels 1 and 2; give one of them")
+    if is_given(pickup, "distance") and quantity != "pressure":
+        remedy = 'quantity = "pressure" is heard at a distance'
+        yield make_fault((*path, "distance"), pickup["distance"], "a distance without a pressure", remedy)
+    kind = kind_of(body)
+    if quantity == "pressure" and body is not None and kind is not None and not kind.HAS_AREA:
+        message = f"{format_value(body['name'])} is a {body['kind']}, which has no area"
+        yield make_fault((*path, "quantity"), quantity, message, "a membrane or a plate has")
+    elif quantity == "end_force":
+        yield from _check_end(path, pickup, body)
+    elif quantity not in ("force", "pressure") or has_place:
+        yield from check_positions((*path, "at"), pickup, body, single=False)
+
+
+def _check_end(path: KeyPath, pickup: dict[str, Any], body: dict[str, Any] | None) -> Faults:
+    """The force on its end is that of a string."""
+    at = pickup.get("at")
+    if body is not None and kind_of(body) is not None and kind_of(body) is not String:
+        message = f"{format_value(pickup['body'])} is a {body.get('kind')}, which has no ends"
+        yield make_fault((*path, "quantity"), pickup["quantity"], message, "a string has")
+    elif isinstance(at, bool) or at not in (0, 1):
+        message = "no end given" if at is None else f"{format_value(at)} is no end"
+        yield make_fault((*path, "at") if at is not None else path, at, message, "give at = 0 or 1")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from engine.bodies import Mass, MeasuredBody, Oscillator
-from engine.bodies.distributed import SheetBody
+from engine.bodies.sheet import SheetBody
 from engine.offline.statistics import SimulationStatistics
 from engine.output_files import SILENT_PEAK
 from engine.patch.scene import Scene, connected_bodies

@@ -16,10 +16,14 @@ NODE = 0.2241575  # of the first partial of a free bar, fraction of its length
 
 
 class Cords(Table):
-    """Cords through the nodes of a free bar, on which it bounces and rocks as a whole."""
+    """What a free bar lies on, at the nodes of its first partial, or a free plate hangs on: it bounces as a whole."""
 
     frequency: float = Field(default=10.0, ge=0.0, le=1e4, description="at which it bounces, Hz; 0: it floats")
-    t60: Positive = Field(default=0.5, description="time for bouncing and rocking to fall by 60 dB, s")
+    t60: Positive = Field(default=0.5, description="time for bouncing to fall by 60 dB, s")
+
+    def rates(self) -> tuple[float, float]:
+        """ω (rad/s) and σ (1/s)."""
+        return 2 * math.pi * self.frequency, TO_60_DB / self.t60 if self.frequency else 0.0
 
 
 class Bar(LineBody):
@@ -41,7 +45,7 @@ class Bar(LineBody):
         description="partials over the first, as makers tune them; only these are built",
     )
 
-    EXACTLY_ONE_OF: ClassVar[list[tuple[str, str, str]]] = [
+    EXACTLY_ONE_OF: ClassVar[list[tuple[str, ...]]] = [
         ("density", "mass", "density in kg/m or mass in kg"),
         ("bending", "frequency", "bending stiffness in N·m² or frequency in Hz"),
     ]
@@ -81,8 +85,8 @@ class Bar(LineBody):
         """ω (rad/s) and σ (1/s) of a free bar that moves and turns as a whole: on cords of stiffness k at its nodes,
         ω² = 2k/m, and 12·(½ - node)²·2k/m of the turn."""
         cords = self.cords or Cords(frequency=0.0 if self.support else Cords().frequency)
-        omega = 2 * math.pi * cords.frequency * np.array([1.0, math.sqrt(12) * (0.5 - NODE)])
-        return omega, np.full(2, TO_60_DB / cords.t60 if cords.frequency else 0.0)
+        omega, sigma = cords.rates()
+        return omega * np.array([1.0, math.sqrt(12) * (0.5 - NODE)]), np.full(2, sigma)
 
     @classmethod
     def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:

@@ -43,7 +43,7 @@ class BodyTable(Table):
 
     name: Name = Field(description="name, by which contacts, forces and pickups refer to the body")
 
-    EXACTLY_ONE_OF: ClassVar[list[tuple[str, str, str]]] = []  # two keys, and how to choose
+    EXACTLY_ONE_OF: ClassVar[list[tuple[str, ...]]] = []  # keys, and how to choose
     AT_MOST_ONE_OF: ClassVar[list[tuple[str, str]]] = []
     IS_LUMPED: ClassVar[bool] = False  # one mode, no positions
     HAS_LENGTH: ClassVar[bool] = False  # a string or a bar

@@ -20,15 +20,11 @@ from engine.bodies.initial_shape import (
     Quadrature,
     line_quadrature,
     peak_of_line,
-    peak_of_rectangle,
-    rectangle_quadrature,
 )
-from engine.bodies.table import KeyPath, Positions, Positive, Table, is_given, is_number, make_fault
+from engine.bodies.table import KeyPath, Positions, Positive, Table, is_given, make_fault
 
 AUDIBLE = 20_000.0  # Hz
 MAX_SUPPORTS = 256  # of a body
-MAX_GRID = 96  # positions on each side of a sheet, where something is summed over it
-MAX_SHEET_MODES = 1_000  # of a membrane or a plate that does not say how many
 
 
 class ModeSet(NamedTuple):
@@ -163,82 +159,6 @@ class LineBody(DistributedBody):
 
     def peak(self, at: Any) -> Profile:
         return peak_of_line(at)
-
-
-class SheetBody(DistributedBody):
-    """A membrane or a plate. A position on it is [x, y]."""
-
-    modes: int | None = Field(
-        default=None,
-        ge=1,
-        le=MAX_MODES,
-        description=f"how many to build, the lowest; if absent, those below 0.49 of the sample rate, {MAX_SHEET_MODES}"
-        " at most",
-    )
-    density: float = Field(gt=0.0, le=1e9, description="mass per area, kg/m²")
-    frequency: float | None = Field(default=None, gt=0.0, le=1e6, description="frequency of the first partial, Hz")
-
-    HEARD: ClassVar[str] = "acceleration"
-    HAS_AREA: ClassVar[bool] = True
-
-    def area(self) -> float:
-        """Area, m²."""
-        return self.total_mass() / self.density
-
-    def volume_row(self, body: ModalBody) -> np.ndarray:
-        """∫ Φ dA: the volume that each mode displaces [modes], m²/√kg. body: its modes"""
-        quadrature = self.quadrature(body.omega.size, [])
-        return quadrature.project(lambda position: 1.0, body.shape) / self.density
-
-    def dispersion_constant(self, stiffness: float | None, lowest: float) -> float:
-        """√(stiffness/ρ), or what gives the first partial its frequency: ω over a power of the wave number.
-
-        lowest: that power of the lowest wave number
-        """
-        if stiffness:
-            return math.sqrt(stiffness / self.density)
-        return 2 * math.pi * (self.frequency or 0.0) / lowest
-
-    def quadrature(self, modes: int, kinks: list[float]) -> Quadrature:
-        return rectangle_quadrature(min(16 + 3 * math.isqrt(modes), MAX_GRID), self.total_mass())
-
-    def peak(self, at: Any) -> Profile:
-        return peak_of_rectangle(at)
-
-    def rectangle_modes(self, sides: list[float], speed: float, power: int, max_omega: float) -> ModeSet:
-        """Modes of a rectangle: ω = speed·β^power; shapes sin(mπx)·sin(nπy) with modal mass ρab/4."""
-        a, b = sides
-        modes = self.modes or MAX_SHEET_MODES
-        # Weyl's law: about ab·β²/4π - (a + b)·β/2π modes lie below β
-        beta_of_last = (a + b + math.sqrt((a + b) ** 2 + 4 * math.pi * a * b * modes)) / (a * b) + math.pi / min(sides)
-        top = min((max_omega / speed) ** (1 / power), beta_of_last)
-        along, across = (np.arange(1.0, min(top * side / math.pi, modes) + 1) for side in sides)
-        m, n = (grid.ravel() for grid in np.meshgrid(along, across, indexing="ij"))
-        beta = np.hypot(m * math.pi / a, n * math.pi / b)
-        order = np.argsort(beta, kind="stable")
-        order = order[beta[order] < top]
-        order = order[:modes]
-        m, n, beta = m[order], n[order], beta[order]
-        scale = 2 / math.sqrt(self.density * a * b)
-        omega = speed * beta**power
-
-        def shape(position: Any) -> np.ndarray:
-            return np.asarray(scale * np.sin(math.pi * m * position[0]) * np.sin(math.pi * n * position[1]))
-
-        return ModeSet(omega, self.decay_rates(omega, beta), shape)
-
-    @classmethod
-    def split_positions(cls, at: Any) -> list[Any]:
-        is_pair = isinstance(at, list) and not (at and isinstance(at[0], list))
-        return at if isinstance(at, list) and not is_pair else [at]
-
-    @classmethod
-    def has_position(cls, table: dict[str, Any], item: Any) -> bool:
-        return isinstance(item, list) and len(item) == 2 and all(map(is_number, item))
-
-    @classmethod
-    def position_help(cls, table: dict[str, Any]) -> str:
-        return "[x, y], fractions of its sides"
 
 
 def at_rest(modes: ModeSet) -> ModalBody:

@@ -59,7 +59,7 @@ class Oscillator(LumpedBody):
         default=None, ge=0.0, le=1e6, description="frequency without damping, Hz; instead of the stiffness"
     )
 
-    EXACTLY_ONE_OF: ClassVar[list[tuple[str, str, str]]] = [
+    EXACTLY_ONE_OF: ClassVar[list[tuple[str, ...]]] = [
         ("stiffness", "frequency", "stiffness in N/m or frequency in Hz")
     ]
     PITCH_POWERS: ClassVar[dict[str, int]] = {"frequency": 1, "stiffness": 2}

@@ -32,7 +32,7 @@ class MeasuredBody(BodyTable):
         description="mass-normalised mode shapes by point, 1/√kg: a list of one number per mode",
     )
 
-    EXACTLY_ONE_OF: ClassVar[list[tuple[str, str, str]]] = [
+    EXACTLY_ONE_OF: ClassVar[list[tuple[str, ...]]] = [
         ("file", "frequency", "a CSV file or a list of frequencies in Hz")
     ]
     AT_MOST_ONE_OF: ClassVar[list[tuple[str, str]]] = [("sigma", "t60")]

@@ -1,30 +1,120 @@
 """Thin plates."""
 
 import math
-from typing import ClassVar, Literal
+from collections.abc import Iterator
+from typing import Annotated, Any, ClassVar, Literal
 
+import numpy as np
 from pydantic import Field
+from pydantic_core import InitErrorDetails
 
-from engine.bodies.distributed import ModeSet, SheetBody
-from engine.bodies.table import Positive
+from engine.bodies.bar import Cords
+from engine.bodies.distributed import ModeSet
+from engine.bodies.plate_modes import PlateModes, PlateStiffness, rectangle_plate_modes
+from engine.bodies.sheet import MAX_SHEET_MODES, FlatSheet
+from engine.bodies.table import KeyPath, are_positive, is_given, is_number, make_fault
+
+MAX_RITZ_MODES = 400  # of a plate that is not simply supported and does not say how many
+Modulus = Annotated[float, Field(gt=0.0, le=1e15)]
 
 
-class Plate(SheetBody):
-    """A thin rectangular plate, simply supported at its edges."""
+class Plate(FlatSheet):
+    """A thin plate (Kirchhoff). With free edges it also moves as a whole, on cords or on its supports, in addition to
+    `modes`."""
 
     kind: Literal["plate"]
-    size: list[Positive] = Field(min_length=2, max_length=2, description="sides, m")
+    edges: Literal["supported", "clamped", "free"] = Field(
+        default="supported", description="how it is held all round: hinged, clamped, or not at all"
+    )
     rigidity: float | None = Field(default=None, gt=0.0, le=1e15, description="flexural rigidity D, N·m")
+    young: Modulus | list[Modulus] | None = Field(
+        default=None,
+        description="Young's modulus, Pa, with a thickness, instead of the rigidity; of wood two, along x and y",
+    )
+    thickness: float | None = Field(default=None, gt=0.0, le=1e3, description="thickness, m")
+    shear: Modulus | None = Field(
+        default=None, description="shear modulus of wood, Pa; √(Ex·Ey)/(2 + 2√(νxy·νyx)) if absent"
+    )
+    poisson: float | None = Field(
+        default=None, ge=0.0, lt=0.5, description="Poisson's ratio, of wood νxy; 0.3 if absent"
+    )
+    tension: float | None = Field(default=None, gt=0.0, le=1e9, description="tension beside the rigidity, N/m")
+    cords: Cords | None = Field(
+        default=None, description="what a free plate hangs on; soft ones, if neither they nor a support are given"
+    )
 
-    EXACTLY_ONE_OF: ClassVar[list[tuple[str, str, str]]] = [
-        ("rigidity", "frequency", "rigidity in N·m or frequency in Hz")
+    EXACTLY_ONE_OF: ClassVar[list[tuple[str, ...]]] = [
+        *FlatSheet.EXACTLY_ONE_OF,
+        ("rigidity", "frequency", "young", "rigidity in N·m, frequency in Hz, or Young's modulus in Pa"),
     ]
-    PITCH_POWERS: ClassVar[dict[str, int]] = {"frequency": 1, "rigidity": 2}
+    PITCH_POWERS: ClassVar[dict[str, int]] = {"frequency": 1, "rigidity": 2, "young": 2, "shear": 2, "tension": 2}
 
     def free_modes(self, max_omega: float) -> ModeSet:
-        """ω = β²·√(D/ρ), β² = π²(m²/a² + n²/b²) (Fletcher & Rossing, sec. 3.7)."""
-        lowest = (math.pi / self.size[0]) ** 2 + (math.pi / self.size[1]) ** 2
-        return self.rectangle_modes(self.size, self.dispersion_constant(self.rigidity, lowest), 2, max_omega)
+        """Modes of a rectangle (engine.bodies.plate_modes) or a circle (engine.bodies.circular_plate_modes)."""
+        stiffness, tension = self.stiffness(), self.tension or 0.0
+        known = MAX_SHEET_MODES if self.edges == "supported" and self.size is not None else MAX_RITZ_MODES
+        rigid = 3 if self.edges == "free" else 0
+        count = (self.modes or known) + rigid
+        if self.frequency is not None:  # of rigidity 1: frequencies go as its root
+            first = self._modes(stiffness, 0.0, rigid + 1, math.inf).omega[rigid]
+            factor = (2 * math.pi * self.frequency / first) ** 2
+            stiffness = PlateStiffness(*(factor * d for d in stiffness))
+        omega, shape = self._modes(stiffness, tension, count, max_omega)
+        sigma = self.decay_rates(omega[rigid:], self.wave_numbers(omega[rigid:], stiffness.mean(), tension))
+        if not rigid:
+            return ModeSet(omega, sigma, shape)
+        cords = self.cords or Cords(frequency=0.0 if self.support else Cords().frequency)
+        whole_omega, whole_sigma = cords.rates()
+        return ModeSet(
+            np.concatenate([omega[rigid:], np.full(rigid, whole_omega)]),
+            np.concatenate([sigma, np.full(rigid, whole_sigma)]),
+            lambda position: np.roll(shape(position), -rigid),
+        )
 
-    def total_mass(self) -> float:
-        return self.density * self.size[0] * self.size[1]
+    def _modes(self, stiffness: PlateStiffness, tension: float, count: int, max_omega: float) -> PlateModes:
+        """The lowest modes; those of a free plate as a whole come first."""
+        if self.size is not None:
+            a, b = self.size
+            return rectangle_plate_modes((a, b), stiffness, self.density, tension, self.edges, (), count, max_omega)
+        raise NotImplementedError
+
+    def stiffness(self) -> PlateStiffness:
+        """Flexural rigidities, N·m; of rigidity 1, if a frequency is given instead.
+
+        Dx = Ex·h³/(12·(1 - νxy·νyx)), νyx = νxy·Ey/Ex, D1 = νyx·Dx, Dk = G·h³/12 (Timoshenko & Woinowsky-Krieger,
+        Theory of Plates and Shells, sec. 85).
+        """
+        poisson = 0.3 if self.poisson is None else self.poisson
+        if self.young is None:
+            return PlateStiffness.isotropic(self.rigidity or 1.0, poisson)
+        along, across = self.young if isinstance(self.young, list) else (self.young, self.young)
+        other = poisson * across / along
+        bend = (self.thickness or 0.0) ** 3 / 12
+        shear = self.shear or math.sqrt(along * across) / (2 * (1 + math.sqrt(poisson * other)))
+        solid = bend / (1 - poisson * other)
+        return PlateStiffness(along * solid, across * solid, other * along * solid, shear * bend)
+
+    @classmethod
+    def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
+        """Its stiffness is given in one way, and what holds it goes with its edges."""
+        yield from super().faults(path, table)
+        young, edges = table.get("young"), table.get("edges", "supported")
+        if is_given(table, "young") != is_given(table, "thickness"):
+            missing = "thickness" if is_given(table, "young") else "young"
+            yield make_fault(path, table, f"no {missing} given", "young in Pa and thickness in m go together")
+        if is_given(table, "shear") and not isinstance(young, list):
+            message = "a shear modulus without two of Young's"
+            yield make_fault((*path, "shear"), table["shear"], message, "young = [Pa along x, Pa along y]")
+        poisson = table.get("poisson", 0.3)
+        if isinstance(young, list) and are_positive(young) and len(young) == 2 and is_number(poisson):
+            if poisson**2 * young[1] >= young[0]:
+                message = f"with it νxy·νyx is {poisson**2 * young[1] / young[0]:.2g}"
+                yield make_fault((*path, "poisson"), poisson, message, "below 1; the larger modulus first")
+        if is_given(table, "tension") and edges == "free":
+            yield make_fault((*path, "tension"), table["tension"], "a free plate under tension", "it needs held edges")
+        if is_given(table, "tension") and is_given(table, "frequency"):
+            message = "tension and frequency given"
+            yield make_fault((*path, "tension"), table["tension"], message, "give a rigidity beside it, or young")
+        if is_given(table, "cords") and edges != "free":
+            message = f"cords under a plate that is {edges}"
+            yield make_fault((*path, "cords"), table["cords"], message, 'a plate with edges = "free" hangs on cords')

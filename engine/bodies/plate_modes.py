@@ -28,6 +28,10 @@ class PlateStiffness(NamedTuple):
     def isotropic(cls, rigidity: float, poisson: float) -> Self:
         return cls(rigidity, rigidity, poisson * rigidity, (1 - poisson) / 2 * rigidity)
 
+    def mean(self) -> float:
+        """√(Dx·Dy)."""
+        return math.sqrt(self.x * self.y)
+
 
 class Rib(NamedTuple):
     """A beam along a whole plate that bends with it and does not resist twist."""

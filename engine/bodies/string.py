@@ -19,7 +19,7 @@ class String(LineBody):
         default=None, ge=0.0, le=10.0, description="B of f_n = n·f0·√(1 + B·n²); instead of the bending stiffness"
     )
 
-    EXACTLY_ONE_OF: ClassVar[list[tuple[str, str, str]]] = [
+    EXACTLY_ONE_OF: ClassVar[list[tuple[str, ...]]] = [
         ("density", "mass", "density in kg/m or mass in kg"),
         ("tension", "frequency", "tension in N or frequency in Hz"),
     ]

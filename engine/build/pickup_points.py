@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from engine.bodies.body import ModalBody
-from engine.bodies.distributed import SheetBody
+from engine.bodies.sheet import SheetBody
 from engine.build.body_point import NOWHERE, BodyPoint
 from engine.build.connection_coordinates import end_force_parts
 from engine.kernel.codes import Quantity

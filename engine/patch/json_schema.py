@@ -23,7 +23,7 @@ def patch_schema() -> dict[str, Any]:
     }
     for kind, table in bodies.items():
         rules: list[dict[str, Any]] = [
-            {"oneOf": [{"required": [a]}, {"required": [b]}]} for a, b, _ in BODIES[kind].EXACTLY_ONE_OF
+            {"oneOf": [{"required": [key]} for key in keys]} for *keys, _ in BODIES[kind].EXACTLY_ONE_OF
         ]
         rules += [{"not": {"required": [a, b]}} for a, b in BODIES[kind].AT_MOST_ONE_OF]
         if rules:

@@ -16,7 +16,7 @@ from engine.patch.json_schema import patch_schema, resolve_ref, variants
 
 UNITS = (
     *("m", "kg", "s", "Hz", "N", "dB", "m/s", "m/s²", "m²/s", "m³/s", "1/s", "s/m", "1/√kg"),
-    *("kg/m", "kg/m²", "kg/s", "N/m", "N·m", "N·m²", "N/m^exponent"),
+    *("kg/m", "kg/m²", "kg/s", "N/m", "N·m", "N·m²", "N/m^exponent", "Pa"),
 )
 UNIT_PATTERN = re.compile(rf", ({'|'.join(map(re.escape, sorted(UNITS, key=len, reverse=True)))})(?=[;:,]|$)")
 REFERENCE_PREFACE = """# Patches: every key
@@ -88,8 +88,8 @@ def top_level(schema: dict[str, Any]) -> dict[str, Any]:
 
 def _table_section(table: dict[str, Any]) -> list[str]:
     """Lines that say what a table is and which of its keys exclude each other, and list all of them."""
-    pairs = [[option["required"][0] for option in rule["oneOf"]] for rule in table.get("allOf", []) if "oneOf" in rule]
-    choices = " and ".join(f"either `{a}` or `{b}`" for a, b in pairs)
+    sets = [[option["required"][0] for option in rule["oneOf"]] for rule in table.get("allOf", []) if "oneOf" in rule]
+    choices = " and ".join("either " + " or ".join(f"`{key}`" for key in keys) for keys in sets)
     text = " ".join(table["description"].split()) + (f" Give {choices}." if choices else "")
     return [text, "", *_markdown_rows(table), ""]
 

@@ -101,9 +101,10 @@ def _check_body(path: KeyPath, body: dict[str, Any]) -> Faults:
     kind = kind_of(body)
     if kind is None:
         return
-    for a, b, choice in kind.EXACTLY_ONE_OF:
-        if is_given(body, a) == is_given(body, b):
-            message = f"both {a} and {b} given" if is_given(body, a) else f"neither {a} nor {b} given"
+    for *keys, choice in kind.EXACTLY_ONE_OF:
+        given = [key for key in keys if is_given(body, key)]
+        if len(given) != 1:
+            message = f"both {' and '.join(given[:2])} given" if given else f"neither {' nor '.join(keys)} given"
             yield make_fault(path, body, message, f"give one of them: {choice}")
     for a, b in kind.AT_MOST_ONE_OF:
         if is_given(body, a) and is_given(body, b):

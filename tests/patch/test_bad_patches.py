@@ -20,7 +20,7 @@ from fuzzing import mutated
 
 import engine
 from engine.analysis.profile import kernel_id
-from engine.bodies.distributed import MAX_SHEET_MODES
+from engine.bodies.sheet import MAX_SHEET_MODES
 from engine.build.build import build
 from engine.build.force_table import force_table
 from engine.cli import main

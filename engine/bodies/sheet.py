@@ -1,0 +1,109 @@
+"""Membranes and plates: sheets with positions [x, y]."""
+
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from engine.bodies.body import MAX_MODES, ModalBody
+from engine.bodies.distributed import DistributedBody
+from engine.bodies.initial_shape import (
+    Profile,
+    Quadrature,
+    circle_quadrature,
+    peak_of_circle,
+    peak_of_rectangle,
+    rectangle_quadrature,
+)
+from engine.bodies.table import Positive, is_given, is_number
+from engine.wording import format_value
+
+MAX_GRID = 96  # positions on each side of a sheet, where something is summed over it
+MAX_SHEET_MODES = 1_000  # of a membrane or a plate that does not say how many
+
+
+class SheetBody(DistributedBody):
+    """A membrane or a plate. A position on it is [x, y]."""
+
+    modes: int | None = Field(
+        default=None,
+        ge=1,
+        le=MAX_MODES,
+        description=f"how many to build, the lowest; if absent, those below 0.49 of the sample rate, {MAX_SHEET_MODES}"
+        " at most",
+    )
+    density: float = Field(gt=0.0, le=1e9, description="mass per area, kg/m²")
+    frequency: float | None = Field(default=None, gt=0.0, le=1e6, description="frequency of the first partial, Hz")
+
+    HEARD: ClassVar[str] = "acceleration"
+    HAS_AREA: ClassVar[bool] = True
+
+    def area(self) -> float:
+        """Area, m²."""
+        return self.total_mass() / self.density
+
+    def volume_row(self, body: ModalBody) -> np.ndarray:
+        """∫ Φ dA: the volume that each mode displaces [modes], m²/√kg. body: its modes"""
+        quadrature = self.quadrature(body.omega.size, [])
+        return quadrature.project(lambda position: 1.0, body.shape) / self.density
+
+    @classmethod
+    def split_positions(cls, at: Any) -> list[Any]:
+        is_pair = isinstance(at, list) and not (at and isinstance(at[0], list))
+        return at if isinstance(at, list) and not is_pair else [at]
+
+    @classmethod
+    def has_position(cls, table: dict[str, Any], item: Any) -> bool:
+        return isinstance(item, list) and len(item) == 2 and all(map(is_number, item))
+
+    @classmethod
+    def position_help(cls, table: dict[str, Any]) -> str:
+        return "[x, y], fractions of its sides"
+
+
+class FlatSheet(SheetBody):
+    """A membrane or a plate: a circle of `radius`, or a rectangle of `size`."""
+
+    radius: float | None = Field(
+        default=None, gt=0.0, le=1e3, description="radius of a circle, m; [x, y] are fractions of the square around it"
+    )
+    size: list[Positive] | None = Field(default=None, min_length=2, max_length=2, description="sides of a rectangle, m")
+
+    EXACTLY_ONE_OF: ClassVar[list[tuple[str, ...]]] = [
+        ("radius", "size", "radius of a circle or size of a rectangle, in m")
+    ]
+
+    def total_mass(self) -> float:
+        a, b = self.size or (0.0, 0.0)
+        return self.density * (math.pi * (self.radius or 0.0) ** 2 if self.size is None else a * b)
+
+    def quadrature(self, modes: int, kinks: list[float]) -> Quadrature:
+        if self.size is None:
+            return circle_quadrature(min(12 + math.isqrt(modes), MAX_GRID // 2), self.total_mass())
+        return rectangle_quadrature(min(16 + 3 * math.isqrt(modes), MAX_GRID), self.total_mass())
+
+    def peak(self, at: Any) -> Profile:
+        return peak_of_rectangle(at) if self.size is not None else peak_of_circle(at)
+
+    def wave_numbers(self, omega: np.ndarray, rigidity: float, tension: float) -> np.ndarray:
+        """β (1/m) of waves of angular frequency ω (rad/s): T·β² + D·β⁴ = ρω².
+
+        rigidity: D, N·m; tension: T, N/m
+        """
+        inertia = self.density * omega**2
+        if rigidity == 0.0:
+            return np.asarray(np.sqrt(inertia / tension))
+        root = np.sqrt(tension**2 + 4 * rigidity * inertia)  # (root - T)/2D, without cancellation
+        return np.asarray(np.sqrt(2 * inertia / (root + tension)))
+
+    @classmethod
+    def explain_outside(cls, table: dict[str, Any], item: Any) -> tuple[str, str] | None:
+        if not is_given(table, "radius") or math.hypot(2 * item[0] - 1, 2 * item[1] - 1) <= 1:
+            return None
+        outside = f"{format_value(item)} lies outside the circle of {format_value(table['name'])}"
+        return outside, "[x, y] are fractions of the square around it, with [0.5, 0.5] its middle"
+
+    @classmethod
+    def position_help(cls, table: dict[str, Any]) -> str:
+        return f"[x, y], fractions of {'the square around it' if is_given(table, 'radius') else 'its sides'}"

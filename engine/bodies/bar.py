@@ -75,9 +75,10 @@ class Bar(LineBody):
             return ModeSet(omega, sigma, lambda x: scale * bar_shape(self.ends, root, x))
         rigid_omega, rigid_sigma = self.rigid_modes()
 
-        def shape(x: float) -> np.ndarray:
-            rigid = scale * np.array([1.0, math.sqrt(12) * (x - 0.5)])
-            return np.concatenate([scale * bar_shape("free", root, x), rigid])
+        def shape(x: Any) -> np.ndarray:
+            turn = math.sqrt(12) * (np.asarray(x) - 0.5)
+            whole = scale * np.stack([np.ones_like(turn), turn], axis=-1)
+            return np.concatenate([scale * bar_shape("free", root, x), whole], axis=-1)
 
         return ModeSet(np.concatenate([omega, rigid_omega]), np.concatenate([sigma, rigid_sigma]), shape)
 
@@ -111,10 +112,10 @@ def bar_roots(ends: str, number: np.ndarray) -> np.ndarray:
     return np.asarray(root)
 
 
-def bar_shape(ends: str, root: np.ndarray, x: float) -> np.ndarray:
-    """Shape of the modes with βL = root at fraction x, of mean square 1: cosh z - s·sinh z ± (cos z - s·sin z),
-    z = βL·x, written with falling exponentials only, or the high ones would cancel."""
-    z = root * x
+def bar_shape(ends: str, root: np.ndarray, x: Any) -> np.ndarray:
+    """Shape of the modes with βL = root at fractions x, of mean square 1 [..., modes]: with z = βL·x
+    cosh z - s·sinh z ± (cos z - s·sin z), written with falling exponentials only, or the high ones would cancel."""
+    z = root * np.asarray(x)[..., None]
     down = np.exp(-root)
     if ends == "cantilever":
         bottom = 1 + down**2 + 2 * down * np.cos(root)

@@ -24,7 +24,7 @@ class ModalBody(NamedTuple):
 
     omega: np.ndarray  # [modes], rad/s
     sigma: np.ndarray  # [modes], 1/s
-    shape: Callable[[Any], np.ndarray]  # position → [modes], 1/√kg
+    shape: Callable[[Any], np.ndarray]  # position → [modes], 1/√kg; of many modes also positions → [..., modes]
     q: np.ndarray  # [modes], √kg·m, displacement at time 0
     p: np.ndarray  # [modes], √kg·m/s, momentum at time 0
     gravity_participation: np.ndarray  # [modes], √kg: force on each mode in a uniform gravity of 1 m/s²

@@ -32,7 +32,7 @@ class ModeSet(NamedTuple):
 
     omega: np.ndarray  # [modes], rad/s
     sigma: np.ndarray  # [modes], 1/s
-    shape: Callable[[Any], np.ndarray]  # position → [modes], 1/√kg
+    shape: Callable[[Any], np.ndarray]  # positions → [..., modes], 1/√kg
 
 
 class Support(Table):

@@ -14,7 +14,8 @@ from engine.bodies.table import Fraction, KeyPath, Positions, Table, is_given, i
 
 MAX_SHAPE_POINTS = 10_000  # of a file
 Amplitude = Annotated[float, Field(ge=-1e3, le=1e3)]
-Shape = Callable[[Any], np.ndarray]  # position → [modes], 1/√kg
+AT_ONCE = 512  # positions
+Shape = Callable[[Any], np.ndarray]  # positions → [..., modes], 1/√kg
 Profile = Callable[[Any], float]  # position → m, or m/s
 
 
@@ -26,9 +27,11 @@ class Quadrature(NamedTuple):
 
     def project(self, profile: Profile, shape: Shape) -> np.ndarray:
         """∫ Φ·y dm of a profile y: the modal coordinates that add up to it [modes], √kg·m of a displacement."""
+        weights = self.masses * np.array([profile(position) for position in self.positions])
         total = np.zeros(1)
-        for position, mass in zip(self.positions, self.masses.tolist(), strict=True):
-            total = total + (mass * profile(position)) * shape(position)
+        for first in range(0, len(self.positions), AT_ONCE):
+            part = slice(first, first + AT_ONCE)
+            total = total + weights[part] @ shape(np.array(self.positions[part]))
         return total
 
 
@@ -77,9 +80,9 @@ class InitialMode(InitialShape):
 
     def modal(self, shape: Shape, quadrature: Quadrature, peak: Callable[[Any], Profile]) -> np.ndarray:
         """Raises NoSuchMode."""
-        column = np.array([shape(position)[self.number - 1 : self.number] for position in quadrature.positions])
-        if column.size == 0:
+        if self.number > shape(quadrature.positions[0]).size:
             raise NoSuchMode(f"has no mode {self.number} below 0.49 of the sample rate; a lower one")
+        column = shape(np.array(quadrature.positions))[:, self.number - 1]
         modal = np.zeros(shape(quadrature.positions[0]).size)
         modal[self.number - 1] = self.amplitude / float(np.max(np.abs(column)))
         return modal

@@ -49,9 +49,8 @@ class Membrane(FlatSheet):
         scale = 1 / (np.sqrt(self.density * area) * np.abs(jv(order + 1, zero)))
 
         def shape(position: Any) -> np.ndarray:
-            x, y = 2 * position[0] - 1, 2 * position[1] - 1
-            angle = order * math.atan2(y, x) - turn
-            return np.asarray(scale * jv(order, zero * math.hypot(x, y)) * np.cos(angle))
+            x, y = np.moveaxis(2 * np.asarray(position) - 1, -1, 0)[..., None]
+            return np.asarray(scale * jv(order, zero * np.hypot(x, y)) * np.cos(order * np.arctan2(y, x) - turn))
 
         omega = speed * zero / radius
         return ModeSet(omega, self.decay_rates(omega, zero / radius), shape)

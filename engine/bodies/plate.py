@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -9,6 +10,7 @@ from pydantic import Field
 from pydantic_core import InitErrorDetails
 
 from engine.bodies.bar import Cords
+from engine.bodies.circular_plate_modes import circular_plate_modes
 from engine.bodies.distributed import ModeSet
 from engine.bodies.plate_modes import PlateModes, PlateStiffness, rectangle_plate_modes
 from engine.bodies.sheet import MAX_SHEET_MODES, FlatSheet
@@ -16,6 +18,9 @@ from engine.bodies.table import KeyPath, are_positive, is_given, is_number, make
 
 MAX_RITZ_MODES = 400  # of a plate that is not simply supported and does not say how many
 Modulus = Annotated[float, Field(gt=0.0, le=1e15)]
+
+
+rectangle_modes, circle_modes = lru_cache(16)(rectangle_plate_modes), lru_cache(16)(circular_plate_modes)
 
 
 class Plate(FlatSheet):
@@ -68,15 +73,17 @@ class Plate(FlatSheet):
         return ModeSet(
             np.concatenate([omega[rigid:], np.full(rigid, whole_omega)]),
             np.concatenate([sigma, np.full(rigid, whole_sigma)]),
-            lambda position: np.roll(shape(position), -rigid),
+            lambda position: np.roll(shape(position), -rigid, axis=-1),
         )
 
     def _modes(self, stiffness: PlateStiffness, tension: float, count: int, max_omega: float) -> PlateModes:
         """The lowest modes; those of a free plate as a whole come first."""
         if self.size is not None:
             a, b = self.size
-            return rectangle_plate_modes((a, b), stiffness, self.density, tension, self.edges, (), count, max_omega)
-        raise NotImplementedError
+            return rectangle_modes((a, b), stiffness, self.density, tension, self.edges, (), count, max_omega)
+        poisson = 0.3 if self.poisson is None else self.poisson
+        rim = (self.density, tension, self.edges, count, max_omega)
+        return circle_modes(self.radius or 1.0, stiffness.x, poisson, *rim)
 
     def stiffness(self) -> PlateStiffness:
         """Flexural rigidities, N·m; of rigidity 1, if a frequency is given instead.
@@ -110,6 +117,8 @@ class Plate(FlatSheet):
             if poisson**2 * young[1] >= young[0]:
                 message = f"with it νxy·νyx is {poisson**2 * young[1] / young[0]:.2g}"
                 yield make_fault((*path, "poisson"), poisson, message, "below 1; the larger modulus first")
+        if isinstance(young, list) and is_given(table, "radius"):
+            yield make_fault((*path, "young"), young, "a circle of wood", "one modulus, or a rectangle of size")
         if is_given(table, "tension") and edges == "free":
             yield make_fault((*path, "tension"), table["tension"], "a free plate under tension", "it needs held edges")
         if is_given(table, "tension") and is_given(table, "frequency"):

@@ -83,6 +83,16 @@ class FlatSheet(SheetBody):
             return circle_quadrature(min(12 + math.isqrt(modes), MAX_GRID // 2), self.total_mass())
         return rectangle_quadrature(min(16 + 3 * math.isqrt(modes), MAX_GRID), self.total_mass())
 
+    def volume_row(self, body: ModalBody) -> np.ndarray:
+        if self.size is not None:
+            return super().volume_row(body)
+        node, weight = np.polynomial.legendre.leggauss(MAX_GRID)  # on a circle only what moves its middle has a mean
+        x = (node + 3) / 4
+        rings = self.area() * weight * (node + 1) / 2
+        row = rings @ body.shape(np.column_stack([x, np.full(x.size, 0.5)]))
+        middle = np.abs(body.shape([0.5, 0.5]))
+        return np.where(middle > 1e-9 * np.max(middle), row, 0.0)
+
     def peak(self, at: Any) -> Profile:
         return peak_of_rectangle(at) if self.size is not None else peak_of_circle(at)
 

@@ -66,4 +66,4 @@ class String(LineBody):
         scale = math.sqrt(2 / (density * self.length))
         omega = frequencies(number)
         decay = self.decay_rates(omega, number * root)
-        return ModeSet(omega, decay, lambda x: scale * np.sin(math.pi * number * x))
+        return ModeSet(omega, decay, lambda x: scale * np.sin(math.pi * number * np.asarray(x)[..., None]))

@@ -9,9 +9,10 @@ from pydantic import Field
 from pydantic_core import InitErrorDetails
 
 from engine.bodies.body import TO_60_DB
-from engine.bodies.distributed import LineBody, ModeSet, mode_numbers, rise_from_one
+from engine.bodies.distributed import LineBody, ModeSet, above, mode_numbers, rise_from_one
 from engine.bodies.table import KeyPath, Positive, Table, are_positive, is_given, make_fault
 
+MODES_OF_STATICS = 2_000  # whose compliances fall off with the fourth power of their number
 NODE = 0.2241575  # of the first partial of a free bar, fraction of its length
 
 
@@ -81,6 +82,11 @@ class Bar(LineBody):
             return np.concatenate([scale * bar_shape("free", root, x), whole], axis=-1)
 
         return ModeSet(np.concatenate([omega, rigid_omega]), np.concatenate([sigma, rigid_sigma]), shape)
+
+    def modes_beyond(self, omega: float) -> ModeSet | None:
+        if self.ratios is not None:
+            return None
+        return above(self.model_copy(update={"modes": MODES_OF_STATICS}).free_modes(math.inf), omega)
 
     def rigid_modes(self) -> tuple[np.ndarray, np.ndarray]:
         """ω (rad/s) and σ (1/s) of a free bar that moves and turns as a whole: on cords of stiffness k at its nodes,

@@ -56,6 +56,11 @@ class DistributedBody(BodyTable):
         le=MAX_MODES,
         description="how many to build, the lowest; if absent, all below 0.49 of the sample rate",
     )
+    residual: bool | None = Field(
+        default=None,
+        description="whether a few more modes give contacts the compliance of those left out; if absent, where that is"
+        " 3 % or more",
+    )
     support: list[Support] = Field(
         default=[], max_length=MAX_SUPPORTS, description="springs and dampers that hold it to the ground"
     )
@@ -88,6 +93,10 @@ class DistributedBody(BodyTable):
     @abstractmethod
     def peak(self, at: Any) -> Profile:
         """The profile that is 1 at a place, and falls to 0 at the ends or the rim."""
+
+    def modes_beyond(self, omega: float) -> ModeSet | None:
+        """Modes above an angular frequency (rad/s), as many as amount to anything at a point; None if not known."""
+        return None
 
     def modal_body(self, max_frequency: float = math.inf) -> ModalBody:
         with np.errstate(all="ignore"):  # what is not finite is refused in the end (engine.build.limits)
@@ -159,6 +168,12 @@ class LineBody(DistributedBody):
 
     def peak(self, at: Any) -> Profile:
         return peak_of_line(at)
+
+
+def above(modes: ModeSet, omega: float) -> ModeSet:
+    """The modes above an angular frequency, rad/s."""
+    chosen = modes.omega > omega * (1 + 1e-12)
+    return ModeSet(modes.omega[chosen], modes.sigma[chosen], lambda position: modes.shape(position)[..., chosen])
 
 
 def at_rest(modes: ModeSet) -> ModalBody:

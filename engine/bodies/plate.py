@@ -11,11 +11,12 @@ from pydantic_core import InitErrorDetails
 
 from engine.bodies.bar import Cords
 from engine.bodies.circular_plate_modes import circular_plate_modes
-from engine.bodies.distributed import ModeSet
+from engine.bodies.distributed import ModeSet, above
 from engine.bodies.plate_modes import PlateModes, PlateStiffness, rectangle_plate_modes
 from engine.bodies.sheet import MAX_SHEET_MODES, FlatSheet
 from engine.bodies.table import KeyPath, are_positive, is_given, is_number, make_fault
 
+MODES_OF_STATICS = 4_000  # beyond, a point gives way by less than 1e-3 more
 MAX_RITZ_MODES = 400  # of a plate that is not simply supported and does not say how many
 Modulus = Annotated[float, Field(gt=0.0, le=1e15)]
 
@@ -75,6 +76,11 @@ class Plate(FlatSheet):
             np.concatenate([sigma, np.full(rigid, whole_sigma)]),
             lambda position: np.roll(shape(position), -rigid, axis=-1),
         )
+
+    def modes_beyond(self, omega: float) -> ModeSet | None:
+        if self.edges != "supported" or self.size is None:
+            return None
+        return above(self.model_copy(update={"modes": MODES_OF_STATICS}).free_modes(math.inf), omega)
 
     def _modes(self, stiffness: PlateStiffness, tension: float, count: int, max_omega: float) -> PlateModes:
         """The lowest modes; those of a free plate as a whole come first."""

@@ -6,7 +6,8 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from engine.bodies.distributed import LineBody, ModeSet, mode_numbers
+from engine.bodies.body import MAX_MODES
+from engine.bodies.distributed import LineBody, ModeSet, above, mode_numbers
 
 
 class String(LineBody):
@@ -51,6 +52,9 @@ class String(LineBody):
         beta, density = number * math.pi / self.length, self.linear_density()
         slope = math.sqrt(2 / (density * self.length)) * beta * (np.where(number % 2 == 0, 1.0, -1.0) if end else 1.0)
         return (1.0 if end else -1.0) * omega**2 * density * slope / beta**2
+
+    def modes_beyond(self, omega: float) -> ModeSet | None:
+        return above(self.model_copy(update={"modes": MAX_MODES}).free_modes(math.inf), omega)
 
     def free_modes(self, max_omega: float) -> ModeSet:
         """ω² = (T·β² + EI·β⁴)/μ, β = iπ/L; shapes sin βx, with modal mass μL/2 (Fletcher & Rossing, Physics of

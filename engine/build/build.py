@@ -29,6 +29,7 @@ from engine.build.mode_coefficients import (
 from engine.build.mode_shape_rows import mode_shape_rows
 from engine.build.reachability import contacts_to_build
 from engine.build.refinement_tables import build_refinement, end_loss
+from engine.build.residual_modes import with_residual_modes
 from engine.build.step_coefficients import ModeCoefficients, all_factors, contact_basis_tables, step_coefficients
 from engine.faults import BuildError, Fault
 from engine.kernel.axes import align_to_cache_lines, to_single_precision
@@ -115,6 +116,7 @@ def check_and_layout(scene: Scene, samplerate: float, accuracy: Accuracy, second
     live: events may come that the score does not name
     """
     modal_bodies = limits.build_modal_bodies(scene, samplerate, accuracy.scheme)
+    modal_bodies = with_residual_modes(scene, modal_bodies, samplerate)
     limits.check_sizes(scene, modal_bodies)
     limits.check_forces(scene, samplerate, seconds)
     names = {c.name for c in scene.connection if c.name is not None} if live else changed_connections(scene)

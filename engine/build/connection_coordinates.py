@@ -172,7 +172,7 @@ class _StringEnds:
         for string, moving in ends_of.items():
             for i, a in moving:
                 for j, b in moving:
-                    coupling[i, j] += end_stiffness(self.scene.body[string], self.bodies[string].omega, a, b)
+                    coupling[i, j] += end_stiffness(self.scene.body[string], self.bodies[string], a, b)
         for n, (on, ends) in enumerate(points):
             k, stiffness = ends[0][0], coupling[2 * n + 1, 2 * n + 1]
             rows: dict[int, Any] = {}
@@ -184,15 +184,20 @@ class _StringEnds:
         return items, coupling
 
     def _row(self, string: int, end: float) -> np.ndarray:
-        body = self.scene.body[string]
-        assert isinstance(body, String)
-        return body.end_row(self.bodies[string].omega, end)
+        return end_row(self.scene.body[string], self.bodies[string], end)
 
 
-def end_stiffness(body: Any, omega: np.ndarray, a: float, b: float) -> float:
+def end_row(string: Any, modal: ModalBody, end: float) -> np.ndarray:
+    """String.end_row, of a string whose residual modes do not move its end [modes], N/(√kg·m)."""
+    assert isinstance(string, String)
+    own = modal.omega.size - modal.residual
+    return np.pad(string.end_row(modal.omega[:own], end), (0, modal.residual))
+
+
+def end_stiffness(string: Any, modal: ModalBody, a: float, b: float) -> float:
     """The stiffness, N/m, that two ends a and b of a string, or one with itself, have in V: Σ cₙ·cₙ ± T/L."""
-    tension = float(body.tension_and_bending()[0] / body.length)
-    product = float(np.sum(body.end_row(omega, a) / omega * (body.end_row(omega, b) / omega)))
+    tension = float(string.tension_and_bending()[0] / string.length)
+    product = float(np.sum(end_row(string, modal, a) * end_row(string, modal, b) / modal.omega**2))
     return product + (tension if a == b else -tension)
 
 
@@ -202,11 +207,10 @@ def end_force_parts(
     """The force of a string on its end (0 or 1), -∂V/∂y, as rows over the modes of bodies: its own, and those of the
     bodies that its ends ride on [(number of the body, row [modes], N/(√kg·m))]."""
     string = scene.body[numbers[name]]
-    assert isinstance(string, String)
-    omega = bodies[numbers[name]].omega
-    parts = [(numbers[name], -string.end_row(omega, end))]
+    modal = bodies[numbers[name]]
+    parts = [(numbers[name], -end_row(string, modal, end))]
     for c in scene.connection:
         if isinstance(c, EndConnection) and c.body == name:
             on = numbers[c.on]
-            parts.append((on, -end_stiffness(string, omega, end, c.at) * _shape(scene, bodies, on, c.on_at)))
+            parts.append((on, -end_stiffness(string, modal, end, c.at) * _shape(scene, bodies, on, c.on_at)))
     return parts

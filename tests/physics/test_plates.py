@@ -141,7 +141,7 @@ def strip_determinant(omega, m, sides, stiffness, density, ends, rib=None) -> fl
 def test_strips_between_supported_edges(stiffness, ends, rib):
     """Each frequency is a zero of the determinant of its strip, and no zero of the first three strips is missed."""
     edges = ("supported", "supported", *ends)
-    modes = rectangle_plate_modes(SIDES, stiffness, 3.2, 0.0, edges, [rib] if rib else [], count=60)
+    modes = rectangle_plate_modes(SIDES, stiffness, 3.2, 0.0, edges, [rib] if rib else [], count=50)
     x = (np.arange(128) + 0.5) / 128
     shapes = modes.shape(np.stack([x, np.full(128, 0.437)], axis=-1))
     waves = np.argmax(np.abs(np.sin(math.pi * np.arange(1, 40)[:, None] * x) @ shapes), axis=0) + 1
@@ -150,7 +150,7 @@ def test_strips_between_supported_edges(stiffness, ends, rib):
         exact = brentq(strip_determinant, omega * (1 - 1e-3), omega * (1 + 1e-5), told, xtol=1e-9)
         assert exact <= omega * (1 + 1e-8)
     for m in (1, 2, 3):
-        grid = np.linspace(0.5 * modes.omega[0], 1.0001 * modes.omega[-1], 1000)
+        grid = np.linspace(0.5 * modes.omega[0], 1.0001 * modes.omega[-1], 500)
         signs = np.sign([strip_determinant(w, m, SIDES, stiffness, 3.2, ends, rib) for w in grid])
         assert np.count_nonzero(signs[1:] != signs[:-1]) == np.count_nonzero(waves == m), m
 

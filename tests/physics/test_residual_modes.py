@@ -44,7 +44,7 @@ def test_the_force_on_the_hammer_of_c7_is_that_of_many_modes():
     assert struck().body[0].modal_body(0.49 * 16 * RATE).omega.size > 40
 
     def errors(own) -> tuple[float, float]:
-        return np.linalg.norm(own - many) / np.linalg.norm(many), own.max() / many.max() - 1
+        return np.linalg.norm(own - many) / np.linalg.norm(many), own.min() / many.min() - 1
 
     rms, peak = errors(force(1))
     assert rms < 2e-3
@@ -64,7 +64,7 @@ def test_its_energy_is_exact(order):
 BODIES = {
     "string": (String(**C7), 0.0625),
     "few": (String(**C7 | {"modes": 3}), 0.3),
-    "bar": (Bar(name="s", kind="bar", length=0.2, mass=0.1, frequency=4000.0), 0.1),
+    "bar": (Bar(name="s", kind="bar", length=0.2, mass=0.1, frequency=4000.0, residual=True), 0.1),
     "plate": (Plate(name="s", kind="plate", size=[0.1, 0.07], frequency=3000.0, density=7.8, modes=4), [0.3, 0.4]),
 }
 

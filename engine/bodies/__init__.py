@@ -4,19 +4,37 @@ from typing import Annotated, get_args
 
 from pydantic import Field
 
+from engine.bodies.air import AirBox, Tube
 from engine.bodies.bar import Bar
 from engine.bodies.body import BodyTable
 from engine.bodies.lumped import Mass, Oscillator
 from engine.bodies.measured import MeasuredBody
 from engine.bodies.membrane import Membrane
 from engine.bodies.plate import Plate
+from engine.bodies.shell import CylindricalShell
+from engine.bodies.soundboard import Soundboard
 from engine.bodies.string import String
 
 Body = Annotated[
-    Mass | Oscillator | String | Bar | Membrane | Plate | MeasuredBody,
+    Mass | Oscillator | String | Bar | Membrane | Plate | Soundboard | CylindricalShell | AirBox | Tube | MeasuredBody,
     Field(discriminator="kind"),
 ]
-__all__ = ["BODIES", "Bar", "Body", "Mass", "MeasuredBody", "Membrane", "Oscillator", "Plate", "String"]
+__all__ = [
+    "BODIES",
+    "AirBox",
+    "Bar",
+    "Body",
+    "CylindricalShell",
+    "Mass",
+    "MeasuredBody",
+    "Membrane",
+    "Oscillator",
+    "Plate",
+    "Soundboard",
+    "String",
+    "Tube",
+]
+
 
 # the same by kind
 BODIES: dict[str, type[BodyTable]] = {

@@ -82,6 +82,10 @@ class DistributedBody(BodyTable):
     displacement: Initial | None = Field(default=None, description="displacement at time 0")
     velocity: Initial | None = Field(default=None, description="velocity at time 0")
 
+    def volume_row(self, body: ModalBody) -> np.ndarray:
+        """The volume of air that each mode displaces [modes], m²/√kg, where the body HAS_AREA. body: its modes"""
+        raise NotImplementedError
+
     @abstractmethod
     def free_modes(self, max_omega: float) -> ModeSet:
         """Modes below an angular frequency (rad/s), without supports, the lowest first."""

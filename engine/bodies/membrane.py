@@ -9,17 +9,17 @@ from pydantic import Field
 
 from engine.bodies.distributed import ModeSet
 from engine.bodies.plate_modes import PlateStiffness, supported_plate_modes
-from engine.bodies.sheet import MAX_SHEET_MODES, FlatSheet
+from engine.bodies.sheet import MAX_SHEET_MODES, TunedSheet
 
 
-class Membrane(FlatSheet):
+class Membrane(TunedSheet):
     """A membrane fixed at its rim: a circle of `radius`, or a rectangle of `size`."""
 
     kind: Literal["membrane"]
     tension: float | None = Field(default=None, gt=0.0, le=1e9, description="tension, N/m")
 
     EXACTLY_ONE_OF: ClassVar[list[tuple[str, ...]]] = [
-        *FlatSheet.EXACTLY_ONE_OF,
+        *TunedSheet.EXACTLY_ONE_OF,
         ("tension", "frequency", "tension in N/m or frequency in Hz"),
     ]
     PITCH_POWERS: ClassVar[dict[str, int]] = {"frequency": 1, "tension": 2}

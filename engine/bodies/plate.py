@@ -12,19 +12,18 @@ from pydantic_core import InitErrorDetails
 from engine.bodies.bar import Cords
 from engine.bodies.circular_plate_modes import circular_plate_modes
 from engine.bodies.distributed import ModeSet, above
-from engine.bodies.plate_modes import PlateModes, PlateStiffness, rectangle_plate_modes
-from engine.bodies.sheet import MAX_SHEET_MODES, FlatSheet
+from engine.bodies.plate_modes import MAX_RITZ_MODES, PlateModes, PlateStiffness, rectangle_plate_modes
+from engine.bodies.sheet import MAX_SHEET_MODES, TunedSheet
 from engine.bodies.table import KeyPath, are_positive, is_given, is_number, make_fault
 
 MODES_OF_STATICS = 4_000  # beyond, a point gives way by less than 1e-3 more
-MAX_RITZ_MODES = 400  # of a plate that is not simply supported and does not say how many
 Modulus = Annotated[float, Field(gt=0.0, le=1e15)]
 
 
 rectangle_modes, circle_modes = lru_cache(16)(rectangle_plate_modes), lru_cache(16)(circular_plate_modes)
 
 
-class Plate(FlatSheet):
+class Plate(TunedSheet):
     """A thin plate (Kirchhoff). With free edges it also moves as a whole, on cords or on its supports, in addition to
     `modes`."""
 
@@ -50,7 +49,7 @@ class Plate(FlatSheet):
     )
 
     EXACTLY_ONE_OF: ClassVar[list[tuple[str, ...]]] = [
-        *FlatSheet.EXACTLY_ONE_OF,
+        *TunedSheet.EXACTLY_ONE_OF,
         ("rigidity", "frequency", "young", "rigidity in N·m, frequency in Hz, or Young's modulus in Pa"),
     ]
     PITCH_POWERS: ClassVar[dict[str, int]] = {"frequency": 1, "rigidity": 2, "young": 2, "shear": 2, "tension": 2}

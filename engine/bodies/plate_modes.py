@@ -10,6 +10,7 @@ import numpy as np
 Edge = Literal["supported", "clamped", "free"]
 
 POWERS: dict[Edge, int] = {"free": 0, "supported": 1, "clamped": 2}  # of the distance from an edge in all shapes
+MAX_RITZ_MODES = 400  # of a body whose modes are found so and that does not say how many
 ROOM_ABOVE = 1.02  # the highest mode may be so much above the frequency for which the functions were chosen
 
 

@@ -1,6 +1,7 @@
 """Membranes and plates: sheets with positions [x, y]."""
 
 import math
+from abc import abstractmethod
 from typing import Any, ClassVar
 
 import numpy as np
@@ -33,20 +34,7 @@ class SheetBody(DistributedBody):
         description=f"how many to build, the lowest; if absent, those below 0.49 of the sample rate, {MAX_SHEET_MODES}"
         " at most",
     )
-    density: float = Field(gt=0.0, le=1e9, description="mass per area, kg/m²")
-    frequency: float | None = Field(default=None, gt=0.0, le=1e6, description="frequency of the first partial, Hz")
-
     HEARD: ClassVar[str] = "acceleration"
-    HAS_AREA: ClassVar[bool] = True
-
-    def area(self) -> float:
-        """Area, m²."""
-        return self.total_mass() / self.density
-
-    def volume_row(self, body: ModalBody) -> np.ndarray:
-        """∫ Φ dA: the volume that each mode displaces [modes], m²/√kg. body: its modes"""
-        quadrature = self.quadrature(body.omega.size, [])
-        return quadrature.project(lambda position: 1.0, body.shape) / self.density
 
     @classmethod
     def split_positions(cls, at: Any) -> list[Any]:
@@ -63,8 +51,66 @@ class SheetBody(DistributedBody):
 
 
 class FlatSheet(SheetBody):
+    """A sheet of a plane: a rectangle, or a circle."""
+
+    HAS_AREA: ClassVar[bool] = True
+
+    @abstractmethod
+    def sides(self) -> tuple[float, float] | None:
+        """Sides of a rectangle, m; None of a circle."""
+
+    @abstractmethod
+    def surface_density(self) -> float:
+        """Mass per area, kg/m²."""
+
+    @abstractmethod
+    def area(self) -> float:
+        """Area, m²."""
+
+    def total_mass(self) -> float:
+        return self.surface_density() * self.area()
+
+    def quadrature(self, modes: int, kinks: list[float]) -> Quadrature:
+        if self.sides() is None:
+            return circle_quadrature(min(12 + math.isqrt(modes), MAX_GRID // 2), self.total_mass())
+        return rectangle_quadrature(min(16 + 3 * math.isqrt(modes), MAX_GRID), self.total_mass())
+
+    def area_quadrature(self, modes: int) -> Quadrature:
+        """Positions that resolve so many modes, with the area that each stands for in place of a mass, m²."""
+        positions, masses = self.quadrature(modes, [])
+        return Quadrature(positions, masses * (self.area() / float(np.sum(masses))))
+
+    def volume_row(self, body: ModalBody) -> np.ndarray:
+        """∫ Φ dA: the volume that each mode displaces [modes], m²/√kg. body: its modes"""
+        if self.sides() is not None:
+            return self.area_quadrature(body.omega.size).project(lambda position: 1.0, body.shape)
+        node, weight = np.polynomial.legendre.leggauss(MAX_GRID)  # on a circle only what moves its middle has a mean
+        x = (node + 3) / 4
+        rings = self.area() * weight * (node + 1) / 2
+        row = rings @ body.shape(np.column_stack([x, np.full(x.size, 0.5)]))
+        middle = np.abs(body.shape([0.5, 0.5]))
+        return np.where(middle > 1e-9 * np.max(middle), row, 0.0)
+
+    def peak(self, at: Any) -> Profile:
+        return peak_of_rectangle(at) if self.sides() is not None else peak_of_circle(at)
+
+    def wave_numbers(self, omega: np.ndarray, rigidity: float, tension: float) -> np.ndarray:
+        """β (1/m) of waves of angular frequency ω (rad/s): T·β² + D·β⁴ = ρω².
+
+        rigidity: D, N·m; tension: T, N/m
+        """
+        inertia = self.surface_density() * omega**2
+        if rigidity == 0.0:
+            return np.asarray(np.sqrt(inertia / tension))
+        root = np.sqrt(tension**2 + 4 * rigidity * inertia)  # (root - T)/2D, without cancellation
+        return np.asarray(np.sqrt(2 * inertia / (root + tension)))
+
+
+class TunedSheet(FlatSheet):
     """A membrane or a plate: a circle of `radius`, or a rectangle of `size`."""
 
+    density: float = Field(gt=0.0, le=1e9, description="mass per area, kg/m²")
+    frequency: float | None = Field(default=None, gt=0.0, le=1e6, description="frequency of the first partial, Hz")
     radius: float | None = Field(
         default=None, gt=0.0, le=1e3, description="radius of a circle, m; [x, y] are fractions of the square around it"
     )
@@ -74,38 +120,15 @@ class FlatSheet(SheetBody):
         ("radius", "size", "radius of a circle or size of a rectangle, in m")
     ]
 
-    def total_mass(self) -> float:
+    def sides(self) -> tuple[float, float] | None:
+        return (self.size[0], self.size[1]) if self.size is not None else None
+
+    def surface_density(self) -> float:
+        return self.density
+
+    def area(self) -> float:
         a, b = self.size or (0.0, 0.0)
-        return self.density * (math.pi * (self.radius or 0.0) ** 2 if self.size is None else a * b)
-
-    def quadrature(self, modes: int, kinks: list[float]) -> Quadrature:
-        if self.size is None:
-            return circle_quadrature(min(12 + math.isqrt(modes), MAX_GRID // 2), self.total_mass())
-        return rectangle_quadrature(min(16 + 3 * math.isqrt(modes), MAX_GRID), self.total_mass())
-
-    def volume_row(self, body: ModalBody) -> np.ndarray:
-        if self.size is not None:
-            return super().volume_row(body)
-        node, weight = np.polynomial.legendre.leggauss(MAX_GRID)  # on a circle only what moves its middle has a mean
-        x = (node + 3) / 4
-        rings = self.area() * weight * (node + 1) / 2
-        row = rings @ body.shape(np.column_stack([x, np.full(x.size, 0.5)]))
-        middle = np.abs(body.shape([0.5, 0.5]))
-        return np.where(middle > 1e-9 * np.max(middle), row, 0.0)
-
-    def peak(self, at: Any) -> Profile:
-        return peak_of_rectangle(at) if self.size is not None else peak_of_circle(at)
-
-    def wave_numbers(self, omega: np.ndarray, rigidity: float, tension: float) -> np.ndarray:
-        """β (1/m) of waves of angular frequency ω (rad/s): T·β² + D·β⁴ = ρω².
-
-        rigidity: D, N·m; tension: T, N/m
-        """
-        inertia = self.density * omega**2
-        if rigidity == 0.0:
-            return np.asarray(np.sqrt(inertia / tension))
-        root = np.sqrt(tension**2 + 4 * rigidity * inertia)  # (root - T)/2D, without cancellation
-        return np.asarray(np.sqrt(2 * inertia / (root + tension)))
+        return math.pi * (self.radius or 0.0) ** 2 if self.size is None else a * b
 
     @classmethod
     def explain_outside(cls, table: dict[str, Any], item: Any) -> tuple[str, str] | None:

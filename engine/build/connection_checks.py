@@ -10,7 +10,7 @@ from engine.build.coordinates import Coordinate
 from engine.build.layout import Layout
 from engine.faults import BuildError, Fault
 from engine.patch.accuracy import Accuracy
-from engine.patch.tables import ChangeEvent, SpringConnection
+from engine.patch.tables import AirConnection, ChangeEvent, SpringConnection
 
 MAX_ISLAND_COORDINATES = 512  # of an island; what they move is a product of matrices in each step
 MAX_GAP = 1e-12  # m, of a rigid joint, beside rounding
@@ -37,7 +37,8 @@ def _find_still(layout: Layout) -> list[Fault]:
     for k in sorted(used_connections(scene)):
         connection = scene.connection[k]
         sides = [("at", connection.body)] if isinstance(connection, SpringConnection) else []
-        sides += [("on_at", connection.on)] if connection.on is not None else []
+        if connection.on is not None and not isinstance(connection, AirConnection):
+            sides += [("on_at", connection.on)]
         for key, name in sides:
             number, at = layout.body_index[name], getattr(connection, key)
             body, modal = scene.body[number], layout.modal_bodies[number]

@@ -19,6 +19,7 @@ import numpy as np
 from engine.bodies import String
 from engine.bodies.body import ModalBody
 from engine.bodies.distributed import DistributedBody
+from engine.build.air_coordinates import air_coordinates
 from engine.build.coordinates import Coordinate, Coordinates
 from engine.build.spring_compensation import compensate_springs
 from engine.patch.scene import Scene
@@ -40,7 +41,7 @@ def used_connections(scene: Scene) -> set[int]:
     return {
         k
         for k, c in enumerate(scene.connection)
-        if isinstance(c, EndConnection) or c.rigid or c.stiffness or c.damping or c.name in changed
+        if not isinstance(c, SpringConnection) or c.rigid or c.stiffness or c.damping or c.name in changed
     }
 
 
@@ -68,12 +69,29 @@ def find_coordinates(
         items[island_of[next(iter(coordinate.parts))]].append(coordinate)
     ends = _StringEnds(scene, bodies, numbers)
     of_islands = []
+    air: list[list[tuple[list[Coordinate], np.ndarray]]] = [[] for _ in range(count)]
+    for group in air_coordinates(scene, bodies, numbers):
+        air[island_of[next(iter(group[0][0].parts))]].append(group)
     for n in range(count):
-        more, coupling = ends.of_island(n, island_of)
         kept = _drop_redundant(items[n])
-        coordinates = Coordinates(kept + more, np.pad(coupling, ((len(kept), 0), (len(kept), 0))))
-        of_islands.append(_compensated(scene, bodies, coordinates, step) if step is not None and kept else coordinates)
+        groups = [(kept, np.zeros((len(kept), len(kept)))), *air[n], ends.of_island(n, island_of)]
+        coordinates = Coordinates([item for group, _ in groups for item in group], _block_diagonal(groups))
+        springs = any(item.stiffness or item.damping or item.is_rigid for item in coordinates.items)
+        if step is not None and springs:
+            coordinates = _compensated(scene, bodies, coordinates, step)
+        of_islands.append(coordinates)
     return of_islands
+
+
+def _block_diagonal(groups: Sequence[tuple[list[Coordinate], np.ndarray]]) -> np.ndarray:
+    """The coupling of coordinates that are coupled within their groups only."""
+    size, begin = sum(len(items) for items, _ in groups), 0
+    coupling = np.zeros((size, size))
+    for items, inner in groups:
+        end = begin + len(items)
+        coupling[begin:end, begin:end] = inner
+        begin = end
+    return coupling
 
 
 def _compensated(scene: Scene, bodies: Sequence[ModalBody], coordinates: Coordinates, step: float) -> Coordinates:
@@ -154,11 +172,12 @@ class _StringEnds:
 
     def __init__(self, scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int]) -> None:
         self.scene, self.bodies = scene, bodies
-        self.points: dict[tuple[int, str], list[tuple[int, int, float]]] = {}  # number of connection and string, end
+        # by body and place: numbers of connection and string, which end, and the place
+        self.points: dict[tuple[int, str], list[tuple[int, int, float, Any]]] = {}
         for k, c in enumerate(scene.connection):
             if isinstance(c, EndConnection):
                 point = numbers[c.on], repr(c.on_at)
-                self.points.setdefault(point, []).append((k, numbers[c.body], c.at))
+                self.points.setdefault(point, []).append((k, numbers[c.body], c.at, c.on_at))
 
     def of_island(self, island: int, island_of: Sequence[int]) -> tuple[list[Coordinate], np.ndarray]:
         """Two coordinates of each point of an island, w and y, and the stiffness that they have."""
@@ -167,7 +186,7 @@ class _StringEnds:
         coupling = np.zeros((2 * len(points), 2 * len(points)))
         ends_of: dict[int, list[tuple[int, float]]] = {}  # of a string: the coordinate y, and which end
         for n, (_, ends) in enumerate(points):
-            for _, string, end in ends:
+            for _, string, end, _ in ends:
                 ends_of.setdefault(string, []).append((2 * n + 1, end))
         for string, moving in ends_of.items():
             for i, a in moving:
@@ -176,9 +195,9 @@ class _StringEnds:
         for n, (on, ends) in enumerate(points):
             k, stiffness = ends[0][0], coupling[2 * n + 1, 2 * n + 1]
             rows: dict[int, Any] = {}
-            for _, string, end in ends:
+            for _, string, end, _ in ends:
                 rows[string] = rows.get(string, 0.0) + self._row(string, end) / stiffness
-            shape = _shape(self.scene, self.bodies, on, self.scene.connection[k].on_at)
+            shape = _shape(self.scene, self.bodies, on, ends[0][3])
             items += [Coordinate(f"connection[{k}]", k, rows), Coordinate(f"connection[{k}]", k, {on: shape})]
             coupling[2 * n, 2 * n + 1] = coupling[2 * n + 1, 2 * n] = stiffness
         return items, coupling

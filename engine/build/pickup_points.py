@@ -6,15 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from engine.bodies.air import AIR_DENSITY
 from engine.bodies.body import ModalBody
-from engine.bodies.sheet import SheetBody
+from engine.bodies.distributed import DistributedBody
+from engine.bodies.sheet import FlatSheet
 from engine.build.body_point import NOWHERE, BodyPoint
 from engine.build.connection_coordinates import end_force_parts
 from engine.kernel.codes import Quantity
 from engine.patch.scene import Scene
 from engine.patch.tables import Pickup
 
-AIR_DENSITY = 1.204  # kg/m³, at 20 °C
 QUANTITIES = {
     "displacement": Quantity.DISPLACEMENT,
     "velocity": Quantity.VELOCITY,
@@ -62,8 +63,11 @@ def _points(scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int], 
     body, modal = scene.body[numbers[pickup.body]], bodies[numbers[pickup.body]]
     places = body.split_positions(pickup.at)
     if pickup.quantity == "pressure":
-        assert isinstance(body, SheetBody)
-        row = body.volume_row(modal) if pickup.at is None else body.area() * _mean_shape(modal, places)
+        assert isinstance(body, DistributedBody)
+        if pickup.at is None or not isinstance(body, FlatSheet):
+            row = body.volume_row(modal)
+        else:
+            row = body.area() * _mean_shape(modal, places)
         return [BodyPoint(pickup.body, None, 1.0, AIR_DENSITY / (2 * math.pi * (pickup.distance or 1.0)) * row)]
     if len(places) == 1:
         return [BodyPoint(pickup.body, places[0], 1.0)]

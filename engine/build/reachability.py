@@ -10,7 +10,7 @@ from engine.build.body_point import BodyPoint
 from engine.build.coordinates import Coordinates
 from engine.build.layout import Layout, acting_forces
 from engine.patch.scene import Scene
-from engine.patch.tables import ChangeEvent, EndConnection, StrikeEvent
+from engine.patch.tables import ChangeEvent, SpringConnection, StrikeEvent
 
 
 def contacts_to_build(scene: Scene, modal_bodies: list[ModalBody], live: bool = False) -> list[int]:
@@ -41,7 +41,7 @@ def initial_reach(layout: Layout, contacts: Iterable[int]) -> dict[int, float]:
             {scene.body[b].name for b in bodies_of[island]},
         )
         has_changes = any(c.name in changed and c.body in names for c in scene.connection)
-        has_ends = any(isinstance(c, EndConnection) and c.body in names for c in scene.connection)
+        has_ends = any(not isinstance(c, SpringConnection) and c.body in names for c in scene.connection)
         heavy = scene.gravity != 0.0 and any(body.gravity_participation.any() for body in bodies)
         pushed = any(scene.body[b].name in driven for b in bodies_of[island])
         if heavy or pushed or has_ends or has_changes or any(scene.contact[k].name in changed for k in inside):

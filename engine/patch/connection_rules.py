@@ -5,7 +5,8 @@ from typing import Any
 
 from pydantic_core import InitErrorDetails
 
-from engine.bodies import String
+from engine.bodies import AirBox, String
+from engine.bodies.sheet import FlatSheet
 from engine.bodies.table import KeyPath, is_given, is_number, make_fault
 from engine.patch.positions import check_positions, kind_of, tables_of
 from engine.wording import format_names, format_value
@@ -28,6 +29,30 @@ def check_connections(data: dict[str, Any], bodies: dict[str, Any]) -> Faults:
             ends.add(end)
         elif table.get("kind", "spring") == "spring":
             yield from _check_spring(path, table, bodies)
+        elif table.get("kind") == "air":
+            yield from _check_air(path, table, bodies)
+
+
+def _check_air(path: KeyPath, table: dict[str, Any], bodies: dict[str, Any]) -> Faults:
+    """Air is pressed by a sheet, and is that of a box or has a volume."""
+    body, on = bodies.get(str(table.get("body"))), bodies.get(str(table.get("on")))
+    kind, on_kind = kind_of(body), kind_of(on)
+    for key, table_of, one in (("body", body, kind), ("on", on, on_kind)):
+        is_box = key == "on" and one is AirBox
+        if table_of is not None and one is not None and not (is_box or issubclass(one, FlatSheet)):
+            message = f"{format_value(table[key])} is a {table_of.get('kind')}, which presses on no air"
+            yield make_fault((*path, key), table[key], message, "a membrane, a plate or a soundboard does")
+    if is_given(table, "on") and table["on"] == table.get("body"):
+        yield make_fault((*path, "on"), table["on"], "both sides are one sheet", "name another body")
+    if (on_kind is AirBox) == is_given(table, "volume"):
+        remedy = "the air of a box has its own" if on_kind is AirBox else "give its volume in m³"
+        where = (*path, "volume") if is_given(table, "volume") else path
+        yield make_fault(where, table.get("volume"), f"{'a' if is_given(table, 'volume') else 'no'} volume", remedy)
+    if on_kind is AirBox and body is not None and kind is not None and is_given(body, "radius"):
+        message = f"{format_value(table['body'])} is a circle, and no wall of a box"
+        yield make_fault((*path, "body"), table["body"], message, "a rectangle of size, or volume without a box")
+    if is_given(table, "wall") and on_kind is not AirBox:
+        yield make_fault((*path, "wall"), table["wall"], "a wall without a box", 'on = a body of kind = "air"')
 
 
 def _check_end(path: KeyPath, table: dict[str, Any], bodies: dict[str, Any]) -> Faults:
@@ -77,8 +102,9 @@ def check_change_of_connection(path: KeyPath, event: dict[str, Any], connections
         message = f"no connection is named {format_value(event.get('connection'))}"
         remedy = f"the named connections are {format_names(connections)}"
         yield make_fault((*path, "connection"), event.get("connection"), message, remedy)
-    elif connection.get("rigid") is True or connection.get("kind") == "end":
-        what = "a rigid joint" if connection.get("rigid") is True else "the end of a string"
+    elif connection.get("rigid") is True or connection.get("kind", "spring") != "spring":
+        words = {"end": "the end of a string", "air": "air"}
+        what = "a rigid joint" if connection.get("rigid") is True else words.get(str(connection.get("kind")), "")
         message = f"{format_value(event['connection'])} is {what}, of which nothing changes"
         yield make_fault((*path, "connection"), event["connection"], message, "a spring may change")
 

@@ -15,14 +15,14 @@ Faults = Iterator[InitErrorDetails]
 
 def check_pickup(path: KeyPath, pickup: dict[str, Any], body: dict[str, Any] | None) -> Faults:
     """A pickup has the keys of what it hears. body: the table of its body"""
-    quantity, has_place = pickup.get("quantity"), is_given(pickup, "at")
+    kind, has_place = kind_of(body), is_given(pickup, "at")
+    quantity = pickup.get("quantity") or (kind.HEARD if kind is not None else None)
     if is_given(pickup, "pan") and pickup.get("channel", 1) != 1:
         message = "pan and channel given"
         yield make_fault((*path, "pan"), pickup["pan"], message, "a pan is between channels 1 and 2; give one of them")
     if is_given(pickup, "distance") and quantity != "pressure":
         remedy = 'quantity = "pressure" is heard at a distance'
         yield make_fault((*path, "distance"), pickup["distance"], "a distance without a pressure", remedy)
-    kind = kind_of(body)
     if quantity == "pressure" and body is not None and kind is not None and not kind.HAS_AREA:
         message = f"{format_value(body['name'])} is a {body['kind']}, which has no area"
         yield make_fault((*path, "quantity"), quantity, message, "a membrane or a plate has")

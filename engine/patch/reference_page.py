@@ -15,8 +15,8 @@ from engine.bodies.initial_shape import INITIAL_SHAPES
 from engine.patch.json_schema import patch_schema, resolve_ref, variants
 
 UNITS = (
-    *("m", "kg", "s", "Hz", "N", "dB", "m/s", "m/s²", "m²/s", "m³/s", "1/s", "s/m", "1/√kg"),
-    *("kg/m", "kg/m²", "kg/s", "N/m", "N·m", "N·m²", "N/m^exponent", "Pa"),
+    *("m", "m³", "kg", "s", "Hz", "N", "dB", "m/s", "m/s²", "m²/s", "m³/s", "1/s", "s/m", "1/√kg"),
+    *("kg/m", "kg/m²", "kg/m³", "kg/s", "N/m", "N·m", "N·m²", "N/m^exponent", "Pa"),
 )
 UNIT_PATTERN = re.compile(rf", ({'|'.join(map(re.escape, sorted(UNITS, key=len, reverse=True)))})(?=[;:,]|$)")
 REFERENCE_PREFACE = """# Patches: every key
@@ -38,6 +38,7 @@ SECTIONS: dict[str, tuple[str, dict[str, str]]] = {
     "body": (
         "Bodies: `[[body]]`",
         {"[[body.support]]": "Support", "cords = { … }": "Cords"}
+        | {"ribs = { … }": "Ribs", "[[body.bridges]]": "GluedBridge", "hole = { … }": "Hole"}
         | {f'decay = {{ kind = "{kind}", … }}': law.__name__ for kind, law in DECAY_LAWS.items()}
         | {
             f'displacement, velocity = {{ kind = "{kind}", … }}': shape.__name__

@@ -116,6 +116,22 @@ class EndConnection(_ConnectionTable):
     on_at: Positions = Field(default=None, description="where on that body: a place")
 
 
+class AirConnection(_ConnectionTable):
+    """Air that a sheet presses on: of a box, or between it and another sheet, or in a closed space of a volume."""
+
+    kind: Literal["air"]
+    body: Name = Field(description="the membrane, plate or soundboard; above the air, unless it is the bottom of a box")
+    on: Name | None = Field(
+        default=None, description="the air of a box, or the sheet below; without it, the air is closed by rigid walls"
+    )
+    wall: Literal["top", "bottom"] | None = Field(
+        default=None, description="which wall of the box the sheet is, with its sides along x and y; top if absent"
+    )
+    volume: float | None = Field(
+        default=None, gt=0.0, le=1e6, description="volume of the air, m³; that of a box is its own"
+    )
+
+
 def _connection_kind(value: object) -> str | None:
     """The kind of a connection: a spring, unless it says otherwise."""
     kind = value.get("kind", "spring") if isinstance(value, dict) else getattr(value, "kind", "spring")
@@ -123,7 +139,10 @@ def _connection_kind(value: object) -> str | None:
 
 
 Connection = Annotated[
-    Annotated[SpringConnection, Tag("spring")] | Annotated[EndConnection, Tag("end")], Discriminator(_connection_kind)
+    Annotated[SpringConnection, Tag("spring")]
+    | Annotated[EndConnection, Tag("end")]
+    | Annotated[AirConnection, Tag("air")],
+    Discriminator(_connection_kind),
 ]
 
 

@@ -1,0 +1,185 @@
+"""Air: in a rigid box with a hole, and in tubes."""
+
+import math
+from abc import abstractmethod
+from collections.abc import Iterator
+from itertools import product
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+from pydantic_core import InitErrorDetails
+
+from engine.bodies.body import MAX_MODES, ModalBody
+from engine.bodies.distributed import DistributedBody, ModeSet, mode_numbers
+from engine.bodies.initial_shape import Profile, Quadrature, line_quadrature, peak_of_line
+from engine.bodies.table import KeyPath, Positive, Table, is_given, make_fault
+
+AIR_DENSITY = 1.204  # ρ at 20 °C, kg/m³
+SPEED_OF_SOUND = 343.2  # c at 20 °C, m/s
+BULK_MODULUS = AIR_DENSITY * SPEED_OF_SOUND**2  # ρc², Pa
+FLANGED_END, FREE_END = 0.85, 0.61  # end corrections, of the radius (Fletcher & Rossing, sec. 8.3)
+
+
+class AirBody(DistributedBody):
+    """Air that vibrates; what is heard of it is the pressure of its opening."""
+
+    HEARD: ClassVar[str] = "pressure"
+    HAS_AREA: ClassVar[bool] = True
+
+    @abstractmethod
+    def opening(self) -> float:
+        """Area of its opening, m²; 0 without one."""
+
+    @classmethod
+    def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
+        """Air is at rest at time 0."""
+        yield from super().faults(path, table)
+        for key in ("displacement", "velocity"):
+            if is_given(table, key):
+                yield make_fault((*path, key), table[key], "air begins at rest", "leave it out")
+
+
+class Hole(Table):
+    """A round hole in a wall of a box: the air in it is a mass on the spring of the air behind."""
+
+    radius: float = Field(gt=0.0, le=10.0, description="radius, m")
+    thickness: float = Field(default=0.0, ge=0.0, le=10.0, description="of the wall, or length of a neck, m")
+
+    def area(self) -> float:
+        """Area, m²."""
+        return math.pi * self.radius**2
+
+    def mass(self) -> float:
+        """Mass that moves in it, kg: ρ·S·(thickness + 2·0.85·radius) (Fletcher & Rossing, sec. 8.3 and 10.3)."""
+        return AIR_DENSITY * self.area() * (self.thickness + 2 * FLANGED_END * self.radius)
+
+
+class AirBox(AirBody):
+    """The air in a rigid box: its Helmholtz resonance, if it has a hole, and its lowest standing waves. Plates on its
+    walls drive it by connections of kind "air"."""
+
+    kind: Literal["air"]
+    size: list[Positive] = Field(min_length=3, max_length=3, description="sides of the box, m: x, y, and its height")
+    hole: Hole | None = Field(default=None, description="a hole in a wall")
+    modes: int | None = Field(
+        default=None, ge=1, le=200, description="how many standing waves to build, the lowest; 6 if absent"
+    )
+
+    def volume(self) -> float:
+        """Volume, m³."""
+        return self.size[0] * self.size[1] * self.size[2]
+
+    def standing_waves(self) -> np.ndarray:
+        """Half-waves along x, y and z of the standing waves, the lowest first [waves, 3]."""
+        count = self.modes or 6
+        numbers = np.array([n for n in product(range(count + 1), repeat=3) if any(n) and math.prod(n) <= count])
+        order = np.argsort(np.sum((numbers / np.array(self.size)) ** 2, axis=1), kind="stable")
+        return np.asarray(numbers[order][:count])
+
+    def free_modes(self, max_omega: float) -> ModeSet:
+        """The plug in the hole, ω² = ρc²·S²/(V·m), and standing waves, ω = πc·√((l/a)² + (m/b)² + (n/c)²) (Fletcher &
+        Rossing, sec. 6.6 and 10.3). The place is "hole"."""
+        k = math.pi * np.sqrt(np.sum((self.standing_waves() / np.array(self.size)) ** 2, axis=1))
+        if self.hole is not None:
+            helmholtz = math.sqrt(BULK_MODULUS / self.volume() / self.hole.mass()) * self.hole.area() / SPEED_OF_SOUND
+            k = np.concatenate([[helmholtz], k])
+        k = k[k * SPEED_OF_SOUND < max_omega]
+        shape = np.zeros(k.size)
+        if self.hole is not None:
+            shape[0] = 1 / math.sqrt(self.hole.mass())
+        return ModeSet(k * SPEED_OF_SOUND, self.decay_rates(k * SPEED_OF_SOUND, k), lambda position: shape)
+
+    def wall_rows(self, modes: int, positions: np.ndarray, height: float) -> np.ndarray:
+        """√(ρc²/Λ)·ψ at places of a wall [places, 1 + waves], √(J)/m³: of uniform pressure, and of standing waves
+        ψ = cos·cos·cos, Λ = ∫ψ² dV.
+
+        modes: of the body that are built; positions: [places, 2], fractions of x and y; height: of the wall, 0 or 1
+        """
+        waves = self.standing_waves()[: modes - (self.hole is not None)]
+        numbers = np.concatenate([np.zeros((1, 3)), waves])
+        places = np.column_stack([positions, np.full(len(positions), height)])
+        shape = np.prod(np.cos(math.pi * numbers * places[:, None, :]), axis=2)
+        share = np.prod(np.where(numbers > 0, 0.5, 1.0), axis=1)
+        return np.asarray(shape * np.sqrt(BULK_MODULUS / (self.volume() * share)))
+
+    def opening(self) -> float:
+        return self.hole.area() if self.hole is not None else 0.0
+
+    def total_mass(self) -> float:
+        return AIR_DENSITY * self.volume()
+
+    def volume_row(self, body: ModalBody) -> np.ndarray:
+        """The volume that flows out of the hole per mode [modes], m²/√kg."""
+        return self.opening() * body.shape("hole")
+
+    def quadrature(self, modes: int, kinks: list[float]) -> Quadrature:
+        raise NotImplementedError  # it begins at rest
+
+    def peak(self, at: Any) -> Profile:
+        raise NotImplementedError
+
+    @classmethod
+    def has_position(cls, table: dict[str, Any], item: Any) -> bool:
+        return item == "hole" and is_given(table, "hole")
+
+    @classmethod
+    def position_help(cls, table: dict[str, Any]) -> str:
+        return '"hole"' if is_given(table, "hole") else 'a box with a hole has the place "hole"'
+
+
+class Tube(AirBody):
+    """The air in a tube, such as a resonator under a bar: 0 is its first end, 1 its open mouth. If no loss is given, it
+    is that of its walls and of the sound it radiates."""
+
+    kind: Literal["tube"]
+    length: float = Field(gt=0.0, le=1e3, description="length, m")
+    radius: float = Field(gt=0.0, le=10.0, description="radius, m")
+    ends: Literal["closed", "open"] = Field(
+        default="closed", description="whether its first end is closed, or open too"
+    )
+
+    def free_modes(self, max_omega: float) -> ModeSet:
+        """Displacement sin or cos of kx, k = (n - ½)π/L', or nπ/L' where both ends are open; L' is longer by 0.61 of
+        the radius at each open end, and the modal mass ρSL/2 (Fletcher & Rossing, sec. 8.2 to 8.3)."""
+        shift = 0.5 if self.ends == "closed" else 0.0
+        effective = self.length + FREE_END * self.radius * (1 if self.ends == "closed" else 2)
+        number = mode_numbers(
+            lambda n: (n - shift) * math.pi / effective * SPEED_OF_SOUND, self.modes or MAX_MODES, max_omega
+        )
+        phase = (number - shift) * math.pi
+        k = phase / effective
+        scale = math.sqrt(2 / (AIR_DENSITY * self.opening() * self.length))
+        wave = np.sin if self.ends == "closed" else np.cos
+        omega = k * SPEED_OF_SOUND
+        sigma = self.decay_rates(omega, k) if self.has_loss() else self.natural_decay(omega)
+        return ModeSet(omega, sigma, lambda x: scale * wave(phase * np.asarray(x)[..., None]))
+
+    def has_loss(self) -> bool:
+        """Whether the patch gives its losses."""
+        rates = (self.sigma0, self.sigma1, self.sigma3, self.b3)
+        return self.decay is not None or self.t60 is not None or any(rates)
+
+    def natural_decay(self, omega: np.ndarray) -> np.ndarray:
+        """σ, 1/s: at the walls c·3e-5·√f/radius, and c·(k·radius)²/4L radiated by each open end (Fletcher & Rossing,
+        eq. 8.15 and sec. 8.3)."""
+        k = omega / SPEED_OF_SOUND
+        walls = SPEED_OF_SOUND * 3e-5 * np.sqrt(omega / (2 * math.pi)) / self.radius
+        mouths = 1 if self.ends == "closed" else 2
+        return np.asarray(walls + mouths * SPEED_OF_SOUND * (k * self.radius) ** 2 / (4 * self.length))
+
+    def opening(self) -> float:
+        return math.pi * self.radius**2
+
+    def total_mass(self) -> float:
+        return AIR_DENSITY * self.opening() * self.length
+
+    def volume_row(self, body: ModalBody) -> np.ndarray:
+        """The volume that flows out of the mouth per mode [modes], m²/√kg."""
+        return self.opening() * body.shape(1.0)
+
+    def quadrature(self, modes: int, kinks: list[float]) -> Quadrature:
+        return line_quadrature(modes + 2, kinks, self.total_mass())
+
+    def peak(self, at: Any) -> Profile:
+        return peak_of_line(at)

@@ -1,0 +1,139 @@
+"""Ribbed soundboards of wood, from their dimensions."""
+
+import math
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import Any, Literal, NamedTuple
+
+from pydantic import Field
+from pydantic_core import InitErrorDetails
+
+from engine.bodies.decay import LossFactorDecay
+from engine.bodies.distributed import ModeSet
+from engine.bodies.plate_modes import MAX_RITZ_MODES, PlateStiffness, Rib, rectangle_plate_modes
+from engine.bodies.sheet import FlatSheet
+from engine.bodies.table import Fraction, KeyPath, Positive, Table, is_given, make_fault
+
+LOSS_FACTOR = 0.02  # of a soundboard that gives no loss (Ege, Boutillon & Rébillat, J. Sound Vib. 332, 2013: 1 to 3 %)
+board_modes = lru_cache(16)(rectangle_plate_modes)
+
+
+class Wood(NamedTuple):
+    """Quarter-sawn wood at 12 % moisture."""
+
+    along: float  # E_L, Pa
+    across: float  # E_R, Pa
+    shear: float  # G_LR, Pa
+    poisson: float  # ν_LR
+    density: float  # kg/m³
+
+
+def _wood(young: float, across: float, shear: float, poisson: float, gravity: float) -> Wood:
+    """From the tables of the USDA Wood Handbook (2010), ch. 5: E_L is a tenth above the modulus in bending, the other
+    moduli are ratios of it, and the density at 12 % moisture is 1120 kg/m³ times the specific gravity."""
+    stiff = 1.1 * young
+    return Wood(stiff, across * stiff, shear * stiff, poisson, 1120.0 * gravity)
+
+
+WOODS = {
+    "spruce": _wood(10.8e9, 0.078, 0.064, 0.372, 0.40),  # Sitka spruce
+    "cedar": _wood(7.7e9, 0.081, 0.087, 0.378, 0.32),  # western red cedar
+    "maple": _wood(12.6e9, 0.132, 0.111, 0.424, 0.63),  # sugar maple
+}
+WoodName = Literal["spruce", "cedar", "maple"]
+
+
+class Ribs(Table):
+    """Ribs glued to a soundboard across its grain, evenly spread."""
+
+    count: int = Field(ge=1, le=64, description="how many")
+    width: float = Field(gt=0.0, le=1.0, description="width of each, m")
+    height: float = Field(gt=0.0, le=1.0, description="height of each, m")
+    wood: WoodName = Field(default="spruce", description="of what")
+
+
+class GluedBridge(Table):
+    """A bridge glued to a soundboard along its grain or across it."""
+
+    along: Literal["x", "y"] = Field(default="x", description="the side it is parallel to")
+    at: Fraction = Field(description="where on the other side")
+    width: float = Field(gt=0.0, le=1.0, description="width, m")
+    height: float = Field(gt=0.0, le=1.0, description="height, m")
+    wood: WoodName = Field(default="maple", description="of what")
+
+
+class Soundboard(FlatSheet):
+    """A board of wood whose grain runs along x, with ribs along y and bridges, from its dimensions. Its loss factor is
+    0.02 if no loss is given."""
+
+    kind: Literal["soundboard"]
+    size: list[Positive] = Field(min_length=2, max_length=2, description="sides, m: along the grain, and across it")
+    thickness: float = Field(gt=0.0, le=1.0, description="thickness, m")
+    wood: WoodName = Field(default="spruce", description="of what: Sitka spruce, western red cedar or sugar maple")
+    edges: Literal["supported", "clamped", "free"] = Field(default="clamped", description="how it is held all round")
+    ribs: Ribs | None = Field(default=None, description="ribs across the grain")
+    bridges: list[GluedBridge] = Field(default=[], max_length=16, description="bridges glued to it")
+
+    def free_modes(self, max_omega: float) -> ModeSet:
+        """Modes of an orthotropic plate with beams on it (engine.bodies.plate_modes)."""
+        a, b = self.size
+        count, stiffness = self.modes or MAX_RITZ_MODES, self.stiffness()
+        omega, shape = board_modes(
+            (a, b), stiffness, self.surface_density(), 0.0, self.edges, self.beams(), count, max_omega
+        )
+        beta = self.wave_numbers(omega, stiffness.mean(), 0.0)
+        rates = (self.sigma0, self.sigma1, self.sigma3, self.b3)
+        has_loss = self.decay is not None or self.t60 is not None or any(rates)
+        law = LossFactorDecay(kind="loss_factor", eta=LOSS_FACTOR)
+        return ModeSet(omega, self.decay_rates(omega, beta) if has_loss else law.rates(omega, beta), shape)
+
+    def surface_density(self) -> float:
+        return WOODS[self.wood].density * self.thickness
+
+    def stiffness(self) -> PlateStiffness:
+        """Flexural rigidities of the board alone, N·m (Timoshenko & Woinowsky-Krieger, sec. 85)."""
+        wood, bend = WOODS[self.wood], self.thickness**3 / 12
+        other = wood.poisson * wood.across / wood.along
+        solid = bend / (1 - wood.poisson * other)
+        return PlateStiffness(wood.along * solid, wood.across * solid, other * wood.along * solid, wood.shear * bend)
+
+    def beams(self) -> tuple[Rib, ...]:
+        """Ribs and bridges."""
+        beams = []
+        if self.ribs is not None:
+            spacing = self.size[0] / self.ribs.count
+            beams += [self.beam("y", (n + 0.5) / self.ribs.count, self.ribs, spacing) for n in range(self.ribs.count)]
+        return (*beams, *(self.beam(bridge.along, bridge.at, bridge, math.inf) for bridge in self.bridges))
+
+    def beam(self, along: Literal["x", "y"], at: float, cut: Any, spacing: float) -> Rib:
+        """A rib or bridge of a rectangular cut, glued on one side of the board: what it adds to the bending stiffness
+        of the strip of the board that bends with it, about the neutral axis of both (a composite beam).
+
+        spacing: m, of the strip; at most a fifth of the length of the beam bends with it
+        """
+        glued, board = WOODS[cut.wood], WOODS[self.wood]
+        modulus = board.across if along == "y" else board.along
+        strip = min(spacing, self.size[1 if along == "y" else 0] / 5)
+        stretch, own = glued.along * cut.width * cut.height, modulus * strip * self.thickness
+        apart = (cut.height + self.thickness) / 2
+        bending = glued.along * cut.width * cut.height**3 / 12 + apart**2 * stretch * own / (stretch + own)
+        return Rib(along, at, bending, glued.density * cut.width * cut.height)
+
+    def total_mass(self) -> float:
+        a, b = self.size
+        lengths = {"x": a, "y": b}
+        return a * b * self.surface_density() + sum(beam.density * lengths[beam.along] for beam in self.beams())
+
+    def sides(self) -> tuple[float, float] | None:
+        return self.size[0], self.size[1]
+
+    def area(self) -> float:
+        return self.size[0] * self.size[1]
+
+    @classmethod
+    def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
+        """A soundboard begins at rest: its ribs are part of its mass."""
+        yield from super().faults(path, table)
+        for key in ("displacement", "velocity"):
+            if is_given(table, key):
+                yield make_fault((*path, key), table[key], "a soundboard begins at rest", "leave it out, or a force")

@@ -29,6 +29,7 @@ ABSENT = {
     "events",
     "connection",
     "joined",
+    "drive",
     "duration",
     "free_masses",
     "moving",

@@ -33,6 +33,7 @@ REASONS_LEFT_OUT = {
     "restoring force": "no body has one",
     "gravity": "there is none, or it moves nothing",
     "external force": "no force of any strength acts",
+    "one-way drive": "no string drives a body one way",
     "contact": "there is no contact that could close",
     "contact between bodies": "no two bodies can touch",
     "contact loss": "no contact loses energy",

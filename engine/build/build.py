@@ -5,6 +5,7 @@ absence (no loss, no stiffness), is None.
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from engine.build.connection_checks import check_connections
 from engine.build.connection_coordinates import changed_connections
 from engine.build.connection_tables import connections
 from engine.build.contact_basis import BasisUse
+from engine.build.drives import DriveForce
 from engine.build.event_table import event_table
 from engine.build.flight_tables import PickupRow, build_free_flight
 from engine.build.force_table import ForceTable, force_table
@@ -35,7 +37,7 @@ from engine.faults import BuildError, Fault
 from engine.kernel.axes import align_to_cache_lines, to_single_precision
 from engine.kernel.codes import Quantity
 from engine.kernel.laws import select_law
-from engine.kernel.model import Contact, ContactBasis, ExternalForce, FreeMasses, ModalLoss, Model, Pickups
+from engine.kernel.model import Contact, ContactBasis, Drive, ExternalForce, FreeMasses, ModalLoss, Model, Pickups
 from engine.kernel.state import State
 from engine.output_files import error_reason
 from engine.patch.accuracy import Accuracy
@@ -92,6 +94,7 @@ def build(
         omega_squared=omega**2 if omega.any() else None,
         weight=weight,
         force=_external_force(layout, samplerate, seconds),
+        drive=None if layout.driven_islands is None else Drive(layout.driven_islands),
         connection=connections(layout, samplerate),
         contact=_contact(layout, modes, accuracy, samplerate, variable_exponents),
         refinement=build_refinement(layout, modes.kick, accuracy, samplerate) if accuracy.is_refined else None,
@@ -243,11 +246,20 @@ def _external_force(layout: Layout, samplerate: float, seconds: float) -> Extern
         table=np.concatenate([t.values for t in tables]),
         tail=np.array([t.tail for t in tables]),
         scale=np.ones(len(tables)),
+        drive=_driven_points(forces),
     )
 
 
+def _driven_points(forces: Sequence[object]) -> np.ndarray | None:
+    """The point that strings drive by each force, or -1 of other forces; None if all are [forces]."""
+    points = np.array([force.number if isinstance(force, DriveForce) else -1 for force in forces], dtype=np.int64)
+    return points if np.any(points >= 0) else None
+
+
 def _force_table(scene: Scene, force: object, samplerate: float, seconds: float) -> ForceTable:
-    """The table of a force. Raises BuildError if its file cannot be read to its end."""
+    """The table of a force, empty if strings make it. Raises BuildError if its file cannot be read to its end."""
+    if isinstance(force, DriveForce):
+        return ForceTable(0, np.zeros(0), 0.0)
     try:
         return force_table(force, samplerate, seconds)  # type: ignore[arg-type]
     except (OSError, RuntimeError, TypeError, ValueError) as error:  # it was there when the patch was read

@@ -23,7 +23,7 @@ from engine.build.air_coordinates import air_coordinates
 from engine.build.coordinates import Coordinate, Coordinates
 from engine.build.spring_compensation import compensate_springs
 from engine.patch.scene import Scene
-from engine.patch.tables import ChangeEvent, EndConnection, SpringConnection
+from engine.patch.tables import ChangeEvent, Connection, EndConnection, SpringConnection
 
 SMALLEST_SINGULAR_VALUE = 1e-5  # of the largest: beyond, a share of 1e-10 of the stiffness of a support is left out
 REDUNDANT = 1e-9  # of a rigid joint: what is left of it beside others, below which they hold it already
@@ -38,11 +38,13 @@ def connected_pairs(scene: Scene, numbers: dict[str, int]) -> list[tuple[int, in
 def used_connections(scene: Scene) -> set[int]:
     """Numbers of the connections that are built: that amount to anything, now or by an event."""
     changed = changed_connections(scene)
-    return {
-        k
-        for k, c in enumerate(scene.connection)
-        if not isinstance(c, SpringConnection) or c.rigid or c.stiffness or c.damping or c.name in changed
-    }
+
+    def joins(c: Connection) -> bool:
+        if isinstance(c, SpringConnection):
+            return bool(c.rigid or c.stiffness or c.damping or c.name in changed)
+        return not (isinstance(c, EndConnection) and c.one_way)  # which engine.build.drives has
+
+    return {k for k, c in enumerate(scene.connection) if joins(c)}
 
 
 def changed_connections(scene: Scene) -> set[str | None]:
@@ -175,7 +177,7 @@ class _StringEnds:
         # by body and place: numbers of connection and string, which end, and the place
         self.points: dict[tuple[int, str], list[tuple[int, int, float, Any]]] = {}
         for k, c in enumerate(scene.connection):
-            if isinstance(c, EndConnection):
+            if isinstance(c, EndConnection) and not c.one_way:
                 point = numbers[c.on], repr(c.on_at)
                 self.points.setdefault(point, []).append((k, numbers[c.body], c.at, c.on_at))
 
@@ -229,7 +231,7 @@ def end_force_parts(
     modal = bodies[numbers[name]]
     parts = [(numbers[name], -end_row(string, modal, end))]
     for c in scene.connection:
-        if isinstance(c, EndConnection) and c.body == name:
+        if isinstance(c, EndConnection) and c.body == name and not c.one_way:
             on = numbers[c.on]
             parts.append((on, -end_stiffness(string, modal, end, c.at) * _shape(scene, bodies, on, c.on_at)))
     return parts

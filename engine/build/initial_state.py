@@ -6,7 +6,7 @@ from engine.build.body_point import BodyPoint
 from engine.build.connection_tables import dense_rows, lowest_energies
 from engine.build.layout import Layout
 from engine.kernel.axes import Axis, allocate
-from engine.kernel.codes import COLUMNS, LANES, Row
+from engine.kernel.codes import COLUMNS, DRIVE_FRAMES, LANES, Row
 from engine.kernel.model import Model
 from engine.kernel.state import ConnectionState, FreeFlightState, RefinementState, Scratch, State
 
@@ -29,6 +29,7 @@ def initial_state(layout: Layout, model: Model) -> State:
         q=q,
         p=layout.concatenate_modes("p"),
         previous_velocity=np.array([_initial_velocity(layout, heard.point) for heard in layout.heard_points]),
+        drive=np.zeros((counts[Axis.DRIVE], DRIVE_FRAMES)) if model.drive is not None else None,
         connection=_initial_connections(layout, counts, q) if model.connection is not None else None,
         scratch=allocate_scratch(counts[Axis.PARTITION], largest) if coupling else None,
         refinement=allocate(RefinementState, counts) if model.refinement is not None else None,
@@ -69,6 +70,7 @@ def item_counts(model: Model) -> dict[Axis, int]:
     islands = model.islands
     counts = {Axis(axis): int(begins[-1]) for axis, begins in islands._asdict().items() if axis in list(Axis)}
     events = 0 if model.events is None else model.events.kind.size
+    counts[Axis.DRIVE] = 0 if model.drive is None else model.drive.island.size
     counts |= {Axis.ISLAND: islands.mode.size - 1, Axis.PARTITION: islands.partition.size - 1, Axis.EVENT: events}
     return counts
 

@@ -12,12 +12,13 @@ from engine.build.connection_coordinates import connected_pairs, find_coordinate
 from engine.build.contact_basis import FEW_LINEAR_CONTACTS, BasisUse, truncate_shapes
 from engine.build.contact_points import ContactPoint, contact_points
 from engine.build.coordinates import Coordinates
-from engine.build.pickup_points import HeardPoint, heard_points
+from engine.build.drives import DriveForce, drive_forces, find_drives, order_islands
+from engine.build.pickup_points import DrivePickup, HeardPoint, drive_pickups, heard_points
 from engine.build.subsystems import connected_components, estimate_cost, partition_islands
 from engine.kernel.codes import LANES
 from engine.kernel.model import Islands
 from engine.patch.scene import Scene
-from engine.patch.tables import ChangeEvent, Contact, Force, PluckEvent
+from engine.patch.tables import ChangeEvent, Contact, Force, Pickup, PluckEvent
 
 MIN_ALIGNED_MODES = 16  # of a connected body: from so many on, it begins and ends where vectors do
 
@@ -54,7 +55,7 @@ class Layout:
         joined = [scene.contact[k] for k in contacts]
         pairs = [(self.body_index[c.body], self.body_index[c.on]) for c in joined if c.on is not None]
         pairs += connected_pairs(scene, self.body_index)
-        self.island_of_body = connected_components(len(scene.body), pairs)
+        self.island_of_body = order_islands(scene, connected_components(len(scene.body), pairs), self.body_index)
         self.body_order = self._sort_by_island(range(len(scene.body)), [b.name for b in scene.body])
         touching = self._sort_by_island(contacts, [c.body for c in scene.contact])
         self.contact_points = [(k, point) for k in touching for point in self.points_of(scene.contact[k])]
@@ -141,7 +142,7 @@ class Layout:
     @cached_property
     def heard_points(self) -> list[HeardPoint]:
         """What is heard where, in the kernels' order."""
-        pickups = self.scene.pickup
+        pickups: list[Pickup | DrivePickup] = [*self.scene.pickup, *drive_pickups(self.scene)]
         order = self._sort_by_island(range(len(pickups)), [p.body for p in pickups])
         return [h for i in order for h in heard_points(self.scene, self.modal_bodies, self.body_index, pickups[i])]
 
@@ -217,8 +218,21 @@ class Layout:
             pickup=self._segment_begins(heard.pickup.body for heard in self.heard_points),
             body=body,
             free_mass=np.searchsorted(free, mode).astype(np.int64),
-            partition=partition_islands(estimate_cost(self.mode_counts, np.diff(contact))),
+            partition=self._keep_together(partition_islands(estimate_cost(self.mode_counts, np.diff(contact)))),
         )
+
+    def _keep_together(self, partition: np.ndarray) -> np.ndarray:
+        """Where partitions begin, without those that would part islands that drive each other."""
+        for drive in find_drives(self.scene):
+            first, last = (self.island_of_body[self.body_index[name]] for name in (drive.string, drive.body))
+            partition = partition[(partition <= first) | (partition > last)]
+        return partition
+
+    @cached_property
+    def driven_islands(self) -> np.ndarray | None:
+        """The island of each point that strings drive [points]; None without any."""
+        forces = drive_forces(self.scene)
+        return np.array([self.island_of_body[self.body_index[f.body]] for f in forces]) if forces else None
 
     @cached_property
     def free_mass_modes(self) -> np.ndarray:
@@ -324,10 +338,12 @@ def _begins(counts: Any) -> np.ndarray:
     return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
-def acting_forces(scene: Scene) -> list[Force | PluckEvent]:
-    """The external forces of a scene, plucks of its score among them, but for those of no amplitude."""
-    forces: list[Force | PluckEvent] = [f for f in scene.force if f.amplitude != 0.0]
-    return forces + [e for e in scene.event if isinstance(e, PluckEvent) and e.amplitude != 0.0]
+def acting_forces(scene: Scene) -> list[Force | PluckEvent | DriveForce]:
+    """The external forces of a scene, plucks of its score among them and strings that drive bodies, but for those of no
+    amplitude."""
+    forces: list[Force | PluckEvent | DriveForce] = [f for f in scene.force if f.amplitude != 0.0]
+    forces += [e for e in scene.event if isinstance(e, PluckEvent) and e.amplitude != 0.0]
+    return forces + drive_forces(scene)
 
 
 def contact_sides(contact: Contact, point: ContactPoint) -> tuple[BodyPoint, BodyPoint]:

@@ -12,6 +12,7 @@ from engine.bodies.distributed import DistributedBody
 from engine.bodies.sheet import FlatSheet
 from engine.build.body_point import NOWHERE, BodyPoint
 from engine.build.connection_coordinates import end_force_parts
+from engine.build.drives import find_drives
 from engine.kernel.codes import Quantity
 from engine.patch.scene import Scene
 from engine.patch.tables import Pickup
@@ -26,18 +27,32 @@ QUANTITIES = {
 }
 
 
+class DrivePickup(NamedTuple):
+    """The force of a string on its end, which drives a body instead of being heard."""
+
+    body: str
+    at: float
+    point: int  # number of the point that it drives
+    quantity: str = "end_force"
+
+
 class HeardPoint(NamedTuple):
     """One term of what a pickup hears."""
 
-    pickup: Pickup
+    pickup: Pickup | DrivePickup
     point: BodyPoint
     quantity: Quantity
-    channel: int  # from 0
+    channel: int  # from 0; -1 - n: it drives point n
     gain: float
 
 
+def drive_pickups(scene: Scene) -> list[DrivePickup]:
+    """What is heard of strings so that they drive bodies."""
+    return [DrivePickup(drive.string, drive.end, drive.point) for drive in find_drives(scene)]
+
+
 def heard_points(
-    scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int], pickup: Pickup
+    scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int], pickup: Pickup | DrivePickup
 ) -> Iterator[HeardPoint]:
     """All that a pickup hears. bodies, numbers: modes of the scene's bodies, and their numbers by name"""
     for point in _points(scene, bodies, numbers, pickup):
@@ -45,21 +60,26 @@ def heard_points(
             yield HeardPoint(pickup, point, QUANTITIES[pickup.quantity or "velocity"], channel, gain)
 
 
-def _channels(pickup: Pickup) -> list[tuple[int, float]]:
+def _channels(pickup: Pickup | DrivePickup) -> list[tuple[int, float]]:
     """The channels of a pickup, from 0, with its gain on each; a pan shares its power between two."""
+    if isinstance(pickup, DrivePickup):
+        return [(-1 - pickup.point, 1.0)]
     if pickup.pan is None:
         return [(pickup.channel - 1, pickup.gain)]
     angle = (pickup.pan + 1) * math.pi / 4
     return [(0, pickup.gain * math.cos(angle)), (1, pickup.gain * math.sin(angle))]
 
 
-def _points(scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int], pickup: Pickup) -> list[BodyPoint]:
+def _points(
+    scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int], pickup: Pickup | DrivePickup
+) -> list[BodyPoint]:
     """Where a pickup listens; nowhere, if that is all contact forces of its body."""
     if pickup.quantity == "force":
         return [NOWHERE]
     if pickup.quantity == "end_force":
         parts = end_force_parts(scene, bodies, numbers, pickup.body, pickup.at)
         return [BodyPoint(scene.body[number].name, None, 1.0, row) for number, row in parts]
+    assert isinstance(pickup, Pickup)
     body, modal = scene.body[numbers[pickup.body]], bodies[numbers[pickup.body]]
     places = body.split_positions(pickup.at)
     if pickup.quantity == "pressure":

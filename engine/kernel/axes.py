@@ -29,6 +29,7 @@ class Axis(StrEnum):
     PICKUP = "pickup"
     BODY = "body"
     FREE_MASS = "free_mass"
+    DRIVE = "drive"  # points of bodies that ends of strings drive, which they do not act back on
     ROW = "row"  # of mode shapes: the axis of the field that holds the record
     ISLAND = "island"
     PARTITION = "partition"
@@ -76,6 +77,7 @@ PerEvent = Annotated[np.ndarray, Items(Axis.EVENT)]
 PerEventInt = Annotated[np.ndarray, Items(Axis.EVENT, np.int64)]
 PerPickup = Annotated[np.ndarray, Items(Axis.PICKUP)]
 PerPickupInt = Annotated[np.ndarray, Items(Axis.PICKUP, np.int64)]
+PerDriveInt = Annotated[np.ndarray, Items(Axis.DRIVE, np.int64)]
 PerFreeMassInt = Annotated[np.ndarray, Items(Axis.FREE_MASS, np.int64)]
 PerRowInt = Annotated[np.ndarray, Items(Axis.ROW, np.uint32)]
 PerShape = Annotated[np.ndarray, Items(Axis.SHAPE)]

@@ -147,6 +147,8 @@ MAX_RANK = 5  # rows; a basis of fewer has zeros in the last ones
 COLUMNS = 24  # of the table of products: 15 of pairs of rows, a zero, five rows, and zeros
 ROWS_COLUMN = 16
 
+CHUNK_FRAMES = 1024  # samples an island runs before the next one does: few enough for the fast cache
+DRIVE_FRAMES = 2 * CHUNK_FRAMES  # samples that are kept of the forces of strings that drive bodies; a power of 2
 FLIGHT_FRAMES = 64  # samples of a free flight (engine.kernel.free_flight), and between two periodic checks
 FLIGHT_PART = 8  # samples of it that one table gives
 FLIGHT_MODES = 128  # modes that are taken through a flight together: few enough for the fast cache

@@ -2,6 +2,7 @@
 
 from engine.compiler.decorators import inline
 from engine.kernel.codes import UNUSED_SLOT
+from engine.kernel.drive import driven_force
 from engine.kernel.rows import kick_at_row, project_drift
 
 
@@ -14,8 +15,11 @@ def has_forces(force):
 
 
 @inline
-def force_at(force, j, frame):
-    """External force j over the step that begins at sample `frame`, N."""
+def force_at(force, drive, ring, j, frame):
+    """External force j over the step that begins at sample `frame`, N. drive, ring: of the forces, and of the state"""
+    if drive is not None:
+        if drive[j] >= 0:
+            return driven_force(ring, drive[j], frame)
     n = frame - force.start[j]
     if n < 0:
         return 0.0
@@ -24,11 +28,21 @@ def force_at(force, j, frame):
 
 
 @inline
+def is_driven(drive, j):
+    """Whether external force j is that of strings. drive: of the forces"""
+    if drive is None:
+        return False
+    return drive[j] >= 0
+
+
+@inline
 def next_force(force, frame):
     """After the step of this frame: the next at which an external force acts; this frame if one goes on."""
     due = UNUSED_SLOT
     if force is not None:
         for j in range(force.start.shape[0]):
+            if is_driven(force.drive, j):
+                return frame
             end = force.start[j] + force.table_end[j] - force.table_begin[j]
             if end > frame + 1 or force.tail[j] != 0.0:
                 due = min(due, max(frame, force.start[j]))
@@ -36,22 +50,22 @@ def next_force(force, frame):
 
 
 @inline
-def apply_forces(force, coefficients, frame, p):
+def apply_forces(force, coefficients, frame, state):
     """Half a kick by every external force."""
     if force is not None:
         for j in range(force.start.shape[0]):
-            f = force_at(force, j, frame)
+            f = force_at(force, force.drive, state.drive, j, frame)
             if f != 0.0:
-                kick_at_row(force.rows, coefficients, j, f, p)
+                kick_at_row(force.rows, coefficients, j, f, state.p)
 
 
 @inline
-def external_work(force, coefficients, frame, p):
+def external_work(force, coefficients, frame, state):
     """Work that the external forces do over the coming drift, J."""
     work = 0.0
     if force is not None:
         for j in range(force.start.shape[0]):
-            f = force_at(force, j, frame)
+            f = force_at(force, force.drive, state.drive, j, frame)
             if f != 0.0:
-                work += f * project_drift(force.rows, coefficients, j, p)
+                work += f * project_drift(force.rows, coefficients, j, state.p)
     return work

@@ -26,6 +26,7 @@ from engine.kernel.axes import (
     PerContact,
     PerDoubleMode,
     PerDoubleModeFactor,
+    PerDriveInt,
     PerEvent,
     PerEventInt,
     PerForce,
@@ -154,6 +155,15 @@ class ExternalForce(NamedTuple):
     table: Shared  # N
     tail: PerForce  # N, for steps past its table
     scale: PerForce  # factor; events change it
+    drive: (
+        Annotated[np.ndarray, Items(Axis.FORCE, np.int64, neutral=-1)] | None
+    )  # or the point that strings drive, or -1
+
+
+class Drive(NamedTuple):
+    """Points of bodies that ends of strings drive: pickups write their forces, and external forces read them."""
+
+    island: PerDriveInt  # of the body that is driven
 
 
 class Connections(NamedTuple):
@@ -275,7 +285,7 @@ class Pickups(NamedTuple):
 
     rows: Annotated[ModeShapeRows, Axis.PICKUP]
     quantity: PerPickupInt  # Quantity
-    channel: PerPickupInt
+    channel: PerPickupInt  # from 0; -1 - n: it drives point n instead of being heard
     gain: PerPickup
     contact_begin: PerPickupInt  # its slice of `contact` and `contact_sign`, where it hears contact forces
     contact_end: PerPickupInt
@@ -314,6 +324,7 @@ class Model(NamedTuple):
     omega_squared: PerMode | None  # 1/s²: restoring force
     weight: PerMode | None  # √kg·m/s²: gravity
     force: ExternalForce | None
+    drive: Drive | None
     connection: Connections | None
     contact: Contact | None
     refinement: Refinement | None

@@ -3,6 +3,7 @@
 from engine.compiler.decorators import inline
 from engine.compiler.lanes import greater, lane_maximum, load_lanes, magnitude, splat
 from engine.kernel.codes import FLIGHT_FRAMES, LANES, Quantity
+from engine.kernel.drive import put_sample
 from engine.kernel.rows import project
 from engine.kernel.sleep import track_peak
 
@@ -27,19 +28,19 @@ def pickup_value(pickups, state, samplerate, n):
 
 
 @inline
-def add_pickups(pickups, state, samplerate, audio, i):
-    """Add what the pickups hear to row i of the audio."""
+def add_pickups(pickups, drive, state, samplerate, audio, i, frame):
+    """Add what the pickups hear to row i of the audio, that of a frame."""
     for n in range(pickups.quantity.shape[0]):
         value = pickup_value(pickups, state, samplerate, n) * pickups.gain[n]
         track_peak(state, value)
-        audio[i, pickups.channel[n]] += value
+        put_sample(drive, state.drive, audio, i, pickups.channel[n], frame, value)
 
 
 @inline
-def add_flown_pickups(pickups, state, samplerate, audio, i, span):
+def add_flown_pickups(pickups, drive, state, samplerate, audio, i, span, frame):
     """Add what the pickups hear in a free flight to rows of the audio from row i on. No contact pushes in it.
 
-    span: which samples of the flight, first and last + 1
+    span: which samples of the flight, first and last + 1; frame: of the first
     """
     first, last = span
     for n in range(pickups.quantity.shape[0]):
@@ -49,7 +50,7 @@ def add_flown_pickups(pickups, state, samplerate, audio, i, span):
             if quantity == Quantity.ACCELERATION:
                 velocities_to_accelerations(values, first, last, samplerate, state.previous_velocity, n)
             for k in range(first, last):
-                audio[i + (k - first), channel] += values[k] * gain
+                put_sample(drive, state.drive, audio, i + (k - first), channel, frame + (k - first), values[k] * gain)
             track_peak(state, gain * largest_size(values, first, last))
 
 

@@ -12,7 +12,7 @@ from engine.compiler.array_view import row_view, slice_view
 from engine.compiler.decorators import FALSE, INT64_0, INT64_1, inline, kernel
 from engine.compiler.overloads import overload_by_type
 from engine.compiler.struct_types import load_struct
-from engine.kernel.codes import FLIGHT_FRAMES, EnergyTotal, FlightFrame, Sleep
+from engine.kernel.codes import CHUNK_FRAMES, FLIGHT_FRAMES, EnergyTotal, FlightFrame, Sleep
 from engine.kernel.connected_step import connected_step
 from engine.kernel.connections import forget_moves, has_connections
 from engine.kernel.contacts import (
@@ -21,6 +21,7 @@ from engine.kernel.contacts import (
     reset_line_search_budget,
     resync_open_contacts,
 )
+from engine.kernel.drive import clear_drive
 from engine.kernel.energy import accumulate
 from engine.kernel.events import finish_score, is_event_active, next_due, run_score
 from engine.kernel.external_forces import has_forces
@@ -55,7 +56,6 @@ from engine.kernel.sleep import (
 from engine.kernel.state import BlockOutput
 from engine.kernel.step import StepOutcome, step
 
-CHUNK_FRAMES = 1024  # samples an island runs before the next one does: few enough for the fast cache
 SLEEP_CHECK_PERIOD = np.int64(8 * FLIGHT_FRAMES)
 LONG_SLEEP_FRAMES = np.int64(64 * 64)  # samples an island sleeps at a time if nothing in it moves
 CHECK_PERIOD = np.int64(FLIGHT_FRAMES)  # samples; out of contact, compressions are read from the modes this often
@@ -245,6 +245,7 @@ def render_partition(model, state, output, partition, frames):
     for begin in range(0, frames, CHUNK_FRAMES):
         end = min(begin + CHUNK_FRAMES, frames)
         start = state.frame[partition] - begin  # of the block
+        clear_drive(model.drive, state.drive, (first, last), start + begin, end - begin)
         for n in range(first, last):
             if not is_recorded and skip_chunk(state.sleep, n, start + begin, end - begin):
                 continue
@@ -298,7 +299,7 @@ def render_steps(model, state, output, bounds, i, count, frame):
     Returns how many rows."""
     is_free, was_in_contact = frame < state.contact_free_until[0], state.in_contact[0] != 0
     for n in range(count):
-        add_pickups(model.pickups, state, model.samplerate, output.audio, i + n)
+        add_pickups(model.pickups, model.drive, state, model.samplerate, output.audio, i + n, frame + n)
         record(output, i + n, INT64_1, bounds, model, state, frame + n)
         run_score(model, model.events, state, frame + n)
         outcome = advance(model, model.contact, model.force, state, frame + n, is_free, was_in_contact)
@@ -332,5 +333,6 @@ def render_flight(model, state, output, bounds, i, count, frame):
     first = frame - (end - CHECK_PERIOD)
     if first == 0:
         begin_flight(model, state, wants_energies(output), frame)
-    add_flown_pickups(model.pickups, state, model.samplerate, output.audio, i, (first, first + count))
+    span = (first, first + count)
+    add_flown_pickups(model.pickups, model.drive, state, model.samplerate, output.audio, i, span, frame)
     record_flight(output, i, count, bounds, model, state, frame)

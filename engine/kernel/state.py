@@ -17,6 +17,7 @@ from engine.kernel.axes import (
     PerPickup,
 )
 from engine.kernel.codes import (
+    DRIVE_FRAMES,
     FLIGHT_FRAMES,
     FLIGHT_MODES,
     FLIGHT_PART,
@@ -107,6 +108,7 @@ class State(NamedTuple):
     compression_compensation: PerContact  # m: what is too small to add to the compression yet (Kahan)
     free_displacement: PerContact  # m: g, the change of compression without contact force
     contact_force: PerContact  # N, mean over the last step
+    drive: Annotated[np.ndarray, Items(Axis.DRIVE, columns=DRIVE_FRAMES)] | None  # N, at each frame modulo their number
     connection: ConnectionState | None
     scratch: Scratch | None  # for coupled contacts
     refinement: RefinementState | None

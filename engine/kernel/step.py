@@ -115,7 +115,7 @@ def step_with_contacts(single: Any, acting: Any, h: Any, state: Any, frame: int)
 def step_in_passes(single, acting, h, state, frame):
     """A step whose parts each go through the modes that they act on. Returns a StepOutcome."""
     dissipated = begin_step(h, acting.weight, state.kick_compensation, state.q, state.p)
-    apply_forces(acting.force, h.force, frame, state.p)
+    apply_forces(acting.force, h.force, frame, state)
     begin_connections(acting.connection, h, state)
     solution = solve_contacts(acting.contact, acting.connection, h, state)  # and their first half-kick
     return finish_step_in_passes(acting, h, state, frame, (solution, dissipated))
@@ -136,12 +136,12 @@ def finish_step_in_passes(acting, h, state, frame, begun):
         clear_forces(contact, state)
         hold_connections(connection, state)
     else:
-        work = external_work(force, h.force, frame, state.p)
+        work = external_work(force, h.force, frame, state)
         measure_moves(connection, h, state)
     dissipated += finish_connections(connection, h, state)
     if in_contact or has_forces(force) or has_connections(connection, state):
         dissipated += end_step_before_loss(h, h.drag, weight, state, failed)
-        apply_forces(force, h.force, frame, state.p)  # their second half-kicks come before the loss
+        apply_forces(force, h.force, frame, state)  # their second half-kicks come before the loss
         push_by_connections(connection, h, state)
         if in_contact:
             apply_contact_forces(contact, h.contact, state)

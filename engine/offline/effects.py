@@ -14,6 +14,7 @@ EFFECTS: dict[str, Callable[[Model], Any]] = {
     "restoring force": lambda model: model.omega_squared,
     "gravity": lambda model: model.weight,
     "external force": lambda model: model.force,
+    "one-way drive": lambda model: model.drive,
     "contact": lambda model: model.contact,
     "contact between bodies": lambda model: model.contact and model.contact.other_rows,
     "contact loss": lambda model: _at_contacts(model, "loss_rate"),

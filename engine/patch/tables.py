@@ -114,6 +114,9 @@ class EndConnection(_ConnectionTable):
     at: float = Field(ge=0.0, le=1.0, description="which end: 0 or 1")
     on: Name = Field(description="the body that carries the end, such as a board")
     on_at: Positions = Field(default=None, description="where on that body: a place")
+    one_way: bool = Field(
+        default=False, description="the string drives the body, which does not act back: cheaper, for many strings"
+    )
 
 
 class AirConnection(_ConnectionTable):

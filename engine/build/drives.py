@@ -1,0 +1,69 @@
+"""One-way drive: points of bodies that ends of strings push, and in which order islands run for it."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from engine.faults import BuildError, Fault
+from engine.patch.scene import Scene
+from engine.patch.tables import EndConnection
+
+
+class DriveForce(NamedTuple):
+    """The force of all strings that drive one point of a body, as an external force."""
+
+    body: str
+    at: Any
+    amplitude: float  # unused; other forces have one
+    number: int  # of the point
+
+
+class Drive(NamedTuple):
+    """An end of a string that drives a body."""
+
+    connection: int  # its number
+    string: str
+    end: float  # 0 or 1
+    body: str
+    point: int  # number of the point that it drives
+
+
+def find_drives(scene: Scene) -> list[Drive]:
+    """The ends of strings that drive bodies one way, those at one place of a body together."""
+    drives: list[Drive] = []
+    numbers: dict[tuple[str, str], int] = {}
+    for k, c in enumerate(scene.connection):
+        if isinstance(c, EndConnection) and c.one_way:
+            point = numbers.setdefault((c.on, repr(c.on_at)), len(numbers))
+            drives.append(Drive(k, c.body, c.at, c.on, point))
+    return drives
+
+
+def drive_forces(scene: Scene) -> list[DriveForce]:
+    """The external forces by which strings drive bodies, one for each driven point, in the order of their numbers."""
+    forces: dict[int, DriveForce] = {}
+    for drive in find_drives(scene):
+        connection = scene.connection[drive.connection]
+        forces.setdefault(drive.point, DriveForce(drive.body, getattr(connection, "on_at", None), 1.0, drive.point))
+    return list(forces.values())
+
+
+def order_islands(scene: Scene, island_of: Sequence[int], numbers: dict[str, int]) -> list[int]:
+    """The number of the island of each body such that islands whose strings drive others come before these.
+
+    island_of: numbers in another order; numbers: of the bodies by name
+    Raises BuildError if an island drives itself, directly or through others.
+    """
+    drives = find_drives(scene)
+    if not drives:
+        return list(island_of)
+    pairs = [(island_of[numbers[d.string]], island_of[numbers[d.body]]) for d in drives]
+    depth = [0] * (max(island_of) + 1)
+    for _ in range(len(depth)):
+        for before, after in pairs:
+            depth[after] = max(depth[after], depth[before] + 1)
+    for drive, (before, after) in zip(drives, pairs, strict=True):
+        if depth[after] <= depth[before] or max(depth) >= len(depth):
+            message = f'"{drive.string}" drives "{drive.body}", which acts back on it through other bodies'
+            raise BuildError(Fault(f"connection[{drive.connection}].one_way", f"{message}; one_way = false"))
+    ranks = {island: n for n, island in enumerate(sorted(range(len(depth)), key=lambda i: (depth[i], i)))}
+    return [ranks[island] for island in island_of]

@@ -1,0 +1,40 @@
+"""One-way drive: ends of strings push bodies that do not act back on them.
+
+Pickups on the strings write their forces on a ring of samples, and external forces on the bodies read them: in each
+chunk of samples the strings run first (engine.build.island_order). The force of a step is the mean of the two samples
+before its end, one sample late. What it does to the body counts as supplied, as work of any external force.
+"""
+
+from engine.compiler.decorators import inline
+from engine.kernel.codes import DRIVE_FRAMES
+
+LAST = DRIVE_FRAMES - 1  # frame & LAST is frame modulo DRIVE_FRAMES
+
+
+@inline
+def clear_drive(drive, ring, islands, frame, count):
+    """Set what drives bodies of some islands to zero, for so many samples from a frame on.
+
+    islands: the first, and the last + 1
+    """
+    if drive is not None:
+        for n in range(drive.island.shape[0]):
+            if islands[0] <= drive.island[n] < islands[1]:
+                for k in range(frame, frame + count):
+                    ring[n, k & LAST] = 0.0
+
+
+@inline
+def put_sample(drive, ring, audio, i, channel, frame, value):
+    """Add what a pickup gives to row i of the audio, or to what drives a body at this frame."""
+    if drive is not None:
+        if channel < 0:
+            ring[-1 - channel, frame & LAST] += value
+            return
+    audio[i, channel] += value
+
+
+@inline
+def driven_force(ring, n, frame):
+    """The force at driven point n over the step that begins at this frame, N."""
+    return 0.5 * (ring[n, (frame - 1) & LAST] + ring[n, frame & LAST])

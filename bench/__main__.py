@@ -13,7 +13,7 @@ from bench.publish import compare, shipped
 
 MEASUREMENTS = {  # in this order
     "performance": ["realtime", "instruments", "scaling", "connections", "effects", "start", "tricks", "live"],
-    "accuracy": ["price", "jvari", "metric", "hard"],
+    "accuracy": ["price", "jvari", "metric", "hard", "one_way"],
     "paper": ["newton", "figures"],
     "rivals": ["peers"],
     "publish": ["gallery"],

@@ -1,0 +1,50 @@
+"""How far a string that drives a board one way is from one that rides on it: sound, decay and time, by the board's mass."""
+
+import numpy as np
+
+import engine
+from bench.performance.instruments import measure
+from bench.publish.report import pin, publish
+from bench.recordings.measure import band_levels, difference
+
+RATE = 44_100
+SECONDS = 2.5
+PITCH = 261.6256  # Hz
+BOARDS = {"guitar top, 0.3 kg": ([0.5, 0.4], 1.5, 12.0), "piano, 9 kg": ([1.4, 0.9], 7.14, 1000.0)}
+BOARDS |= {"four times that, 36 kg": ([1.4, 0.9], 28.6, 16_000.0)}  # size, m; density, kg/m²; rigidity, N·m
+
+
+def scene_of(size: list[float], density: float, rigidity: float, one_way: bool) -> engine.Scene:
+    """A C4 string, struck, that ends on a board."""
+    string = {"name": "string", "kind": "string", "length": 0.62, "mass": 3.93e-3, "frequency": PITCH}
+    string |= {"inharmonicity": 3.77e-4, "decay": {"kind": "linear", "a": 0.3, "b": 1.5e-3}}
+    board = {"name": "board", "kind": "plate", "size": size, "density": density, "rigidity": rigidity, "modes": 261}
+    board |= {"decay": {"kind": "loss_factor", "eta": 0.02}}
+    hammer = {"name": "hammer", "kind": "mass", "mass": 2.97e-3, "displacement": -1e-3, "velocity": 2.5}
+    end = {"kind": "end", "body": "string", "at": 1.0, "on": "board", "on_at": [0.36, 0.31], "one_way": one_way}
+    felt = {"body": "hammer", "on": "string", "on_at": 0.12, "stiffness": 4.5e9, "exponent": 2.5, "loss": 0.02}
+    parts = {"connection": [end], "contact": [felt], "pickup": [{"body": "board", "at": [0.3, 0.6]}]}
+    return engine.Scene.model_validate({"body": [string, board, hammer], "seconds": SECONDS} | parts)
+
+
+def decay_of_first(audio: np.ndarray) -> float:
+    """Slope of the first partial from 0.1 to 1.5 s, dB/s."""
+    size, starts = 8192, np.arange(round(0.1 * RATE), round(1.5 * RATE) - 8192, 1024)
+    wave = np.hanning(size) * np.exp(-2j * np.pi * PITCH * np.arange(size) / RATE)
+    level = 20 * np.log10([abs(audio[s : s + size] @ wave) for s in starts])
+    return float(np.polyfit(starts / RATE, level, 1)[0])
+
+
+def run() -> None:
+    """Measure, print and write the table."""
+    pin()
+    rows = []
+    for name, board in BOARDS.items():
+        scenes = [scene_of(*board, one_way) for one_way in (False, True)]
+        both, one = (engine.render(scene).audio for scene in scenes)
+        apart = difference(band_levels(one, RATE), band_levels(both, RATE))[0]
+        slopes = [f"{decay_of_first(audio[:, 0]):.1f}" for audio in (both, one)]
+        times = [f"{measure(scene, 1.0, metered=True, repeats=3)[0] * 1e9:.0f}" for scene in scenes]
+        rows.append([name, f"{apart:.1f}", *slopes, *times])
+    header = ["board", "difference, dB", "first partial, dB/s, two ways", "one way", "ns per sample, two ways", "one way"]
+    publish("one_way", header, rows)

@@ -1,6 +1,7 @@
 """`uv run python -m bench [NAME …]`: run some measurements, or all; `… bench compare OLD NEW`: which times have
 moved; `… bench golden OLD [NEW]`: whether the samples are the same; `… bench pairs OLD [NEW]`: both timed in turn;
-`… bench shipped`: make the machine code that comes with the engine."""
+`… bench shipped`: make the machine code that comes with the engine; `… bench recordings FOLDER`: how far the pianos are
+from recorded ones."""
 
 import importlib
 import os
@@ -10,6 +11,7 @@ import time
 from bench.accuracy import golden
 from bench.performance import pairs
 from bench.publish import compare, shipped
+from bench.recordings import notes
 
 MEASUREMENTS = {  # in this order
     "performance": ["realtime", "instruments", "scaling", "connections", "effects", "start", "tricks", "live"],
@@ -33,6 +35,8 @@ def main() -> int:
         return pairs.main(sys.argv[2:])
     if sys.argv[1:2] == ["shipped"]:
         return shipped.main(sys.argv[2:])
+    if sys.argv[1:2] == ["recordings"]:
+        return notes.main(sys.argv[2:])
     if sys.argv[1:2] in (["--help"], ["-h"]):
         print(f"{__doc__}\n\n{', '.join(PACKAGE)}")
         return 0

@@ -1,0 +1,82 @@
+"""How far a sound is from a recording: sounds of which it is known."""
+
+import numpy as np
+import pytest
+import soundfile
+
+from bench.recordings.measure import band_levels, decays, difference, knock_level
+from bench.recordings.notes import find_recordings, main, strike_once
+from engine import load
+
+RATE = 48_000
+CENTRES = 1000.0 * 2.0 ** (np.arange(-3, 11) / 3)
+BANDS = len(CENTRES)
+
+
+def tones(levels: np.ndarray, before: float = 0.0) -> np.ndarray:
+    """A tone in every third-octave band from 500 Hz to 10 kHz, dB, after a silence, s: [frames, 2]"""
+    t = np.arange(round(2.2 * RATE)) / RATE
+    sound = sum(10 ** (level / 20) * np.sin(2 * np.pi * f * t) for f, level in zip(CENTRES, levels, strict=True))
+    return np.pad(np.stack([sound, sound], axis=1), ((round(before * RATE), 0), (0, 0)))
+
+
+def apart(sound: np.ndarray, recorded: np.ndarray) -> tuple[float, float]:
+    return difference(band_levels(sound, RATE), band_levels(recorded, RATE))
+
+
+@pytest.mark.parametrize("gain", [1.0, 1e-3, 30.0])
+def test_neither_a_gain_nor_a_silence_before_it_counts(gain):
+    flat = tones(np.zeros(BANDS))
+    assert apart(gain * flat, flat) == pytest.approx((0.0, 0.0), abs=1e-3)
+    assert apart(gain * tones(np.zeros(BANDS), 0.3), flat) == pytest.approx((0.0, 0.0), abs=0.05)
+
+
+def test_every_other_band_by_6_db_is_3_db():
+    """The gain puts half of the bands 3 dB too high and half 3 dB too low."""
+    uneven = tones(np.arange(BANDS) % 2 * 6.0)
+    assert apart(uneven, tones(np.zeros(BANDS))) == pytest.approx((3.0, 3.0), abs=0.25)  # bands leak into each other
+
+
+def test_what_is_under_the_floor_of_both_does_not_count():
+    one, other = np.zeros(BANDS), np.zeros(BANDS)
+    one[7:], other[7:] = -90.0, -70.0
+    assert apart(tones(one), tones(other)) == pytest.approx((0.0, 0.0), abs=0.05)
+    other[7:] = -40.0  # a patch that is silent there
+    assert apart(tones(one), tones(other))[0] > 9.0
+
+
+def test_partials_that_fall_in_two_stages_are_seen_to():
+    t = np.arange(4 * RATE) / RATE
+    fall = np.where(t < 0.5, 10 ** (-30 * t / 20), 10 ** (-(15 + 4 * (t - 0.5)) / 20))
+    sound = sum(fall * np.sin(2 * np.pi * n * 262.0 * t) / n for n in range(1, 11))
+    assert decays(sound[:, None], RATE, 261.6, 0.0) == pytest.approx((-30.0, -4.0), rel=0.05)
+
+
+def test_the_knock_is_what_lies_below_the_fundamental():
+    t = np.arange(RATE) / RATE
+    note = np.sin(2 * np.pi * 500 * t)
+    assert knock_level(note[:, None], RATE, 500.0) < -50.0
+    for level in (-40, -20):
+        sound = note + 10 ** (level / 20) * np.sin(2 * np.pi * 150 * t)
+        assert knock_level(sound[:, None], RATE, 500.0) == pytest.approx(level, abs=0.3)
+
+
+def test_recordings_are_found_by_their_names(tmp_path):
+    (tmp_path / "grand").mkdir()
+    for name in ("C4v10.ogg", "d#4v3.wav", "C4.wav", "notes.txt"):
+        (tmp_path / "grand" / name).touch()
+    assert set(find_recordings(tmp_path)) == {("C4", 10), ("D#4", 3)}
+    assert main([str(tmp_path)]) == 2 and main([]) == 2
+
+
+def test_a_softer_blow_is_a_slower_hammer():
+    scene = strike_once(load("piano_c4"), 4)
+    assert not scene.event
+    assert scene.body[1].velocity == pytest.approx(2.5 * 1.12**-6)
+
+
+def test_a_recording_is_not_far_from_itself(tmp_path):
+    sound = tones(np.linspace(0, -40, BANDS))
+    soundfile.write(tmp_path / "C4v10.wav", sound / 20, RATE, subtype="FLOAT")
+    audio, rate = soundfile.read(find_recordings(tmp_path)["C4", 10])
+    assert difference(band_levels(audio, rate), band_levels(sound, RATE))[0] < 0.01

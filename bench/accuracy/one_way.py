@@ -46,5 +46,12 @@ def run() -> None:
         slopes = [f"{decay_of_first(audio[:, 0]):.1f}" for audio in (both, one)]
         times = [f"{measure(scene, 1.0, metered=True, repeats=3)[0] * 1e9:.0f}" for scene in scenes]
         rows.append([name, f"{apart:.1f}", *slopes, *times])
-    header = ["board", "difference, dB", "first partial, dB/s, two ways", "one way", "ns per sample, two ways", "one way"]
+    header = [
+        "board",
+        "difference, dB",
+        "first partial, dB/s, two ways",
+        "one way",
+        "ns per sample, two ways",
+        "one way",
+    ]
     publish("one_way", header, rows)

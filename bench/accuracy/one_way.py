@@ -1,4 +1,4 @@
-"""How far a string that drives a board one way is from one that rides on it: sound, decay and time, by the board's mass."""
+"""How far a string that drives a board one way is from one that rides on it, and what each costs."""
 
 import numpy as np
 
@@ -27,6 +27,17 @@ def scene_of(size: list[float], density: float, rigidity: float, one_way: bool) 
     return engine.Scene.model_validate({"body": [string, board, hammer], "seconds": SECONDS} | parts)
 
 
+def many_strings(count: int, one_way: bool) -> engine.Scene:
+    """So many strings, a semitone apart, pulled aside at once, on one board; each ends at a place of its own."""
+    table = scene_of(*BOARDS["piano, 9 kg"], one_way).model_dump(exclude_unset=True)
+    string, board = table["body"][:2]
+    begin = {"kind": "triangle", "at": 0.12, "amplitude": 1e-3}
+    pitches = {f"string{n}": PITCH * 2 ** ((n - count / 2) / 12) for n in range(count)}
+    strings = [string | {"name": name, "frequency": f, "displacement": begin} for name, f in pitches.items()]
+    ends = [table["connection"][0] | {"body": s, "on_at": [0.2 + 0.01 * n, 0.31]} for n, s in enumerate(pitches)]
+    return engine.Scene.model_validate(table | {"body": [*strings, board], "connection": ends, "contact": []})
+
+
 def decay_of_first(audio: np.ndarray) -> float:
     """Slope of the first partial from 0.1 to 1.5 s, dB/s."""
     size, starts = 8192, np.arange(round(0.1 * RATE), round(1.5 * RATE) - 8192, 1024)
@@ -44,14 +55,13 @@ def run() -> None:
         both, one = (engine.render(scene).audio for scene in scenes)
         apart = difference(band_levels(one, RATE), band_levels(both, RATE))[0]
         slopes = [f"{decay_of_first(audio[:, 0]):.1f}" for audio in (both, one)]
-        times = [f"{measure(scene, 1.0, metered=True, repeats=3)[0] * 1e9:.0f}" for scene in scenes]
-        rows.append([name, f"{apart:.1f}", *slopes, *times])
-    header = [
-        "board",
-        "difference, dB",
-        "first partial, dB/s, two ways",
-        "one way",
-        "ns per sample, two ways",
-        "one way",
-    ]
-    publish("one_way", header, rows)
+        rows.append([name, f"{apart:.1f}", *slopes])
+    publish("one_way", ["board", "difference, dB", "first partial, dB/s, two ways", "one way"], rows)
+    rows = []
+    for strings in (1, 12, 60):
+        times = []
+        for one_way in (False, True):
+            scene = many_strings(strings, one_way)
+            times.append(f"{measure(scene, 0.5, metered=True, repeats=3)[0] * 1e9:.0f}")
+        rows.append([f"{strings}", *times])
+    publish("one_way_cost", ["strings", "ns per sample, two ways", "one way"], rows, "one_way")

@@ -51,8 +51,10 @@ class IslandProfile(Record):
     bodies: list[str]
     modes: int
     modes_dropped: int  # too high for the sample rate
+    modes_residual: int  # that stand for modes left out (engine.build.residual_modes)
     contacts: int  # points of contact
     solver: str
+    energy: float  # J, that its bodies begin with
     activity: Activity
     ns_expected: float  # in contact
     ns_mean: float
@@ -130,15 +132,18 @@ def _measure_costs(
 def _profile_island(layout: Layout, model: Model, state: State, n: int, mean: float, worst: float) -> IslandProfile:
     """The profile of island n. mean, worst: its time, ns per sample"""
     frames = max(1, int(state.frame[n]))
-    bodies = [b for b in range(len(layout.scene.body)) if layout.island_of_body[b] == n]
+    bodies = layout.bodies_of_island(n)
+    modal = [layout.modal_bodies[b] for b in bodies]
     contacts = int(model.islands.contact[n + 1] - model.islands.contact[n])
     touching, asleep = state.contact_samples[n] / frames, state.sleep[n, Sleep.SAMPLES_SLEPT] / frames
     return IslandProfile(
         bodies=[layout.scene.body[b].name for b in bodies],
         modes=int(layout.mode_counts[n]),
         modes_dropped=sum(_modes_dropped(layout, b) for b in bodies),
+        modes_residual=sum(body.residual for body in modal),
         contacts=contacts,
         solver=SOLVER_NAMES.get(contacts, "vector"),
+        energy=float(sum(np.sum(body.p**2 + (body.omega * body.q) ** 2) / 2 for body in modal)),
         activity=Activity(float(1 - touching - asleep), float(touching), float(asleep)),
         ns_expected=float(estimate_cost(layout.mode_counts, np.diff(layout.islands.contact))[n]),
         ns_mean=float(mean),
@@ -150,7 +155,7 @@ def _modes_dropped(layout: Layout, number: int) -> int:
     """How many of the modes that a body asks for are too high for the sample rate."""
     body = layout.scene.body[number]
     requested = len(body.frequency or []) if isinstance(body, MeasuredBody) else getattr(body, "modes", None) or 0
-    return max(0, requested - layout.modal_bodies[number].omega.size)
+    return max(0, requested - layout.modal_bodies[number].omega.size + layout.modal_bodies[number].residual)
 
 
 def _contacts_left_out(layout: Layout) -> list[str]:

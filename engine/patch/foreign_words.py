@@ -23,10 +23,14 @@ END_KEYS = ("stiffness", "damping", "rigid", "rest")  # of connections, but not 
 KINDS: dict[str, dict[str, str]] = {
     "body": dict.fromkeys(("spring", "damper", "joint"), JOIN)
     | {"bridge": f"{END}; {TOUCH}"}
-    | dict.fromkeys(
-        ("board", "soundboard"), 'kind = "plate", or measured "modes"; strings end on it by [[connection]]'
-    ),
+    | {"board": 'kind = "soundboard", "plate" or measured "modes"; strings end on it by [[connection]]'}
+    | dict.fromkeys(("box", "cavity", "helmholtz"), 'kind = "air": the air in a box, with or without a hole')
+    | dict.fromkeys(("resonator", "pipe"), 'kind = "tube"; of a box with a hole, kind = "air"')
+    | dict.fromkeys(("drum", "head", "skin"), 'kind = "membrane"; the shell of a drum is kind = "shell"')
+    | {"cylinder": 'kind = "shell"', "beam": 'kind = "bar"'},
     "connection": dict.fromkeys(("glue", "rigid", "joint", "fixed", "weld"), 'kind = "spring" with rigid = true')
+    | dict.fromkeys(("cavity", "volume", "box"), 'kind = "air"')
+    | dict.fromkeys(("drive", "one_way"), 'kind = "end" with one_way = true')
     | {"damper": 'kind = "spring" with a damping', "dashpot": 'kind = "spring" with a damping'}
     | dict.fromkeys(("bridge", "string_end"), 'kind = "end"'),
 }

@@ -114,14 +114,14 @@ def print_profile(profile: "Profile", seconds: float) -> None:
 
 def island_rows(profile: "Profile") -> list[tuple[str, ...]]:
     """The first islands of a profile as rows of cells, their heads first."""
-    head = ("island", "modes", "dropped", "contacts", "solver", "expected", "mean", "busiest", "free/contact/asleep")
-    rows: list[tuple[str, ...]] = [head]
+    heads = "island|modes|dropped|residual|contacts|solver|energy, J|expected|mean|busiest|free/contact/asleep"
+    rows: list[tuple[str, ...]] = [tuple(heads.split("|"))]
     for island in profile["islands"][:MAX_LISTED_ISLANDS]:
         names = ", ".join(island["bodies"][:3]) + (" …" if len(island["bodies"]) > 3 else "")
         shares = "/".join(f"{island['activity'][s]:.0%}" for s in ("free", "contact", "asleep"))
         costs = tuple(f"{island[f'ns_{c}']:.0f}" for c in ("expected", "mean", "busiest"))
-        counts = (str(island["modes"]), str(island["modes_dropped"]), str(island["contacts"]))
-        rows.append((names, *counts, island["solver"], *costs, shares))
+        counts = tuple(str(island[c]) for c in ("modes", "modes_dropped", "modes_residual", "contacts"))
+        rows.append((names, *counts, island["solver"], f"{island['energy']:.3g}", *costs, shares))
     return rows
 
 

@@ -4,7 +4,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Iterator
 from itertools import product
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field
@@ -154,6 +154,11 @@ class Tube(AirBody):
         omega = k * SPEED_OF_SOUND
         sigma = self.decay_rates(omega, k) if self.has_loss() else self.natural_decay(omega)
         return ModeSet(omega, sigma, lambda x: scale * wave(phase * np.asarray(x)[..., None]))
+
+    def retuned(self, ratio: float) -> Self:
+        """A tube of another length, whose resonances are higher by a ratio."""
+        ends = FREE_END * self.radius * (1 if self.ends == "closed" else 2)
+        return self.model_copy(update={"length": max((self.length + ends) / ratio - ends, 1e-6)})
 
     def has_loss(self) -> bool:
         """Whether the patch gives its losses."""

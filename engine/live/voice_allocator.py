@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from engine.bodies import Mass
+from engine.bodies import Body, Mass
+from engine.bodies.distributed import DistributedBody
 from engine.live.midi_notes import MidiError, Note, note_frequency, note_name
 from engine.live.player import Player
 from engine.live.voices import plucks, sounding_bodies, striker_velocities, strikers
@@ -45,16 +46,25 @@ def pitched_bodies(scene: Scene) -> list[PitchedBody]:
         name = body.name
         if isinstance(body, Mass) or name in hammers or not connected_bodies(scene, name) & heard:
             continue
-        omega = body.modal_body(20_000.0).omega
+        lowest = lowest_partial(body)
         struck, plucked = strikers(scene, name), bool(plucks(scene, name))
-        if omega.size and omega.min() > 0.0 and (struck or plucked):
-            bodies.append(PitchedBody(name, float(omega.min()) / (2 * math.pi), struck, plucked))
+        if lowest > 0.0 and (struck or plucked):
+            bodies.append(PitchedBody(name, lowest / (2 * math.pi), struck, plucked))
     if not bodies:
         first = scene.pickup[0].body
         if next(b for b in scene.body if b.name == first).kind == "mass":
             raise MidiError(f"{first} has no pitch that could be tuned; notes need a body that vibrates")
         raise MidiError("nothing that vibrates is struck or plucked; notes need a thrown hammer or a pluck")
     return bodies
+
+
+def lowest_partial(body: Body) -> float:
+    """Angular frequency of the first partial of a body, rad/s; 0 without one. What a free bar or plate does as a whole
+    is none."""
+    omega = body.modal_body(20_000.0).omega
+    if omega.size == 0:
+        return 0.0
+    return float(omega[0] if isinstance(body, DistributedBody) else omega.min())
 
 
 def nearest_body(bodies: list[PitchedBody], note: int) -> PitchedBody:

@@ -72,7 +72,7 @@ def _check_end(path: KeyPath, table: dict[str, Any], bodies: dict[str, Any]) -> 
 def _check_spring(path: KeyPath, table: dict[str, Any], bodies: dict[str, Any]) -> Faults:
     """A spring holds two places, or a place and the ground, and is stiff, damped or rigid."""
     rigid, on = table.get("rigid") is True, is_given(table, "on")
-    given = [key for key in ("stiffness", "damping") if is_given(table, key)]
+    given = [key for key in ("stiffness", "damping") if is_given(table, key) and (table[key] or not rigid)]
     if not rigid and not given:
         yield make_fault(path, table, "it holds nothing", "give a stiffness in N/m, a damping in kg/s, or rigid = true")
     if rigid and given:

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
+from engine.bodies.table import is_number
 from engine.patch.json_schema import patch_schema, resolve_ref, variants
 from engine.patch.reference_page import SECTIONS, format_range, split_unit, top_level
 from engine.patch.scene import Scene
@@ -84,7 +85,7 @@ def _table_parameters(
 
 def _numbers_within(value: Any) -> Iterator[tuple[str, float]]:
     """The numbers within a value, each with what follows the path of the value in its own path."""
-    if isinstance(value, int | float):
+    if is_number(value):
         yield "", value
     elif isinstance(value, list | dict):
         for key, inner in enumerate(value) if isinstance(value, list) else value.items():

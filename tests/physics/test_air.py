@@ -162,3 +162,9 @@ def test_what_is_wrong_with_air_is_said(keys, says):
         bodies = [TOP, BOX, drum, {"name": "hammer", "kind": "mass", "mass": 1.0}]
         scene(bodies, connection=[{"kind": "air"} | keys], pickup=HEARD)
     assert says in str(error.value)
+
+
+def test_a_tube_is_tuned_by_its_length():
+    tube = Tube(name="t", kind="tube", length=0.6, radius=0.02)
+    f, higher = (t.modal_body(3000.0).omega[:3] for t in (tube, tube.retuned(1.5)))
+    np.testing.assert_allclose(higher, 1.5 * f, rtol=1e-12)

@@ -358,8 +358,8 @@ def test_the_body_of_the_guitar_has_the_two_resonances_of_guitars():
 
 
 def test_the_kalimba_is_in_tune_and_its_overtone_is_high_and_short():
-    """One overtone, 6.6 times as high on real ones (M. Holdaway, kalimbamagic.com, 2006), which dies by 75 to 200 dB/s (here by up to 500);
-    the notes by 13 to 23 dB/s, but that on the resonance of the box."""
+    """One overtone, 6.6 times as high on real ones (M. Holdaway, kalimbamagic.com, 2006), which dies by 75 to 200 dB/s,
+    here by up to 500; the notes by 13 to 23 dB/s, but that on the resonance of the box."""
     scene = heard("kalimba").scene
     poles = exact_poles(scene)
     for note, pitch in (("d4", 293.6648), ("g4", 391.9954), ("a4", 440.0), ("d5", 587.3295)):

@@ -3,14 +3,13 @@
 import math
 from abc import abstractmethod
 from collections.abc import Iterator
-from itertools import product
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field
 from pydantic_core import InitErrorDetails
 
-from engine.bodies.body import MAX_MODES, ModalBody
+from engine.bodies.body import MAX_MODES, ModalBody, UnfitBody
 from engine.bodies.distributed import DistributedBody, ModeSet, mode_numbers
 from engine.bodies.initial_shape import Profile, Quadrature, line_quadrature, peak_of_line
 from engine.bodies.table import KeyPath, Positive, Table, is_given, make_fault
@@ -73,7 +72,15 @@ class AirBox(AirBody):
     def standing_waves(self) -> np.ndarray:
         """Half-waves along x, y and z of the standing waves, the lowest first [waves, 3]."""
         count = self.modes or 6
-        numbers = np.array([n for n in product(range(count + 1), repeat=3) if any(n) and math.prod(n) <= count])
+        numbers = np.array(
+            [
+                (i, j, k)
+                for i in range(count + 1)
+                for j in range(count // max(i, 1) + 1)
+                for k in range(count // (max(i, 1) * max(j, 1)) + 1)
+                if i or j or k
+            ]
+        )
         order = np.argsort(np.sum((numbers / np.array(self.size)) ** 2, axis=1), kind="stable")
         return np.asarray(numbers[order][:count])
 
@@ -83,6 +90,8 @@ class AirBox(AirBody):
         k = math.pi * np.sqrt(np.sum((self.standing_waves() / np.array(self.size)) ** 2, axis=1))
         if self.hole is not None:
             helmholtz = math.sqrt(BULK_MODULUS / self.volume() / self.hole.mass()) * self.hole.area() / SPEED_OF_SOUND
+            if helmholtz * SPEED_OF_SOUND >= max_omega:
+                raise UnfitBody("has a hole that resonates above 0.49 of the sample rate; a larger box, or no hole")
             k = np.concatenate([[helmholtz], k])
         k = k[k * SPEED_OF_SOUND < max_omega]
         shape = np.zeros(k.size)
@@ -125,7 +134,7 @@ class AirBox(AirBody):
 
     @classmethod
     def position_help(cls, table: dict[str, Any]) -> str:
-        return '"hole"' if is_given(table, "hole") else 'a box with a hole has the place "hole"'
+        return '"hole"' if is_given(table, "hole") else '"hole", of a box that has one'
 
 
 class Tube(AirBody):
@@ -166,12 +175,12 @@ class Tube(AirBody):
         return self.decay is not None or self.t60 is not None or any(rates)
 
     def natural_decay(self, omega: np.ndarray) -> np.ndarray:
-        """σ, 1/s: at the walls c·3e-5·√f/radius, and c·(k·radius)²/4L radiated by each open end (Fletcher & Rossing,
-        eq. 8.15 and sec. 8.3)."""
+        """σ, 1/s: at the walls c·3e-5·√f/radius, and c·(k·radius)²/4L radiated by each open end, at most c/4L
+        (Fletcher & Rossing, eq. 8.15 and sec. 8.3)."""
         k = omega / SPEED_OF_SOUND
         walls = SPEED_OF_SOUND * 3e-5 * np.sqrt(omega / (2 * math.pi)) / self.radius
         mouths = 1 if self.ends == "closed" else 2
-        return np.asarray(walls + mouths * SPEED_OF_SOUND * (k * self.radius) ** 2 / (4 * self.length))
+        return np.asarray(walls + mouths * SPEED_OF_SOUND * np.minimum(k * self.radius, 1.0) ** 2 / (4 * self.length))
 
     def opening(self) -> float:
         return math.pi * self.radius**2
@@ -180,8 +189,8 @@ class Tube(AirBody):
         return AIR_DENSITY * self.opening() * self.length
 
     def volume_row(self, body: ModalBody) -> np.ndarray:
-        """The volume that flows out of the mouth per mode [modes], m²/√kg."""
-        return self.opening() * body.shape(1.0)
+        """The volume that flows out of its open ends per mode [modes], m²/√kg."""
+        return self.opening() * (body.shape(1.0) - (body.shape(0.0) if self.ends == "open" else 0.0))
 
     def quadrature(self, modes: int, kinks: list[float]) -> Quadrature:
         return line_quadrature(modes + 2, kinks, self.total_mass())

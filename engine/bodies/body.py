@@ -35,8 +35,8 @@ class TooManyModes(ValueError):
     """A body has more modes below the highest frequency than can be built."""
 
 
-class NoSuchMode(ValueError):
-    """A body is to begin in the shape of a mode that it has not."""
+class UnfitBody(ValueError):
+    """A body cannot be built; the message says why, and what would be right."""
 
 
 class BodyTable(Table):

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 from pydantic_core import InitErrorDetails
 
-from engine.bodies.body import MAX_MODES, MIN_OMEGA, BodyTable, ModalBody, TooManyModes
+from engine.bodies.body import MAX_MODES, MIN_OMEGA, BodyTable, ModalBody, TooManyModes, UnfitBody
 from engine.bodies.decay import DECAY_LAWS, Decay, t60_faults, t60_rates
 from engine.bodies.initial_shape import (
     INITIAL_SHAPES,
@@ -58,8 +58,8 @@ class DistributedBody(BodyTable):
     )
     residual: bool | None = Field(
         default=None,
-        description="whether a few more modes give contacts the compliance of those left out; if absent, where that is"
-        " 3 % or more",
+        description="of strings, bars and supported plates: whether a few more modes give contacts the compliance of"
+        " those left out; if absent, where that is 3 % or more",
     )
     support: list[Support] = Field(
         default=[], max_length=MAX_SUPPORTS, description="springs and dampers that hold it to the ground"
@@ -110,14 +110,21 @@ class DistributedBody(BodyTable):
     def initial_displacement(self, at: Any) -> float:
         if self.displacement is None:
             return 0.0
-        body = self.modal_body(AUDIBLE)
+        try:
+            body = self.modal_body(AUDIBLE)
+        except UnfitBody:  # a mode above those
+            return 0.0
         return float(body.shape(at) @ body.q)
 
     def _modal(self, begin: InitialShape | None, body: ModalBody) -> np.ndarray:
         """What modes begin with [modes]."""
         if begin is None:
             return np.zeros(body.omega.size)
-        return begin.modal(body.shape, self.quadrature(body.omega.size, begin.kinks()), self.peak)
+
+        def peak(at: Any) -> Profile:
+            return self.peak(self.split_positions(at)[0])
+
+        return begin.modal(body.shape, self.quadrature(body.omega.size, begin.kinks()), peak)
 
     def decay_rates(self, omega: np.ndarray, wave_number: np.ndarray) -> np.ndarray:
         """σ (1/s) of modes of angular frequency ω (rad/s) and wave number β (1/m), the lowest first.

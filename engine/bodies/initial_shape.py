@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 from pydantic_core import InitErrorDetails
 
-from engine.bodies.body import NoSuchMode
+from engine.bodies.body import UnfitBody
 from engine.bodies.table import Fraction, KeyPath, Positions, Table, is_given, is_number, make_fault
 
 MAX_SHAPE_POINTS = 10_000  # of a file
@@ -24,6 +24,7 @@ class Quadrature(NamedTuple):
 
     positions: list[Any]
     masses: np.ndarray  # [positions], kg
+    everywhere: list[Any]  # positions that are close enough to see how large a mode is at its largest
 
     def project(self, profile: Profile, shape: Shape) -> np.ndarray:
         """∫ Φ·y dm of a profile y: the modal coordinates that add up to it [modes], √kg·m of a displacement."""
@@ -65,7 +66,8 @@ class InitialTriangle(InitialShape):
     amplitude: Amplitude = Field(description="how large it is there, m; of a velocity m/s")
 
     def kinks(self) -> list[float]:
-        return [float(self.at)] if is_number(self.at) else []
+        at = self.at[0] if isinstance(self.at, list) and len(self.at) == 1 else self.at
+        return [float(at)] if is_number(at) else []
 
     def modal(self, shape: Shape, quadrature: Quadrature, peak: Callable[[Any], Profile]) -> np.ndarray:
         return self.amplitude * quadrature.project(peak(self.at), shape)
@@ -79,12 +81,14 @@ class InitialMode(InitialShape):
     amplitude: Amplitude = Field(description="how large it is at its largest, m; of a velocity m/s")
 
     def modal(self, shape: Shape, quadrature: Quadrature, peak: Callable[[Any], Profile]) -> np.ndarray:
-        """Raises NoSuchMode."""
-        if self.number > shape(quadrature.positions[0]).size:
-            raise NoSuchMode(f"has no mode {self.number} below 0.49 of the sample rate; a lower one")
-        column = shape(np.array(quadrature.positions))[:, self.number - 1]
-        modal = np.zeros(shape(quadrature.positions[0]).size)
-        modal[self.number - 1] = self.amplitude / float(np.max(np.abs(column)))
+        """Raises UnfitBody."""
+        positions = quadrature.everywhere
+        if self.number > shape(positions[0]).size:
+            raise UnfitBody(f"has no mode {self.number} below 0.49 of the sample rate; a lower one")
+        parts = [np.array(positions[first : first + AT_ONCE]) for first in range(0, len(positions), AT_ONCE)]
+        largest = max(float(np.max(np.abs(shape(part)[:, self.number - 1]))) for part in parts)
+        modal = np.zeros(shape(positions[0]).size)
+        modal[self.number - 1] = self.amplitude / largest
         return modal
 
 
@@ -117,7 +121,10 @@ class InitialPoints(InitialShape):
             return self.scale * quadrature.project(lambda at: float(np.interp(at, x, value, 0.0, 0.0)), shape)
         from scipy.interpolate import LinearNDInterpolator
 
-        inner = LinearNDInterpolator(np.column_stack([x, self.y]), value, fill_value=0.0)
+        try:
+            inner = LinearNDInterpolator(np.column_stack([x, self.y]), value, fill_value=0.0)
+        except RuntimeError:  # of Qhull
+            raise UnfitBody("begins with points that lie on a line; some beside it too") from None
         return self.scale * quadrature.project(lambda at: float(inner(at[0], at[1])), shape)
 
     @classmethod
@@ -183,20 +190,29 @@ def line_quadrature(waves: int, kinks: list[float], mass: float) -> Quadrature:
     node, weight = np.polynomial.legendre.leggauss(6)
     width = np.diff(ends)[:, None]
     positions = (ends[:-1, None] + width * (node + 1) / 2).ravel()
-    return Quadrature(positions.tolist(), mass * (width * weight / 2).ravel())
+    everywhere = np.linspace(0.0, 1.0, 64 * waves + 1).tolist()
+    return Quadrature(positions.tolist(), mass * (width * weight / 2).ravel(), everywhere)
 
 
-def rectangle_quadrature(count: int, mass: float) -> Quadrature:
-    """Gauss points of a rectangle. count: on each side; mass: kg"""
-    node, weight = np.polynomial.legendre.leggauss(count)
-    x = ((node + 1) / 2).tolist()
-    return Quadrature([[a, b] for a in x for b in x], mass * np.outer(weight, weight).ravel() / 4)
+def rectangle_quadrature(waves: tuple[int, int], mass: float) -> Quadrature:
+    """Gauss points of a rectangle. waves: half-waves of the highest modes along its sides; mass: kg"""
+    (x, wx), (y, wy) = (np.polynomial.legendre.leggauss(math.ceil(1.3 * n) + 12) for n in waves)
+    positions = [[(1 + a) / 2, (1 + b) / 2] for a in x.tolist() for b in y.tolist()]
+    border_to_border = [np.linspace(0.0, 1.0, 12 * n + 1).tolist() for n in waves]
+    everywhere = [[a, b] for a in border_to_border[0] for b in border_to_border[1]]
+    return Quadrature(positions, mass * np.outer(wx, wy).ravel() / 4, everywhere)
 
 
-def circle_quadrature(count: int, mass: float) -> Quadrature:
-    """Gauss points of a circle, on rays. count: along its radius; mass: kg"""
-    node, weight = np.polynomial.legendre.leggauss(count)
-    radius, angle = (node + 1) / 2, np.arange(4 * count) * (math.pi / (2 * count))
+def circle_quadrature(waves: int, mass: float) -> Quadrature:
+    """Gauss points of a circle, on rays. waves: around it, of the highest modes; mass: kg"""
+    node, weight = np.polynomial.legendre.leggauss(math.ceil(waves / 2) + 12)
+    rays = 2 * waves + 16
+    masses = mass * np.repeat(weight * (node + 1) / 2 / rays, rays)
+    return Quadrature(polar((node + 1) / 2, rays), masses, polar(np.linspace(0.0, 1.0, 6 * waves + 1), 8 * waves + 8))
+
+
+def polar(radius: np.ndarray, rays: int) -> list[Any]:
+    """Positions on rays of a circle, fractions of the square around it."""
+    angle = np.arange(rays) * (2 * math.pi / rays)
     x, y = (np.outer(radius, wave(angle)).ravel() / 2 + 0.5 for wave in (np.cos, np.sin))
-    masses = mass * np.repeat(weight * radius / (4 * count), 4 * count)
-    return Quadrature(np.column_stack([x, y]).tolist(), masses)
+    return list(np.column_stack([x, y]).tolist())

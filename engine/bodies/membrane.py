@@ -50,7 +50,12 @@ class Membrane(TunedSheet):
 
         def shape(position: Any) -> np.ndarray:
             x, y = np.moveaxis(2 * np.asarray(position) - 1, -1, 0)[..., None]
-            return np.asarray(scale * jv(order, zero * np.hypot(x, y)) * np.cos(order * np.arctan2(y, x) - turn))
+            waves = np.cos(order * np.arctan2(y, x) - turn)
+            if x.size == 1:
+                return np.asarray(scale * jv(order, zero * np.hypot(x, y)) * waves)
+            # many places lie on a few rings
+            ring, number = np.unique(np.round(np.hypot(x, y), 12), return_inverse=True)
+            return np.asarray((scale * jv(order, zero * ring[:, None]))[number.reshape(x.shape[:-1])] * waves)
 
         omega = speed * zero / radius
         return ModeSet(omega, self.decay_rates(omega, zero / radius), shape)

@@ -32,7 +32,7 @@ class Plate(TunedSheet):
         default="supported", description="how it is held all round: hinged, clamped, or not at all"
     )
     rigidity: float | None = Field(default=None, gt=0.0, le=1e15, description="flexural rigidity D, N·m")
-    young: Modulus | list[Modulus] | None = Field(
+    young: Modulus | Annotated[list[Modulus], Field(min_length=2, max_length=2)] | None = Field(
         default=None,
         description="Young's modulus, Pa, with a thickness, instead of the rigidity; of wood two, along x and y",
     )

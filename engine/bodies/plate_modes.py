@@ -7,10 +7,13 @@ from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 
+from engine.bodies.body import UnfitBody
+
 Edge = Literal["supported", "clamped", "free"]
 
 POWERS: dict[Edge, int] = {"free": 0, "supported": 1, "clamped": 2}  # of the distance from an edge in all shapes
 MAX_RITZ_MODES = 400  # of a body whose modes are found so and that does not say how many
+MAX_PRODUCTS = 8_000  # of functions: beyond, matrices take gigabytes and minutes
 ROOM_ABOVE = 1.02  # the highest mode may be so much above the frequency for which the functions were chosen
 
 
@@ -326,6 +329,9 @@ def ritz_modes(sheet: Sheet, polynomials: Sequence[int], count: int, max_omega: 
         SideFunctions(sheet.edges[axis], polynomials[axis], [rib.at for rib in sheet.ribs_across(axis)])
         for axis in range(2)
     ]
+    products_of_functions = math.prod(axis.odd.size for axis in axes)
+    if products_of_functions > MAX_PRODUCTS:
+        raise UnfitBody(f"needs {products_of_functions} products of functions for its modes; fewer modes or ribs")
     stiffness, mass = energies(sheet, axes)
     rigid = rigid_products(sheet)
     shift = float(lowest_products(sheet.sides, sheet.stiffness, sheet.density, sheet.tension, 1)[2][0]) ** 2

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from engine.bodies.body import MAX_MODES, ModalBody
+from engine.bodies.body import MAX_MODES, ModalBody, UnfitBody
 from engine.bodies.distributed import DistributedBody
 from engine.bodies.initial_shape import (
     Profile,
@@ -20,7 +20,8 @@ from engine.bodies.initial_shape import (
 from engine.bodies.table import Positive, is_given, is_number
 from engine.wording import format_value
 
-MAX_GRID = 96  # positions on each side of a sheet, where something is summed over it
+RINGS = 96  # on which the motion of a circle is summed
+MAX_SUMMED_MODES = 5_000  # of a sheet over which something is summed
 MAX_SHEET_MODES = 1_000  # of a membrane or a plate that does not say how many
 
 
@@ -71,20 +72,25 @@ class FlatSheet(SheetBody):
         return self.surface_density() * self.area()
 
     def quadrature(self, modes: int, kinks: list[float]) -> Quadrature:
-        if self.sides() is None:
-            return circle_quadrature(min(12 + math.isqrt(modes), MAX_GRID // 2), self.total_mass())
-        return rectangle_quadrature(min(16 + 3 * math.isqrt(modes), MAX_GRID), self.total_mass())
+        if modes > MAX_SUMMED_MODES:
+            raise UnfitBody(f"has {modes} modes; at most {MAX_SUMMED_MODES} where it begins with a shape or moves air")
+        sides = self.sides()
+        if sides is None:
+            return circle_quadrature(math.ceil(2 * math.sqrt(modes)) + 4, self.total_mass())
+        a, b = sides  # Weyl's law: modes/(ab) = β²/4π and what the rim takes
+        waves = [math.ceil(math.sqrt(4 * modes * s / (math.pi * other))) + 4 for s, other in ((a, b), (b, a))]
+        return rectangle_quadrature((min(waves[0], modes + 2), min(waves[1], modes + 2)), self.total_mass())
 
     def area_quadrature(self, modes: int) -> Quadrature:
         """Positions that resolve so many modes, with the area that each stands for in place of a mass, m²."""
-        positions, masses = self.quadrature(modes, [])
-        return Quadrature(positions, masses * (self.area() / float(np.sum(masses))))
+        quadrature = self.quadrature(modes, [])
+        return quadrature._replace(masses=quadrature.masses * (self.area() / float(np.sum(quadrature.masses))))
 
     def volume_row(self, body: ModalBody) -> np.ndarray:
         """∫ Φ dA: the volume that each mode displaces [modes], m²/√kg. body: its modes"""
         if self.sides() is not None:
             return self.area_quadrature(body.omega.size).project(lambda position: 1.0, body.shape)
-        node, weight = np.polynomial.legendre.leggauss(MAX_GRID)  # on a circle only what moves its middle has a mean
+        node, weight = np.polynomial.legendre.leggauss(RINGS)  # on a circle only what moves its middle has a mean
         x = (node + 3) / 4
         rings = self.area() * weight * (node + 1) / 2
         row = rings @ body.shape(np.column_stack([x, np.full(x.size, 0.5)]))

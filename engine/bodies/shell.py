@@ -44,7 +44,7 @@ class CylindricalShell(SheetBody):
         return 2 * math.pi * self.radius * self.length * self.thickness * self.density
 
     def quadrature(self, modes: int, kinks: list[float]) -> Quadrature:
-        return rectangle_quadrature(8, self.total_mass())
+        return rectangle_quadrature((8, 8), self.total_mass())
 
     def peak(self, at: Any) -> Profile:
         return peak_of_rectangle(at)

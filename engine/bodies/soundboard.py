@@ -10,10 +10,11 @@ from pydantic_core import InitErrorDetails
 
 from engine.bodies.decay import LossFactorDecay
 from engine.bodies.distributed import ModeSet
-from engine.bodies.plate_modes import MAX_RITZ_MODES, PlateStiffness, Rib, rectangle_plate_modes
+from engine.bodies.plate_modes import PlateStiffness, Rib, rectangle_plate_modes
 from engine.bodies.sheet import FlatSheet
 from engine.bodies.table import Fraction, KeyPath, Positive, Table, is_given, make_fault
 
+MAX_BOARD_MODES = 200  # of a soundboard that does not say how many
 LOSS_FACTOR = 0.02  # of a soundboard that gives no loss (Ege, Boutillon & Rébillat, J. Sound Vib. 332, 2013: 1 to 3 %)
 board_modes = lru_cache(16)(rectangle_plate_modes)
 
@@ -70,14 +71,14 @@ class Soundboard(FlatSheet):
     size: list[Positive] = Field(min_length=2, max_length=2, description="sides, m: along the grain, and across it")
     thickness: float = Field(gt=0.0, le=1.0, description="thickness, m")
     wood: WoodName = Field(default="spruce", description="of what: Sitka spruce, western red cedar or sugar maple")
-    edges: Literal["supported", "clamped", "free"] = Field(default="clamped", description="how it is held all round")
+    edges: Literal["supported", "clamped"] = Field(default="clamped", description="how it is held all round")
     ribs: Ribs | None = Field(default=None, description="ribs across the grain")
     bridges: list[GluedBridge] = Field(default=[], max_length=16, description="bridges glued to it")
 
     def free_modes(self, max_omega: float) -> ModeSet:
         """Modes of an orthotropic plate with beams on it (engine.bodies.plate_modes)."""
         a, b = self.size
-        count, stiffness = self.modes or MAX_RITZ_MODES, self.stiffness()
+        count, stiffness = self.modes or MAX_BOARD_MODES, self.stiffness()
         omega, shape = board_modes(
             (a, b), stiffness, self.surface_density(), 0.0, self.edges, self.beams(), count, max_omega
         )

@@ -86,7 +86,7 @@ def _box(
 
 def _wall_rows(box: AirBox, modal: ModalBody, sheet: FlatSheet, wall: ModalBody, side: str) -> np.ndarray:
     """√(ρc²/Λ)·∬ ±Φ·ψ dA over a wall, outwards [1 + waves, modes of the wall]."""
-    positions, areas = sheet.area_quadrature(wall.omega.size)
+    positions, areas, _ = sheet.area_quadrature(wall.omega.size)
     places = np.array(positions)
     pressure = box.wall_rows(modal.omega.size, places, 1.0 if side == "top" else 0.0) * areas[:, None]
     return np.asarray((1.0 if side == "top" else -1.0) * pressure.T @ wall.shape(places))

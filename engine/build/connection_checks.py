@@ -34,8 +34,10 @@ def check_connections(layout: Layout, accuracy: Accuracy, samplerate: float) -> 
 def _find_still(layout: Layout) -> list[Fault]:
     """Connections at places that do not move, where they could hold nothing."""
     faults, scene = [], layout.scene
-    for k in sorted(used_connections(scene)):
-        connection = scene.connection[k]
+    used = used_connections(scene)
+    for k, connection in enumerate(scene.connection):
+        if k not in used and not getattr(connection, "one_way", False):
+            continue
         sides = [("at", connection.body)] if isinstance(connection, SpringConnection) else []
         if connection.on is not None and not isinstance(connection, AirConnection):
             sides += [("on_at", connection.on)]

@@ -65,5 +65,10 @@ def order_islands(scene: Scene, island_of: Sequence[int], numbers: dict[str, int
         if depth[after] <= depth[before] or max(depth) >= len(depth):
             message = f'"{drive.string}" drives "{drive.body}", which acts back on it through other bodies'
             raise BuildError(Fault(f"connection[{drive.connection}].one_way", f"{message}; one_way = false"))
-    ranks = {island: n for n, island in enumerate(sorted(range(len(depth)), key=lambda i: (depth[i], i)))}
+    first = list(range(len(depth)))  # of the islands that drive each other: so those of a voice stay together
+    for _ in first:
+        for before, after in pairs:
+            first[before] = first[after] = min(first[before], first[after])
+    order = sorted(range(len(depth)), key=lambda i: (first[i], depth[i], i))
+    ranks = {island: n for n, island in enumerate(order)}
     return [ranks[island] for island in island_of]

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from engine.bodies import Body, String
-from engine.bodies.body import ModalBody, NoSuchMode, TooManyModes
+from engine.bodies.body import ModalBody, TooManyModes, UnfitBody
 from engine.build.connection_coordinates import count_supports
 from engine.build.contact_points import count_points
 from engine.build.force_table import count_steps
@@ -39,7 +39,7 @@ def build_modal_bodies(scene: Scene, samplerate: float, scheme: str) -> list[Mod
         except TooManyModes as error:
             faults.append(Fault(path, f"{error}; give modes = the number to build"))
             continue
-        except NoSuchMode as error:
+        except UnfitBody as error:
             faults.append(Fault(path, str(error)))
             continue
         except (ArithmeticError, ValueError):

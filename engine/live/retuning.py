@@ -82,7 +82,10 @@ def tuning_copies(target: tuple[Model, Layout], source: tuple[Model, Layout], vo
     """What has to be copied so that a voice of a polyphonic model is as the only one of another: addresses to copy
     to and from, and how many numbers [n, 3]. Modes that the other has not, for they would be above what the sample
     rate carries, are made such that nothing moves or hears them."""
-    rows = [(a.ctypes.data, b.ctypes.data, b.size) for a, b in _pairs(target, source, voice) if b.size]
+    pairs = [(a, b) for a, b in _pairs(target, source, voice) if b.size]
+    if any(a.size < b.size for a, b in pairs):
+        raise ValueError("a voice has no room for what another pitch needs")
+    rows = [(a.ctypes.data, b.ctypes.data, b.size) for a, b in pairs]
     return np.array(rows, np.int64).reshape(-1, 3)
 
 

@@ -2,18 +2,32 @@
 
 from typing import Any
 
-from engine.bodies import Mass, Oscillator
+from engine.bodies import Bar, Mass, Oscillator, String, Tube
 from engine.bodies.distributed import DistributedBody
 from engine.patch.scene import Scene
 from engine.patch.tables import Force, HalfSineForce, PluckEvent, PluckForce, PulseForce, StrikeEvent
 
 
+def joined_bodies(scene: Scene, name: str) -> set[str]:
+    """The names of a body and of all bodies that connections join with it, directly or through others."""
+    names, size = {name}, 0
+    while size < len(names):
+        size = len(names)
+        for c in scene.connection:
+            if c.on is not None and names & {c.body, c.on}:
+                names |= {c.body, c.on}
+    return names
+
+
 def sounding_bodies(scene: Scene) -> list[str]:
-    """The bodies whose pitch is that of the scene: those that are heard; and of one that carries ends of strings, such
-    as a board, these strings."""
+    """The bodies whose pitch is that of the scene: those that are heard; and where strings, bars or tubes are joined
+    with these, as with a board or the air in it, these alone."""
     names: list[str] = []
     for pickup in scene.pickup:
-        names += [c.body for c in scene.connection if c.kind == "end" and c.on == pickup.body] or [pickup.body]
+        joined = joined_bodies(scene, pickup.body)
+        names += [b.name for b in scene.body if b.name in joined and isinstance(b, String | Bar | Tube)] or [
+            pickup.body
+        ]
     return list(dict.fromkeys(names))
 
 

@@ -17,6 +17,7 @@ Faults = Iterator[InitErrorDetails]
 def check_connections(data: dict[str, Any], bodies: dict[str, Any]) -> Faults:
     """All faults of the connections of a document. bodies: its bodies by name"""
     ends: set[tuple[Any, Any]] = set()
+    walls: set[tuple[Any, Any]] = set()
     for i, table in tables_of(data, "connection"):
         path: KeyPath = ("connection", i)
         if table.get("kind", "spring") == "end":
@@ -31,6 +32,10 @@ def check_connections(data: dict[str, Any], bodies: dict[str, Any]) -> Faults:
             yield from _check_spring(path, table, bodies)
         elif table.get("kind") == "air":
             yield from _check_air(path, table, bodies)
+            wall = table.get("on"), table.get("wall", "top")
+            if kind_of(bodies.get(str(wall[0]))) is AirBox and wall in walls:
+                yield make_fault((*path, "wall"), wall[1], f"a sheet is its {wall[1]} already", "the other wall")
+            walls.add(wall)
 
 
 def _check_air(path: KeyPath, table: dict[str, Any], bodies: dict[str, Any]) -> Faults:
@@ -40,11 +45,17 @@ def _check_air(path: KeyPath, table: dict[str, Any], bodies: dict[str, Any]) -> 
     for key, table_of, one in (("body", body, kind), ("on", on, on_kind)):
         is_box = key == "on" and one is AirBox
         if table_of is not None and one is not None and not (is_box or issubclass(one, FlatSheet)):
-            message = f"{format_value(table[key])} is a {table_of.get('kind')}, which presses on no air"
-            yield make_fault((*path, key), table[key], message, "a membrane, a plate or a soundboard does")
+            message = f"{format_value(table[key])} is of kind {format_value(table_of.get('kind'))}"
+            yield make_fault(
+                (*path, key),
+                table[key],
+                f"{message}, which presses on no air",
+                "a membrane, a plate or a soundboard does",
+            )
     if is_given(table, "on") and table["on"] == table.get("body"):
         yield make_fault((*path, "on"), table["on"], "both sides are one sheet", "name another body")
-    if (on_kind is AirBox) == is_given(table, "volume"):
+    is_sheet_below = on_kind is None or issubclass(on_kind, FlatSheet)
+    if (is_sheet_below or on_kind is AirBox) and (on_kind is AirBox) == is_given(table, "volume"):
         remedy = "the air of a box has its own" if on_kind is AirBox else "give its volume in m³"
         where = (*path, "volume") if is_given(table, "volume") else path
         yield make_fault(where, table.get("volume"), f"{'a' if is_given(table, 'volume') else 'no'} volume", remedy)

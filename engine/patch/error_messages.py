@@ -143,7 +143,8 @@ def _describe_table_error(error: Any, location: Location) -> str:
         return f"{value} is not a table; write {header}" if path else "not a table of keys"
     if is_table:
         inner = list(_models_by_kind(field.annotation).values()) if field else []
-        needed = [k for m in inner[:1] for k, f in m.model_fields.items() if f.is_required()] or ["name"]
+        fields = inner[0].model_fields if inner else {}
+        needed = [k for k, f in fields.items() if f.is_required()] or list(fields)[:2] or ["name"]
         return f"{value} is not a table; write {_last_key(path)} = {{ {', '.join(f'{k} = …' for k in needed)} }}"
     if kind == "list_type":
         return f"{value} is not a list; write {_last_key(path)} = [ … ]: {_describe_field(field)}"

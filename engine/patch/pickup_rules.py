@@ -5,7 +5,7 @@ from typing import Any
 
 from pydantic_core import InitErrorDetails
 
-from engine.bodies import String
+from engine.bodies import AirBox, String, Tube
 from engine.bodies.table import KeyPath, is_given, make_fault
 from engine.patch.positions import check_positions, kind_of
 from engine.wording import format_value
@@ -26,6 +26,12 @@ def check_pickup(path: KeyPath, pickup: dict[str, Any], body: dict[str, Any] | N
     if quantity == "pressure" and body is not None and kind is not None and not kind.HAS_AREA:
         message = f"{format_value(body['name'])} is a {body['kind']}, which has no area"
         yield make_fault((*path, "quantity"), quantity, message, "a membrane or a plate has")
+    elif quantity == "pressure" and kind is AirBox and body is not None and not is_given(body, "hole"):
+        message = f"{format_value(pickup['body'])} has no hole, and nothing of it is heard"
+        yield make_fault((*path, "body"), pickup["body"], message, "a hole, or a pickup on its walls")
+    elif quantity == "pressure" and kind is Tube and has_place:
+        message = "the pressure of a tube is that of its mouth"
+        yield make_fault((*path, "at"), pickup["at"], message, "leave it out; another quantity has a place")
     elif quantity == "end_force":
         yield from _check_end(path, pickup, body)
     elif quantity not in ("force", "pressure") or has_place:

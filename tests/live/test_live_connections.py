@@ -41,6 +41,37 @@ def test_played_as_written_it_is_what_is_rendered():
     assert np.abs(played[fade:] - 1e-3 * audio[fade:]).max() <= 1e-6 * 1e-3 * np.abs(audio).max()
 
 
+STRING = {"name": "s", "kind": "string", "length": 0.65, "mass": 4e-3, "frequency": 196.0, "sigma0": 1.0}
+TOP = {"name": "top", "kind": "plate", "size": [0.48, 0.36], "density": 1.6, "frequency": 180.0, "modes": 12}
+TOP |= {"sigma0": 9.0}
+BOX = {"name": "box", "kind": "air", "size": [0.48, 0.36, 0.1], "hole": {"radius": 0.04}, "sigma0": 10.0}
+END = {"kind": "end", "body": "s", "at": 1, "on": "top", "on_at": [0.4, 0.4]}
+PLUCK = {"body": "s", "kind": "half_sine", "at": 0.2, "amplitude": 1.0, "duration": 0.002}
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.5, 1.9])
+@pytest.mark.parametrize("one_way", [False, True])
+def test_a_voice_that_is_heard_through_board_and_air_is_tuned(ratio, one_way):
+    """Its string is, whether it rides on the board or drives it; as built at that pitch."""
+    air = {"kind": "air", "body": "top", "on": "box"}
+    told = engine.Scene.model_validate(
+        {"body": [STRING, TOP, BOX], "connection": [END | {"one_way": one_way}, air], "force": [PLUCK]}
+        | {"pickup": [{"body": "box"}]}
+    )
+    assert sounding_bodies(told) == ["s"]
+    heard = []
+    for lowest, voice, voices in ((1.0, 1, 2), (ratio, 0, 1)):
+        player = Player(told, gain=1e-3, seconds=math.inf, voices=voices, lowest=lowest)
+        player.tune(voice, ratio)
+        player.pluck(f"s_{voice}")
+        out = np.zeros((8820, player.channels), np.float32)
+        player.render_into(out)
+        heard.append(out)
+        assert player.meter()["energy_error"] <= 1e-12
+    assert np.abs(heard[1]).max() > 0.0
+    assert np.abs(heard[0] - heard[1]).max() <= 1e-5 * np.abs(heard[1]).max()
+
+
 @pytest.mark.parametrize("ratio", [1.0, 1.5, 1.9])
 def test_a_voice_on_a_board_sounds_as_built_at_its_pitch(ratio):
     """A voice that is tuned from an octave lower has the coefficients of one that was built so: mode by mode."""

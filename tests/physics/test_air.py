@@ -145,13 +145,14 @@ def test_what_flows_out_of_a_hole_is_heard():
 
 
 BAD = [
-    ({"body": "hammer", "on": "box"}, '"hammer" is a mass, which presses on no air'),
-    ({"body": "top", "on": "hammer", "volume": 0.1}, '"hammer" is a mass, which presses on no air'),
+    ({"body": "hammer", "on": "box"}, '"hammer" is of kind "mass", which presses on no air'),
+    ({"body": "top", "on": "hammer", "volume": 0.1}, '"hammer" is of kind "mass", which presses on no air'),
     ({"body": "top", "on": "box", "volume": 0.1}, "a volume; the air of a box has its own"),
     ({"body": "top"}, "no volume; give its volume in m³"),
     ({"body": "top", "on": "top", "volume": 0.1}, "both sides are one sheet"),
     ({"body": "drum", "on": "box"}, '"drum" is a circle, and no wall of a box'),
     ({"body": "top", "volume": 0.1, "wall": "top"}, "a wall without a box"),
+    ({"body": "top", "on": "tube"}, '"tube" is of kind "tube", which presses on no air'),
 ]
 
 
@@ -159,7 +160,8 @@ BAD = [
 def test_what_is_wrong_with_air_is_said(keys, says):
     drum = {"name": "drum", "kind": "membrane", "radius": 0.2, "density": 0.3, "frequency": 100.0}
     with pytest.raises(ValueError) as error:
-        bodies = [TOP, BOX, drum, {"name": "hammer", "kind": "mass", "mass": 1.0}]
+        tube = {"name": "tube", "kind": "tube", "length": 0.5, "radius": 0.02}
+        bodies = [TOP, BOX, drum, tube, {"name": "hammer", "kind": "mass", "mass": 1.0}]
         scene(bodies, connection=[{"kind": "air"} | keys], pickup=HEARD)
     assert says in str(error.value)
 
@@ -168,3 +170,20 @@ def test_a_tube_is_tuned_by_its_length():
     tube = Tube(name="t", kind="tube", length=0.6, radius=0.02)
     f, higher = (t.modal_body(3000.0).omega[:3] for t in (tube, tube.retuned(1.5)))
     np.testing.assert_allclose(higher, 1.5 * f, rtol=1e-12)
+
+
+def test_a_wall_has_one_sheet():
+    with pytest.raises(ValueError, match="a sheet is its top already; the other wall"):
+        scene([TOP, TOP | {"name": "other"}, BOX], connection=[JOIN, JOIN | {"body": "other"}], pickup=HEARD)
+
+
+def test_a_box_without_a_hole_is_not_heard():
+    closed = {key: value for key, value in BOX.items() if key != "hole"}
+    with pytest.raises(ValueError, match='"box" has no hole, and nothing of it is heard'):
+        scene([TOP, closed], connection=[JOIN], pickup=[{"body": "box"}])
+
+
+def test_a_hole_too_high_for_the_sample_rate_is_refused():
+    tiny = BOX | {"size": [1e-3, 1e-3, 1e-3], "hole": {"radius": 4e-4}}
+    with pytest.raises(engine.BuildError, match="has a hole that resonates above"):
+        engine.render(scene([tiny, TOP], connection=[JOIN], pickup=HEARD), seconds=0.1)

@@ -135,3 +135,41 @@ def test_a_mode_that_is_not_there_is_refused():
     body = string(displacement={"kind": "mode", "number": 500, "amplitude": 1e-3})
     with pytest.raises(engine.BuildError, match=r"has no mode 500 below 0\.49 of the sample rate; a lower one"):
         engine.render(scene([keys(body)], pickup=[{"body": "s", "at": 0.2}], seconds=0.1))
+
+
+@pytest.mark.parametrize("kind", ["rectangle", "circle"])
+@pytest.mark.parametrize("modes", [200, 3000])
+def test_the_energy_of_a_cone_does_not_grow_with_the_modes(kind, modes):
+    """½·T·∫|∇y|² of the shape itself, from which the modes that are left out are missing."""
+    body = SHEETS[kind].model_copy(update={"modes": modes})
+    begin = {"kind": "triangle", "at": [0.5, 0.5], "amplitude": 1e-3}
+    modal = type(body)(**keys(body) | {"displacement": begin}).modal_body(math.inf)
+    energy = float(np.sum((modal.omega * modal.q) ** 2) / 2)
+    if kind == "circle":  # slope h/a
+        tension = 0.3 * (2 * math.pi * 100.0 * 0.2 / 2.404825557695773) ** 2
+        exact = 0.5 * tension * math.pi * 1e-6
+    else:  # 2h/a on two of the triangles, 2h/b on the others
+        tension = 0.3 * (2 * math.pi * 100.0) ** 2 / (math.pi**2 * (1 / 0.4**2 + 1 / 0.3**2))
+        exact = 0.5 * tension * 0.12 * 2e-6 * (1 / 0.4**2 + 1 / 0.3**2)
+    assert energy < exact * (1 + 1e-3)
+    assert energy == pytest.approx(exact, rel=0.05 if modes == 200 else 0.02)
+
+
+def test_a_mode_is_as_large_as_asked_where_it_is_largest():
+    """At the free end of a bar, which no point of a quadrature is."""
+    bar = {"name": "b", "kind": "bar", "length": 0.4, "mass": 0.2, "frequency": 100.0, "modes": 5}
+    body = Bar(**bar | {"displacement": {"kind": "mode", "number": 2, "amplitude": 1e-3}})
+    assert abs(displacement_at(body, 0.0)) == pytest.approx(1e-3, rel=1e-9)
+    disc = Plate(name="p", kind="plate", density=7.8, frequency=80.0, radius=0.2, edges="free", modes=8,
+                 displacement={"kind": "mode", "amplitude": 1e-3})  # fmt: skip
+    rim = max(
+        abs(displacement_at(disc, [0.5 + 0.5 * math.cos(t), 0.5 + 0.5 * math.sin(t)])) for t in np.linspace(0, 7, 200)
+    )
+    assert rim == pytest.approx(1e-3, rel=2e-3)
+
+
+def test_points_on_a_line_are_no_sheet():
+    begin = {"kind": "points", "x": [0.1, 0.5, 0.9], "y": [0.5, 0.5, 0.5], "value": [0.0, 1e-3, 0.0]}
+    body = keys(SHEETS["rectangle"]) | {"displacement": begin}
+    with pytest.raises(engine.BuildError, match="begins with points that lie on a line"):
+        engine.render(scene([body], pickup=[{"body": "m", "at": [0.2, 0.3]}], seconds=0.1))

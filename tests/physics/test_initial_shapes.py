@@ -173,3 +173,13 @@ def test_points_on_a_line_are_no_sheet():
     body = keys(SHEETS["rectangle"]) | {"displacement": begin}
     with pytest.raises(engine.BuildError, match="begins with points that lie on a line"):
         engine.render(scene([body], pickup=[{"body": "m", "at": [0.2, 0.3]}], seconds=0.1))
+
+
+def test_a_file_and_lists_exclude_each_other(tmp_path):
+    (tmp_path / "shape.csv").write_text("x,value\n0,0\n1,0\n")
+    (tmp_path / "p.toml").write_text(
+        f'[[body]]\nname = "s"\nkind = "string"\nlength = {L}\nmass = {MASS}\nfrequency = 261.6\n'
+        'displacement = { kind = "points", file = "shape.csv", x = [0.0, 1.0] }\n[[pickup]]\nbody = "s"\nat = 0.2\n'
+    )
+    with pytest.raises(engine.PatchError, match="file and x given; give one of them"):
+        engine.load(tmp_path / "p.toml")

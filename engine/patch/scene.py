@@ -134,11 +134,11 @@ def _read_body_files(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any]
         if not isinstance(table, dict) or not isinstance(table.get("file"), str):
             return table
         try:
-            content = read(folder / table["file"])
-            if twice := [key for key in content if table.get(key) is not None]:
+            columns = read(folder / table["file"])
+            if twice := [key for key in columns if table.get(key) is not None]:
                 message = f"file and {twice[0]} given"
                 faults.append(make_fault((*path, "file"), table["file"], message, "give one of them"))
-            return {k: v for k, v in table.items() if k != "file"} | content
+            return {k: v for k, v in table.items() if k != "file"} | columns
         except (OSError, ValueError) as error:
             faults.append(_make_file_fault((*path, "file"), table["file"], "CSV", error, content))
             return table

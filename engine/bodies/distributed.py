@@ -148,12 +148,12 @@ class DistributedBody(BodyTable):
             yield make_fault((*path, ways[0]), table[ways[0]], f"{ways[0]} and {ways[1]} given", remedy)
         yield from t60_faults(path, table, "t60", "t60_at")
         law = table.get("decay")
-        if isinstance(law, dict) and law.get("kind") in DECAY_LAWS:
-            yield from DECAY_LAWS[law["kind"]].faults((*path, "decay"), law)
+        if isinstance(law, dict) and str(law.get("kind")) in DECAY_LAWS:
+            yield from DECAY_LAWS[str(law["kind"])].faults((*path, "decay"), law)
         for key in ("displacement", "velocity"):
             begin = table.get(key)
-            if isinstance(begin, dict) and begin.get("kind") in INITIAL_SHAPES:
-                kind = INITIAL_SHAPES[begin["kind"]]
+            if isinstance(begin, dict) and str(begin.get("kind")) in INITIAL_SHAPES:
+                kind = INITIAL_SHAPES[str(begin["kind"])]
                 yield from kind.faults((*path, key), begin, is_sheet=not cls.HAS_LENGTH)
 
 

@@ -13,7 +13,9 @@ Edge = Literal["supported", "clamped", "free"]
 
 POWERS: dict[Edge, int] = {"free": 0, "supported": 1, "clamped": 2}  # of the distance from an edge in all shapes
 MAX_RITZ_MODES = 400  # of a body whose modes are found so and that does not say how many
-MAX_PRODUCTS = 8_000  # of functions: beyond, matrices take gigabytes and minutes
+MAX_RATE_STEPS = 2_000  # of a search, 5 % each
+MAX_FUNCTIONS = 400  # of one side
+MAX_PRODUCTS = 6_000  # of functions: beyond, matrices take gigabytes and minutes
 ROOM_ABOVE = 1.02  # the highest mode may be so much above the frequency for which the functions were chosen
 
 
@@ -108,6 +110,8 @@ def lowest_products(
     m, n = numbers[frequency(numbers, one) <= high], numbers[frequency(one, numbers) <= high]
     m, n = (grid.ravel() for grid in np.meshgrid(m, n, indexing="ij"))
     omega = frequency(m, n)
+    if not np.all(np.isfinite(omega)) or omega.size == 0:
+        raise ValueError("numbers beyond floating point")
     order = np.argsort(omega, kind="stable")[:count]
     return m[order], n[order], omega[order]
 
@@ -206,7 +210,7 @@ def rib_rates(sheet: Sheet, rib: Rib, omega: float) -> tuple[float, float]:
     d, inertia = sheet.stiffness, sheet.density * omega**2
     along, across = (d.y, d.x) if rib.along == "y" else (d.x, d.y)
     k = free_wave = (inertia / along) ** 0.25
-    while True:
+    for _ in range(MAX_RATE_STEPS):
         mean = (d.coupling + 2 * d.twist) / across * k**2  # of γ1² and γ2²
         product = math.sqrt(max(along * k**4 - inertia, 0.0) / across)
         if rib.bending * k**4 + 2 * across * product * math.sqrt(2 * (mean + product)) >= rib.density * omega**2:
@@ -325,13 +329,14 @@ class SideFunctions:
 
 def ritz_modes(sheet: Sheet, polynomials: Sequence[int], count: int, max_omega: float) -> PlateModes:
     """Modes in products of so many polynomials of x and of y, and of the cubics of the ribs."""
+    ribs = [len({rib.at for rib in sheet.ribs_across(axis)}) for axis in range(2)]
+    along, across = (n + more for n, more in zip(polynomials, ribs, strict=True))
+    if along * across > MAX_PRODUCTS or max(along, across) > MAX_FUNCTIONS:
+        raise UnfitBody(f"needs {along} by {across} functions for its modes; fewer modes or ribs, or nearer to a board")
     axes = [
         SideFunctions(sheet.edges[axis], polynomials[axis], [rib.at for rib in sheet.ribs_across(axis)])
         for axis in range(2)
     ]
-    products_of_functions = math.prod(axis.odd.size for axis in axes)
-    if products_of_functions > MAX_PRODUCTS:
-        raise UnfitBody(f"needs {products_of_functions} products of functions for its modes; fewer modes or ribs")
     stiffness, mass = energies(sheet, axes)
     rigid = rigid_products(sheet)
     shift = float(lowest_products(sheet.sides, sheet.stiffness, sheet.density, sheet.tension, 1)[2][0]) ** 2

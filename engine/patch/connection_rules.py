@@ -16,13 +16,14 @@ Faults = Iterator[InitErrorDetails]
 
 def check_connections(data: dict[str, Any], bodies: dict[str, Any]) -> Faults:
     """All faults of the connections of a document. bodies: its bodies by name"""
-    ends: set[tuple[Any, Any]] = set()
-    walls: set[tuple[Any, Any]] = set()
+    ends: set[tuple[str, float | None]] = set()
+    walls: set[tuple[str, str]] = set()
     for i, table in tables_of(data, "connection"):
         path: KeyPath = ("connection", i)
         if table.get("kind", "spring") == "end":
             yield from _check_end(path, table, bodies)
-            end = (table.get("body"), table.get("at"))
+            at = table.get("at")
+            end = (str(table.get("body")), float(at) if at is not None and is_number(at) else None)
             if end in ends:
                 yield make_fault(
                     (*path, "at"), table.get("at"), "that end rides on something already", "one for each end"
@@ -32,8 +33,8 @@ def check_connections(data: dict[str, Any], bodies: dict[str, Any]) -> Faults:
             yield from _check_spring(path, table, bodies)
         elif table.get("kind") == "air":
             yield from _check_air(path, table, bodies)
-            wall = table.get("on"), table.get("wall", "top")
-            if kind_of(bodies.get(str(wall[0]))) is AirBox and wall in walls:
+            wall = str(table.get("on")), str(table.get("wall", "top"))
+            if kind_of(bodies.get(wall[0])) is AirBox and wall in walls:
                 yield make_fault((*path, "wall"), wall[1], f"a sheet is its {wall[1]} already", "the other wall")
             walls.add(wall)
 

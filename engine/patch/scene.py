@@ -111,7 +111,7 @@ def _repeat_error(error: Any, data: Any) -> InitErrorDetails:
         path: KeyPath = ()
         value = data
         for part in error["loc"]:
-            if isinstance(value, dict) and part not in value and part == value.get("kind"):
+            if isinstance(value, dict) and part not in value:
                 continue  # pydantic puts a table's kind there
             path, value = (*path, part), value[part]
         message, _, remedy = error["msg"].partition("; ")

@@ -418,7 +418,7 @@ def test_mutated_patches_are_refused_or_render(seed, tmp_path):
         if len(kinds) < MOST_KINDS and time.monotonic() < end:
             kinds.add(kind)
         if kind in kinds:
-            audio = np.zeros((64, max(pickup.channel for pickup in scene.pickup)))
+            audio = np.zeros((64, scene.channels))
             Simulation(model, state).render_block(audio)
             outcomes["rendered"] += 1
             assert np.isfinite(audio).all(), text

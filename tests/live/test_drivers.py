@@ -3,6 +3,7 @@ captured by a second process. Each is skipped, with its reason, where its librar
 
 import contextlib
 import json
+import math
 import os
 import shutil
 import signal
@@ -361,9 +362,13 @@ def test_the_compiled_callback_does_not_wait_for_python(jack):
     """While Python is in calls that hold its lock for 30 ms or more, the callback in Python comes late; the compiled
     one does not. As a ratio: a machine without real-time rights may lose a block of either."""
     environment, _ = jack
-    late = {}
-    for compiled in (True, False):
-        found = played(compiled, 256, "a long call", 3.0, os.environ | environment, "piano_c4")
-        late[compiled] = found["gaps"] + max(0.0, 1.0 - found["calls"]) * 3.0 * 44_100 / 256
+    late = {True: math.inf, False: math.inf}
+    for _ in range(3):  # the least of each: what else the machine does only makes them later
+        for compiled in late:
+            found = played(compiled, 256, "a long call", 3.0, os.environ | environment, "piano_c4")
+            lost = found["gaps"] + max(0.0, 1.0 - found["calls"]) * 3.0 * 44_100 / 256
+            late[compiled] = min(late[compiled], lost)
+        if late[True] < late[False] / 4:
+            break
     assert late[False] > 20
     assert late[True] < late[False] / 4

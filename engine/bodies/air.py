@@ -2,17 +2,15 @@
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterator
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field
-from pydantic_core import InitErrorDetails
 
 from engine.bodies.body import MAX_MODES, ModalBody, UnfitBody
 from engine.bodies.distributed import DistributedBody, ModeSet, mode_numbers
 from engine.bodies.initial_shape import Profile, Quadrature, line_quadrature, peak_of_line
-from engine.bodies.table import KeyPath, Positive, Table, is_given, make_fault
+from engine.bodies.table import Positive, Table, is_given
 
 AIR_DENSITY = 1.204  # ρ at 20 °C, kg/m³
 SPEED_OF_SOUND = 343.2  # c at 20 °C, m/s
@@ -26,17 +24,21 @@ class AirBody(DistributedBody):
     HEARD: ClassVar[str] = "pressure"
     HAS_AREA: ClassVar[bool] = True
 
+    BEGINS_AT_REST: ClassVar[bool] = True
+
     @abstractmethod
     def opening(self) -> float:
         """Area of its opening, m²; 0 without one."""
 
-    @classmethod
-    def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
-        """Air is at rest at time 0."""
-        yield from super().faults(path, table)
-        for key in ("displacement", "velocity"):
-            if is_given(table, key):
-                yield make_fault((*path, key), table[key], "air begins at rest", "leave it out")
+    @abstractmethod
+    def volume_row(self, body: ModalBody) -> np.ndarray:
+        """The volume that flows out of it per mode [modes], m²/√kg. body: its modes"""
+
+    def quadrature(self, modes: int, kinks: list[float]) -> Quadrature:
+        return line_quadrature(modes + 2, kinks, self.total_mass())
+
+    def peak(self, at: Any) -> Profile:
+        return peak_of_line(at)
 
 
 class Hole(Table):
@@ -122,12 +124,6 @@ class AirBox(AirBody):
         """The volume that flows out of the hole per mode [modes], m²/√kg."""
         return self.opening() * body.shape("hole")
 
-    def quadrature(self, modes: int, kinks: list[float]) -> Quadrature:
-        raise NotImplementedError  # it begins at rest
-
-    def peak(self, at: Any) -> Profile:
-        raise NotImplementedError
-
     @classmethod
     def has_position(cls, table: dict[str, Any], item: Any) -> bool:
         return item == "hole" and is_given(table, "hole")
@@ -191,9 +187,3 @@ class Tube(AirBody):
     def volume_row(self, body: ModalBody) -> np.ndarray:
         """The volume that flows out of its open ends per mode [modes], m²/√kg."""
         return self.opening() * (body.shape(1.0) - (body.shape(0.0) if self.ends == "open" else 0.0))
-
-    def quadrature(self, modes: int, kinks: list[float]) -> Quadrature:
-        return line_quadrature(modes + 2, kinks, self.total_mass())
-
-    def peak(self, at: Any) -> Profile:
-        return peak_of_line(at)

@@ -156,5 +156,5 @@ def characteristic_roots(edge: Edge, poisson: float, pull: float, top: float) ->
         middle = (low + high) / 2
         is_above = np.sign(characteristic_function(edge, poisson, rim_values(order, middle, pull))) == sign
         low, high = np.where(is_above, low, middle), np.where(is_above, middle, high)
-    found = high < top
-    return order[found], high[found]
+    is_below = high < top
+    return order[is_below], high[is_below]

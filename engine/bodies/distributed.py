@@ -22,6 +22,7 @@ from engine.bodies.initial_shape import (
     peak_of_line,
 )
 from engine.bodies.table import KeyPath, Positions, Positive, Table, is_given, make_fault
+from engine.wording import format_value
 
 AUDIBLE = 20_000.0  # Hz
 MAX_SUPPORTS = 256  # of a body
@@ -82,9 +83,7 @@ class DistributedBody(BodyTable):
     displacement: Initial | None = Field(default=None, description="displacement at time 0")
     velocity: Initial | None = Field(default=None, description="velocity at time 0")
 
-    def volume_row(self, body: ModalBody) -> np.ndarray:
-        """The volume of air that each mode displaces [modes], m²/√kg, where the body HAS_AREA. body: its modes"""
-        raise NotImplementedError
+    BEGINS_AT_REST: ClassVar[bool] = False  # without `displacement` and `velocity`
 
     @abstractmethod
     def free_modes(self, max_omega: float) -> ModeSet:
@@ -152,6 +151,10 @@ class DistributedBody(BodyTable):
             yield from DECAY_LAWS[str(law["kind"])].faults((*path, "decay"), law)
         for key in ("displacement", "velocity"):
             begin = table.get(key)
+            if begin is not None and cls.BEGINS_AT_REST:
+                message = f"a body of kind {format_value(table['kind'])} begins at rest"
+                yield make_fault((*path, key), begin, message, "leave it out, or a force")
+                continue
             if isinstance(begin, dict) and str(begin.get("kind")) in INITIAL_SHAPES:
                 kind = INITIAL_SHAPES[str(begin["kind"])]
                 yield from kind.faults((*path, key), begin, is_sheet=not cls.HAS_LENGTH)

@@ -259,8 +259,8 @@ class SideFunctions:
             size = np.linalg.norm(rest, axis=0)
             share = smooth.T @ rest
             rest -= smooth @ share
-            again = smooth.T @ rest  # what rounding left
-            rest, share = rest - smooth @ again, share + again
+            remainder = smooth.T @ rest  # what rounding left
+            rest, share = rest - smooth @ remainder, share + remainder
             norm = np.linalg.norm(rest, axis=0)
             keep = norm > 1e-13 * size  # at an edge it is a polynomial
             rest, norm, share, pairs = rest[:, keep], norm[keep], share[:, keep], pairs[:, keep]

@@ -1,19 +1,16 @@
 """Thin cylindrical shells."""
 
 import math
-from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any, ClassVar, Literal
 
 from pydantic import Field
-from pydantic_core import InitErrorDetails
 
 from engine.bodies.cylinder_modes import Shell, cylinder_modes
 from engine.bodies.distributed import ModeSet
 from engine.bodies.initial_shape import Profile, Quadrature, peak_of_rectangle, rectangle_quadrature
 from engine.bodies.plate_modes import MAX_RITZ_MODES
 from engine.bodies.sheet import SheetBody
-from engine.bodies.table import KeyPath, is_given, make_fault
 
 shell_modes = lru_cache(16)(cylinder_modes)
 
@@ -31,6 +28,7 @@ class CylindricalShell(SheetBody):
     density: float = Field(gt=0.0, le=1e6, description="density of the material, kg/m³")
     ends: Literal["free", "supported", "clamped"] = Field(default="free", description="how its two rims are held")
 
+    BEGINS_AT_REST: ClassVar[bool] = True
     PITCH_POWERS: ClassVar[dict[str, int]] = {"young": 2}
 
     def free_modes(self, max_omega: float) -> ModeSet:
@@ -48,14 +46,6 @@ class CylindricalShell(SheetBody):
 
     def peak(self, at: Any) -> Profile:
         return peak_of_rectangle(at)
-
-    @classmethod
-    def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
-        """A shell begins at rest."""
-        yield from super().faults(path, table)
-        for key in ("displacement", "velocity"):
-            if is_given(table, key):
-                yield make_fault((*path, key), table[key], "a shell begins at rest", "leave it out, or a force")
 
     @classmethod
     def position_help(cls, table: dict[str, Any]) -> str:

@@ -1,18 +1,16 @@
 """Ribbed soundboards of wood, from their dimensions."""
 
 import math
-from collections.abc import Iterator
 from functools import lru_cache
-from typing import Any, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
-from pydantic_core import InitErrorDetails
 
 from engine.bodies.decay import LossFactorDecay
 from engine.bodies.distributed import ModeSet
 from engine.bodies.plate_modes import PlateStiffness, Rib, rectangle_plate_modes
 from engine.bodies.sheet import FlatSheet
-from engine.bodies.table import Fraction, KeyPath, Positive, Table, is_given, make_fault
+from engine.bodies.table import Fraction, Positive, Table
 
 MAX_BOARD_MODES = 200  # of a soundboard that does not say how many
 LOSS_FACTOR = 0.02  # of a soundboard that gives no loss (Ege, Boutillon & Rébillat, J. Sound Vib. 332, 2013: 1 to 3 %)
@@ -75,6 +73,8 @@ class Soundboard(FlatSheet):
     ribs: Ribs | None = Field(default=None, description="ribs across the grain")
     bridges: list[GluedBridge] = Field(default=[], max_length=16, description="bridges glued to it")
 
+    BEGINS_AT_REST: ClassVar[bool] = True  # its ribs are part of its mass
+
     def free_modes(self, max_omega: float) -> ModeSet:
         """Modes of an orthotropic plate with beams on it (engine.bodies.plate_modes)."""
         a, b = self.size
@@ -115,9 +115,11 @@ class Soundboard(FlatSheet):
         glued, board = WOODS[cut.wood], WOODS[self.wood]
         modulus = board.across if along == "y" else board.along
         strip = min(spacing, self.size[1 if along == "y" else 0] / 5)
-        stretch, own = glued.along * cut.width * cut.height, modulus * strip * self.thickness
+        stretch, stretch_of_board = glued.along * cut.width * cut.height, modulus * strip * self.thickness
         apart = (cut.height + self.thickness) / 2
-        bending = glued.along * cut.width * cut.height**3 / 12 + apart**2 * stretch * own / (stretch + own)
+        bending = glued.along * cut.width * cut.height**3 / 12 + apart**2 * stretch * stretch_of_board / (
+            stretch + stretch_of_board
+        )
         return Rib(along, at, bending, glued.density * cut.width * cut.height)
 
     def total_mass(self) -> float:
@@ -130,11 +132,3 @@ class Soundboard(FlatSheet):
 
     def area(self) -> float:
         return self.size[0] * self.size[1]
-
-    @classmethod
-    def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
-        """A soundboard begins at rest: its ribs are part of its mass."""
-        yield from super().faults(path, table)
-        for key in ("displacement", "velocity"):
-            if is_given(table, key):
-                yield make_fault((*path, key), table[key], "a soundboard begins at rest", "leave it out, or a force")

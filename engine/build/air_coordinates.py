@@ -73,13 +73,13 @@ def _box(
     groups = []
     for wave, parts in enumerate(rows):
         walls = Coordinate(f"connection[{k}]", k, {b: row / np.sqrt(scale) for b, row in parts.items()})
-        own = np.zeros(modal.omega.size)
+        row = np.zeros(modal.omega.size)
         mode = wave - 1 + plug  # of uniform pressure: the plug of the hole
         if mode < 0:
             groups.append(([walls._replace(stiffness=scale)], np.zeros((1, 1))))
             continue
-        own[mode] = modal.omega[mode] / np.sqrt(scale)
-        air = Coordinate(f"connection[{k}]", k, {number: own})
+        row[mode] = modal.omega[mode] / np.sqrt(scale)
+        air = Coordinate(f"connection[{k}]", k, {number: row})
         groups.append(([air, walls], scale * np.array([[0.0, 1.0], [1.0, 1.0]])))
     return groups
 

@@ -6,9 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from engine.bodies.air import AIR_DENSITY
+from engine.bodies.air import AIR_DENSITY, AirBody
 from engine.bodies.body import ModalBody
-from engine.bodies.distributed import DistributedBody
 from engine.bodies.sheet import FlatSheet
 from engine.build.body_point import NOWHERE, BodyPoint
 from engine.build.connection_coordinates import end_force_parts
@@ -83,7 +82,7 @@ def _points(
     body, modal = scene.body[numbers[pickup.body]], bodies[numbers[pickup.body]]
     places = body.split_positions(pickup.at)
     if pickup.quantity == "pressure":
-        assert isinstance(body, DistributedBody)
+        assert isinstance(body, FlatSheet | AirBody)
         if pickup.at is None or not isinstance(body, FlatSheet):
             row = body.volume_row(modal)
         else:

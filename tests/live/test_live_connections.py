@@ -41,6 +41,21 @@ def test_played_as_written_it_is_what_is_rendered():
     assert np.abs(played[fade:] - 1e-3 * audio[fade:]).max() <= 1e-6 * 1e-3 * np.abs(audio).max()
 
 
+def compare_voices(scene, ratio, play):
+    """A voice tuned from an octave lower sounds as one that was built at its pitch. play: sounds a voice of a player"""
+    heard = []
+    for lowest, voice, voices in ((1.0, 1, 2), (ratio, 0, 1)):
+        player = Player(scene, gain=1e-3, seconds=math.inf, voices=voices, lowest=lowest)
+        player.tune(voice, ratio)
+        play(player, voice)
+        out = np.zeros((8820, player.channels), np.float32)
+        player.render_into(out)
+        heard.append(out)
+        assert player.meter()["energy_error"] <= 1e-12
+    assert np.abs(heard[1]).max() > 0.0
+    assert np.abs(heard[0] - heard[1]).max() <= 1e-5 * np.abs(heard[1]).max()
+
+
 STRING = {"name": "s", "kind": "string", "length": 0.65, "mass": 4e-3, "frequency": 196.0, "sigma0": 1.0}
 TOP = {"name": "top", "kind": "plate", "size": [0.48, 0.36], "density": 1.6, "frequency": 180.0, "modes": 12}
 TOP |= {"sigma0": 9.0}
@@ -59,35 +74,14 @@ def test_a_voice_that_is_heard_through_board_and_air_is_tuned(ratio, one_way):
         | {"pickup": [{"body": "box"}]}
     )
     assert sounding_bodies(told) == ["s"]
-    heard = []
-    for lowest, voice, voices in ((1.0, 1, 2), (ratio, 0, 1)):
-        player = Player(told, gain=1e-3, seconds=math.inf, voices=voices, lowest=lowest)
-        player.tune(voice, ratio)
-        player.pluck(f"s_{voice}")
-        out = np.zeros((8820, player.channels), np.float32)
-        player.render_into(out)
-        heard.append(out)
-        assert player.meter()["energy_error"] <= 1e-12
-    assert np.abs(heard[1]).max() > 0.0
-    assert np.abs(heard[0] - heard[1]).max() <= 1e-5 * np.abs(heard[1]).max()
+    compare_voices(told, ratio, lambda player, voice: player.pluck(f"s_{voice}"))
 
 
 @pytest.mark.parametrize("ratio", [1.0, 1.5, 1.9])
 def test_a_voice_on_a_board_sounds_as_built_at_its_pitch(ratio):
     """A voice that is tuned from an octave lower has the coefficients of one that was built so: mode by mode."""
     scene = engine.Scene.model_validate(struck_choir(2))
-    tuned = Player(scene, gain=1e-3, seconds=math.inf, voices=2, lowest=1.0)
-    built = Player(scene, gain=1e-3, seconds=math.inf, voices=1, lowest=ratio)
-    heard = []
-    for player, voice in ((tuned, 1), (built, 0)):
-        player.tune(voice, ratio)
-        player.strike(f"hammer_{voice}", velocity=2.0)
-        out = np.zeros((8820, player.channels), np.float32)
-        player.render_into(out)
-        heard.append(out)
-        assert player.meter()["energy_error"] <= 1e-12
-    assert np.abs(heard[1]).max() > 0.0
-    assert np.abs(heard[0] - heard[1]).max() <= 1e-5 * np.abs(heard[1]).max()
+    compare_voices(scene, ratio, lambda player, voice: player.strike(f"hammer_{voice}", velocity=2.0))
 
 
 def test_knobs_of_connections_are_listed_and_others_refused():

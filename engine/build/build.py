@@ -72,8 +72,8 @@ def build(
     one_partition_per_island: also where islands are small (engine.analysis.profile measures them)
     event_capacity:     for how many events that the scene does not name there are slots (engine.live.player)
     variable_exponents: exponents will be changed, beyond what the score says
-    Raises BuildError if a body vibrates too fast for the sample rate, if the accuracy asked for has
-    steps back in time and a contact has loss, or if there is no memory for so much (engine.build.limits).
+    Raises BuildError if a body vibrates too fast for the sample rate, if the accuracy asked for has steps back in time
+    and modes are heavily damped, or if there is no memory for so much (engine.build.limits).
     """
     accuracy = accuracy or scene.accuracy
     layout = check_and_layout(scene, samplerate, accuracy, seconds, live=event_capacity > 0)
@@ -105,7 +105,6 @@ def build(
         free_masses=_free_masses(layout),
         sleep_threshold=10 ** (accuracy.silence / 20),
     )
-    _refuse_loss_backwards(model, accuracy)
     state = initial_state(layout, model)
     _refuse_deep(layout, state)
     if accuracy.precision == "float32":
@@ -296,14 +295,6 @@ def _pickups(layout: Layout) -> Pickups:
         contact=np.array(contact, dtype=np.int64),
         contact_sign=np.array(sign, dtype=float),
     )
-
-
-def _refuse_loss_backwards(model: Model, accuracy: Accuracy) -> None:
-    """Refuse contact loss in steps back in time."""
-    contact = model.step.contact
-    if accuracy.order > 2 and contact is not None and contact.loss_rate is not None:
-        message = f"order {accuracy.order} has steps back in time, in which contact loss would create energy"
-        raise BuildError(Fault("accuracy.order", f"{message}; order = 2, and substeps instead"))
 
 
 def _refuse_deep(layout: Layout, state: State) -> None:

@@ -5,8 +5,10 @@ import numpy as np
 from engine.build.layout import Layout
 from engine.build.mode_coefficients import damped_coefficients, is_heavily_damped, stage_coefficients
 from engine.build.step_coefficients import ModeCoefficients, stack, step_coefficients
-from engine.kernel.model import ModalLoss, Refinement
+from engine.kernel.model import ContactLoss, ModalLoss, Refinement
 from engine.patch.accuracy import Accuracy, stage_lengths
+
+MAX_LOSS_IN_STEP = 0.5  # μ·f·W·h/2, of contact loss between stages: beyond, a step of order 2 errs no more
 
 
 def build_refinement(layout: Layout, kick: np.ndarray, accuracy: Accuracy, samplerate: float) -> Refinement | None:
@@ -17,13 +19,23 @@ def build_refinement(layout: Layout, kick: np.ndarray, accuracy: Accuracy, sampl
     kinds = sorted(set(lengths))
     omega, sigma = layout.concatenate_modes("omega"), layout.concatenate_modes("sigma")
     h = 1.0 / samplerate
+    contact_loss = _contact_loss(layout, h / accuracy.substeps) if accuracy.order > 2 else None
+    if contact_loss is not None:
+        kinds = sorted({*kinds, 1 / accuracy.substeps})
     damped = is_heavily_damped(omega, sigma, h) & (accuracy.scheme == "exact" and accuracy.order == 2)
     modes = [_stage_of_modes(kick, omega, sigma, accuracy.scheme, length, h, damped) for length in kinds]
     weight = np.abs(layout.scene.gravity * layout.concatenate_modes("gravity_participation"))
     return Refinement(
         stages=stack(
             [
-                step_coefficients(layout, m, samplerate, length, is_damped=accuracy.order == 2)
+                step_coefficients(
+                    layout,
+                    m,
+                    samplerate,
+                    length,
+                    is_damped=accuracy.order == 2,
+                    loses_at_contacts=contact_loss is None or length == 1 / accuracy.substeps,
+                )
                 for m, length in zip(modes, kinds, strict=True)
             ]
         ),
@@ -31,7 +43,13 @@ def build_refinement(layout: Layout, kick: np.ndarray, accuracy: Accuracy, sampl
         end_damping=np.full(int(layout.islands.connection[-1]), h / 2)
         if accuracy.order > 2 and layout.is_damped
         else None,
+        contact_loss=contact_loss,
         sequence=np.array([kinds.index(length) for length in lengths]),
+        loss_before=h * loss_times(accuracy),
+        loss_after=h * loss_times(accuracy)[::-1],
+        sequence_in_solve=np.array([kinds.index(1 / accuracy.substeps)] * accuracy.substeps)
+        if contact_loss is not None
+        else np.zeros(0, np.int64),
         length=np.array(kinds),
         refine_free_flight=accuracy.scheme != "exact",
         # |f''|·h²/8 bounds how far f strays from its chord; f'' is that of damped vibration, or of a coasting mass
@@ -40,6 +58,31 @@ def build_refinement(layout: Layout, kick: np.ndarray, accuracy: Accuracy, sampl
         ),
         gravity_deviation=weight * h**2 / 8 * (1 + 64 * h * sigma),
     )
+
+
+def loss_times(accuracy: Accuracy) -> np.ndarray:
+    """How long contact loss acts before each stage, as a share of a sample; after each, the same in reverse order. In
+    order 2 it acts in the stages.
+
+    It acts at 0, γ, 1 - γ and 1 of a step of order 4 or 6 whose first stage is γ long, with the weights of the
+    quadrature of third degree there; the lengths of the stages between sum to 1 - 2γ.
+    """
+    lengths = stage_lengths(accuracy.replace(substeps=1))
+    times = np.zeros(len(lengths))
+    if len(lengths) > 1:
+        inner = 1 / (12 * lengths[0] * (1 - lengths[0]))
+        times[0], times[-1] = 0.5 - inner, inner
+    return np.tile(times / accuracy.substeps, accuracy.substeps)
+
+
+def _contact_loss(layout: Layout, step: float) -> ContactLoss | None:
+    """Contact loss between stages; None if no contact has loss. step: length of a step of order 4 or 6, s"""
+    loss = np.array([layout.scene.contact[k].loss for k, _ in layout.contact_points])
+    if not loss.any():
+        return None
+    mobility = np.array([sum(float(np.sum(layout.row(side).phi ** 2)) for side in row) for row in layout.contact_rows])
+    loss[mobility == 0.0] = 0.0
+    return ContactLoss(loss, mobility, loss * mobility * step / (2 * MAX_LOSS_IN_STEP))
 
 
 def end_loss(decay_factor: np.ndarray) -> ModalLoss:

@@ -24,12 +24,19 @@ class ModeCoefficients(NamedTuple):
 
 
 def step_coefficients(
-    layout: Layout, modes: ModeCoefficients, samplerate: float, length: float = 1.0, is_damped: bool = True
+    layout: Layout,
+    modes: ModeCoefficients,
+    samplerate: float,
+    length: float = 1.0,
+    *,
+    is_damped: bool = True,
+    loses_at_contacts: bool = True,
 ) -> StepCoefficients:
     """The coefficients of a step.
 
     length:    as a share of a sample, negative for a step back in time
     is_damped: whether dampers of connections act in it
+    loses_at_contacts: whether contact loss does
     """
     step_rate = samplerate / length if is_damped else 0.0
     omega = layout.concatenate_modes("omega")
@@ -41,7 +48,9 @@ def step_coefficients(
         loss=modes.loss,
         drag=modes.drag,
         connection=connection_coefficients(layout, modes.kick, modes.drift, step_rate),
-        contact=contact_coefficients(layout, modes, samplerate / length, step_rate) if layout.contact_points else None,
+        contact=contact_coefficients(layout, modes, samplerate / length * loses_at_contacts, step_rate)
+        if layout.contact_points
+        else None,
         force=row_coefficients(forced, modes.kick, modes.drift) if forced else None,
     )
 
@@ -49,7 +58,7 @@ def step_coefficients(
 def contact_coefficients(layout: Layout, modes: ModeCoefficients, rate: float, step_rate: float) -> ContactCoefficients:
     """The coefficients of the contacts of a layout, of which there are some.
 
-    rate:      one over the length of the step, 1/s
+    rate:      one over the length of the step, 1/s; 0 if contact loss acts outside it
     step_rate: the same for dampers of connections; 0 if they act outside it
     """
     factors = all_factors(layout, modes, step_rate)

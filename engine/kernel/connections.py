@@ -18,6 +18,7 @@ from engine.kernel.rows import (
     kick_at_rows_of_same_modes,
     project,
     project_drift,
+    push_at_row,
     rows_of_same_modes,
 )
 from engine.kernel.sums import sum_products
@@ -246,9 +247,7 @@ def damp_coordinate(connection, i, impulse, p):
     push = velocity * share / mobility
     for r in range(connection.coordinate.shape[0]):
         if connection.coordinate[r] == i:
-            begin = connection.rows.offset[r]
-            for m in range(connection.rows.mode_end[r] - connection.rows.mode_begin[r]):
-                p[connection.rows.mode_begin[r] + m] -= connection.rows.phi[begin + m] * push
+            push_at_row(connection.rows, connection.rows.phi, r, -push, p)
     return velocity * push - 0.5 * mobility * push * push
 
 

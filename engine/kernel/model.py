@@ -202,13 +202,25 @@ class Contact(NamedTuple):
     max_rounds: int  # of a coupled solve; then it ends with forces off their curves
 
 
+class ContactLoss(NamedTuple):
+    """Contact loss between the stages of a sample (engine.kernel.contact_loss)."""
+
+    loss: PerContact  # μ, s/m
+    mobility: PerContact  # W = Φ·Φᵀ, 1/kg
+    saturation: PerContact  # 1/N: times the elastic force, 1 where the loss is too strong to act there
+
+
 class Refinement(NamedTuple):
     """A sample in stages (engine.kernel.refinement). Stages of one length are of one kind."""
 
     stages: StepCoefficients  # one row for each kind; without loss, but for that of heavily damped modes
     end_loss: ModalLoss | None  # before the first stage and after the last
     end_damping: PerConnection | None  # s: how long dampers act there, if they do not in the stages
+    contact_loss: ContactLoss | None  # None where it is in the solve, or there is none
     sequence: SharedInt  # the kind of each stage
+    loss_before: Shared  # s: how long contact loss acts before each stage, and after it
+    loss_after: Shared
+    sequence_in_solve: SharedInt  # of order 2, where contact loss is too strong to act between stages
     length: Shared  # of each kind, as a share of a sample
     refine_free_flight: bool  # also out of contact
     chord_deviation: PerMode  # how far a mode strays from its chord within a sample, per amplitude

@@ -14,6 +14,7 @@ from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
 from engine.compiler.overloads import is_none, overload_by_source
 from engine.kernel.axes import Axis, fields_of
 from engine.kernel.connections import count_connections, damp_connections, has_connections
+from engine.kernel.contact_loss import is_loss_small, lose_at_contacts
 from engine.kernel.contacts import bound_at_contact, free_displacements
 from engine.kernel.external_forces import next_force
 from engine.kernel.modes import apply_loss_all, begin_step, end_step
@@ -163,18 +164,25 @@ def refined_step(model, contact, force, refinement, state, frame, in_contact):
 def composed_step(model, force, refinement, state, frame):
     """A sample in stages. Returns a StepOutcome."""
     modes, contacts = state.p.shape[0], state.compression.shape[0]
-    mean_force = state.refinement.mean_force
+    mean_force, impulse = state.refinement.mean_force, state.refinement.loss_impulse
     state.refinement.margin_valid[0] = 0
     for k in range(contacts):
         mean_force[k] = 0.0
+        impulse[k] = 0.0
     in_contact, evaluations, work = FALSE, INT64_0, 0.0
     lost = apply_loss_all(refinement.end_loss, state.p)
     lost += damp_connections(model.connection, refinement.end_damping, FALSE, state)
-    for i in range(refinement.sequence.shape[0]):
-        s = refinement.sequence[i]
+    is_apart = is_loss_small(refinement.contact_loss, model.contact, model.samplerate, state)
+    stages = refinement.sequence.shape[0] if is_apart else refinement.sequence_in_solve.shape[0]
+    for i in range(stages):
+        s = refinement.sequence[i] if is_apart else refinement.sequence_in_solve[i]
         connections = count_connections(model.connection, state)
         h = coefficients_of_stage(refinement.stages, s, modes, contacts, connections)
+        if is_apart:
+            lost += lose_at_contacts(refinement.contact_loss, model.contact, refinement.loss_before[i], FALSE, state)
         outcome = step(model, force, h, state, frame)
+        if is_apart:
+            lost += lose_at_contacts(refinement.contact_loss, model.contact, refinement.loss_after[i], TRUE, state)
         if outcome.in_contact:
             in_contact = True
             for k in range(contacts):
@@ -186,6 +194,8 @@ def composed_step(model, force, refinement, state, frame):
         lost += outcome.dissipated
         work += outcome.supplied
     for k in range(contacts):
-        state.contact_force[k] = mean_force[k]
+        state.contact_force[k] = mean_force[k] + impulse[k] * model.samplerate
+    if in_contact and not is_apart:
+        state.refinement.samples_in_solve[0] += 1
     lost += damp_connections(model.connection, refinement.end_damping, TRUE, state)
     return StepOutcome(in_contact, evaluations, lost + apply_loss_all(refinement.end_loss, state.p), work)

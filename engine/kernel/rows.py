@@ -96,13 +96,19 @@ def add_drifts(rows, coefficients, p, moves):
 @inline
 def kick_at_row(rows, coefficients, r, f, p):
     """Half a kick by a force f (N) at row r."""
+    push_at_row(rows, coefficients.kick_phi, r, f, p)
+
+
+@inline
+def push_at_row(rows, weights, r, amount, p):
+    """Change the momenta of the modes that row r weighs by their weights times an amount: phi and N·s, or t·Φ and N."""
     begin, end, offset = rows.mode_begin[r], rows.mode_end[r], rows.offset[r]
     if end - begin == 1:
-        p[begin] += coefficients.kick_phi[offset] * f
+        p[begin] += weights[offset] * amount
         return
-    a, b = coefficients.kick_phi[offset : offset + (end - begin)], p[begin:end]
+    a, b = weights[offset : offset + (end - begin)], p[begin:end]
     for m in range(b.shape[0]):
-        b[m] += a[m] * f
+        b[m] += a[m] * amount
 
 
 @inline

@@ -74,6 +74,8 @@ class RefinementState(NamedTuple):
     closing_margin: PerContact  # m: how far a compression may stray within a sample
     margin_valid: PerIslandInt  # whether the margins still hold
     mean_force: PerContact  # N, over the stages so far
+    loss_impulse: PerContact  # N·s, of contact loss between the stages so far
+    samples_in_solve: PerIslandInt  # in which contact loss was too strong to act between stages
 
 
 class FreeFlightState(NamedTuple):

@@ -1,0 +1,90 @@
+"""The scenes of the ruler, as problems: the modes and contacts that the engine builds for them."""
+
+from pathlib import Path
+
+import numpy as np
+
+import engine
+from engine.build.body_point import BodyPoint
+from engine.build.build import build
+from engine.build.layout import Layout
+from engine.ruler.problem import Problem
+
+SCENES = Path(__file__).parent / "scenes"
+SAMPLERATE = 44_100
+NAMES = (  # simple to hard
+    "barrier",
+    "repelled_oscillator",
+    "bouncing_ball",
+    "lossy_bounce",
+    "walls",
+    "hammer_c2",
+    "hammer_c4",
+    "joined",
+    "drum",
+    "snare",
+    "tanpura",
+    "frets",
+)
+
+
+def ruler_scene(name: str) -> engine.Scene:
+    """A scene of the ruler."""
+    return engine.load(SCENES / f"{name}.toml")
+
+
+def as_problem(scene: engine.Scene, samplerate: float = SAMPLERATE) -> Problem:
+    """The modes and contacts of a scene. What springs join is given in its modes of vibration, without loss."""
+    layout = build(scene, samplerate).layout
+    island = layout.islands
+    assert island.mode.size == 2, "all bodies of a scene of the ruler can touch"
+    omega, sigma = layout.concatenate_modes("omega"), layout.concatenate_modes("sigma")
+    q, p = layout.concatenate_modes("q"), layout.concatenate_modes("p")
+    weight = -scene.gravity * layout.concatenate_modes("gravity_participation")
+    rows = [layout.dense_mode_shape(a, 0) + layout.dense_mode_shape(b, 0) for a, b in layout.contact_rows]
+    pickup = layout.dense_mode_shape(_heard(layout), 0)
+    shapes = np.array(rows)
+    springs = [(_spring(layout, connection), connection.stiffness) for connection in scene.connection]
+    if springs:
+        assert not sigma.any()
+        matrix = np.diag(omega**2) + sum(k * np.outer(row, row) for row, k in springs)
+        squared, vectors = np.linalg.eigh(matrix)
+        omega = np.sqrt(np.where(squared > 1e-9 * squared[-1] * 1e-6, squared, 0.0))
+        sigma = np.zeros(omega.size)
+        q, p, weight, pickup, shapes = (
+            vectors.T @ q,
+            vectors.T @ p,
+            vectors.T @ weight,
+            vectors.T @ pickup,
+            shapes @ vectors,
+        )
+    numbers = [k for k, _ in layout.contact_points]
+    return Problem(
+        title=scene.title or "",
+        samplerate=float(samplerate),
+        frames=round(scene.seconds * samplerate),
+        omega=omega,
+        sigma=sigma,
+        weight=weight,
+        q=q,
+        p=p,
+        shapes=shapes,
+        barrier=np.array([layout.offset(k, point) for k, point in layout.contact_points]),
+        stiffness=np.array([point.stiffness for _, point in layout.contact_points]),
+        exponent=np.array([scene.contact[k].exponent for k in numbers]),
+        loss=np.array([scene.contact[k].loss for k in numbers]),
+        pickup=pickup,
+    )
+
+
+def _heard(layout: Layout) -> BodyPoint:
+    """Where the one pickup of a scene is."""
+    (heard,) = layout.heard_points
+    return heard.point
+
+
+def _spring(layout: Layout, connection: object) -> np.ndarray:
+    """How the modes stretch a spring, 1/√kg."""
+    here = layout.dense_mode_shape(BodyPoint(connection.body, connection.at, 1.0), 0)
+    there = layout.dense_mode_shape(BodyPoint(connection.on, connection.on_at, -1.0), 0)
+    return here + there

@@ -43,8 +43,8 @@ PERTURBATION = 1e-9  # relative, of all that a scene begins with
 REFERENCE_AGREEMENT = 0.1  # of the smallest error on the ladder: how near two references must be
 TIMED_EMPTY_CALLS = 10  # of which the fastest is what a call costs
 SIGNIFICANT_RATIO = 3.0  # settings whose errors differ by less count as alike
-LOSSLESS_LADDER = [(2, 1), (2, 2), (2, 4), (2, 16), (4, 1), (4, 2), (4, 4)]  # order, substeps
-LOSSY_LADDER = [(2, 1), (2, 2), (2, 4), (2, 8), (2, 16)]
+LADDER = [(2, 1), (2, 2), (2, 4), (2, 16), (4, 1), (4, 2), (4, 4)]  # order, substeps
+ORDER_2_LADDER = [(2, 1), (2, 2), (2, 4), (2, 8), (2, 16)]
 
 
 @dataclass(frozen=True)
@@ -115,10 +115,10 @@ class Reference(NamedTuple):
 RunScene = Callable[..., Run]  # with changes of the Accuracy, and a relative perturbation
 
 
-def settings_ladder(lossy: bool) -> list[Setting]:
-    """The settings that a scene is tried at, coarse to fine. lossy: only those of order 2"""
+def settings_ladder(order_2_only: bool) -> list[Setting]:
+    """The settings that a scene is tried at, coarse to fine."""
     rungs = [Setting("fdh", {"scheme": "fdh", "order": 2, "substeps": 1})]
-    for order, substeps in LOSSY_LADDER if lossy else LOSSLESS_LADDER:
+    for order, substeps in ORDER_2_LADDER if order_2_only else LADDER:
         rungs.append(Setting(f"order {order}, {substeps} ×", {"order": order, "substeps": substeps}))
     rungs.append(Setting("oversample 2", {"order": 2, "substeps": 1, "oversample": 2}))
     rungs.append(Setting("float32 modes", {"order": 2, "substeps": 1, "precision": "float32"}))
@@ -139,8 +139,8 @@ def measure_work_precision(
     seconds = min(scene.seconds, DEFAULT_SECONDS) if seconds is None else seconds
     base = scene.accuracy.replace(scheme="exact", oversample=1, precision="float64", silence=-np.inf, iterations=200)
     probed, columns = _add_probes(scene)
-    lossy = _allows_order_2_only(scene, samplerate, base)
-    ladder = settings_ladder(lossy)
+    order_2_only = _allows_order_2_only(scene, samplerate, base)
+    ladder = settings_ladder(order_2_only)
     steps = len(ladder) + 4
     done = 0
 
@@ -157,7 +157,7 @@ def measure_work_precision(
     if reason := _explain_unmeasurable(scene, first, seconds, samplerate):
         return _empty_study(seconds, samplerate, reason)
     runs = [first if setting is plain else run_scene(setting.changes) for setting in ladder]
-    reference = _find_reference(lossy, runs, run_scene, samplerate)
+    reference = _find_reference(scene, order_2_only, runs, run_scene, samplerate)
     rows = []
     for setting, run in zip(ladder, runs, strict=True):
         accuracy = base.replace(**setting.changes, silence=scene.accuracy.silence)
@@ -244,9 +244,7 @@ def cheapest_within(study: WorkPrecisionStudy, error: float, decibels: bool) -> 
 
 
 def _allows_order_2_only(scene: Scene, samplerate: int, base: Accuracy) -> bool:
-    """Whether no higher order can be built: where contact has loss, or bodies are heavily damped."""
-    if any(contact.loss > 0.0 for contact in scene.contact):
-        return True
+    """Whether no higher order can be built, where bodies are heavily damped."""
     build(scene, samplerate, base.replace(order=2, substeps=1))
     try:
         for order, substeps in ((4, 1), (6, 4)):
@@ -295,9 +293,12 @@ def _first_rebound(run: Run) -> float:
     return rebound_velocity(run.forces[:, : run.velocities.shape[1]], run.velocities)
 
 
-def _find_reference(lossy: bool, runs: list[Run], run_scene: RunScene, samplerate: int) -> Reference:
+def _find_reference(
+    scene: Scene, order_2_only: bool, runs: list[Run], run_scene: RunScene, samplerate: int
+) -> Reference:
     """Refine until two references differ by less than the smallest error of the runs of the ladder, or steps end."""
-    order, counts = (2, (32, 64)) if lossy else (6, (4, 8, 16))
+    loses_at_contacts = any(contact.loss > 0.0 for contact in scene.contact)
+    order, counts = (2, (32, 64)) if order_2_only else (4, (16, 32, 64)) if loses_at_contacts else (6, (4, 8, 16))
     previous = runs[-3]  # the finest of the ladder
     for substeps in counts:
         changes = {"order": order, "substeps": substeps}

@@ -43,7 +43,7 @@ def is_loss_small(contact_loss, contact, samplerate, state):
 @noinline
 def is_small_everywhere(contact_loss, contact, samplerate, state):
     """As `is_loss_small`, of contacts with loss."""
-    total = 0.0
+    total, is_pushing = 0.0, TRUE
     for k in range(state.compression.shape[0]):
         if contact_loss.loss[k] > 0.0:
             s = state.compression[k]
@@ -52,8 +52,11 @@ def is_small_everywhere(contact_loss, contact, samplerate, state):
             total += contact_loss.saturation[k] * elastic_force(contact.law, k, max(s, end))
             if s > 0.0 and velocity < 0.0:
                 if end < MIN_SHARE_LEFT * s or -velocity * contact_loss.loss[k] > MAX_LOSS_LEAVING:
-                    return FALSE
-    return total <= 1.0  # NaN is left to the solve
+                    is_pushing = False
+    if not total <= 1.0:  # NaN is left to the solve
+        state.refinement.samples_of_strong_loss[0] += 1
+        return FALSE
+    return is_pushing
 
 
 @inline

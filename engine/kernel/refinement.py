@@ -195,7 +195,5 @@ def composed_step(model, force, refinement, state, frame):
         work += outcome.supplied
     for k in range(contacts):
         state.contact_force[k] = mean_force[k] + impulse[k] * model.samplerate
-    if in_contact and not is_apart:
-        state.refinement.samples_in_solve[0] += 1
     lost += damp_connections(model.connection, refinement.end_damping, TRUE, state)
     return StepOutcome(in_contact, evaluations, lost + apply_loss_all(refinement.end_loss, state.p), work)

@@ -75,7 +75,7 @@ class RefinementState(NamedTuple):
     margin_valid: PerIslandInt  # whether the margins still hold
     mean_force: PerContact  # N, over the stages so far
     loss_impulse: PerContact  # N·s, of contact loss between the stages so far
-    samples_in_solve: PerIslandInt  # in which contact loss was too strong to act between stages
+    samples_of_strong_loss: PerIslandInt  # in which contact loss was too strong to act between stages
 
 
 class FreeFlightState(NamedTuple):

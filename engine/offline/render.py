@@ -14,7 +14,7 @@ from engine.offline.decimation import decimate, decimation_tail
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import RenderStatistics, island_statistics, simulation_statistics
 from engine.offline.trace import allocate_trace, name_columns, trace_rows
-from engine.offline.trust import explain_build_doubts, explain_doubts, warnings
+from engine.offline.trust import explain_build_doubts, explain_doubts, warn_of_strong_loss, warnings
 from engine.patch.scene import SAMPLE_RATE_RANGE, Scene
 from engine.patch.tables import MAX_SECONDS
 
@@ -93,7 +93,7 @@ def render(
         accuracy=used.model_dump(),
         trusted=not reasons,
         reasons=reasons,
-        warnings=warnings(scene),
+        warnings=warnings(scene) + warn_of_strong_loss(state, used.order),
     )
     named = None if kept is None else name_columns(trace_rows(kept, 0, frames), layout, fine)
     return Rendering(audio, samplerate, stats, named)

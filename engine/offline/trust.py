@@ -8,6 +8,7 @@ import numpy as np
 
 from engine.bodies import Mass, Oscillator
 from engine.build.contact_points import contact_points
+from engine.kernel.state import State
 from engine.offline.statistics import NewtonStatistics
 from engine.patch.scene import Scene
 from engine.patch.tables import Contact, StrikeEvent
@@ -107,6 +108,20 @@ def explain_doubts(
             " of the law); more substeps, or accuracy.iterations"
         )
     return reasons
+
+
+def warn_of_strong_loss(state: State, order: int) -> list[str]:
+    """What is to be said where a sample of order 4 or 6 was of order 2, for its contact loss was too strong."""
+    if state.refinement is None:
+        return []
+    samples, in_contact = int(state.refinement.samples_of_strong_loss.sum()), int(state.contact_samples.sum())
+    if samples == 0:
+        return []
+    reason = "contact loss is too strong to act apart from the solve there"
+    remedy = "more substeps, or order 2 as well"
+    return [
+        f"order {order} was order 2 in {samples / max(1, in_contact):.0%} of the samples in contact: {reason}; {remedy}"
+    ]
 
 
 def explain_build_doubts(scene: Scene, layout: Any, model: Any) -> list[str]:

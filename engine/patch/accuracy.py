@@ -16,7 +16,9 @@ class Accuracy(Table):
     scheme: Literal["exact", "fdh"] = Field(
         default="exact", description="exact: free vibration at its own frequency and decay; fdh: the paper's scheme"
     )
-    order: Literal[2, 4, 6] = Field(default=2, description="order of a step; 4 and 6 refuse contact loss")
+    order: Literal[2, 4, 6] = Field(
+        default=2, description="order of a step; with 4 and 6, contact loss stays of second order"
+    )
     substeps: int = Field(default=1, ge=1, le=MAX_SUBSTEPS, description="steps per sample where contact is possible")
     tolerance: float = Field(
         default=1e-15, ge=1e-15, le=1e-2, description="relative error left in a compression by the contact solve"

@@ -190,8 +190,8 @@ at = 0.3
 
 @pytest.mark.parametrize("order", [4, 6])
 def test_contact_loss_apart_from_the_solve_never_pulls_and_never_gives(order):
-    """Over decades of stiffness, loss and speed: the whole force, elastic and lossy, pushes, and what is dissipated only
-    grows."""
+    """Over decades of stiffness, loss and speed: the whole force, elastic and lossy, pushes, and what is dissipated
+    only grows."""
     draw = np.random.default_rng(order)
     for _ in range(30):
         exponent = draw.uniform(1.0, 4.0)

@@ -8,26 +8,13 @@ import engine
 from engine.build.body_point import BodyPoint
 from engine.build.build import build
 from engine.build.layout import Layout
+from engine.ruler.library import NAMES
 from engine.ruler.problem import Problem
+
+__all__ = ["NAMES", "as_problem", "ruler_scene"]
 
 SCENES = Path(__file__).parent / "scenes"
 SAMPLERATE = 44_100
-NAMES = (  # simple to hard
-    "barrier",
-    "repelled_oscillator",
-    "bouncing_ball",
-    "lossy_bounce",
-    "walls",
-    "hammer_c2",
-    "hammer_c4",
-    "joined",
-    "drum",
-    "snare",
-    "tanpura",
-    "frets",
-)
-
-
 def ruler_scene(name: str) -> engine.Scene:
     """A scene of the ruler."""
     return engine.load(SCENES / f"{name}.toml")

@@ -19,6 +19,7 @@ from engine.cli.patch_commands import add_patch_commands
 from engine.cli.play_command import add_play_command
 from engine.cli.render_command import add_render_command
 from engine.cli.replay_command import add_replay_command
+from engine.cli.score_command import add_score_command
 from engine.cli.sweep_command import add_sweep_command
 from engine.faults import BuildError
 from engine.files import find_patch, is_folder, path_exists, shipped_names
@@ -30,6 +31,7 @@ COMMAND_GROUPS = (
     add_sweep_command,
     add_replay_command,
     add_accuracy_command,
+    add_score_command,
     add_inspect_command,
     add_patch_commands,
     add_machine_commands,

@@ -1,8 +1,12 @@
-"""What a method makes of a problem."""
+"""What a method makes of a problem, and the files of it."""
 
+import zipfile
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+
+from engine.ruler.problem import Problem
 
 
 class Trajectory(NamedTuple):
@@ -12,4 +16,45 @@ class Trajectory(NamedTuple):
     force: np.ndarray  # [frames, contacts], N: the mean over each sample
     q: np.ndarray | None = None  # [frames + 1, modes], √kg·m; with p, the energy is that of the continuous system
     p: np.ndarray | None = None  # [frames + 1, modes], √kg·m/s
+    energy: np.ndarray | None = None  # [frames + 1], J: instead of q and p, that of the continuous system
     seconds: float = float("nan")  # that it took, on one core
+
+
+class UnfitTrajectory(ValueError):
+    """A file or a trajectory that a problem cannot be scored by; the message says why."""
+
+
+def read_trajectory(path: Path, problem: Problem) -> Trajectory:
+    """A trajectory from an .npz file that has the arrays of Trajectory by their names. Raises UnfitTrajectory."""
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            values = {name: data[name] for name in data.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise UnfitTrajectory(f"{path}: cannot be read as .npz ({str(error) or type(error).__name__})") from None
+    if unknown := sorted(set(values) - set(Trajectory._fields)):
+        raise UnfitTrajectory(f"{path}: unknown array {unknown[0]}; known are {', '.join(Trajectory._fields)}")
+    if "displacement" not in values:
+        raise UnfitTrajectory(f"{path}: has no array displacement [frames + 1], m")
+    values.setdefault("force", np.full((problem.frames, len(problem.stiffness)), np.nan))
+    if "seconds" in values:
+        values["seconds"] = values["seconds"].reshape(-1)[0] if values["seconds"].size else np.nan
+    trajectory = Trajectory(**values)
+    check_trajectory(problem, trajectory)
+    return trajectory
+
+
+def check_trajectory(problem: Problem, trajectory: Trajectory) -> None:
+    """Raises UnfitTrajectory if an array has another shape than the problem asks for, or no numbers."""
+    frames, modes, contacts = problem.frames, problem.omega.size, len(problem.stiffness)
+    shapes: dict[str, tuple[int, ...]] = {"displacement": (frames + 1,), "force": (frames, contacts)}
+    shapes |= {"q": (frames + 1, modes), "p": (frames + 1, modes), "energy": (frames + 1,)}
+    for name, shape in shapes.items():
+        array = getattr(trajectory, name)
+        if array is None:
+            continue
+        if np.shape(array) != shape:
+            raise UnfitTrajectory(f"{name} is {list(np.shape(array))}; {list(shape)} is asked for")
+        if not np.issubdtype(np.asarray(array).dtype, np.floating):
+            raise UnfitTrajectory(f"{name} is of type {np.asarray(array).dtype}; floating-point numbers are asked for")
+    if (trajectory.q is None) != (trajectory.p is None):
+        raise UnfitTrajectory("q without p, or p without q; both are needed for the energy")

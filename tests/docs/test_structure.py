@@ -19,7 +19,7 @@ ORDER = [
     ["parallel"],
     ["offline"],
     ["live", "analysis"],
-    ["sweep", "report"],
+    ["sweep", "report", "ruler"],
     ["cli"],
 ]
 PLACE = {room: place for place, rooms in enumerate(ORDER) for room in rooms}

@@ -1,0 +1,83 @@
+"""How far a rendering is from the motion of the continuous system, from a second, finer one."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from engine.analysis.metrics import relative_rms_error
+from engine.faults import BuildError
+from engine.offline.record import Record
+from engine.offline.render import Rendering, render
+from engine.patch.accuracy import MAX_SUBSTEPS, Accuracy
+from engine.patch.scene import Scene
+
+TRUST_LIMIT = 0.1  # of the largest sample so far: a motion that is farther off than that is another one
+WINDOW = 0.005  # s
+FINER = 4  # times the substeps of order 2
+
+
+@dataclass(frozen=True)
+class ErrorEstimate(Record):
+    """An estimate of the error of a rendering. It is that of the computation alone: not of the numbers of the patch."""
+
+    motion: float  # root mean square up to the horizon, share of that of the sound; of all if the horizon is 0
+    horizon: float  # s, up to which the motion is that of the continuous system within TRUST_LIMIT
+    seconds: float  # that were compared
+    finer: dict[str, Any]  # the settings of the rendering that it is compared with
+    time_factor: float  # time of that over time of this
+
+
+def estimate_error(
+    scene: Scene, rendering: Rendering, progress: Callable[[float], None] | None = None, **settings: Any
+) -> ErrorEstimate:
+    """Estimate the error of a rendering of a scene by a second one, several times finer.
+
+    settings: cores and kernel of the second one
+    """
+    used = Accuracy.model_validate(rendering.stats["accuracy"])
+    seconds = len(rendering.audio) / rendering.samplerate
+    fine = _render_finer(scene, used, seconds, rendering.samplerate, progress, settings)
+    horizon = trusted_frames(rendering.audio, fine.audio, rendering.samplerate)
+    accuracy = Accuracy.model_validate(fine.stats["accuracy"])
+    return ErrorEstimate(
+        motion=relative_rms_error(rendering.audio, fine.audio, horizon or len(fine.audio)),
+        horizon=horizon / rendering.samplerate,
+        seconds=seconds,
+        finer={name: getattr(accuracy, name) for name in ("order", "substeps")},
+        time_factor=fine.stats["ns_per_sample"] / rendering.stats["ns_per_sample"],
+    )
+
+
+def finer_settings(used: Accuracy) -> list[Accuracy]:
+    """Settings that err several times less, the one to be tried first in front."""
+    exact = {"precision": "float64", "tolerance": 1e-15, "iterations": max(used.iterations, 200)}
+    doubled = min(MAX_SUBSTEPS, 2 * used.substeps)
+    return [
+        used.replace(order=max(4, used.order), substeps=doubled, **exact),
+        used.replace(order=2, substeps=min(MAX_SUBSTEPS, FINER * used.substeps), **exact),
+    ]
+
+
+def _render_finer(
+    scene: Scene, used: Accuracy, seconds: float, samplerate: int, progress: Any, settings: dict[str, Any]
+) -> Rendering:
+    """The rendering at the first of the finer settings that the scene can be built at."""
+    first, second = finer_settings(used)
+    try:
+        return render(scene, seconds, samplerate, progress=progress, **settings, **first.model_dump())
+    except BuildError:  # bodies are damped too heavily for steps back in time
+        return render(scene, seconds, samplerate, progress=progress, **settings, **second.model_dump())
+
+
+def trusted_frames(audio: np.ndarray, fine: np.ndarray, samplerate: float) -> int:
+    """The number of frames before the first window in which two renderings differ by more than TRUST_LIMIT of the largest
+    sample so far. audio, fine: [frames, channels]"""
+    size, largest = max(1, round(WINDOW * samplerate)), 0.0
+    for begin in range(0, len(fine), size):
+        window = slice(begin, begin + size)
+        largest = max(largest, float(np.abs(fine[window]).max(initial=0.0)))
+        if not np.abs(audio[window] - fine[window]).max(initial=0.0) <= TRUST_LIMIT * largest:
+            return begin
+    return len(fine)

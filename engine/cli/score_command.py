@@ -1,0 +1,100 @@
+"""The command `score`: how far a trajectory of any method is from the reference of a problem of collision."""
+
+import argparse
+import json
+from pathlib import Path
+
+from engine.cli import arguments
+from engine.cli.messages import print_error
+from engine.wording import json_safe
+
+
+def add_score_command(commands: "arguments.Commands") -> None:
+    """Add `score` and its options."""
+    what = "how far a trajectory is from the reference of a problem of collision"
+    parser = commands.add_parser(
+        "score", help=what, description=f"Tell {what}; without a PROBLEM, list the problems (docs/ruler.md)."
+    )
+    parser.add_argument("problem", metavar="PROBLEM", nargs="?", help="its name")
+    parser.add_argument(
+        "trajectory", metavar="TRAJECTORY.npz", nargs="?", help="displacement, force, and q and p or energy"
+    )
+    parser.add_argument("-o", "--output", metavar="PROBLEM.npz", help="write the arrays of the problem to this file")
+    arguments.add_json(parser, "the same")
+    parser.set_defaults(run=score_command)
+
+
+def score_command(args: argparse.Namespace) -> int:
+    """List the problems, write one, or score a trajectory; returns the exit code."""
+    from engine import ruler
+
+    if args.problem is None:
+        return list_problems(args.json)
+    try:
+        problem, reference = ruler.load_problem(args.problem)
+        if args.trajectory is not None:
+            result = ruler.score(problem, reference, ruler.read_trajectory(Path(args.trajectory), problem))
+            print_values(result.as_dict(), args.json)
+    except ValueError as error:
+        print_error(error)
+        return 2
+    if args.trajectory is None:
+        print_values(describe(args.problem), args.json)
+    return 0 if args.output is None else copy_problem(args.problem, Path(args.output))
+
+
+def describe(name: str) -> dict[str, object]:
+    """What a problem is, by names."""
+    from engine import ruler
+
+    problem, reference = ruler.load_problem(name)
+    return {
+        "problem": name,
+        "title": problem.title,
+        "modes": problem.omega.size,
+        "contacts": len(problem.stiffness),
+        "frames": problem.frames,
+        "samplerate": problem.samplerate,
+        "horizon": reference.horizon,
+        "agreement": max(reference.agreement, reference.other_agreement),
+    }
+
+
+def list_problems(as_json: bool) -> int:
+    """Print all problems; returns the exit code."""
+    from engine import ruler
+    from engine.report.console import print_table
+
+    rows = [describe(name) for name in ruler.NAMES]
+    if as_json:
+        print(json.dumps(json_safe(rows)))
+    else:
+        print_table([tuple(rows[0]), *(tuple(_as_text(value) for value in row.values()) for row in rows)])
+    return 0
+
+
+def print_values(values: dict[str, object], as_json: bool) -> None:
+    """Print values with their names."""
+    from engine.report.console import print_table
+
+    if as_json:
+        print(json.dumps(json_safe(values)))
+    else:
+        print_table([(name, _as_text(value)) for name, value in values.items()])
+
+
+def copy_problem(name: str, path: Path) -> int:
+    """Write the file of a problem elsewhere; returns the exit code."""
+    from engine.ruler.library import problem_path
+
+    try:
+        path.write_bytes(problem_path(name).read_bytes())
+    except OSError as error:
+        print_error(f"--output: {path} cannot be written ({error.strerror})")
+        return 1
+    return 0
+
+
+def _as_text(value: object) -> str:
+    """A value as a line of a table has it."""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -9,6 +9,7 @@ rendering.audio, rendering.stats
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from engine.analysis.error_estimate import ErrorEstimate, estimate_error
     from engine.faults import BuildError, PatchError
     from engine.live.player import Player
     from engine.offline.render import Rendering, render
@@ -17,10 +18,22 @@ if TYPE_CHECKING:
 
     __version__: str
 
-__all__ = ["BuildError", "PatchError", "Player", "Rendering", "Scene", "load", "render"]
+__all__ = [
+    "BuildError",
+    "ErrorEstimate",
+    "PatchError",
+    "Player",
+    "Rendering",
+    "Scene",
+    "estimate_error",
+    "load",
+    "render",
+]
 
 _HOME = {
     "BuildError": "faults",
+    "ErrorEstimate": "analysis.error_estimate",
+    "estimate_error": "analysis.error_estimate",
     "PatchError": "faults",
     "Player": "live.player",
     "Rendering": "offline.render",

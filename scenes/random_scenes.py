@@ -27,13 +27,13 @@ def damped(rng: np.random.Generator, low: float, high: float) -> float:
 
 
 def scene(seed: int, order: int = 2) -> engine.Scene:
-    """Two to four bodies, up to five contacts; orders 4 and 6 without contact loss."""
+    """Two to four bodies, up to five contacts."""
     rng = np.random.default_rng(seed)
     bodies = [_body(rng, i) for i in range(rng.integers(2, 5))]
     names = [b["name"] for b in bodies]
-    contacts = [_contact(rng, bodies, order) for _ in range(rng.integers(1, 6))]
+    contacts = [_contact(rng, bodies) for _ in range(rng.integers(1, 6))]
     spare = {"body": "x", "stiffness": 1.0, "exponent": 7.7}
-    contacts += [spare | {"on": "y", "gap": 1e5}, spare | {"barrier": 1e5, "loss": 1.0 if order == 2 else 0.0}]
+    contacts += [spare | {"on": "y", "gap": 1e5}, spare | {"barrier": 1e5, "loss": 1.0}]
     bodies += [  # these call for every effect, in each scene
         {"name": "x", "kind": "mass", "mass": 1.0, "damping": 1.0},
         {"name": "y", "kind": "oscillator", "mass": 1.0, "frequency": 100.0, "damping": 1.0},
@@ -82,7 +82,7 @@ def _body(rng: np.random.Generator, i: int) -> dict:
     return body
 
 
-def _contact(rng: np.random.Generator, bodies: list[dict], order: int) -> dict:
+def _contact(rng: np.random.Generator, bodies: list[dict]) -> dict:
     own, other = (bodies[int(n)] for n in rng.permutation(len(bodies))[:2])
     exponent = float(rng.choice([1.0, 1.0, 1.3, 1.5, 2.0, 2.5, 3.0, 5.0, 12.0]))
     contact = {
@@ -90,7 +90,7 @@ def _contact(rng: np.random.Generator, bodies: list[dict], order: int) -> dict:
         "side": str(rng.choice(["above", "below"])),
         "stiffness": within(rng, 1e-6, max_stiffness(exponent)),
         "exponent": exponent,
-        "loss": damped(rng, 1e-9, 1e9) if order == 2 else 0.0,
+        "loss": damped(rng, 1e-9, 1e9),
     }
     if own["kind"] == "string":
         contact["at"] = float(rng.uniform(0.05, 0.95))

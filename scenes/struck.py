@@ -54,6 +54,8 @@ def _ball(rng: np.random.Generator) -> dict[str, Any]:
 
 def _frets(rng: np.random.Generator) -> dict[str, Any]:
     shape = {"kind": "triangle", "at": float(rng.uniform(0.5, 0.9)), "amplitude": float(rng.uniform(1e-3, 4e-3))}
-    frets = [{"body": "string", "at": at, "side": "below", "barrier": -8e-4} | _law(rng, 3.0, 1e-4) for at in (0.2, 0.35)]
+    frets = [
+        {"body": "string", "at": at, "side": "below", "barrier": -8e-4} | _law(rng, 3.0, 1e-4) for at in (0.2, 0.35)
+    ]
     string = _string(rng, displacement=shape, modes=int(rng.integers(8, 40)))
     return {"body": [string], "contact": frets, "pickup": [{"body": "string", "at": 0.9, "quantity": "velocity"}]}

@@ -15,6 +15,8 @@ __all__ = ["NAMES", "as_problem", "ruler_scene"]
 
 SCENES = Path(__file__).parent / "scenes"
 SAMPLERATE = 44_100
+
+
 def ruler_scene(name: str) -> engine.Scene:
     """A scene of the ruler."""
     return engine.load(SCENES / f"{name}.toml")

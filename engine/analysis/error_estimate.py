@@ -72,8 +72,8 @@ def _render_finer(
 
 
 def trusted_frames(audio: np.ndarray, fine: np.ndarray, samplerate: float) -> int:
-    """The number of frames before the first window in which two renderings differ by more than TRUST_LIMIT of the largest
-    sample so far. audio, fine: [frames, channels]"""
+    """The number of frames before the first window in which two renderings differ by more than TRUST_LIMIT of the
+    largest sample so far. audio, fine: [frames, channels]"""
     size, largest = max(1, round(WINDOW * samplerate)), 0.0
     for begin in range(0, len(fine), size):
         window = slice(begin, begin + size)

@@ -21,7 +21,14 @@ from engine.output_files import check_audio_format
 from engine.wording import json_safe
 
 # the sound of a report is rendered as the patch says it
-AS_THE_PATCH_SAYS = {"trace": None, "target_error": None, "subtype": None, "gain": None, "cores": None}
+AS_THE_PATCH_SAYS = {
+    "trace": None,
+    "target_error": None,
+    "subtype": None,
+    "gain": None,
+    "cores": None,
+    "error_estimate": None,
+}
 
 
 def add_accuracy_command(commands: "arguments.Commands") -> None:

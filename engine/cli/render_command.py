@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 # what a render of notes takes no notice of
 NOT_OF_NOTES = {"--trace": "trace", "--plot": "plot", "--report": "report", "--target-error": "target_error"}
-NOT_OF_NOTES |= {"--cores": "cores", "--oversample": "oversample"}
+NOT_OF_NOTES |= {"--cores": "cores", "--oversample": "oversample", "--error-estimate": "error_estimate"}
 
 
 def add_render_command(commands: "arguments.Commands") -> None:
@@ -57,6 +57,8 @@ def add_render_command(commands: "arguments.Commands") -> None:
     arguments.add_accuracy_options(parser)
     help_text = "render at the cheapest setting that errs less: 1e-4, or 0.1dB of a band"
     parser.add_argument("--target-error", metavar="E", help=help_text)
+    help_text = "estimate the error of the motion, by a second rendering that is several times finer"
+    parser.add_argument("--error-estimate", action="store_true", default=None, help=help_text)
     parser.add_argument("--midi", metavar="FILE.mid", help="play the notes of a file")
     arguments.add_voices(parser)
     help_text = "also write every sample's displacements, forces, energies"

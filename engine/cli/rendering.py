@@ -1,6 +1,7 @@
 """A rendering with its files: everything is computed first, and then the sound and its companions are written."""
 
 import argparse
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -62,6 +63,7 @@ def render_from_arguments(
 
     comparison: what accuracy costs, for the page
     """
+    from engine.analysis.error_estimate import estimate_error
     from engine.analysis.silence import explain_silence
     from engine.offline.render import render
 
@@ -80,12 +82,16 @@ def render_from_arguments(
             kernel=args.kernel,
             **accuracy,
         )
+        estimate = None
+        if args.error_estimate and not math.isclose(rendering.stats.peak, 0.0):
+            estimate = estimate_error(scene, rendering, progress, cores=rendering.stats.cores, kernel=args.kernel)
     output, stats = sound_path(args), rendering.stats
     silence = explain_silence(scene, stats.seconds, stats.samplerate, stats.peak, stats)
     audio, gain = apply_gain(rendering.audio, 0.0 if silence else stats.peak, numbers["gain"], args.subtype)
     cut = count_clipped(output, audio, gain, args.subtype)
     printed = stats.as_dict()
     printed |= {"patch": args.patch, "output": str(output), "peak": float(abs(audio).max()), "gain_db": gain}
+    printed |= {"error_estimate": estimate.as_dict()} if estimate is not None else {}
     printed |= {"silent": silence, "clipped": cut.count if cut else 0} | ({"chosen": chosen} if chosen else {})
     warnings = [f"{args.patch}: silent; {silence}"] if silence else []
     warnings += [f"{args.patch}: {warning}" for warning in stats.warnings]

@@ -45,7 +45,7 @@ def summary_rows(stats: dict[str, Any]) -> dict[str, str]:
         "left out": ", ".join(stats["effects"]["left_out"]) or "none",
         "time": f"{activity['free']:.1%} free, {activity['contact']:.1%} in contact, {activity['asleep']:.1%} asleep",
     }
-    rows |= _chosen_setting_rows(stats.get("chosen"))
+    rows |= _chosen_setting_rows(stats.get("chosen")) | _error_estimate_rows(stats.get("error_estimate"))
     if not stats["trusted"]:
         rows["NOT TO BE TRUSTED"] = "; ".join(stats["reasons"])
     if stats["real_time_factor"] < 1.0:
@@ -63,6 +63,19 @@ def _describe_peak(stats: dict[str, Any]) -> str:
         cut = f"{stats['clipped']} samples are clipped" if stats.get("clipped") else "players will clip it"
         level += f" (above full scale: {cut}; --gain {largest_safe_gain(stats['gain_db'], peak):.1f} fits)"
     return level
+
+
+def _error_estimate_rows(estimate: dict[str, Any] | None) -> dict[str, str]:
+    """A row of the estimate of the error, if there is one."""
+    if estimate is None:
+        return {}
+    told = f"{estimate['motion']:.1g} of the sound"
+    if estimate["horizon"] == 0.0:
+        told += ": from the start on, another motion than that of a finer rendering"
+    elif estimate["horizon"] < estimate["seconds"]:
+        told += f" up to {estimate['horizon']:.3g} s; after that, another motion than that of a finer rendering"
+    finer = f"order {estimate['finer']['order']}, {estimate['finer']['substeps']} ×"
+    return {"error, about": f"{told} ({finer}, in {estimate['time_factor']:.2g} times its time)"}
 
 
 def _chosen_setting_rows(chosen: dict[str, Any] | None) -> dict[str, str]:

@@ -1,0 +1,62 @@
+"""The estimate of the error of a rendering, against the error that it has."""
+
+import numpy as np
+import pytest
+
+import engine
+from engine.analysis.error_estimate import trusted_frames
+from engine.analysis.metrics import relative_rms_error
+from scenes.small import mass, scene
+from scenes.struck import random_collision
+
+MOST = 3.0  # what an estimate may be over the error, and the error over it
+ROUNDING = 1e-11
+
+
+def ratio_to_error(told: engine.Scene, reference: np.ndarray, **accuracy) -> float:
+    """The estimated error of a rendering over its error against a reference [frames, channels]."""
+    rendering = engine.render(told, cores=1, **accuracy)
+    estimate = engine.estimate_error(told, rendering, cores=1)
+    error = relative_rms_error(rendering.audio, reference, round(estimate.horizon * 44_100) or len(reference))
+    return (estimate.motion + ROUNDING) / (error + ROUNDING)
+
+
+def share_within(seeds: range) -> float:
+    """The share of random scenes whose estimate is within a factor of 3 of the error."""
+    ratios = []
+    for seed in seeds:
+        told = random_collision(seed)
+        order = 4 if told.contact[0].loss else 6
+        reference = engine.render(told, cores=1, order=order, substeps=32).audio
+        ratios.append(ratio_to_error(told, reference, order=4 if seed % 5 == 0 else 2))
+    return float(np.mean((np.array(ratios) < MOST) & (np.array(ratios) > 1 / MOST)))
+
+
+def test_the_estimate_is_near_the_error_of_random_scenes():
+    assert share_within(range(12)) >= 0.9
+
+
+@pytest.mark.hard
+def test_the_estimate_is_near_the_error_of_many_random_scenes():
+    assert share_within(range(100, 200)) >= 0.9
+
+
+def test_a_rendering_that_does_not_err_has_no_error():
+    """Free flight is exact."""
+    told = scene([mass(velocity=1.0)])
+    estimate = engine.estimate_error(told, engine.render(told, seconds=0.05))
+    assert estimate.motion <= 1e-14
+    assert estimate.horizon == pytest.approx(0.05)
+
+
+def test_the_horizon_is_where_two_renderings_part():
+    fine = np.sin(0.1 * np.arange(4410))[:, None]
+    other = fine.copy()
+    other[2300:] += 0.2
+    assert trusted_frames(fine, fine, 44_100) == 4410
+    assert 2300 - 220 <= trusted_frames(other, fine, 44_100) <= 2300
+
+
+def test_bodies_that_are_damped_too_heavily_for_order_four_have_an_estimate():
+    told = scene([mass(damping=1e6, velocity=1.0)])
+    assert engine.estimate_error(told, engine.render(told, seconds=0.01)).finer == {"order": 2, "substeps": 4}

@@ -13,7 +13,6 @@ from engine.kernel.connections import answer_contact, answer_contacts
 from engine.kernel.contacts import (
     apply_contact_force,
     apply_contact_forces,
-    cancels,
     end_force_of,
     energy_created,
     energy_created_if_persistent,
@@ -21,6 +20,7 @@ from engine.kernel.contacts import (
     free_displacements,
     measured_miss,
     moves_by_basis,
+    must_be_measured,
     store_free_move,
     store_solution,
 )
@@ -94,7 +94,7 @@ def use_single_solution(contact, connection, step, state, k, solution):
     apply_contact_force(contact, contact.other_rows, h, k, f, state.p)
     answer_contact(connection, step, state, k, f)
     s = state.compression[k]
-    if not cancels(h, k, s, eta, f):
+    if not must_be_measured(h, state, k, s, eta, f):
         return ContactSolution(status, evaluations, store_single_solution(contact, h, state, k, solution), 0.0)
     miss = measured_miss(contact, h, state, k, eta, f)
     lost = store_solution(contact, h, state, k, (eta, b, f, f, end_force_of(contact, h.loss_rate, k, b)), miss)
@@ -189,7 +189,7 @@ def measure_misses(contact, h, state):
     that the bodies have by now. Returns whether it was."""
     s, vectors, measured = state.compression, state.scratch.vectors, False
     for k in range(s.shape[0]):
-        measured = measured or cancels(h, k, s[k], vectors[Row.STEP, k], vectors[Row.FORCE, k])
+        measured = measured or must_be_measured(h, state, k, s[k], vectors[Row.STEP, k], vectors[Row.FORCE, k])
     if measured:
         find_misses(contact, h, state)
     return measured

@@ -9,6 +9,7 @@ from engine.kernel.scalar_contact_solver import loss_rate_of
 
 CANCELLATION = 3.0  # times compression and step: what B·f may be before moves are measured instead. At 100, a body
 # between two stiff walls gains 1e-14 of its energy in a step; at 0, no less than at 3
+LARGE_RESIDUE = 1e-10  # of compression and step: a residue that is carried from earlier steps and moves the bodies
 LINE_SEARCHES = 16  # that the capped solves of an island may spend between two periodic checks
 
 
@@ -244,10 +245,11 @@ def end_force_of(contact, loss_rate, k, b):
 
 
 @inline
-def cancels(h, k, s, eta, f):
-    """Whether forces all but cancel at contact k: of what a force moves by itself, B·f, so little is left that
-    the rest is rounding."""
-    return h.compliance[k] * f > CANCELLATION * (abs(s) + abs(eta))
+def must_be_measured(h, state, k, s, eta, f):
+    """Whether the energy at contact k has to be measured. Its forces all but cancel: of what a force moves by itself,
+    B·f, so little is left that the rest is rounding. Or this was so before, and a residue is left of it."""
+    size = abs(s) + abs(eta)
+    return h.compliance[k] * f > CANCELLATION * size or abs(state.compression_compensation[k]) > LARGE_RESIDUE * size
 
 
 @noinline

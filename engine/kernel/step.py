@@ -22,7 +22,7 @@ from engine.kernel.contact_forces import (
     store_single_solution,
     use_single_solution,
 )
-from engine.kernel.contacts import apply_contact_forces, cancels, clear_forces
+from engine.kernel.contacts import apply_contact_forces, clear_forces, must_be_measured
 from engine.kernel.external_forces import apply_forces, external_work, has_forces
 from engine.kernel.model import SingleContact, StepCoefficients
 from engine.kernel.modes import (
@@ -175,8 +175,8 @@ def step_in_two_passes(single, contact, weight, h, state):
         dissipated += end_step(h, weight, state.kick_compensation, state.q, state.p)
         return StepOutcome(FALSE, INT64_0, dissipated, 0.0)
     solution = find_contact_force(contact, h.contact, state, INT64_0)
-    is_rare = solution.status == SolveStatus.FAILED or cancels(h.contact, 0, s, solution.eta, solution.force)
-    if is_rare or state.energy_debt[0] != 0.0:
+    is_rare = must_be_measured(h.contact, state, 0, s, solution.eta, solution.force)
+    if is_rare or solution.status == SolveStatus.FAILED or state.energy_debt[0] != 0.0:
         return finish_rare_step(contact, weight, h, state, solution, dissipated)
     lost = store_single_solution(contact, h.contact, state, INT64_0, solution)
     dissipated += end_step_pushed(

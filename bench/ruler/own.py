@@ -7,7 +7,7 @@ from bench.ruler.problems import SAMPLERATE, ruler_scene
 from engine.build.build import build
 from engine.offline.simulation import Simulation, time_block
 from engine.patch.accuracy import Accuracy
-from engine.ruler import Trajectory
+from engine.ruler import Problem, Trajectory
 
 RUNS = 5
 MAX_SECONDS = 2.0  # of all runs
@@ -42,3 +42,15 @@ def time_own(scene: engine.Scene, settings: dict, frames: int) -> float:
         if total > MAX_SECONDS:
             break
     return best
+
+
+def simulate_own_oscillator(order: int, problem: Problem, substeps: int) -> Trajectory:
+    """The trajectory of an oscillator of 1 kg at a barrier (bench.ruler.stability)."""
+    body = {"name": "body", "kind": "oscillator", "mass": 1.0, "frequency": float(problem.omega[0]) / (2 * np.pi)}
+    body |= {"displacement": float(problem.q[0]), "velocity": float(problem.p[0])}
+    contact = {"body": "body", "barrier": float(problem.barrier[0]), "exponent": float(problem.exponent[0])}
+    contact["stiffness"] = float(problem.stiffness[0])
+    scene = engine.Scene.model_validate({"body": [body], "contact": [contact], "pickup": [{"body": "body"}]})
+    seconds = (problem.frames + 1) / problem.samplerate
+    trace = engine.render(scene, seconds, trace=True, order=order, substeps=substeps, silence=-np.inf).trace
+    return Trajectory(trace["displacement"][:, 0], trace["force"][1:], trace["displacement"], trace["velocity"])

@@ -1,0 +1,136 @@
+"""DOP853 of SciPy, stopped where contacts close and open.
+
+Source: Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I (1993), section II.10, as scipy.integrate's
+DOP853, whose steps and error control are its own. The numbers of the problem are not smooth where s_k = 0, so a step
+that passes there is cut at the crossing (found on its own interpolant), and the method starts again with that contact
+closed or open: it integrates only smooth parts, the force of an open contact being 0 within one. The interpolant of
+each step is looked at in several places, lest a contact closes and opens within it unseen.
+
+The impulses of the contacts are states of their own, which error control does not look at. Relative tolerance: as given
+(1e-6, 1e-9, 1e-12); absolute: the same share of what the energy of the start, or the weight, can do to a mode. Time is
+that of Python, with NumPy's products; a run that takes more than 20 s is given up, and is not a number from there on.
+"""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from scipy.integrate import DOP853
+from scipy.optimize import brentq
+
+from engine.ruler.problem import Problem, energy_of
+from engine.ruler.trajectory import Trajectory
+
+GIVEN_UP_SECONDS = 20.0
+LOOKED_AT = np.array([0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 1.0])  # of a step
+UNCHECKED = 1e300  # absolute tolerance of what error control shall not look at
+
+
+def smallest_sizes(problem: Problem) -> np.ndarray:
+    """What counts as large for each state: q, p [modes each]; impulses [contacts] do not count."""
+    duration = problem.frames / problem.samplerate
+    energy = abs(float(energy_of(problem, problem.q, problem.p))) + float(np.sum(np.abs(problem.weight * problem.q)))
+    speed = np.sqrt(2.0 * energy) + np.abs(problem.weight) * duration
+    contacts = problem.barrier.size
+    return np.concatenate([speed / np.maximum(problem.omega, 1.0 / duration), speed, np.full(contacts, UNCHECKED)])
+
+
+class SmoothPart:
+    """The motion while the same contacts are closed."""
+
+    def __init__(self, problem: Problem, closed: np.ndarray) -> None:
+        self.problem, self.closed = problem, closed
+        self.modes = problem.omega.size
+        self.touching = np.flatnonzero(closed)
+        self.rows, self.barrier = problem.shapes[self.touching], problem.barrier[self.touching]
+        self.stiffness, self.exponent = problem.stiffness[self.touching], problem.exponent[self.touching]
+        self.loss = problem.loss[self.touching]
+        self.lossy = bool(self.loss.any())
+        self.omega2, self.twice_sigma = problem.omega**2, 2.0 * problem.sigma
+
+    def rate(self, _: float, y: np.ndarray) -> np.ndarray:
+        """dy/dt of the states q, p, impulses."""
+        problem, n = self.problem, self.modes
+        q, p = y[:n], y[n : 2 * n]
+        rate = np.zeros(y.size)
+        rate[:n] = p
+        rate[n : 2 * n] = problem.weight - self.omega2 * q - self.twice_sigma * p
+        if self.touching.size:
+            f = self.stiffness * np.maximum(self.rows @ q - self.barrier, 0.0) ** self.exponent
+            if self.lossy:
+                f *= np.maximum(1.0 + self.loss * (self.rows @ p), 0.0)
+            rate[n : 2 * n] -= f @ self.rows
+            rate[2 * n + self.touching] = f
+        return rate
+
+    def excess(self, y: np.ndarray) -> np.ndarray:
+        """How far each contact is on the side where it should not be, m; y: [..., states]"""
+        s = y[..., : self.modes] @ self.problem.shapes.T - self.problem.barrier
+        return np.asarray(np.where(self.closed, -s, s))
+
+
+def find_crossing(part: SmoothPart, solver: DOP853, motion: Callable[..., np.ndarray]) -> tuple[float, int] | None:
+    """When the first contact changes within the last step, and which; None if none does."""
+    times = solver.t_old + LOOKED_AT * (solver.t - solver.t_old)
+    wrong = part.excess(motion(times).T) > 0.0
+    if not wrong.any():
+        return None
+    row = int(np.argmax(wrong.any(axis=1)))
+    begun, ended = (solver.t_old if row == 0 else times[row - 1]), times[row]
+    found = [(crossing_of(part, motion, int(k), begun, ended), int(k)) for k in np.flatnonzero(wrong[row])]
+    return min(found)
+
+
+def crossing_of(part: SmoothPart, motion: Callable[..., np.ndarray], k: int, begun: float, ended: float) -> float:
+    """When contact k passes to the wrong side between two times, of which the later is on that side."""
+    if part.excess(motion(begun))[k] < 0.0:
+        right = begun
+    else:  # it begins with the change just made, at 0, and may have been on the right side for less than this time
+        shares = (begun + 0.5**n * (ended - begun) for n in range(1, 30))
+        right = next((t for t in shares if part.excess(motion(t))[k] < 0.0), ended)
+    if right == ended:
+        return begun
+    return float(brentq(lambda t: part.excess(motion(t))[k], right, ended, xtol=1e-18, rtol=1e-15))
+
+
+def simulate_dop853(problem: Problem, tolerance: float) -> Trajectory:
+    """Simulate by DOP853 with events, at a relative tolerance."""
+    with np.errstate(over="ignore", invalid="ignore"):  # of steps that are then taken again, shorter
+        return integrate(problem, tolerance)
+
+
+def integrate(problem: Problem, tolerance: float) -> Trajectory:
+    """Integrate from crossing to crossing."""
+    began = time.perf_counter()
+    n, contacts = problem.omega.size, problem.barrier.size
+    at = np.arange(problem.frames + 1) / problem.samplerate
+    states = np.full((problem.frames + 1, 2 * n + contacts), np.nan)
+    y = np.concatenate([problem.q, problem.p, np.zeros(contacts)]).astype(float)
+    s = problem.shapes @ problem.q - problem.barrier
+    closed = (s > 0.0) | ((s == 0.0) & (problem.shapes @ problem.p > 0.0))
+    sizes, now, done = tolerance * smallest_sizes(problem), 0.0, 1
+    states[0] = y
+    while done <= problem.frames:
+        part = SmoothPart(problem, closed)
+        solver = DOP853(part.rate, now, y, at[-1], rtol=tolerance, atol=sizes)
+        crossing = None
+        while solver.status == "running" and crossing is None:
+            if time.perf_counter() - began > GIVEN_UP_SECONDS:
+                done = problem.frames + 1
+                break
+            solver.step()
+            motion = solver.dense_output()
+            crossing = find_crossing(part, solver, motion)
+            until = solver.t if crossing is None else crossing[0]
+            while done <= problem.frames and at[done] <= until:
+                states[done] = motion(at[done])
+                done += 1
+        if crossing is None:
+            break
+        now, y = crossing[0], motion(crossing[0])
+        closed = closed.copy()
+        closed[crossing[1]] = not closed[crossing[1]]
+    impulse = np.diff(states[:, 2 * n :], axis=0)
+    seconds = time.perf_counter() - began
+    q, p = states[:, :n], states[:, n : 2 * n]
+    return Trajectory(q @ problem.pickup, impulse * problem.samplerate, q, p, seconds)

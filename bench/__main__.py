@@ -18,6 +18,7 @@ MEASUREMENTS = {  # in this order
     "accuracy": ["price", "jvari", "metric", "hard", "one_way"],
     "paper": ["newton", "figures"],
     "rivals": ["peers"],
+    "ruler": ["ruler", "slope"],
     "publish": ["gallery"],
 }
 PACKAGE = {name: package for package, names in MEASUREMENTS.items() for name in names}

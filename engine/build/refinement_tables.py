@@ -3,7 +3,7 @@
 import numpy as np
 
 from engine.build.layout import Layout
-from engine.build.mode_coefficients import damped_coefficients, is_heavily_damped, stage_coefficients
+from engine.build.mode_coefficients import SCHEMES, damped_coefficients, is_heavily_damped, stage_coefficients
 from engine.build.step_coefficients import ModeCoefficients, stack, step_coefficients
 from engine.kernel.model import ContactLoss, ModalLoss, Refinement
 from engine.patch.accuracy import Accuracy, stage_lengths
@@ -23,7 +23,10 @@ def build_refinement(layout: Layout, kick: np.ndarray, accuracy: Accuracy, sampl
     if contact_loss is not None:
         kinds = sorted({*kinds, 1 / accuracy.substeps})
     damped = is_heavily_damped(omega, sigma, h) & (accuracy.scheme == "exact" and accuracy.order == 2)
-    modes = [_stage_of_modes(kick, omega, sigma, accuracy.scheme, length, h, damped) for length in kinds]
+    if accuracy.order == 2:
+        modes = [_substep_of_modes(omega, sigma, accuracy.scheme, length * h, damped) for length in kinds]
+    else:
+        modes = [_stage_of_modes(kick, omega, accuracy.scheme, length) for length in kinds]
     weight = np.abs(layout.scene.gravity * layout.concatenate_modes("gravity_participation"))
     return Refinement(
         stages=stack(
@@ -39,7 +42,7 @@ def build_refinement(layout: Layout, kick: np.ndarray, accuracy: Accuracy, sampl
                 for m, length in zip(modes, kinds, strict=True)
             ]
         ),
-        end_loss=end_loss(np.where(damped, 1.0, np.exp(-sigma * h))) if sigma.any() else None,
+        end_loss=end_loss(np.exp(-sigma * h)) if accuracy.order > 2 and sigma.any() else None,
         end_damping=np.full(int(layout.islands.connection[-1]), h / 2)
         if accuracy.order > 2 and layout.is_damped
         else None,
@@ -91,14 +94,23 @@ def end_loss(decay_factor: np.ndarray) -> ModalLoss:
     return ModalLoss(decay_factor, 0.5 * (1 - decay_factor) * (1 + decay_factor))
 
 
-def _stage_of_modes(
-    kick: np.ndarray, omega: np.ndarray, sigma: np.ndarray, scheme: str, length: float, h: float, damped: np.ndarray
+def _stage_of_modes(kick: np.ndarray, omega: np.ndarray, scheme: str, length: float) -> ModeCoefficients:
+    """The modes in a stage without loss, whose length is a share of a sample. kick: t in a whole sample, s"""
+    return ModeCoefficients(*stage_coefficients(kick, omega, scheme, length), None, None)
+
+
+def _substep_of_modes(
+    omega: np.ndarray, sigma: np.ndarray, scheme: str, h: float, damped: np.ndarray
 ) -> ModeCoefficients:
-    """The modes in a stage, whose length is a share of a sample of h seconds; heavily damped ones lose in it."""
-    kicks, drifts = stage_coefficients(kick, omega, scheme, length)
+    """The modes in a step of h seconds with its loss; heavily damped ones lose in its drift as well.
+
+    Steps of `exact` are of a flow, and so the product of several is the step of a sample.
+    """
+    kicks, drifts = SCHEMES[scheme](omega, sigma, h)
+    decay = np.exp(-sigma * h)
     if not damped.any():
-        return ModeCoefficients(kicks, drifts, None, None)
-    decay, drag, dragged = np.ones(omega.size), np.ones(omega.size), np.zeros(omega.size)
-    values = damped_coefficients(omega[damped], sigma[damped], length * h)
+        return ModeCoefficients(kicks, drifts, end_loss(decay) if sigma.any() else None, None)
+    drag, dragged = np.ones(omega.size), np.zeros(omega.size)
+    values = damped_coefficients(omega[damped], sigma[damped], h)
     kicks[damped], drifts[damped], decay[damped], drag[damped], dragged[damped] = values
     return ModeCoefficients(kicks, drifts, end_loss(decay), ModalLoss(drag, dragged))

@@ -16,8 +16,8 @@ class Trajectory(NamedTuple):
     force: np.ndarray  # [frames, contacts], N: the mean over each sample
     q: np.ndarray | None = None  # [frames + 1, modes], √kg·m; with p, the energy is that of the continuous system
     p: np.ndarray | None = None  # [frames + 1, modes], √kg·m/s
-    energy: np.ndarray | None = None  # [frames + 1], J: instead of q and p, that of the continuous system
     seconds: float = float("nan")  # that it took, on one core
+    energy: np.ndarray | None = None  # [frames + 1], J: instead of q and p, that of the continuous system
 
 
 class UnfitTrajectory(ValueError):

@@ -1,0 +1,405 @@
+"""The motion of a problem of collision by Gauss collocation between its events, in extended precision.
+
+Between events the forces are smooth. A contact that begins or ends (s = 0), and one whose loss would turn its force
+round (1 + loss·ds/dt = 0), is an event: a step ends there. While nothing presses, modes move by their closed
+solution; else they and the forces are polynomials over each step, of a degree that their last coefficients show to be
+enough. s^α with α not an integer is no polynomial near s = 0: steps shrink towards it until what is left is nothing.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from bench.ruler.collocation import Nodes, Real, gauss_nodes, integral_to, value_at
+from engine.ruler.problem import Problem
+
+EPSILON = np.finfo(Real).eps
+OPEN, PRESSING, SLACK = 0, 1, 2  # a slack contact is compressed, and leaves faster than its force would follow
+MAX_TRIES = 20_000  # of steps, in a sample
+MAX_ROUNDS = 80  # of a fixed-point iteration
+MAX_PHASE = 2.5  # rad, of the highest mode in a step
+
+
+class Setting(NamedTuple):
+    """How exactly to solve."""
+
+    nodes: int  # of a step
+    tolerance: float  # what the last coefficients of the forces may move in a step, share of the largest momentum
+
+
+FINE = Setting(20, 1e-18)
+COARSE = Setting(16, 1e-16)
+
+
+class System(NamedTuple):
+    """A problem in one precision."""
+
+    squared: np.ndarray  # ω² [modes]
+    decay: np.ndarray  # 2σ [modes]
+    weight: np.ndarray  # [modes]
+    shapes: np.ndarray  # [contacts, modes]
+    barrier: np.ndarray  # [contacts]
+    stiffness: np.ndarray  # [contacts]
+    exponent: np.ndarray  # [contacts]
+    loss: np.ndarray  # [contacts]
+    length: np.ndarray  # √(Φ·Φ) [contacts]
+    is_whole: np.ndarray  # [contacts], whether α is an integer
+
+
+class Step(NamedTuple):
+    """A step that may be made."""
+
+    duration: np.floating
+    q: np.ndarray  # [modes], at its end
+    p: np.ndarray  # [modes], at its end
+    speed: np.ndarray  # ds/dt [nodes, contacts]
+    impulse: np.floating  # N·s, of all contacts
+    error: np.floating  # share of the largest momentum
+
+
+class Solution(NamedTuple):
+    """The motion of a problem, in extended precision."""
+
+    displacement: np.ndarray  # [frames + 1], m
+    force: np.ndarray  # [frames], N
+    energy: np.ndarray  # [frames + 1], J
+    events: list[tuple[float, int, int]]  # time, s; contact; what it is from then on
+    steps: int
+
+
+@dataclass
+class Motion:
+    """Where a motion is."""
+
+    q: np.ndarray
+    p: np.ndarray
+    status: np.ndarray  # [contacts], OPEN, PRESSING or SLACK
+    scale: np.floating  # largest √(Σ p² + ω²q²) so far
+
+
+def as_system(problem: Problem, kind: type) -> System:
+    """A problem in one precision."""
+    shapes, exponent = problem.shapes.astype(kind), problem.exponent.astype(kind)
+    return System(
+        squared=problem.omega.astype(kind) ** 2,
+        decay=2 * problem.sigma.astype(kind),
+        weight=problem.weight.astype(kind),
+        shapes=shapes,
+        barrier=problem.barrier.astype(kind),
+        stiffness=problem.stiffness.astype(kind),
+        exponent=exponent,
+        loss=problem.loss.astype(kind),
+        length=np.sqrt(np.sum(shapes**2, axis=1)),
+        is_whole=exponent == np.round(exponent),
+    )
+
+
+def select_contacts(system: System, which: np.ndarray) -> System:
+    """The same modes with some of the contacts."""
+    return system._replace(
+        **{
+            name: getattr(system, name)[which]
+            for name in ("shapes", "barrier", "stiffness", "exponent", "loss", "length", "is_whole")
+        }
+    )
+
+
+def power(system: System, s: np.ndarray) -> np.ndarray:
+    """s^α of contacts [..., contacts]; analytic through 0 if α is an integer, 0 below it if not."""
+    if system.is_whole.all():
+        if (system.exponent == system.exponent[0]).all():
+            return np.asarray(s ** int(system.exponent[0]))
+        return np.stack([s[..., k] ** int(a) for k, a in enumerate(system.exponent)], axis=-1)
+    return np.where(system.is_whole, s, np.maximum(s, 0)) ** system.exponent
+
+
+def forces(system: System, s: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    """Forces of pressing contacts, N. s, speed: [..., contacts]"""
+    f = system.stiffness * power(system, s)
+    return f * (1 + system.loss * speed) if system.loss.any() else f
+
+
+def iterate(system: System, nodes: Nodes, h: np.floating, q: np.ndarray, p: np.ndarray, guess: tuple) -> tuple | None:
+    """Solve a step with all contacts of a system pressing, from a guess, by fixed-point iteration.
+
+    Returns q and p at the nodes [nodes, modes], dp/dt there, and forces [nodes, contacts]; None if it fails."""
+    qs, ps = guess
+    epsilon = np.finfo(q.dtype).eps
+    ahead = (h * nodes.integral).astype(q.dtype)
+    s0 = system.shapes @ q - system.barrier
+    before = np.inf
+    for _ in range(MAX_ROUNDS):
+        speed = ps @ system.shapes.T
+        f = forces(system, s0 + ahead @ speed, speed)
+        slope = system.weight - system.squared * qs - system.decay * ps - f @ system.shapes
+        next_ps = p + ahead @ slope
+        change, size = np.abs(next_ps - ps).max(), np.abs(next_ps).max()
+        ps = next_ps
+        qs = q + ahead @ ps
+        if not change < 1e3 * size + 1e3:
+            return None
+        if change <= 2 * epsilon * size or (change <= 200 * epsilon * size and change > 0.3 * before):
+            return qs, ps, slope, f
+        before = change
+    return None
+
+
+class Solver:
+    """A problem, its arrays, and the setting it is solved with."""
+
+    def __init__(self, problem: Problem, setting: Setting) -> None:
+        self.problem, self.setting = problem, setting
+        self.fine, self.rough = as_system(problem, Real), as_system(problem, np.float64)
+        self.nodes = gauss_nodes(setting.nodes)
+        self.rough_nodes = Nodes(*(x.astype(np.float64) for x in self.nodes))
+        highest = problem.omega.max()
+        self.longest = Real(MAX_PHASE / highest) if highest > 0 else Real(np.inf)
+        assert (problem.sigma < np.maximum(problem.omega, 1e-300)).all() or not problem.sigma.any()
+        self.free = problem.omega == 0  # modes
+        omega_squared, sigma = self.fine.squared, self.fine.decay / 2
+        self.damped = np.sqrt(np.where(self.free, 1, omega_squared - sigma**2))
+        self.rest = np.where(self.free, 0, self.fine.weight / np.where(self.free, 1, omega_squared))
+        self.sigma = sigma
+
+    def fly(self, motion: Motion, h: np.floating) -> Step:
+        """A step in which no contact presses: the closed solution."""
+        t = (h * np.append(self.nodes.place, Real(1)))[:, None]
+        q, p, free = motion.q - self.rest, motion.p, self.free
+        shrink = np.exp(-self.sigma * t)
+        sine, cosine = shrink * np.sin(self.damped * t) / self.damped, shrink * np.cos(self.damped * t)
+        qs = self.rest + q * (cosine + self.sigma * sine) + p * sine
+        ps = p * (cosine - self.sigma * sine) - self.fine.squared * q * sine
+        if free.any():
+            w = self.fine.weight[free]
+            ps[:, free] = p[free] + w * t
+            qs[:, free] = q[free] + p[free] * t + w * t * t / 2
+        return Step(h, qs[-1], ps[-1], ps[:-1] @ self.fine.shapes.T, Real(0), Real(0))
+
+    def press(self, motion: Motion, pressing: np.ndarray, h: np.floating) -> Step | None:
+        """A step in which contacts press: by collocation, begun in double precision. None if that fails."""
+        q, p, nodes = motion.q, motion.p, self.nodes
+        system, rough = select_contacts(self.fine, pressing), select_contacts(self.rough, pressing)
+        rough_q, rough_p = q.astype(np.float64), p.astype(np.float64)
+        places = (h * nodes.place).astype(np.float64)[:, None]
+        guess = rough_q + places * rough_p, np.repeat(rough_p[None], nodes.place.size, axis=0)
+        with np.errstate(all="ignore"):
+            found = iterate(rough, self.rough_nodes, np.float64(h), rough_q, rough_p, guess)
+            if found is None:
+                return None
+            found = iterate(system, nodes, h, q, p, (found[0].astype(Real), found[1].astype(Real)))
+        if found is None:
+            return None
+        _, ps, slope, f = found
+        tail = np.abs(nodes.last @ f).max(axis=0)
+        return Step(
+            duration=h,
+            q=q + h * (nodes.share @ ps),
+            p=p + h * (nodes.share @ slope),
+            speed=ps @ self.fine.shapes.T,
+            impulse=h * np.sum(nodes.share @ f),
+            error=h * np.sum(system.length * tail) / motion.scale,
+        )
+
+    def try_step(self, motion: Motion, h: np.floating) -> Step | None:
+        """A step of duration h, whatever happens in it; None if it cannot be solved."""
+        pressing = np.flatnonzero(motion.status == PRESSING)
+        return self.press(motion, pressing, h) if pressing.size else self.fly(motion, h)
+
+    def compressions(self, q: np.ndarray) -> np.ndarray:
+        """s [contacts]"""
+        return np.asarray(self.fine.shapes @ q - self.fine.barrier)
+
+    def accelerations(self, motion: Motion) -> np.ndarray:
+        """d²s/dt² [contacts]"""
+        pressing = np.flatnonzero(motion.status == PRESSING)
+        slope = self.fine.weight - self.fine.squared * motion.q - self.fine.decay * motion.p
+        if pressing.size:
+            system = select_contacts(self.fine, pressing)
+            f = forces(system, system.shapes @ motion.q - system.barrier, system.shapes @ motion.p)
+            slope = slope - f @ system.shapes
+        return np.asarray(self.fine.shapes @ slope)
+
+    def excess(self, status: np.ndarray, s: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        """What is above 0 when a contact has changed: [..., 2·contacts], by its compression and by its speed."""
+        by_compression = np.where(status == OPEN, s, -s)
+        by_speed = np.where(status == PRESSING, -1, 1) * (1 + self.fine.loss * speed)
+        return np.concatenate([by_compression, np.where((status == OPEN) | (self.fine.loss == 0), -1, by_speed)], -1)
+
+    def excess_at(self, motion: Motion, step: Step, place: np.ndarray) -> np.ndarray:
+        """The same at places on [0, 1] of a step, by its polynomials: [places, 2·contacts]"""
+        count = self.setting.nodes
+        s = self.compressions(motion.q) + step.duration * (integral_to(count, place) @ step.speed)
+        return self.excess(motion.status, s, value_at(count, place) @ step.speed)
+
+    def first_event(self, motion: Motion, step: Step) -> tuple[int, float] | None:
+        """Which excess of a step is the first to rise above 0, and where on [0, 1]; None if none does."""
+        x = self.nodes.finer
+        s = self.compressions(motion.q) + step.duration * (self.nodes.finer_integral @ step.speed)
+        g = self.excess(motion.status, s, self.nodes.finer_value @ step.speed)
+        bend = 2 * g[1:-1] - g[2:] - g[:-2]
+        rise = g[2:] - g[:-2]
+        is_top = (bend > 0) & (np.abs(rise) <= 2 * bend) & (g[1:-1] <= 0)
+        with np.errstate(all="ignore"):
+            hidden = is_top & (g[1:-1] + rise**2 / (8 * bend) > 0)  # rises above 0 and falls again between places
+        found: list[tuple[float, int]] = []
+        for column in np.flatnonzero((g[1:] > 0).any(axis=0) | hidden.any(axis=0)):
+            brackets = [(float(x[j]), float(x[j + 1])) for j in np.flatnonzero(g[1:, column] > 0)[:1]]
+            for j in np.flatnonzero(hidden[:, column])[:1]:
+                top = float(x[j + 1] + (x[1] - x[0]) * rise[j, column] / (2 * bend[j, column]))
+                if self.excess_at(motion, step, np.array([top], Real))[0, column] > 0:
+                    brackets.append((float(x[j]), top))
+            if brackets:
+                low, high = min(brackets)
+                for _ in range(3):
+                    places = np.linspace(low, high, 12).astype(Real)
+                    is_above = self.excess_at(motion, step, places)[1:, column] > 0
+                    j = int(np.argmax(is_above)) if is_above.any() else 10
+                    low, high = float(places[j]), float(places[j + 1])
+                found.append((0.5 * (low + high), int(column)))
+        if not found:
+            return None
+        place, column = min(found)
+        return column, place
+
+    def locate(self, motion: Motion, column: int, guess: np.floating, longest: np.floating) -> Step | None:
+        """The step that ends where an excess becomes 0, by Newton's method between bounds; None if a step fails."""
+        low, high, h = Real(0), longest * (1 + EPSILON), guess
+        contact, by_speed = column % motion.status.size, column >= motion.status.size
+        row = self.fine.shapes[contact]
+        noise = 4 * EPSILON * (np.abs(row) @ np.abs(motion.q) + np.abs(self.fine.barrier[contact]))
+        if by_speed:
+            noise = 4 * EPSILON * (1 + self.fine.loss[contact] * (np.abs(row) @ np.abs(motion.p)))
+        for _ in range(60):
+            step = self.try_step(motion, h)
+            if step is None or step.error > self.setting.tolerance:
+                return None
+            after = Motion(step.q, step.p, motion.status, motion.scale)
+            speed = row @ step.p
+            if by_speed:
+                g = 1 + self.fine.loss[contact] * speed
+                slope = self.fine.loss[contact] * self.accelerations(after)[contact]
+                sign = -1 if motion.status[contact] == PRESSING else 1
+            else:
+                g, slope = row @ step.q - self.fine.barrier[contact], speed
+                sign = 1 if motion.status[contact] == OPEN else -1
+            if abs(g) <= noise:
+                return step
+            low, high = (low, h) if sign * g > 0 else (h, high)
+            improved = h - g / slope if slope != 0 else (low + high) / 2
+            if not low < improved < high:
+                improved = (low + high) / 2
+            if abs(improved - h) <= 4 * EPSILON * h:
+                return step
+            h = improved
+        return step
+
+    def next_step(
+        self, motion: Motion, left: np.floating, length: np.floating
+    ) -> tuple[Step | None, int | None, np.floating]:
+        """The next step; which excess is 0 at its end, if it is an event; and how long to try next time, s.
+
+        left: of the sample, s; length: to try now, s. The step is None if it must be tried anew.
+        """
+        h = min(length, left, self.longest)
+        step = self.try_step(motion, h)
+        if step is None:
+            return None, None, h / 4
+        event = self.first_event(motion, step)
+        if event is not None:
+            column, place = event
+            located = self.locate(motion, column, place * h, h)
+            if located is None:
+                return None, None, place * h / 2 if place > 0 else h / 4
+            return located, column, length
+        if step.error == 0:
+            return step, None, self.longest
+        growth = Real(0.8) * (self.setting.tolerance / step.error) ** (Real(1) / self.setting.nodes)
+        if step.error > self.setting.tolerance:
+            return None, None, h * max(Real(0.2), growth)
+        longer = h * min(Real(4), growth)
+        return step, None, max(length, longer) if h < length else longer  # a sample's end says nothing of the error
+
+    def change(self, motion: Motion, column: int) -> int:
+        """Change the status of a contact. Returns the contact."""
+        contact, by_speed = column % motion.status.size, column >= motion.status.size
+        if by_speed:
+            motion.status[contact] = SLACK if motion.status[contact] == PRESSING else PRESSING
+        else:
+            motion.status[contact] = PRESSING if motion.status[contact] == OPEN else OPEN
+        return contact
+
+    def first_duration(self, motion: Motion, contact: int) -> np.floating:
+        """Duration of the first step of a contact that begins, s."""
+        if motion.status[contact] != PRESSING or self.fine.is_whole[contact]:
+            return self.longest
+        speed, a = abs(self.fine.shapes[contact] @ motion.p), self.fine.exponent[contact]
+        push = self.fine.length[contact] * self.fine.stiffness[contact] * (speed + Real(1e-30)) ** a * Real(1e-3)
+        return np.asarray(self.setting.tolerance * motion.scale / push)[()] ** (1 / (a + 1))
+
+    def raise_scale(self, motion: Motion) -> None:
+        """Note the largest momentum."""
+        motion.scale = max(motion.scale, np.sqrt(np.sum(motion.p**2 + self.fine.squared * motion.q**2)))
+
+    def begin(self, q: np.ndarray, p: np.ndarray) -> Motion:
+        """The motion at time 0."""
+        s, speed = self.compressions(q), self.fine.shapes @ p
+        status = np.where(s > 0, np.where(1 + self.fine.loss * speed > 0, PRESSING, SLACK), OPEN)
+        motion = Motion(q, p, status, Real(1e-30))
+        self.raise_scale(motion)
+        return motion
+
+    def overdue(self, motion: Motion) -> int | None:
+        """An excess that is above 0 and rises: two events at once."""
+        speed = self.fine.shapes @ motion.p
+        g = self.excess(motion.status, self.compressions(motion.q), speed)
+        if not (g > 0).any():
+            return None
+        rate = self.excess(motion.status, speed, np.zeros_like(speed))[: speed.size]
+        loss_rate = np.where(motion.status == PRESSING, -1, 1) * self.fine.loss * self.accelerations(motion)
+        late = np.flatnonzero((g > 0) & (np.concatenate([rate, loss_rate]) > 0))
+        return int(late[0]) if late.size else None
+
+
+def solve(problem: Problem, setting: Setting = FINE) -> Solution:
+    """The motion of a problem."""
+    solver = Solver(problem, setting)
+    motion = solver.begin(problem.q.astype(Real), problem.p.astype(Real))
+    sample, pickup, frames = 1 / Real(problem.samplerate), problem.pickup.astype(Real), problem.frames
+    displacement, energy = np.empty(frames + 1, Real), np.empty(frames + 1, Real)
+    force, events, steps, length = np.zeros(frames, Real), [], 0, solver.longest
+    displacement[0], energy[0] = pickup @ motion.q, energy_of_state(solver.fine, motion.q, motion.p)
+    for n in range(frames):
+        elapsed, impulse, tries = Real(0), Real(0), 0
+        while elapsed < sample:
+            tries += 1
+            if tries > MAX_TRIES:
+                raise RuntimeError(f"{problem.title}: stuck in frame {n}")
+            column, left = solver.overdue(motion), sample - elapsed
+            if column is not None:
+                contact = solver.change(motion, column)
+                length = min(length, solver.first_duration(motion, contact))
+            else:
+                step, column, length = solver.next_step(motion, left, length)
+                if step is None:
+                    continue
+                motion.q, motion.p = step.q, step.p
+                elapsed = sample if step.duration == left else elapsed + step.duration
+                impulse, steps = impulse + step.impulse, steps + 1
+                solver.raise_scale(motion)
+                if column is None:
+                    continue
+                contact = solver.change(motion, column)
+                length = solver.first_duration(motion, contact)
+            events.append((float(n * sample + elapsed), contact, int(motion.status[contact])))
+        force[n] = impulse / sample
+        displacement[n + 1] = pickup @ motion.q
+        energy[n + 1] = energy_of_state(solver.fine, motion.q, motion.p)
+    return Solution(displacement, force, energy, events, steps)
+
+
+def energy_of_state(system: System, q: np.ndarray, p: np.ndarray) -> np.floating:
+    """Energy of a state, J."""
+    squeezed = np.maximum(system.shapes @ q - system.barrier, 0)
+    stored = system.stiffness / (system.exponent + 1) * squeezed ** (system.exponent + 1)
+    return np.sum(p**2 / 2 + system.squared * q**2 / 2 - system.weight * q) + np.sum(stored)

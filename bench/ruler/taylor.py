@@ -1,0 +1,240 @@
+"""The motion of a problem of collision by Taylor series, in extended precision: a second method, which shares nothing
+with bench.ruler.reference but the problem.
+
+From every state the series of modes and forces follow term by term: dp/dt from the forces, a power s^α of a series by
+its recurrence. The last terms give the length of a step. The series show where a contact begins or ends, to the last
+digit, and what is heard in between. s^α with α not an integer has no series at s = 0: its force is on from a
+compression on that is so small that it could not be told from 0.
+"""
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+
+from engine.ruler.problem import Problem
+
+Real = np.longdouble
+OPEN, PRESSING, SLACK = 0, 1, 2  # a slack contact is compressed, and leaves faster than its force would follow
+ORDER = 32
+TOLERANCE = 1e-20  # the last terms of a series, and what a force could have moved before it is on: share of momentum
+MAX_APPROACH = 0.6  # share of the way to s = 0 in a step
+GRID = np.linspace(0, 1, 49).astype(Real)
+
+
+class Arrays(NamedTuple):
+    """A problem in extended precision."""
+
+    squared: np.ndarray  # ω² [modes]
+    decay: np.ndarray  # 2σ [modes]
+    weight: np.ndarray  # [modes]
+    shapes: np.ndarray  # [contacts, modes]
+    barrier: np.ndarray  # [contacts]
+    stiffness: np.ndarray  # [contacts]
+    exponent: np.ndarray  # [contacts]
+    loss: np.ndarray  # [contacts]
+    onset: np.ndarray  # [contacts], compression from which on the force is on, m
+
+
+class Series(NamedTuple):
+    """Taylor coefficients of a motion in time."""
+
+    q: np.ndarray  # [order + 1, modes]
+    p: np.ndarray  # [order + 1, modes]
+    force: np.ndarray  # [order + 1], of all contacts
+
+
+def as_arrays(problem: Problem, scale: np.floating) -> Arrays:
+    """A problem in extended precision. scale: largest momentum, √kg·m/s"""
+    exponent, stiffness = problem.exponent.astype(Real), problem.stiffness.astype(Real)
+    slowest = 1e-3 * scale  # a contact that begins so slowly is rare
+    onset = (TOLERANCE * (exponent + 1) * slowest * scale / stiffness) ** (1 / (exponent + 1))
+    return Arrays(
+        squared=problem.omega.astype(Real) ** 2,
+        decay=2 * problem.sigma.astype(Real),
+        weight=problem.weight.astype(Real),
+        shapes=problem.shapes.astype(Real),
+        barrier=problem.barrier.astype(Real),
+        stiffness=stiffness,
+        exponent=exponent,
+        loss=problem.loss.astype(Real),
+        onset=np.where(exponent == np.round(exponent), 0, onset),
+    )
+
+
+def next_power_term(s: np.ndarray, powers: list[np.ndarray], exponent: np.ndarray, n: int) -> np.ndarray:
+    """Term n of s^α, of contacts with one kind of exponent. s: terms 0 … n [order + 1, contacts]
+
+    powers: the terms so far of s^α, or of s, s², … s^α if α is an integer; term n is added to them.
+    """
+    if len(powers) == 1 and exponent[0] != 1:
+        f = powers[0]
+        if n == 0:
+            f[0] = s[0] ** exponent
+        else:
+            j = np.arange(1, n + 1).astype(Real)[:, None]
+            f[n] = np.sum((exponent * j - n + j) * s[1 : n + 1] * f[n - 1 :: -1][:n], axis=0) / (n * s[0])
+        return f[n]
+    powers[0][n] = s[n]
+    for lower, higher in itertools.pairwise(powers):
+        higher[n] = np.sum(s[: n + 1] * lower[n::-1], axis=0)
+    return powers[-1][n]
+
+
+def expand(arrays: Arrays, status: np.ndarray, q: np.ndarray, p: np.ndarray) -> Series:
+    """The series of a motion from a state."""
+    size = ORDER + 1
+    qs, ps, total = np.zeros((size, q.size), Real), np.zeros((size, q.size), Real), np.zeros(size, Real)
+    qs[0], ps[0] = q, p
+    kinds = []  # pressing contacts by exponent: their numbers, s, ds/dt, powers, elastic force
+    for exponent in sorted({float(a) for a in arrays.exponent[status == PRESSING]}):
+        which = np.flatnonzero((status == PRESSING) & (arrays.exponent.astype(float) == exponent))
+        blank = np.zeros((size, which.size), Real)
+        powers = [blank.copy() for _ in range(int(exponent) if exponent == round(exponent) else 1)]
+        kinds.append((which, arrays.shapes[which], blank.copy(), blank.copy(), powers, blank.copy()))
+    for n in range(size):
+        slope = -arrays.squared * qs[n] - arrays.decay * ps[n]
+        if n == 0:
+            slope = slope + arrays.weight
+        for which, shapes, s, speed, powers, elastic in kinds:
+            speed[n] = shapes @ ps[n]
+            s[n] = speed[n - 1] / n if n else shapes @ q - arrays.barrier[which]
+            elastic[n] = arrays.stiffness[which] * next_power_term(s, powers, arrays.exponent[which], n)
+            f = elastic[n]
+            if arrays.loss[which].any():
+                f = f + arrays.loss[which] * np.sum(elastic[: n + 1] * speed[n::-1], axis=0)
+            slope = slope - f @ shapes
+            total[n] += np.sum(f)
+        if n < ORDER:
+            ps[n + 1], qs[n + 1] = slope / (n + 1), ps[n] / (n + 1)
+    return Series(qs, ps, total)
+
+
+def duration_of(arrays: Arrays, status: np.ndarray, series: Series, scale: np.floating) -> np.floating:
+    """How long a series holds, s."""
+    limits = [np.inf]
+    for n in range(ORDER - 5, ORDER + 1):  # from s = 0 on, all terms but each (α + 1)-th may be 0
+        size = np.sqrt(np.sum(series.p[n] ** 2 + arrays.squared * series.q[n] ** 2))
+        if size > 0:
+            limits.append((TOLERANCE * scale / size) ** (Real(1) / n))
+    singular = np.flatnonzero((status == PRESSING) & (arrays.onset > 0))
+    if singular.size:
+        s = arrays.shapes[singular] @ series.q[0] - arrays.barrier[singular]
+        speed = np.abs(arrays.shapes[singular] @ series.p[0])
+        limits.append(MAX_APPROACH * np.min(s / (speed + Real(1e-300))))
+    return min(limits)
+
+
+def excesses(arrays: Arrays, status: np.ndarray, series: Series) -> np.ndarray:
+    """Series of what is above 0 when a contact has changed: [order + 1, 2·contacts], by compression and by speed."""
+    s, speed = series.q @ arrays.shapes.T, series.p @ arrays.shapes.T
+    s[0] -= arrays.barrier + arrays.onset
+    by_speed = arrays.loss * speed
+    by_speed[0] += 1
+    by_speed = np.where(status == PRESSING, -by_speed, by_speed)
+    never = (status == OPEN) | (arrays.loss == 0)
+    by_speed[:, never] = 0
+    by_speed[0, never] = -1
+    return np.concatenate([np.where(status == OPEN, s, -s), by_speed], axis=1)
+
+
+def value(terms: np.ndarray, x: np.floating) -> np.floating:
+    """A polynomial at a place."""
+    return np.polynomial.polynomial.polyval(x, terms)
+
+
+def rising_root(terms: np.ndarray, slopes: np.ndarray, low: np.floating, high: np.floating) -> np.floating:
+    """Where a polynomial, not above 0 at `low` and above it at `high`, is 0."""
+    x = (low + high) / 2
+    for _ in range(200):
+        g, slope = value(terms, x), value(slopes, x)
+        low, high = (low, x) if g > 0 else (x, high)
+        improved = x - g / slope if slope > 0 else (low + high) / 2
+        if not low < improved < high:
+            improved = (low + high) / 2
+        if improved == x or high - low <= 1e-19 * high:
+            return improved
+        x = improved
+    return x
+
+
+def first_rise(terms: np.ndarray) -> tuple[np.floating, int] | None:
+    """Where on [0, 1] the first of some polynomials rises above 0, and which. terms: [order + 1, polynomials]"""
+    slopes = terms[1:] * np.arange(1, terms.shape[0]).astype(Real)[:, None]
+    powers = GRID[:, None] ** np.arange(terms.shape[0])
+    g, rate = powers @ terms, powers[:, :-1] @ slopes
+    turns = (rate[:-1] > 0) & (rate[1:] < 0)
+    may_touch = turns & (g[:-1] + rate[:-1] * (GRID[1] - GRID[0]) > 0) & (g[:-1] <= 0) & (g[1:] <= 0)
+    found = []
+    for column in np.flatnonzero((g[1:] > 0).any(axis=0) | may_touch.any(axis=0)):
+        one, slope = terms[:, column], slopes[:, column]
+        for j in range(GRID.size - 1):
+            if may_touch[j, column]:
+                bend = -slope[1:] * np.arange(1, slope.size).astype(Real)
+                top = rising_root(-slope, bend, GRID[j], GRID[j + 1])
+                if value(one, top) > 0:
+                    found.append((rising_root(one, slope, GRID[j], top), int(column)))
+                    break
+            if g[j + 1, column] > 0:
+                found.append((rising_root(one, slope, GRID[j], GRID[j + 1]), int(column)))
+                break
+    return min(found) if found else None
+
+
+def change(status: np.ndarray, column: int) -> None:
+    """Change the status of the contact that a column of `excesses` belongs to."""
+    contact = column % status.size
+    if column >= status.size:
+        status[contact] = SLACK if status[contact] == PRESSING else PRESSING
+    else:
+        status[contact] = PRESSING if status[contact] == OPEN else OPEN
+
+
+def solve_by_series(problem: Problem) -> tuple[np.ndarray, np.ndarray, int]:
+    """Displacement [frames + 1], m, and force [frames], N (engine.ruler.problem), and the number of events."""
+    q, p = problem.q.astype(Real), problem.p.astype(Real)
+    sample, frames, pickup = 1 / Real(problem.samplerate), problem.frames, problem.pickup.astype(Real)
+    scale = momentum_scale(problem)
+    arrays = as_arrays(problem, scale)
+    s, speed = arrays.shapes @ q - arrays.barrier, arrays.shapes @ p
+    status = np.where(s > arrays.onset, np.where(1 + arrays.loss * speed > 0, PRESSING, SLACK), OPEN)
+    displacement, impulse, events = np.empty(frames + 1, Real), np.zeros(frames + 1, Real), 0
+    displacement[0] = pickup @ q
+    frame, elapsed, idle = 0, Real(0), 0  # where the motion is: time since the frame began, s
+    degree = np.arange(ORDER + 1)
+    while frame < frames:
+        series = expand(arrays, status, q, p)
+        changes = excesses(arrays, status, series)
+        late = np.flatnonzero((changes[0] > 0) & (changes[1] > 0))  # two events at once
+        if late.size:
+            change(status, int(late[0]))
+            events, idle = events + 1, idle + 1
+            assert idle < 100, f"{problem.title}: stuck in frame {frame}"
+            continue
+        idle = 0
+        h = min(duration_of(arrays, status, series, scale), (frames - frame) * sample - elapsed + sample / 2)
+        event = first_rise(changes * (h**degree)[:, None])
+        h = h if event is None else event[0] * h
+        begun = Real(0)  # integral of the force up to the last frame that ended
+        while frame < frames and elapsed + h >= sample:
+            ahead = sample - elapsed
+            powers = ahead**degree
+            pushed = ahead * (powers / (degree + 1)) @ series.force
+            impulse[frame] += pushed - begun
+            begun, frame = pushed, frame + 1
+            displacement[frame] = powers @ (series.q @ pickup)
+            elapsed -= sample
+        powers = h**degree
+        if frame < frames:
+            impulse[frame] += h * (powers / (degree + 1)) @ series.force - begun
+        q, p, elapsed = powers @ series.q, powers @ series.p, elapsed + h
+        if event is not None:
+            change(status, event[1])
+            events += 1
+    return displacement, impulse[:frames] / sample, events
+
+
+def momentum_scale(problem: Problem) -> np.floating:
+    """√(2·energy) that the motion has at first, or that weight gives it within its time, √kg·m/s."""
+    falls = problem.weight * problem.frames / problem.samplerate
+    return Real(np.sqrt(np.sum(problem.p**2 + problem.omega**2 * problem.q**2 + falls**2)))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from engine.build.layout import Layout
-from engine.build.mode_coefficients import SCHEMES, damped_coefficients, is_heavily_damped, stage_coefficients
+from engine.build.mode_coefficients import damped_coefficients, is_heavily_damped, stage_coefficients
 from engine.build.step_coefficients import ModeCoefficients, stack, step_coefficients
 from engine.kernel.model import ContactLoss, ModalLoss, Refinement
 from engine.patch.accuracy import Accuracy, stage_lengths
@@ -11,22 +11,27 @@ from engine.patch.accuracy import Accuracy, stage_lengths
 MAX_LOSS_IN_STEP = 0.5  # μ·f·W·h/2, of contact loss between stages: beyond, a step of order 2 errs no more
 
 
-def build_refinement(layout: Layout, kick: np.ndarray, accuracy: Accuracy, samplerate: float) -> Refinement | None:
-    """Stages of a sample, be it one; None without contacts and connections. kick: t of each mode in a whole step, s."""
+def build_refinement(
+    layout: Layout, kick: np.ndarray, accuracy: Accuracy, samplerate: float, finest_order: int | None = None
+) -> Refinement | None:
+    """Stages of a sample, be it one; None without contacts and connections.
+
+    kick:         t of each mode in a whole step, s
+    finest_order: of the Refinement whose kernel this one is for, if that is another
+    """
     if not layout.contact_points and not layout.connection_parts:
         return None
     lengths = stage_lengths(accuracy)
     kinds = sorted(set(lengths))
     omega, sigma = layout.concatenate_modes("omega"), layout.concatenate_modes("sigma")
     h = 1.0 / samplerate
-    contact_loss = _contact_loss(layout, h / accuracy.substeps) if accuracy.order > 2 else None
-    if contact_loss is not None:
+    is_high, has_high_kernel = accuracy.order > 2, (finest_order or accuracy.order) > 2
+    contact_loss = _contact_loss(layout, h / accuracy.substeps, is_high) if has_high_kernel else None
+    loses_between = contact_loss is not None and is_high
+    if loses_between:
         kinds = sorted({*kinds, 1 / accuracy.substeps})
-    damped = is_heavily_damped(omega, sigma, h) & (accuracy.scheme == "exact" and accuracy.order == 2)
-    if accuracy.order == 2:
-        modes = [_substep_of_modes(omega, sigma, accuracy.scheme, length * h, damped) for length in kinds]
-    else:
-        modes = [_stage_of_modes(kick, omega, accuracy.scheme, length) for length in kinds]
+    damped = is_heavily_damped(omega, sigma, h) & (accuracy.scheme == "exact" and not has_high_kernel)
+    modes = [_stage_of_modes(kick, omega, sigma, accuracy.scheme, length, h, damped) for length in kinds]
     weight = np.abs(layout.scene.gravity * layout.concatenate_modes("gravity_participation"))
     return Refinement(
         stages=stack(
@@ -37,21 +42,21 @@ def build_refinement(layout: Layout, kick: np.ndarray, accuracy: Accuracy, sampl
                     samplerate,
                     length,
                     is_damped=accuracy.order == 2,
-                    loses_at_contacts=contact_loss is None or length == 1 / accuracy.substeps,
+                    loses_at_contacts=not loses_between or length == 1 / accuracy.substeps,
                 )
                 for m, length in zip(modes, kinds, strict=True)
             ]
         ),
-        end_loss=end_loss(np.exp(-sigma * h)) if accuracy.order > 2 and sigma.any() else None,
-        end_damping=np.full(int(layout.islands.connection[-1]), h / 2)
-        if accuracy.order > 2 and layout.is_damped
+        end_loss=end_loss(np.where(damped, 1.0, np.exp(-sigma * h))) if sigma.any() else None,
+        end_damping=np.full(int(layout.islands.connection[-1]), h / 2 if is_high else 0.0)
+        if has_high_kernel and layout.is_damped
         else None,
         contact_loss=contact_loss,
         sequence=np.array([kinds.index(length) for length in lengths]),
         loss_before=h * loss_times(accuracy),
         loss_after=h * loss_times(accuracy)[::-1],
         sequence_in_solve=np.array([kinds.index(1 / accuracy.substeps)] * accuracy.substeps)
-        if contact_loss is not None
+        if loses_between
         else np.zeros(0, np.int64),
         length=np.array(kinds),
         refine_free_flight=accuracy.scheme != "exact",
@@ -78,13 +83,13 @@ def loss_times(accuracy: Accuracy) -> np.ndarray:
     return np.tile(times / accuracy.substeps, accuracy.substeps)
 
 
-def _contact_loss(layout: Layout, step: float) -> ContactLoss | None:
-    """Contact loss between stages; None if no contact has loss. step: length of a step of order 4 or 6, s"""
+def _contact_loss(layout: Layout, step: float, acts: bool) -> ContactLoss | None:
+    """Contact loss between stages, where it acts there; None if no contact has loss. step: length of a substep, s"""
     loss = np.array([layout.scene.contact[k].loss for k, _ in layout.contact_points])
     if not loss.any():
         return None
     mobility = np.array([sum(float(np.sum(layout.row(side).phi ** 2)) for side in row) for row in layout.contact_rows])
-    loss[mobility == 0.0] = 0.0
+    loss[(mobility == 0.0) | (not acts)] = 0.0
     return ContactLoss(loss, mobility, loss * mobility * step / (2 * MAX_LOSS_IN_STEP))
 
 
@@ -94,23 +99,14 @@ def end_loss(decay_factor: np.ndarray) -> ModalLoss:
     return ModalLoss(decay_factor, 0.5 * (1 - decay_factor) * (1 + decay_factor))
 
 
-def _stage_of_modes(kick: np.ndarray, omega: np.ndarray, scheme: str, length: float) -> ModeCoefficients:
-    """The modes in a stage without loss, whose length is a share of a sample. kick: t in a whole sample, s"""
-    return ModeCoefficients(*stage_coefficients(kick, omega, scheme, length), None, None)
-
-
-def _substep_of_modes(
-    omega: np.ndarray, sigma: np.ndarray, scheme: str, h: float, damped: np.ndarray
+def _stage_of_modes(
+    kick: np.ndarray, omega: np.ndarray, sigma: np.ndarray, scheme: str, length: float, h: float, damped: np.ndarray
 ) -> ModeCoefficients:
-    """The modes in a step of h seconds with its loss; heavily damped ones lose in its drift as well.
-
-    Steps of `exact` are of a flow, and so the product of several is the step of a sample.
-    """
-    kicks, drifts = SCHEMES[scheme](omega, sigma, h)
-    decay = np.exp(-sigma * h)
+    """The modes in a stage, whose length is a share of a sample of h seconds; heavily damped ones lose in it."""
+    kicks, drifts = stage_coefficients(kick, omega, scheme, length)
     if not damped.any():
-        return ModeCoefficients(kicks, drifts, end_loss(decay) if sigma.any() else None, None)
-    drag, dragged = np.ones(omega.size), np.zeros(omega.size)
-    values = damped_coefficients(omega[damped], sigma[damped], h)
+        return ModeCoefficients(kicks, drifts, None, None)
+    decay, drag, dragged = np.ones(omega.size), np.ones(omega.size), np.zeros(omega.size)
+    values = damped_coefficients(omega[damped], sigma[damped], length * h)
     kicks[damped], drifts[damped], decay[damped], drag[damped], dragged[damped] = values
     return ModeCoefficients(kicks, drifts, end_loss(decay), ModalLoss(drag, dragged))

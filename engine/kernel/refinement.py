@@ -1,7 +1,8 @@
 """Refinement: a sample in several stages, where contact is possible (docs/design.md, sec. 2).
 
-A stage is a step of another length. At order 2 it has its loss, as any step. At orders 4 and 6 some go backwards, and
-none has loss: half the loss of the sample comes before the first stage and half after the last. Without loss, each
+A stage is a step of another length, forwards or backwards, without loss; half the loss of the sample
+comes before the first stage and half after the last. Heavily damped modes
+(engine.build.mode_coefficients.damped_coefficients) lose in each stage instead, for all lengths are then positive. Each
 stage conserves energy, and so does their product, whose order is that of the lengths (engine.patch.accuracy). Out of
 contact the `exact` coefficients need no stages: they are of a flow, and one step of it is their product.
 """

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import engine
+from bench.ruler.problems import ruler_scene
+from engine import ruler
 from engine.analysis.error_estimate import trusted_frames
 from engine.analysis.metrics import relative_rms_error
 from scenes.small import mass, scene
@@ -60,3 +62,14 @@ def test_the_horizon_is_where_two_renderings_part():
 def test_bodies_that_are_damped_too_heavily_for_order_four_have_an_estimate():
     told = scene([mass(damping=1e6, velocity=1.0)])
     assert engine.estimate_error(told, engine.render(told, seconds=0.01)).finer == {"order": 2, "substeps": 4}
+
+
+@pytest.mark.hard
+def test_the_estimate_is_near_the_error_of_the_certified_problems():
+    ratios = {}
+    for name in ruler.NAMES:
+        known = ruler.load_problem(name)[1].displacement[:-1, None]  # a rendering has the state before each step
+        for order in (2, 4):
+            ratios[name, order] = ratio_to_error(ruler_scene(name), known, order=order)
+    within = [1 / MOST < ratio < MOST for ratio in ratios.values()]
+    assert np.mean(within) >= 0.9, ratios

@@ -9,10 +9,13 @@ import time
 import numpy as np
 import pytest
 from conftest import ROOT, mostly_hard
+from numba import typeof
 
 import engine
+from engine.build.build import build
 from engine.cli.live_session import WATCH_INTERVAL, PlayerFactory
 from engine.live import audio_thread, kernels
+from engine.live.audio_memory import coarser_models
 from engine.live.hot_reload import PatchWatcher
 from engine.live.player import Player
 from engine.live.replay import replay
@@ -406,3 +409,21 @@ def test_a_voice_is_as_if_built_at_its_pitch():
         player.strike(f"hammer_{voice}", float(rng.uniform(1, 5)))
         player.render_into(out[begin : begin + 1000])
     assert player.meter()["energy_error"] <= 1e-12 and player.meter()["newton"]["unconverged"] == 0
+
+
+@pytest.mark.parametrize("order", [2, 4, 6])
+def test_coarser_models_run_in_the_kernel_of_the_finest(order):
+    """Also where loss of contacts, dampers and heavily damped modes act elsewhere at order 2."""
+    string = {"name": "s", "kind": "string", "length": 0.6, "mass": 4e-3, "tension": 670.0, "modes": 10, "sigma0": 1.0}
+    parts = {
+        "body": [string | {"residual": True}, {"name": "h", "kind": "mass", "mass": 3e-3, "velocity": 2.0}],
+        "contact": [{"body": "h", "on": "s", "on_at": 0.12, "stiffness": 4e9, "exponent": 2.5, "loss": 0.02}],
+        "connection": [{"body": "s", "at": 0.3, "damping": 0.01}],
+        "pickup": [{"body": "s", "at": 0.4}],
+    }
+    scene = engine.Scene.model_validate(parts)
+    accuracy = scene.accuracy.replace(order=order, substeps=4)
+    built = build(scene, 44_100, accuracy)
+    coarser = coarser_models(built, accuracy)
+    assert len(coarser) == (2 if order == 2 else 3)
+    assert {typeof(model) for model in coarser} == {typeof(built.model)}

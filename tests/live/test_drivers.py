@@ -293,16 +293,32 @@ np.save(sys.argv[1], np.concatenate(parts))
 LIVE = ("play", PIANO, "--device", "JACK Audio")
 
 
-@pytest.fixture
-def jack(tmp_path):
-    """A dummy server of its own, and the environment of its clients."""
-    name = f"fdh_{os.environ.get('PYTEST_XDIST_WORKER', 'alone')}"  # one that was killed keeps its name's place
+def start_jack(name: str):
+    """The environment of the clients of a new server, and the server; None if it does not answer."""
     environment = {"JACK_DEFAULT_SERVER": name, "JACK_NO_START_SERVER": "1", "JACK_NO_AUDIO_RESERVATION": "1"}
     command = ["jackd", "-r", "-p", "128", "-n", name, "-d", "dummy", "-r", "44100", "-p", "256"]
     clean = {k: v for k, v in os.environ.items() if k != "DISPLAY"}
     server = subprocess.Popen(command, env=clean | environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    time.sleep(1.5)
-    if server.poll() is not None:
+    for _ in range(20):
+        time.sleep(0.3)
+        if shutil.which("jack_lsp") is None:  # it comes with jackd, but not everywhere
+            time.sleep(1.2)
+            return environment, server if server.poll() is None else None
+        found = subprocess.run(["jack_lsp"], env=clean | environment, capture_output=True, text=True)
+        if "system:playback_1" in found.stdout:
+            return environment, server
+    server.kill()
+    return environment, None
+
+
+@pytest.fixture
+def jack(tmp_path):
+    """A dummy server of its own, and the environment of its clients."""
+    name = f"fdh_{os.environ.get('PYTEST_XDIST_WORKER', 'alone')}"  # one that was killed keeps its name's place
+    environment, server = start_jack(name)
+    if server is None:
+        environment, server = start_jack(f"{name}_again")
+    if server is None:
         pytest.skip("jackd does not start here")
     yield environment, server
     with contextlib.suppress(ProcessLookupError):

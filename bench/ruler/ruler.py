@@ -16,6 +16,7 @@ from engine.ruler import NAMES, Problem, Reference, Score, Trajectory, load_prob
 
 ORDERS = (2, 4, 6)
 SUBSTEPS = (1, 2, 4, 16)
+ROUNDING = 1e-16  # what is smaller counts as 0
 GOAL = 1e-3  # error of the motion that methods are timed at
 MEASURES = ("motion", "force", "bands_db", "energy", "pull", "ns_per_sample")
 OWN = "this engine, order {}"
@@ -76,8 +77,8 @@ def _or_infinite(value: float) -> float:
 
 
 def write_results(results: list[Result]) -> None:
-    """All scores, as bench/results/ruler.csv."""
-    with open(RESULTS / "ruler.csv", "w", newline="", encoding="utf-8") as file:
+    """All scores, as bench/results/ruler_scores.csv."""
+    with open(RESULTS / "ruler_scores.csv", "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow([f"# {stamp('ruler')}"])
         writer.writerow(["problem", "method", "variant", "setting", *MEASURES, "failed"])
@@ -146,7 +147,9 @@ def _middle(values: list[float], form: str) -> str:
 def _most(values: list[float]) -> str:
     """The largest of the values that are numbers."""
     known = [v for v in values if not math.isnan(v)]
-    return f"{max(known):.0e}" if known else "–"
+    if not known:
+        return "–"
+    return f"{max(known):.0e}" if max(known) > ROUNDING else "0"
 
 
 def _stiffness(value: float) -> str:
@@ -184,4 +187,6 @@ def draw(results: list[Result]) -> None:
         np.ravel(panels)[0].figure.legend(
             *np.ravel(panels)[0].get_legend_handles_labels(), loc="lower center", ncol=5, fontsize=9, frameon=False
         )
-        np.ravel(panels)[0].figure.subplots_adjust(bottom=0.13, top=0.95, hspace=0.3)
+        np.ravel(panels)[0].figure.subplots_adjust(
+            bottom=0.13, top=0.95, left=0.06, right=0.98, hspace=0.3, wspace=0.25
+        )

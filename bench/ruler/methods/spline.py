@@ -34,10 +34,13 @@ def largest_compressions(problem: Problem) -> np.ndarray:
     modal = 0.5 * np.sum(problem.p**2) + 0.5 * np.sum((problem.omega * away) ** 2)
     s = problem.shapes @ problem.q - problem.barrier
     mobility = np.maximum(np.sum(problem.shapes[:, free] ** 2, axis=1), 1e-300)
-    fallen = np.abs(problem.shapes[:, free] @ problem.weight[free]) / mobility * np.maximum(-s, 0.0)
+    pull = np.abs(problem.shapes[:, free] @ problem.weight[free]) / mobility  # of the weight, N
     stored = problem.stiffness / (problem.exponent + 1) * np.maximum(s, 0.0) ** (problem.exponent + 1)
-    energy = modal + fallen + np.sum(stored)
-    return ((problem.exponent + 1) * energy / problem.stiffness) ** (1 / (problem.exponent + 1))
+    energy = modal + pull * np.maximum(-s, 0.0) + np.sum(stored)
+    depth = np.zeros(s.size)
+    for _ in range(60):  # the weight goes on pulling inside
+        depth = ((problem.exponent + 1) * (energy + pull * depth) / problem.stiffness) ** (1 / (problem.exponent + 1))
+    return 1.001 * depth
 
 
 def build_spline(problem: Problem, q_reach: np.ndarray, knots: int) -> Spline:

@@ -88,7 +88,8 @@ def _contact_loss(layout: Layout, step: float, acts: bool) -> ContactLoss | None
     loss = np.array([layout.scene.contact[k].loss for k, _ in layout.contact_points])
     if not loss.any():
         return None
-    mobility = np.array([sum(float(np.sum(layout.row(side).phi ** 2)) for side in row) for row in layout.contact_rows])
+    shapes = [layout.island_contact_shapes(n) for n in range(layout.islands.contact.size - 1)]  # both sides together
+    mobility = np.concatenate([np.sum(phi**2, axis=1) for phi in shapes])
     loss[(mobility == 0.0) | (not acts)] = 0.0
     return ContactLoss(loss, mobility, loss * mobility * step / (2 * MAX_LOSS_IN_STEP))
 

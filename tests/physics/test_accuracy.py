@@ -209,6 +209,19 @@ def test_contact_loss_apart_from_the_solve_never_pulls_and_never_gives(order):
         assert energy["error_max"] <= 1e-12, text
 
 
+@pytest.mark.parametrize("places", [(0.3, 0.31), (0.3, 0.7)])
+def test_the_ledger_closes_where_a_string_touches_itself_with_loss(places):
+    """Both places of such a contact weigh the same modes."""
+    shape = {"kind": "triangle", "at": 0.2, "amplitude": 2e-3}
+    string = {"name": "s", "kind": "string", "length": 0.62, "mass": 4e-3, "frequency": 200.0, "modes": 30}
+    touch = {"body": "s", "at": places[0], "on": "s", "on_at": places[1], "gap": -1e-5}
+    touch |= {"stiffness": 1e6, "exponent": 1.5, "loss": 0.1}
+    told = scene([string | {"displacement": shape}], contact=[touch], pickup=[{"body": "s", "at": 0.4}])
+    stats = engine.render(told, seconds=0.05, order=4).stats
+    assert stats["activity"]["contact"] > 0.1
+    assert stats["energy"]["error_max"] <= 1e-12
+
+
 def test_order_four_says_where_strong_contact_loss_made_it_order_two():
     body, gap = [mass(mass=0.01, velocity=1.0, displacement=-1e-4)], {"stiffness": 1e5, "exponent": 1.0}
     weak = engine.render(scene(body, contact=[barrier(loss=0.1, **gap)]), seconds=0.01, order=4)

@@ -60,34 +60,40 @@ def is_small_everywhere(contact_loss, contact, samplerate, state):
 
 
 @inline
-def lose_at_contacts(contact_loss, contact, duration, is_backwards, state):
+def lose_at_contacts(contact_loss, contact, duration, is_backwards, rate, state):
     """Let the loss of all contacts act for a while, s, one after the other; or in the reverse order. Returns the energy
-    lost, J."""
+    lost, J.
+
+    rate: sample rate, 1/s; 0 before the first stage, when no contact has pushed as yet
+    """
     if contact_loss is None:
         return 0.0
     if duration == 0.0:
         return 0.0
-    return lose_at_each(contact_loss, contact, duration, is_backwards, state)
+    return lose_at_each(contact_loss, contact, duration, is_backwards, rate, state)
 
 
 @noinline
-def lose_at_each(contact_loss, contact, duration, is_backwards, state):
+def lose_at_each(contact_loss, contact, duration, is_backwards, rate, state):
     """As `lose_at_contacts`, of contacts with loss."""
     lost, count = 0.0, state.compression.shape[0]
     for n in range(INT64_0, count):
         k = count - 1 - n if is_backwards else n
         if contact_loss.loss[k] > 0.0 and state.compression[k] > 0.0:
-            lost += lose_at_contact(contact_loss, contact, duration, k, state)
+            lost += lose_at_contact(contact_loss, contact, duration, k, rate, state)
     return lost
 
 
 @inline
-def lose_at_contact(contact_loss, contact, duration, k, state):
+def lose_at_contact(contact_loss, contact, duration, k, rate, state):
     """Let the loss of contact k act for a while, s. Returns the energy lost, J."""
     f, mobility = elastic_force(contact.law, k, state.compression[k]), contact_loss.mobility[k]
     velocity = relative_velocity(contact, contact.other_rows, k, state.p)
     impulse = -velocity * math.expm1(-contact_loss.loss[k] * f * mobility * duration) / mobility
     impulse = max(impulse, -f * duration)  # it never takes more than the elastic force gives
+    if impulse < 0.0 and rate > 0.0:  # nor more than what the contact has pushed in this sample
+        pushed = state.refinement.mean_force[k] / rate + state.refinement.loss_impulse[k]
+        impulse = max(impulse, -max(pushed, 0.0))
     push_apart(contact, contact.other_rows, k, impulse, state.p)
     state.refinement.loss_impulse[k] += impulse
     return impulse * (velocity - 0.5 * mobility * impulse)

@@ -179,10 +179,9 @@ def composed_step(model, force, refinement, state, frame):
         connections = count_connections(model.connection, state)
         h = coefficients_of_stage(refinement.stages, s, modes, contacts, connections)
         if is_apart:
-            lost += lose_at_contacts(refinement.contact_loss, model.contact, refinement.loss_before[i], FALSE, state)
+            duration, rate = refinement.loss_before[i], model.samplerate if i > 0 else 0.0
+            lost += lose_at_contacts(refinement.contact_loss, model.contact, duration, FALSE, rate, state)
         outcome = step(model, force, h, state, frame)
-        if is_apart:
-            lost += lose_at_contacts(refinement.contact_loss, model.contact, refinement.loss_after[i], TRUE, state)
         if outcome.in_contact:
             in_contact = True
             for k in range(contacts):
@@ -190,6 +189,9 @@ def composed_step(model, force, refinement, state, frame):
         else:
             for k in range(contacts):
                 state.contact_force[k] = 0.0
+        if is_apart:
+            duration, rate = refinement.loss_after[i], model.samplerate
+            lost += lose_at_contacts(refinement.contact_loss, model.contact, duration, TRUE, rate, state)
         evaluations += outcome.evaluations
         lost += outcome.dissipated
         work += outcome.supplied

@@ -11,6 +11,7 @@ from engine.build.build import build
 from engine.offline.simulation import Simulation
 from engine.patch.accuracy import Accuracy
 from scenes.small import barrier, mass, oscillator, scene
+from scenes.struck import random_collision
 
 REPELLED = ROOT / "patches" / "repelled_oscillator.toml"
 
@@ -207,6 +208,16 @@ def test_contact_loss_apart_from_the_solve_never_pulls_and_never_gives(order):
         assert force.min() >= -1e-12 * force.max(), text
         assert np.diff(rendering.trace["dissipated"]).min() >= -1e-16 * energy["initial"], text
         assert energy["error_max"] <= 1e-12, text
+
+
+@pytest.mark.parametrize(("seed", "loss", "order"), [(51, 3.0, 4), (363, 3.0, 6), (375, 0.3, 4), (583, 3.0, 4)])
+def test_contact_loss_apart_does_not_pull_where_a_string_touches_a_fret_within_one_sample(seed, loss, order):
+    """At the start of that sample nothing tells that bodies will part in it."""
+    told = random_collision(seed)
+    lossy = [c.model_copy(update={"loss": loss}) for c in told.contact]
+    rendering = engine.render(told.model_copy(update={"contact": lossy}), seconds=0.05, order=order, trace=True)
+    assert rendering.trace["force"].min() >= -1e-12 * rendering.trace["force"].max()
+    assert rendering.stats["energy"]["error_max"] <= 1e-12
 
 
 @pytest.mark.parametrize("places", [(0.3, 0.31), (0.3, 0.7)])

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from engine.cli import arguments
 from engine.cli.messages import print_error
+from engine.output_files import atomic_write, error_reason
 from engine.wording import json_safe
 
 
@@ -28,8 +29,14 @@ def score_command(args: argparse.Namespace) -> int:
     """List the problems, write one, or score a trajectory; returns the exit code."""
     from engine import ruler
 
+    if args.problem is None and args.output is not None:
+        print_error("--output: which problem? give its name")
+        return 2
     if args.problem is None:
         return list_problems(args.json)
+    if None not in (args.trajectory, args.output) and is_same_file(Path(args.trajectory), Path(args.output)):
+        print_error(f"--output: {args.output} is the trajectory; name another file")
+        return 2
     try:
         problem, reference = ruler.load_problem(args.problem)
         if args.trajectory is not None:
@@ -41,6 +48,14 @@ def score_command(args: argparse.Namespace) -> int:
     if args.trajectory is None:
         print_values(describe(args.problem), args.json)
     return 0 if args.output is None else copy_problem(args.problem, Path(args.output))
+
+
+def is_same_file(a: Path, b: Path) -> bool:
+    """Whether two paths are of one file."""
+    try:
+        return a.samefile(b)
+    except (OSError, ValueError):  # one of them is not there
+        return False
 
 
 def describe(name: str) -> dict[str, object]:
@@ -88,9 +103,10 @@ def copy_problem(name: str, path: Path) -> int:
     from engine.ruler.library import problem_path
 
     try:
-        path.write_bytes(problem_path(name).read_bytes())
-    except OSError as error:
-        print_error(f"--output: {path} cannot be written ({error.strerror})")
+        with atomic_write(path) as part:
+            part.write_bytes(problem_path(name).read_bytes())
+    except (OSError, ValueError) as error:
+        print_error(f"--output: {path} cannot be written ({error_reason(error)})")
         return 1
     return 0
 

@@ -34,7 +34,13 @@ def score(problem: Problem, reference: Reference, trajectory: Trajectory) -> Sco
     largest = np.abs(known).max()
     if not np.all(np.isfinite(y)) or np.abs(y).max() > BLOW_UP_FACTOR * largest:
         return Score(math.nan, math.nan, math.nan, math.nan, math.nan, nanoseconds, "blows up")
-    frames = reference.horizon
+    with np.errstate(over="ignore", invalid="ignore"):  # of absurd forces and energies; what comes out says so
+        return _score_finite(problem, reference, trajectory, nanoseconds)
+
+
+def _score_finite(problem: Problem, reference: Reference, trajectory: Trajectory, nanoseconds: float) -> Score:
+    """The score of a trajectory whose displacement is not absurd."""
+    y, known, frames = trajectory.displacement, reference.displacement, reference.horizon
     velocity, known_velocity = (np.diff(x)[:, None] * problem.samplerate for x in (y, known))
     return Score(
         motion=relative_rms_error(y[1:, None], known[1:, None], frames),

@@ -1,6 +1,5 @@
 """What a method makes of a problem, and the files of it."""
 
-import zipfile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,21 +25,37 @@ class UnfitTrajectory(ValueError):
 
 def read_trajectory(path: Path, problem: Problem) -> Trajectory:
     """A trajectory from an .npz file that has the arrays of Trajectory by their names. Raises UnfitTrajectory."""
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            values = {name: data[name] for name in data.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise UnfitTrajectory(f"{path}: cannot be read as .npz ({str(error) or type(error).__name__})") from None
+    values = _read_arrays(path)
     if unknown := sorted(set(values) - set(Trajectory._fields)):
         raise UnfitTrajectory(f"{path}: unknown array {unknown[0]}; known are {', '.join(Trajectory._fields)}")
     if "displacement" not in values:
         raise UnfitTrajectory(f"{path}: has no array displacement [frames + 1], m")
     values.setdefault("force", np.full((problem.frames, len(problem.stiffness)), np.nan))
     if "seconds" in values:
-        values["seconds"] = values["seconds"].reshape(-1)[0] if values["seconds"].size else np.nan
+        if values["seconds"].dtype.kind not in "iuf" or values["seconds"].size != 1:
+            raise UnfitTrajectory(f"{path}: seconds is not a number")
+        values["seconds"] = float(values["seconds"].item())
     trajectory = Trajectory(**values)
     check_trajectory(problem, trajectory)
     return trajectory
+
+
+def _read_arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of an .npz file by their names. Raises UnfitTrajectory."""
+    try:
+        with path.open("rb") as file:
+            if file.read(2) != b"PK":
+                raise ValueError("no archive of arrays")
+            file.seek(0)
+            with np.load(file, allow_pickle=False) as data:
+                values = {name: data[name] for name in data.files}
+    except Exception as error:  # a damaged archive makes zipfile, zlib and NumPy raise almost anything
+        reason = " ".join(str(getattr(error, "strerror", None) or error).split()) or type(error).__name__
+        raise UnfitTrajectory(f"{path}: cannot be read as .npz ({reason})") from None
+    for name, array in values.items():
+        if not isinstance(array, np.ndarray):  # NumPy hands on what is no array as bytes
+            raise UnfitTrajectory(f"{path}: {name} is not an array")
+    return values
 
 
 def check_trajectory(problem: Problem, trajectory: Trajectory) -> None:

@@ -92,6 +92,7 @@ def test_the_command_lists_gives_and_scores(tmp_path, capsys, known):
         ({"displacement": np.zeros(2206), "speed": np.zeros(1)}, "unknown array speed"),
         ({"displacement": np.zeros(2206), "q": np.zeros((2206, 1))}, "q without p"),
         ({"displacement": np.zeros(2206, complex)}, "complex128; floating-point"),
+        ({"displacement": np.zeros(2206), "seconds": np.array("long")}, "seconds is not a number"),
     ],
 )
 def test_the_command_says_what_is_wrong_with_a_file(tmp_path, capsys, arrays, message):
@@ -105,3 +106,29 @@ def test_the_command_says_what_is_no_problem_and_no_file(tmp_path, capsys):
     assert "did you mean hammer_c4?" in capsys.readouterr().err
     assert main(["score", "walls", str(tmp_path / "none.npz")]) == 2
     assert "cannot be read as .npz" in capsys.readouterr().err
+
+
+def test_the_command_says_what_is_wrong_with_files_that_are_not_npz(tmp_path, capsys, known):
+    np.save(tmp_path / "array.npy", known.displacement)
+    np.savez(tmp_path / "good.npz", displacement=known.displacement)
+    damaged = bytearray((tmp_path / "good.npz").read_bytes())
+    damaged[6] |= 1  # says that it is encrypted
+    damaged[damaged.find(b"PK\x01\x02") + 8] |= 1
+    (tmp_path / "locked.npz").write_bytes(damaged)
+    (tmp_path / "text.npz").write_text("hello\n")
+    for name in ("array.npy", "locked.npz", "text.npz", ""):
+        assert main(["score", "repelled_oscillator", str(tmp_path / name)]) == 2
+        error = capsys.readouterr().err
+        assert "cannot be read as .npz" in error and error.count("\n") == 1
+
+
+def test_the_command_refuses_an_output_without_a_problem_or_over_the_trajectory(tmp_path, capsys, known):
+    mine = tmp_path / "mine.npz"
+    np.savez(mine, displacement=known.displacement)
+    written = mine.read_bytes()
+    assert main(["score", "repelled_oscillator", str(mine), "-o", str(mine)]) == 2
+    assert mine.read_bytes() == written and "is the trajectory" in capsys.readouterr().err
+    assert main(["score", "-o", str(tmp_path / "copy.npz")]) == 2
+    assert "which problem?" in capsys.readouterr().err
+    assert main(["score", "walls", "-o", str(tmp_path / "none" / "copy.npz")]) == 1
+    assert capsys.readouterr().err.count("\n") == 1

@@ -1,5 +1,6 @@
 """How far a rendering is from the motion of the continuous system, from a second, finer one."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -22,7 +23,8 @@ FINER = 4  # times the substeps of order 2
 class ErrorEstimate(Record):
     """An estimate of the error of a rendering. It is that of the computation alone: not of the numbers of the patch."""
 
-    motion: float  # root mean square up to the horizon, share of that of the sound; of all if the horizon is 0
+    motion: float  # root mean square up to the horizon, share of that of the sound; of all if the horizon is 0;
+    # NaN if the rendering is at the finest setting itself
     horizon: float  # s, up to which the motion is that of the continuous system within TRUST_LIMIT
     seconds: float  # that were compared
     finer: dict[str, Any]  # the settings of the rendering that it is compared with
@@ -41,8 +43,10 @@ def estimate_error(
     fine = _render_finer(scene, used, seconds, rendering.samplerate, progress, settings)
     horizon = trusted_frames(rendering.audio, fine.audio, rendering.samplerate)
     accuracy = Accuracy.model_validate(fine.stats["accuracy"])
+    error = relative_rms_error(rendering.audio, fine.audio, horizon or len(fine.audio))
+    is_finer = accuracy != used.replace(tolerance=accuracy.tolerance, iterations=accuracy.iterations)
     return ErrorEstimate(
-        motion=relative_rms_error(rendering.audio, fine.audio, horizon or len(fine.audio)),
+        motion=error if is_finer else math.nan,
         horizon=horizon / rendering.samplerate,
         seconds=seconds,
         finer={name: getattr(accuracy, name) for name in ("order", "substeps")},
@@ -54,8 +58,9 @@ def finer_settings(used: Accuracy) -> list[Accuracy]:
     """Settings that err several times less, the one to be tried first in front."""
     exact = {"precision": "float64", "tolerance": 1e-15, "iterations": max(used.iterations, 200)}
     doubled = min(MAX_SUBSTEPS, 2 * used.substeps)
+    higher = 6 if used.order > 2 and doubled == used.substeps else max(4, used.order)
     return [
-        used.replace(order=max(4, used.order), substeps=doubled, **exact),
+        used.replace(order=higher, substeps=doubled, **exact),
         used.replace(order=2, substeps=min(MAX_SUBSTEPS, FINER * used.substeps), **exact),
     ]
 

@@ -69,6 +69,8 @@ def _error_estimate_rows(estimate: dict[str, Any] | None) -> dict[str, str]:
     """A row of the estimate of the error, if there is one."""
     if estimate is None:
         return {}
+    if math.isnan(estimate["motion"]):
+        return {"error, about": "cannot be told: no setting is finer"}
     told = f"{estimate['motion']:.1g} of the sound"
     if estimate["horizon"] == 0.0:
         told += ": from the start on, another motion than that of a finer rendering"

@@ -73,3 +73,12 @@ def test_the_estimate_is_near_the_error_of_the_certified_problems():
             ratios[name, order] = ratio_to_error(ruler_scene(name), known, order=order)
     within = [1 / MOST < ratio < MOST for ratio in ratios.values()]
     assert np.mean(within) >= 0.9, ratios
+
+
+def test_the_finest_setting_has_no_estimate_and_not_one_of_zero():
+    told = random_collision(0)
+    for order, finer in ((4, 6), (6, 6)):
+        rendering = engine.render(told, seconds=0.005, order=order, substeps=64)
+        estimate = engine.estimate_error(told, rendering)
+        assert estimate.finer == {"order": finer, "substeps": 64}
+        assert (estimate.motion > 0.0) if order == 4 else np.isnan(estimate.motion)

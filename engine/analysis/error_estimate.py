@@ -1,5 +1,6 @@
 """How far a rendering is from the motion of the continuous system, from a second, finer one."""
 
+import contextlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from engine.analysis.metrics import relative_rms_error
+from engine.build.build import build
+from engine.build.mode_coefficients import HEAVY_DAMPING
 from engine.faults import BuildError
 from engine.offline.record import Record
 from engine.offline.render import Rendering, render
@@ -70,10 +73,12 @@ def _render_finer(
 ) -> Rendering:
     """The rendering at the first of the finer settings that the scene can be built at."""
     first, second = finer_settings(used)
-    try:
-        return render(scene, seconds, samplerate, progress=progress, **settings, **first.model_dump())
-    except BuildError:  # bodies are damped too heavily for steps back in time
-        return render(scene, seconds, samplerate, progress=progress, **settings, **second.model_dump())
+    rate = samplerate * used.oversample
+    sigma = build(scene, rate, used, seconds).layout.concatenate_modes("sigma")
+    if used.order > 2 or sigma.max(initial=0.0) <= HEAVY_DAMPING * rate:  # beyond, order 4 has another floor
+        with contextlib.suppress(BuildError):  # dampers are too strong for steps back in time
+            return render(scene, seconds, samplerate, progress=progress, **settings, **first.model_dump())
+    return render(scene, seconds, samplerate, progress=progress, **settings, **second.model_dump())
 
 
 def trusted_frames(audio: np.ndarray, fine: np.ndarray, samplerate: float) -> int:

@@ -17,7 +17,7 @@ from engine.build.contact_points import contact_points
 from engine.patch.scene import Scene
 
 FREQUENCY_SHARE = 0.45  # of the sample rate
-DAMPING_PER_STEP = 0.1  # σ·h: so the residual modes do not ring, and orders 4 and 6 allow it
+DAMPING_PER_STEP = 0.045  # σ·h: residual modes hardly ring, and lose as other modes do at every order
 MIN_SHARE = 0.03  # of the static compliance: where less is left out, nothing is added unless the patch asks for it
 MAX_POINTS = 4  # of contacts on a body: with more, nothing is added unless the patch asks for it
 SLOW = 20.0  # Hz

@@ -31,11 +31,10 @@ def read_trajectory(path: Path, problem: Problem) -> Trajectory:
     if "displacement" not in values:
         raise UnfitTrajectory(f"{path}: has no array displacement [frames + 1], m")
     values.setdefault("force", np.full((problem.frames, len(problem.stiffness)), np.nan))
-    if "seconds" in values:
-        if values["seconds"].dtype.kind not in "iuf" or values["seconds"].size != 1:
-            raise UnfitTrajectory(f"{path}: seconds is not a number")
-        values["seconds"] = float(values["seconds"].item())
-    trajectory = Trajectory(**values)
+    seconds = values.pop("seconds", np.array(np.nan))
+    if seconds.dtype.kind not in "iuf" or seconds.size != 1:
+        raise UnfitTrajectory(f"{path}: seconds is not a number")
+    trajectory = Trajectory(**values, seconds=float(seconds.item()))
     check_trajectory(problem, trajectory)
     return trajectory
 

@@ -29,14 +29,11 @@ def score_command(args: argparse.Namespace) -> int:
     """List the problems, write one, or score a trajectory; returns the exit code."""
     from engine import ruler
 
-    if args.problem is None and args.output is not None:
-        print_error("--output: which problem? give its name")
+    if fault := explain_output(args):
+        print_error(f"--output: {fault}")
         return 2
     if args.problem is None:
         return list_problems(args.json)
-    if None not in (args.trajectory, args.output) and is_same_file(Path(args.trajectory), Path(args.output)):
-        print_error(f"--output: {args.output} is the trajectory; name another file")
-        return 2
     try:
         problem, reference = ruler.load_problem(args.problem)
         if args.trajectory is not None:
@@ -50,12 +47,17 @@ def score_command(args: argparse.Namespace) -> int:
     return 0 if args.output is None else copy_problem(args.problem, Path(args.output))
 
 
-def is_same_file(a: Path, b: Path) -> bool:
-    """Whether two paths are of one file."""
-    try:
-        return a.samefile(b)
-    except (OSError, ValueError):  # one of them is not there
-        return False
+def explain_output(args: argparse.Namespace) -> str:
+    """What is wrong with --output; nothing if it can be written, or is not asked for."""
+    if args.output is None:
+        return ""
+    if args.problem is None:
+        return "which problem? give its name"
+    if args.trajectory is not None:
+        return "the arrays of a problem are written without a trajectory"
+    if not args.output.lower().endswith(".npz"):
+        return f'"{args.output}" names no file of arrays; end it in .npz'
+    return ""
 
 
 def describe(name: str) -> dict[str, object]:

@@ -127,7 +127,9 @@ def test_the_command_refuses_an_output_without_a_problem_or_over_the_trajectory(
     np.savez(mine, displacement=known.displacement)
     written = mine.read_bytes()
     assert main(["score", "repelled_oscillator", str(mine), "-o", str(mine)]) == 2
-    assert mine.read_bytes() == written and "is the trajectory" in capsys.readouterr().err
+    assert mine.read_bytes() == written and "without a trajectory" in capsys.readouterr().err
+    assert main(["score", "walls", "-o", "/dev/full"]) == 2
+    assert "end it in .npz" in capsys.readouterr().err
     assert main(["score", "-o", str(tmp_path / "copy.npz")]) == 2
     assert "which problem?" in capsys.readouterr().err
     assert main(["score", "walls", "-o", str(tmp_path / "none" / "copy.npz")]) == 1

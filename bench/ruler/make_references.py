@@ -48,15 +48,15 @@ OTHER_METHOD = "Taylor series of order 32 between events, extended precision"
 
 def digest_arrays(problem: Problem, known: Reference) -> str:
     """SHA-256 of the names, shapes and values of a problem and its reference."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for part in (problem, known):
         for name, value in part._asdict().items():
             if isinstance(value, str):
-                found.update(f"{name} {value}\n".encode())
+                digest.update(f"{name} {value}\n".encode())
             else:
                 array = np.asarray(value, "<f8")
-                found.update(f"{name} {array.shape}\n".encode() + array.tobytes())
-    return found.hexdigest()
+                digest.update(f"{name} {array.shape}\n".encode() + array.tobytes())
+    return digest.hexdigest()
 
 
 def perturb(problem: Problem) -> Problem:

@@ -162,7 +162,7 @@ class Solver:
         self.rest = np.where(self.free, 0, self.fine.weight / np.where(self.free, 1, omega_squared))
         self.sigma = sigma
 
-    def fly(self, motion: Motion, h: np.floating) -> Step:
+    def advance_free(self, motion: Motion, h: np.floating) -> Step:
         """A step in which no contact presses: the closed solution."""
         t = (h * np.append(self.nodes.place, Real(1)))[:, None]
         q, p, free = motion.q - self.rest, motion.p, self.free
@@ -176,7 +176,7 @@ class Solver:
             qs[:, free] = q[free] + p[free] * t + w * t * t / 2
         return Step(h, qs[-1], ps[-1], ps[:-1] @ self.fine.shapes.T, Real(0), Real(0))
 
-    def press(self, motion: Motion, pressing: np.ndarray, h: np.floating) -> Step | None:
+    def advance_pressed(self, motion: Motion, pressing: np.ndarray, h: np.floating) -> Step | None:
         """A step in which contacts press: by collocation, begun in double precision. None if that fails."""
         q, p, nodes = motion.q, motion.p, self.nodes
         system, rough = select_contacts(self.fine, pressing), select_contacts(self.rough, pressing)
@@ -184,13 +184,13 @@ class Solver:
         places = (h * nodes.place).astype(np.float64)[:, None]
         guess = rough_q + places * rough_p, np.repeat(rough_p[None], nodes.place.size, axis=0)
         with np.errstate(all="ignore"):
-            found = iterate(rough, self.rough_nodes, np.float64(h), rough_q, rough_p, guess)
-            if found is None:
+            solution = iterate(rough, self.rough_nodes, np.float64(h), rough_q, rough_p, guess)
+            if solution is None:
                 return None
-            found = iterate(system, nodes, h, q, p, (found[0].astype(Real), found[1].astype(Real)))
-        if found is None:
+            solution = iterate(system, nodes, h, q, p, (solution[0].astype(Real), solution[1].astype(Real)))
+        if solution is None:
             return None
-        _, ps, slope, f = found
+        _, ps, slope, f = solution
         tail = np.abs(nodes.last @ f).max(axis=0)
         return Step(
             duration=h,
@@ -204,7 +204,7 @@ class Solver:
     def try_step(self, motion: Motion, h: np.floating) -> Step | None:
         """A step of duration h, whatever happens in it; None if it cannot be solved."""
         pressing = np.flatnonzero(motion.status == PRESSING)
-        return self.press(motion, pressing, h) if pressing.size else self.fly(motion, h)
+        return self.advance_pressed(motion, pressing, h) if pressing.size else self.advance_free(motion, h)
 
     def compressions(self, q: np.ndarray) -> np.ndarray:
         """s [contacts]"""
@@ -242,7 +242,7 @@ class Solver:
         is_top = (bend > 0) & (np.abs(rise) <= 2 * bend) & (g[1:-1] <= 0)
         with np.errstate(all="ignore"):
             hidden = is_top & (g[1:-1] + rise**2 / (8 * bend) > 0)  # rises above 0 and falls again between places
-        found: list[tuple[float, int]] = []
+        crossings: list[tuple[float, int]] = []
         for column in np.flatnonzero((g[1:] > 0).any(axis=0) | hidden.any(axis=0)):
             brackets = [(float(x[j]), float(x[j + 1])) for j in np.flatnonzero(g[1:, column] > 0)[:1]]
             for j in np.flatnonzero(hidden[:, column])[:1]:
@@ -256,10 +256,10 @@ class Solver:
                     is_above = self.excess_at(motion, step, places)[1:, column] > 0
                     j = int(np.argmax(is_above)) if is_above.any() else 10
                     low, high = float(places[j]), float(places[j + 1])
-                found.append((0.5 * (low + high), int(column)))
-        if not found:
+                crossings.append((0.5 * (low + high), int(column)))
+        if not crossings:
             return None
-        place, column = min(found)
+        place, column = min(crossings)
         return column, place
 
     def locate(self, motion: Motion, column: int, guess: np.floating, longest: np.floating) -> Step | None:

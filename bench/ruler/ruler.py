@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bench.publish.report import RESULTS, figure, pin, publish, stamp
+from bench.ruler.engine_method import simulate_by_engine, simulate_oscillator_by_engine
 from bench.ruler.methods import FAMILIES
-from bench.ruler.own import simulate_own, simulate_own_oscillator
 from bench.ruler.stability import largest_stable_stiffness
 from engine.ruler import NAMES, Problem, Reference, Score, Trajectory, load_problem, score
 
@@ -50,7 +50,7 @@ def score_problem(name: str) -> Iterator[Result]:
     problem, reference = load_problem(name)
     for order in ORDERS:
         for substeps in SUBSTEPS:
-            trajectory = simulate_own(name, order, substeps)
+            trajectory = simulate_by_engine(name, order, substeps)
             family = OWN.format(order)
             yield Result(name, family, family, substeps, score(problem, reference, trajectory))
     for family, variants in FAMILIES.items():
@@ -96,9 +96,9 @@ def publish_single_step(results: list[Result]) -> None:
     """One row for each method, at one step per sample (of tolerances, the middle one)."""
     rows = []
     for family in families(results):
-        own = [r for r in results if r.family == family]
-        setting = sorted({r.setting for r in own})[1] if "DOP853" in family else 1
-        scores = [r.score for r in own if r.setting == setting]
+        chosen = [r for r in results if r.family == family]
+        setting = sorted({r.setting for r in chosen})[1] if "DOP853" in family else 1
+        scores = [r.score for r in chosen if r.setting == setting]
         done = [s for s in scores if not math.isnan(s.motion)]
         cells = [f"{len(done)} of {len(NAMES)}"]
         cells += [
@@ -132,7 +132,7 @@ def stable_stiffness(family: str) -> float:
     """The largest stiffness at which the best variant of a family is stable in one step per sample, N/m²."""
     for order in ORDERS:
         if family == OWN.format(order):
-            return largest_stable_stiffness(partial(simulate_own_oscillator, order))
+            return largest_stable_stiffness(partial(simulate_oscillator_by_engine, order))
     if "DOP853" in family:
         return math.nan
     return max(largest_stable_stiffness(variant.simulate) for variant in FAMILIES[family])
@@ -173,9 +173,13 @@ def draw(results: list[Result]) -> None:
                     if (r.family, r.problem) == (family, name) and r.score.motion > 0.0
                 ]
                 if points:
-                    own = family.startswith("this engine")
-                    style = {"linewidth": 2.2 if own else 1.0, "marker": "o" if own else ".", "color": f"C{i % 10}"}
-                    style |= {"linestyle": "-" if i < 10 else "--", "markersize": 5 if own else 4}
+                    is_ours = family.startswith("this engine")
+                    style = {
+                        "linewidth": 2.2 if is_ours else 1.0,
+                        "marker": "o" if is_ours else ".",
+                        "color": f"C{i % 10}",
+                    }
+                    style |= {"linestyle": "-" if i < 10 else "--", "markersize": 5 if is_ours else 4}
                     panel.loglog(*zip(*points, strict=True), label=family, **style)
             panel.set_title(name.replace("_", " "), fontsize=10)
             panel.set_ylim(1e-10, 3.0)

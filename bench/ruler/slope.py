@@ -23,7 +23,7 @@ STIFFNESS = (1e5, 1e6, 1e7, 1e8, 1e9)  # N/m, of a ball of 1 kg: contact lasts �
 OWN = ((2, 1), (4, 1), (6, 1), (2, 8), (4, 8))  # order, substeps
 
 
-def own_ends(order: int, substeps: int, stiffness: float) -> np.ndarray:
+def engine_ends(order: int, substeps: int, stiffness: float) -> np.ndarray:
     """Where balls end, m [starts], by the engine."""
     names = [f"ball{i}" for i in range(STARTS.size)]
     bodies = [
@@ -72,9 +72,9 @@ def describe_slopes(ends: np.ndarray) -> str:
 
 def methods() -> dict[str, list[Callable[[float], np.ndarray]]]:
     """From a stiffness to where balls end, by the names of methods; of a family, by each variant."""
-    own = {f"this engine, order {order}, {n} ×": [partial(own_ends, order, n)] for order, n in OWN}
+    ours = {f"this engine, order {order}, {n} ×": [partial(engine_ends, order, n)] for order, n in OWN}
     others = {name: variants for name, variants in FAMILIES.items() if "DOP853" not in name}
-    return own | {name: [partial(ends_of, v.simulate) for v in variants] for name, variants in others.items()}
+    return ours | {name: [partial(ends_of, v.simulate) for v in variants] for name, variants in others.items()}
 
 
 def run() -> None:

@@ -14,7 +14,7 @@ BARRIER = 0.5e-3  # m, on the other side
 SECONDS = 0.2
 SOFTEST, STIFFEST = 1e3, 1e15  # N/m²
 GROWTH = 1.5  # of the energy of the start, above which a method is unstable
-RESOLUTION = 1.05  # ratio of the stiffnesses between which the limit is found
+RESOLUTION = 1.05  # ratio of the stiffnesses between which the limit is trajectory
 
 
 def meeting_a_barrier(stiffness: float, samplerate: float = 44_100.0) -> Problem:
@@ -46,9 +46,9 @@ def is_stable(simulate: Callable[[Problem, int], Trajectory], stiffness: float) 
     """
     problem = meeting_a_barrier(stiffness)
     with np.errstate(all="ignore"):
-        found = simulate(problem, 1)
-        q = found.displacement[:, None] if found.q is None else found.q
-        p = np.zeros_like(q) if found.p is None else found.p
+        trajectory = simulate(problem, 1)
+        q = trajectory.displacement[:, None] if trajectory.q is None else trajectory.q
+        p = np.zeros_like(q) if trajectory.p is None else trajectory.p
         energy = np.sum(0.5 * p**2 + 0.5 * problem.omega**2 * q**2, axis=1)
         return bool(np.all(energy <= GROWTH * energy[0]))  # not if it is not a number
 

@@ -165,7 +165,7 @@ def first_rise(terms: np.ndarray) -> tuple[np.floating, int] | None:
     g, rate = powers @ terms, powers[:, :-1] @ slopes
     turns = (rate[:-1] > 0) & (rate[1:] < 0)
     may_touch = turns & (g[:-1] + rate[:-1] * (GRID[1] - GRID[0]) > 0) & (g[:-1] <= 0) & (g[1:] <= 0)
-    found = []
+    crossings = []
     for column in np.flatnonzero((g[1:] > 0).any(axis=0) | may_touch.any(axis=0)):
         one, slope = terms[:, column], slopes[:, column]
         for j in range(GRID.size - 1):
@@ -173,12 +173,12 @@ def first_rise(terms: np.ndarray) -> tuple[np.floating, int] | None:
                 bend = -slope[1:] * np.arange(1, slope.size).astype(Real)
                 top = rising_root(-slope, bend, GRID[j], GRID[j + 1])
                 if value(one, top) > 0:
-                    found.append((rising_root(one, slope, GRID[j], top), int(column)))
+                    crossings.append((rising_root(one, slope, GRID[j], top), int(column)))
                     break
             if g[j + 1, column] > 0:
-                found.append((rising_root(one, slope, GRID[j], GRID[j + 1]), int(column)))
+                crossings.append((rising_root(one, slope, GRID[j], GRID[j + 1]), int(column)))
                 break
-    return min(found) if found else None
+    return min(crossings) if crossings else None
 
 
 def change(status: np.ndarray, column: int) -> None:

@@ -71,13 +71,13 @@ def _error_estimate_rows(estimate: dict[str, Any] | None) -> dict[str, str]:
         return {}
     if math.isnan(estimate["motion"]):
         return {"error, about": "cannot be told: no setting is finer"}
-    told = f"{estimate['motion']:.1g} of the sound"
+    text = f"{estimate['motion']:.1g} of the sound"
     if estimate["horizon"] == 0.0:
-        told += ": from the start on, another motion than that of a finer rendering"
+        text += ": from the start on, another motion than that of a finer rendering"
     elif estimate["horizon"] < estimate["seconds"]:
-        told += f" up to {estimate['horizon']:.3g} s; after that, another motion than that of a finer rendering"
+        text += f" up to {estimate['horizon']:.3g} s; after that, another motion than that of a finer rendering"
     finer = f"order {estimate['finer']['order']}, {estimate['finer']['substeps']} ×"
-    return {"error, about": f"{told} ({finer}, in {estimate['time_factor']:.2g} times its time)"}
+    return {"error, about": f"{text} ({finer}, in {estimate['time_factor']:.2g} times its time)"}
 
 
 def _chosen_setting_rows(chosen: dict[str, Any] | None) -> dict[str, str]:

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from bench.ruler.own import simulate_own
+from bench.ruler.engine_method import simulate_by_engine
 from engine import ruler
 from engine.cli.main import main
 from engine.ruler.score import energy_error, pull_of
@@ -60,14 +60,14 @@ def test_what_blows_up_is_said_to(known):
 @pytest.mark.parametrize("name", ["barrier", "hammer_c4", "walls"])
 def test_the_engine_is_near_the_references(name):
     problem, reference = ruler.load_problem(name)
-    once, fine = (ruler.score(problem, reference, simulate_own(name, 4, n)) for n in (1, 8))
+    once, fine = (ruler.score(problem, reference, simulate_by_engine(name, 4, n)) for n in (1, 8))
     assert once.motion <= {"barrier": 1e-11, "hammer_c4": 1e-4, "walls": 2e-3}[name]
     assert fine.motion <= {"barrier": 1e-13, "hammer_c4": 2e-6, "walls": 1e-6}[name]
     assert fine.force <= 1e-5 and fine.pull == 0.0 and fine.energy <= 1e-13
 
 
 def test_an_exact_energy_is_not_an_exact_motion():
-    row = ruler.score(*ruler.load_problem("walls"), simulate_own("walls", 2, 1))
+    row = ruler.score(*ruler.load_problem("walls"), simulate_by_engine("walls", 2, 1))
     assert row.energy <= 1e-13
     assert 0.1 < row.motion < 0.2
 

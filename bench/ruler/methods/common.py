@@ -254,10 +254,10 @@ def find_forces_with_loss(system, matrix, s, v, f):
                     if other != k:
                         slowed -= matrix[k, other] * f[other]
                 still = system.stiffness[k] * power(s[k], system.exponent[k])
-                found = still * (1.0 + system.loss[k] * slowed) / (1.0 + still * system.loss[k] * matrix[k, k])
-                found = max(0.0, found)
-                change, largest = max(change, abs(found - f[k])), max(largest, found)
-                f[k] = found
+                force = still * (1.0 + system.loss[k] * slowed) / (1.0 + still * system.loss[k] * matrix[k, k])
+                force = max(0.0, force)
+                change, largest = max(change, abs(force - f[k])), max(largest, force)
+                f[k] = force
         if contacts == 1 or not change > 1e-14 * largest:
             return
 

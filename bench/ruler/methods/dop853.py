@@ -77,8 +77,8 @@ def find_crossing(part: SmoothPart, solver: DOP853, motion: Callable[..., np.nda
         return None
     row = int(np.argmax(wrong.any(axis=1)))
     begun, ended = (solver.t_old if row == 0 else times[row - 1]), times[row]
-    found = [(crossing_of(part, motion, int(k), begun, ended), int(k)) for k in np.flatnonzero(wrong[row])]
-    return min(found)
+    crossings = [(crossing_of(part, motion, int(k), begun, ended), int(k)) for k in np.flatnonzero(wrong[row])]
+    return min(crossings)
 
 
 def crossing_of(part: SmoothPart, motion: Callable[..., np.ndarray], k: int, begun: float, ended: float) -> float:

@@ -99,10 +99,10 @@ def solve_one_by_one(system, matrix, free, start, h, x, f):
             for other in range(contacts):
                 if other != k:
                     alone -= matrix[k, other] * f[other]
-            found = solve_one(system, matrix[k, k], k, alone, start[k], h, x[k])
-            change, largest = max(change, abs(found - x[k])), max(largest, abs(found))
-            x[k] = found
-            f[k] = find_force(system, k, found, start[k], h)[0]
+            root = solve_one(system, matrix[k, k], k, alone, start[k], h, x[k])
+            change, largest = max(change, abs(root - x[k])), max(largest, abs(root))
+            x[k] = root
+            f[k] = find_force(system, k, root, start[k], h)[0]
         if not change > ACCURACY * largest:
             return
 

@@ -14,7 +14,7 @@ MAX_SECONDS = 2.0  # of all runs
 EMPTY_CALLS = 20  # of which the fastest is what a call costs
 
 
-def simulate_own(name: str, order: int, substeps: int) -> Trajectory:
+def simulate_by_engine(name: str, order: int, substeps: int) -> Trajectory:
     """The trajectory of a problem by the engine, at an order and so many substeps."""
     scene = ruler_scene(name)
     frames = round(scene.seconds * SAMPLERATE)
@@ -26,11 +26,11 @@ def simulate_own(name: str, order: int, substeps: int) -> Trajectory:
         displacement=rendering.audio[:, 0],
         force=trace["force"][1:],
         energy=trace["kinetic"] + trace["potential"] + trace["contact"],
-        seconds=time_own(scene, settings, frames),
+        seconds=time_engine(scene, settings, frames),
     )
 
 
-def time_own(scene: engine.Scene, settings: dict, frames: int) -> float:
+def time_engine(scene: engine.Scene, settings: dict, frames: int) -> float:
     """Seconds that the engine takes for so many frames, the call apart."""
     best, total, out = np.inf, 0.0, np.zeros((frames, 1))
     for _ in range(RUNS):
@@ -44,7 +44,7 @@ def time_own(scene: engine.Scene, settings: dict, frames: int) -> float:
     return best
 
 
-def simulate_own_oscillator(order: int, problem: Problem, substeps: int) -> Trajectory:
+def simulate_oscillator_by_engine(order: int, problem: Problem, substeps: int) -> Trajectory:
     """The trajectory of an oscillator of 1 kg at a barrier (bench.ruler.stability)."""
     body = {"name": "body", "kind": "oscillator", "mass": 1.0, "frequency": float(problem.omega[0]) / (2 * np.pi)}
     body |= {"displacement": float(problem.q[0]), "velocity": float(problem.p[0])}

@@ -18,6 +18,7 @@ SAMPLERATE = 44_100.0
 LOSSLESS = ("barrier", "repelled_oscillator", "bouncing_ball", "walls", "joined")
 CHEAP = ("repelled_oscillator", "lossy_bounce")
 LONGER = ("barrier", "bouncing_ball", "walls", "hammer_c2", "hammer_c4", "joined", "drum")
+# the solvers refuse to run without; x86, and so CI, has them
 needs_extended_precision = pytest.mark.skipif(np.finfo(np.longdouble).eps > 2e-19, reason="needs 80-bit numbers")
 
 

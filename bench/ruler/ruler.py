@@ -188,9 +188,8 @@ def draw(results: list[Result]) -> None:
             panel.set_xlabel("ns per sample")
         for panel in np.atleast_2d(panels)[:, 0]:
             panel.set_ylabel("error of the motion")
-        np.ravel(panels)[0].figure.legend(
-            *np.ravel(panels)[0].get_legend_handles_labels(), loc="lower center", ncol=5, fontsize=9, frameon=False
-        )
+        lines = {line.get_label(): line for panel in np.ravel(panels) for line in panel.get_lines()}
+        np.ravel(panels)[0].figure.legend(lines.values(), lines, loc="lower center", ncol=5, fontsize=9, frameon=False)
         np.ravel(panels)[0].figure.subplots_adjust(
             bottom=0.13, top=0.95, left=0.06, right=0.98, hspace=0.3, wspace=0.25
         )

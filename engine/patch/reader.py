@@ -26,6 +26,8 @@ from engine.patch.scene import MAX_FAULTS_COLLECTED, Scene
 from engine.patch.toml_lines import NestedTooDeep, locate_keys, nearest_line, split_statements
 from engine.wording import program_name
 
+Origins = dict[tuple[str, int], tuple[KeyPath, str]]  # of tables in a scene: path in the patch, and name of the key
+
 MAX_PATCH_BYTES = 1 * MB  # a larger patch takes seconds to read
 MAX_FAULTS_LISTED = 50
 MAX_NUMBER_DIGITS = 4_000  # Python reads some more
@@ -68,10 +70,11 @@ def validate_document(data: dict[str, Any], folder: Path, file: str, text: str) 
     file:   the name of the patch in faults
     text:   the TOML that the document was read from, for the lines of faults; "" if there is none
     """
+    origins: Origins = {}
     try:
-        return Scene.model_validate(data, context={"folder": folder})
+        return Scene.model_validate(data, context={"folder": folder, "origins": origins})
     except ValidationError as error:
-        raise PatchError(_make_faults(file, text, error.errors(include_url=False))) from None
+        raise PatchError(_make_faults(file, text, error.errors(include_url=False), origins)) from None
 
 
 def locate_build_faults(file: str, faults: list[Fault]) -> list[Fault]:
@@ -117,10 +120,31 @@ def _make_syntax_fault(file: str, text: str, error: tomllib.TOMLDecodeError) -> 
     return Fault("", f"not valid TOML{column} ({message}); {remedy}", file, line)
 
 
-def _make_faults(file: str, text: str, errors: list[Any]) -> list[Fault]:
-    """The faults of a patch in the order of its lines: the first of them, and how many more there are."""
-    lines = locate_keys(text)
-    ordered = sorted(((nearest_line(lines, path_to_blame(e)), e) for e in errors), key=lambda pair: pair[0])
+def _path_in_patch(error: Any, origins: Origins) -> tuple[KeyPath, str]:
+    """The path of the key to blame, and which key of an instrument had the fault; "" if the patch is none."""
+    path = path_to_blame(error)
+    origin, name = origins.get(path[:2], (path[:2], ""))  # type: ignore[call-overload]
+    return (*origin, *path[2:]), name
+
+
+def _once_each(errors: list[Any], origins: Origins) -> list[Any]:
+    """The errors without those that other keys of an instrument have alike."""
+    seen, kept = set(), []
+    for error in errors:
+        path, name = _path_in_patch(error, origins)
+        if not name or (path, error["type"]) not in seen:
+            kept.append(error)
+        seen.add((path, error["type"]))
+    return kept
+
+
+def _make_faults(file: str, text: str, errors: list[Any], origins: Origins) -> list[Fault]:
+    """The faults of a patch in the order of its lines: the first of them, and how many more there are.
+
+    origins: of the tables of an instrument that were written out
+    """
+    lines, errors = locate_keys(text), _once_each(errors, origins)
+    ordered = sorted(((nearest_line(lines, _path_in_patch(e, origins)[0]), e) for e in errors), key=lambda p: p[0])
     unknown: dict[KeyPath, list[Any]] = {}  # by the path of their table
     for _, error in ordered:
         if error["type"] == "extra_forbidden":
@@ -135,7 +159,9 @@ def _make_faults(file: str, text: str, errors: list[Any]) -> list[Fault]:
         misspelt = unknown.get(path[:-1], [])[:MAX_FAULTS_LISTED] if error["type"] == "missing" else []
         if any(suggest_key(other) == path[-1] for other in misspelt):
             continue  # the missing key is there, misspelt
-        faults.append(Fault(format_path(path_to_blame(error)), describe_error(error, location), file, line))
+        blamed, key_name = _path_in_patch(error, origins)
+        message = describe_error(error, location) + (f" (key {key_name})" if key_name else "")
+        faults.append(Fault(format_path(blamed), message, file, line))
     return faults
 
 

@@ -9,13 +9,15 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field, ModelWrapValidatorHandler, ValidationError, ValidationInfo, model_validator
+from pydantic import Field, ModelWrapValidatorHandler, PrivateAttr, ValidationError, ValidationInfo, model_validator
 from pydantic_core import InitErrorDetails
 
 from engine.bodies import Body
 from engine.bodies.csv_files import read_modes, read_shape
 from engine.bodies.table import KeyPath, Table, make_fault
 from engine.files import check_regular_file
+from engine.instrument.expansion import Expansion, expand, is_instrument
+from engine.instrument.tables import Keyboard, KeyTables, Note, Pedal
 from engine.output_files import error_reason
 from engine.patch.accuracy import Accuracy
 from engine.patch.positions import tables_of
@@ -25,6 +27,8 @@ from engine.wording import to_one_line
 
 SAMPLE_RATE_RANGE = (4_000, 768_000)  # Hz
 MAX_TABLES = 5_000  # of one section
+MAX_EVENTS = 100_000
+MAX_NOTES = 20_000
 MAX_FAULTS_COLLECTED = 2_000  # beyond, no more are looked for
 MAX_PATH_CHARACTERS = 200  # of a file's name, or of why it cannot be read, in a message
 MAX_FORCE_SAMPLES = 1 << 25  # of a force file, all channels together
@@ -48,8 +52,16 @@ class Scene(Table):
         default=[], max_length=MAX_TABLES, description="what holds bodies together: springs, joints, ends of strings"
     )
     force: list[Force] = Field(default=[], max_length=MAX_TABLES, description="external forces")
-    event: list[Event] = Field(default=[], max_length=MAX_TABLES, description="the score: what happens when")
+    event: list[Event] = Field(default=[], max_length=MAX_EVENTS, description="the score: what happens when")
     pickup: list[Pickup] = Field(min_length=1, max_length=MAX_TABLES, description="what is heard")
+    keyboard: Keyboard | None = Field(default=None, exclude=True, description="of an instrument: its keys")
+    key: KeyTables | None = Field(default=None, exclude=True, description="of an instrument: what each key has")
+    note: list[Note] = Field(default=[], max_length=MAX_NOTES, exclude=True, description="of an instrument: its score")
+    pedal: list[Pedal] = Field(
+        default=[], max_length=MAX_NOTES, exclude=True, description="of an instrument: how its pedals are moved"
+    )
+    _document: dict[str, Any] | None = PrivateAttr(default=None)  # of an instrument, as it was read
+    _folder: Path = PrivateAttr(default=Path())
 
     @model_validator(mode="wrap")
     @classmethod
@@ -59,7 +71,15 @@ class Scene(Table):
         """Validate a document, and report the faults that pydantic finds together with those that we find."""
         faults: list[InitErrorDetails] = []
         scene = None
-        folder = Path((info.context or {}).get("folder", "."))
+        context = info.context or {}
+        folder, document = Path(context.get("folder", ".")), None
+        if is_instrument(data):
+            document, expansion = data, context.get("expansion") or expand(_limit_integers(data))
+            data = expansion.document
+            if "origins" in context:
+                context["origins"].update(expansion.origins)
+            if expansion.faults:
+                raise ValidationError.from_exception_data(cls.__name__, expansion.faults[:MAX_FAULTS_COLLECTED])
         if isinstance(data, dict):
             data, file_faults = _read_body_files(_limit_integers(data), folder)
             faults += [*file_faults, *islice(_check_force_files(data, folder), MAX_FAULTS_COLLECTED)]
@@ -75,7 +95,21 @@ class Scene(Table):
         kinds = {body.name: type(body) for body in scene.body}
         pickups = [p if p.quantity else p.model_copy(update={"quantity": kinds[p.body].HEARD}) for p in scene.pickup]
         forces = [_with_absolute_file(f, folder) for f in scene.force]
-        return scene.model_copy(update={"pickup": pickups, "force": forces})
+        scene = scene.model_copy(update={"pickup": pickups, "force": forces})
+        scene._document, scene._folder = document, folder
+        return scene
+
+    @property
+    def instrument(self) -> dict[str, Any] | None:
+        """The document of the instrument that this scene was written out from; None if it is none."""
+        return self._document
+
+    def with_expansion(self, expansion: Expansion) -> "Scene":
+        """Another scene of the same instrument: of other keys, or another score. Raises ValidationError."""
+        if expansion.faults:
+            raise ValidationError.from_exception_data(type(self).__name__, expansion.faults[:MAX_FAULTS_COLLECTED])
+        context = {"folder": self._folder, "expansion": expansion}
+        return type(self).model_validate(self._document, context=context)
 
     @property
     def channels(self) -> int:

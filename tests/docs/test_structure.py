@@ -14,6 +14,7 @@ from conftest import ROOT
 ORDER = [
     ["wording", "faults", "files", "audio_formats", "output_files", "provenance", "compiler"],
     ["bodies", "kernel"],
+    ["instrument"],
     ["patch"],
     ["build"],
     ["parallel"],

@@ -1,0 +1,1 @@
+"""Instruments: patches whose bodies and events are functions of the key that is played."""

@@ -1,0 +1,48 @@
+"""Keys by name and number: C4 is 60, as in MIDI."""
+
+import re
+
+PITCH_CLASSES = ["C", "C#", "D", "D#", "E", "F", "F#", "G", "G#", "A", "A#", "B"]
+LOWEST_KEY, HIGHEST_KEY = 0, 127
+LOWEST_PIANO_KEY = 21  # A0, key 1 of a piano
+KEY_PATTERN = re.compile(r"([A-Ga-g])([#b♯♭]?)(-1|\d)")
+RANGE_SEPARATOR = ".."
+KEY_HELP = 'a key such as "C4", "F#3" or "Bb2"'
+
+
+def note_name(key: int) -> str:
+    """The name of a key: that of 60 is C4."""
+    return f"{PITCH_CLASSES[key % 12]}{key // 12 - 1}"
+
+
+def note_frequency(key: int, a4: float = 440.0) -> float:
+    """Its frequency in equal temperament, Hz."""
+    return float(a4 * 2.0 ** ((key - 69) / 12))
+
+
+def parse_key(text: str) -> int:
+    """The number of a key by its name. Raises ValueError."""
+    match = KEY_PATTERN.fullmatch(text.strip())
+    if match is None:
+        raise ValueError(f'"{text}" is no key; {KEY_HELP}')
+    letter, accidental, octave = match.groups()
+    shift = {"": 0, "#": 1, "♯": 1, "b": -1, "♭": -1}[accidental]
+    key = PITCH_CLASSES.index(letter.upper()) + shift + 12 * (int(octave) + 1)
+    if not LOWEST_KEY <= key <= HIGHEST_KEY:
+        raise ValueError(f'"{text}" is beyond what MIDI has; C-1 to G9')
+    return key
+
+
+def parse_keys(text: str) -> range:
+    """The keys of a range such as "A0..C8", or the one key that a text names. Raises ValueError."""
+    low, separator, high = text.partition(RANGE_SEPARATOR)
+    first = parse_key(low)
+    last = parse_key(high) if separator else first
+    if last < first:
+        raise ValueError(f'"{text}" goes downwards; the lower key first')
+    return range(first, last + 1)
+
+
+def name_of_copy(key: int, name: str, copy: int | None) -> str:
+    """The name in the scene of what a key has: C4_string1, Fs3_hammer; `copy` from 1, None of what there is once."""
+    return f"{note_name(key).replace('#', 's').replace('-', 'm')}_{name}{'' if copy is None else copy}"

@@ -53,8 +53,9 @@ class Parser(argparse.ArgumentParser):
 
     def suggest_option(self, unknown: str) -> str:
         """Name the option that was meant by an unknown one, or where options are listed."""
-        near = difflib.get_close_matches(unknown, self._option_string_actions, 1, 0.6)
-        return f"did you mean {near[0]}?" if near else f"{self.prog} --help tells all"
+        words = {option.lstrip("-"): option for option in self._option_string_actions}  # all dashes are alike
+        near = difflib.get_close_matches(unknown.lstrip("-"), words, 1, 0.5)
+        return f"did you mean {words[near[0]]}?" if near else f"{self.prog} --help tells all"
 
 
 class CommandParser(Parser):
@@ -176,3 +177,9 @@ def add_accuracy_options(parser: CommandParser) -> None:
     group.add_argument("--tolerance", metavar="T", help="relative error left in a compression")
     group.add_argument("--oversample", metavar="N", help="compute all at a multiple of the sample rate")
     group.add_argument("--precision", metavar="TYPE", help="of the modes: float64 or float32")
+
+
+def add_key(parser: CommandParser, help_text: str) -> None:
+    """Add the key of an instrument, and how fast it is pressed."""
+    parser.add_argument("--key", metavar="KEY", help=help_text)
+    parser.add_argument("--velocity", metavar="V", help="of --key: how fast it is pressed, 1 to 127 (default: 80)")

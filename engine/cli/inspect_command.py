@@ -2,12 +2,16 @@
 
 import argparse
 import json
+from typing import TYPE_CHECKING
 
 from engine.cli import arguments
 from engine.cli.messages import print_error, print_faults, read_patch
-from engine.cli.option_checks import accuracy_options, numeric_options, samplerate_of
+from engine.cli.option_checks import accuracy_options, numeric_options, samplerate_of, scene_of_key
 from engine.cli.progress import progress_feedback
 from engine.wording import json_safe
+
+if TYPE_CHECKING:
+    from engine.patch.scene import Scene
 
 
 def add_inspect_command(commands: "arguments.Commands") -> None:
@@ -17,6 +21,7 @@ def add_inspect_command(commands: "arguments.Commands") -> None:
     arguments.add_patch(parser)
     arguments.add_length_and_rate(parser)
     arguments.add_accuracy_options(parser)
+    arguments.add_key(parser, "print every number of a key of an instrument instead")
     arguments.add_json(parser, "the same")
     parser.set_defaults(run=profile_command)
 
@@ -28,10 +33,13 @@ def profile_command(args: argparse.Namespace) -> int:
 
     scene, faults = read_patch(args.patch)
     numbers, option_faults = numeric_options(args)
-    faults += option_faults
+    _, key_faults = scene_of_key(scene, args)
+    faults += option_faults + key_faults
     if scene is None or faults:
         print_faults(faults)
         return 2
+    if args.key is not None:
+        return print_key(scene, args)
     seconds = numbers["seconds"] or scene.seconds
     try:
         with progress_feedback(args.json):
@@ -43,4 +51,19 @@ def profile_command(args: argparse.Namespace) -> int:
         print(json.dumps({"patch": args.patch, "seconds": seconds, "explain": json_safe(profile.as_dict())}))
     else:
         console.print_profile(profile, seconds)
+    return 0
+
+
+def print_key(scene: "Scene", args: argparse.Namespace) -> int:
+    """Print every number that an instrument has at a key; returns the exit code."""
+    from engine.instrument.expansion import parse_key_of
+    from engine.instrument.listing import format_listing, list_key
+    from engine.instrument.tables import DEFAULT_VELOCITY
+
+    document = scene.instrument or {}
+    listing = list_key(document, parse_key_of(document, args.key), int(args.velocity or DEFAULT_VELOCITY))
+    if args.json:
+        print(json.dumps({"patch": args.patch} | json_safe(listing)))
+    else:
+        print("\n".join(format_listing(listing)))
     return 0

@@ -17,15 +17,17 @@ import numpy as np
 
 from engine.analysis.silence import is_inaudible
 from engine.audio_formats import explain_unsupported_format
-from engine.cli.messages import print_error
+from engine.cli.messages import describe_leftover, print_error
 from engine.cli.option_checks import voice_count
 from engine.cli.play_command import parse_latency
 from engine.cli.progress import progress_feedback
 from engine.cli.terminal import format_meter, read_keyboard, show_meter
 from engine.compiler import background
 from engine.faults import PatchError
-from engine.live import audio_device, midi, midi_notes, recovery, voice_allocator
+from engine.live import audio_device, midi, midi_notes, recovery
 from engine.live.hot_reload import PatchWatcher
+from engine.live.instrument_notes import scene_of_file
+from engine.live.key_allocator import live_scene
 from engine.live.player import Player
 from engine.live.recording import NoRecording, Recording
 from engine.live.shared_memory import Gauge
@@ -91,10 +93,28 @@ class PlayerFactory:
     ) -> None:
         self.args, self.gain, self.accuracy, self.samplerate, self.channels = args, gain, accuracy, samplerate, channels
 
-    def with_accuracy(self, scene: Scene) -> Scene:
-        """The scene at the accuracy that the command line asks for, on as many sides as the device has."""
+    def prepare(self, scene: Scene) -> Scene:
+        """The scene of a patch with the notes and at the accuracy that the command line asks for, on as many sides as
+        the device has. Raises MidiError."""
+        scene = self.with_notes(scene)
         scene = scene.model_copy(update={"accuracy": scene.accuracy.replace(**self.accuracy)})
         return mono_to_stereo(scene) if self.channels > 1 else scene
+
+    def with_notes(self, scene: Scene) -> Scene:
+        """The scene with the keys and the score that the notes ask for, if it is an instrument. Raises MidiError."""
+        if not (scene.instrument and self.args.midi):
+            return scene
+        if self.is_port:
+            return live_scene(scene)
+        played = scene_of_file(scene, Path(self.args.midi))
+        for line in describe_leftover(played.refused, played.ignored):
+            print(line, file=sys.stderr)
+        return played.scene
+
+    @property
+    def is_port(self) -> bool:
+        """Whether notes come from a port."""
+        return bool(self.args.midi) and not midi.is_file(self.args.midi)
 
     def make_player(self, scene: Scene, pilot_seconds: float = PILOT_SECONDS) -> Player:
         """A player at a good level. Raises TooSlow unless told to play all the same, MidiError, BuildError."""
@@ -102,7 +122,9 @@ class PlayerFactory:
         many: dict[str, Any] = {"cores": os.cpu_count() or 1 if args.cores is None else int(float(args.cores))}
         many["kernel"] = args.kernel
         seconds = None if args.seconds is None else float(args.seconds)
-        if args.midi:
+        if scene.instrument and self.is_port:
+            many["waiting"] = True
+        elif args.midi and not scene.instrument:
             many |= {"voices": voice_count(args), "lowest": midi.lowest_ratio(args.midi, scene)}
         if (args.midi or args.watch) and seconds is None:
             seconds = math.inf
@@ -141,24 +163,23 @@ def play_patch(args: argparse.Namespace, scene: Scene, gain: float | None, accur
             _, name, channels, device_rate = audio_device.find_output(args.device)
             samplerate = device_rate if args.samplerate is None else int(float(args.samplerate))
             factory = PlayerFactory(args, gain, accuracy, samplerate, channels)
-            scene = factory.with_accuracy(scene)
+            scene = factory.prepare(scene)
             player = factory.make_player(scene)
             compiled, wait = args.callback != "python", parse_latency(args.latency)
             stream = audio_device.open_stream(player, args.device, int(args.block_size), wait, compiled)
-            allocator = voice_allocator.VoiceAllocator(player) if args.midi else None
+            allocator = midi.make_allocator(player, args.midi) if args.midi else None
             notes = midi.open_source(args.midi, allocator) if allocator else None
         except (audio_device.DeviceError, midi_notes.MidiError, TooSlow) as error:
             print_error(error)
             return 1
         announcement = f"{scene.title or path.stem}, on {name} at {samplerate} Hz, blocks of {args.block_size}"
         print(announcement, file=sys.stderr if args.json else sys.stdout, flush=True)
-        watch = PatchWatcher(path, scene, player, factory.make_quickly, factory.with_accuracy) if args.watch else None
+        watch = PatchWatcher(path, scene, player, factory.make_quickly, factory.prepare) if args.watch else None
         with background.postponed():
             wish, code = play_to_end(args, player, stream, name, watch, notes)
         stream.close()
         background.compile_beside((watch.player if watch is not None else player).memory.missing_kernels)
-        played = voice_allocator.played_notes(allocator) if allocator else {}
-        print_live_summary(watch.player if watch is not None else player, args, played)
+        print_live_summary(watch.player if watch is not None else player, args, allocator)
         if wish != "next" or code:
             return code
         path, scene = next_patch(path)
@@ -291,9 +312,12 @@ def open_recording(args: argparse.Namespace, player: Player) -> Iterator[Recordi
         recording.close(played)
 
 
-def print_live_summary(player: Player, args: argparse.Namespace, played: dict[str, str]) -> None:
-    """What there is to be said at the end. played: which body played which notes."""
-    now = player.meter()
+def print_live_summary(player: Player, args: argparse.Namespace, allocator: midi.Allocator | None) -> None:
+    """What there is to be said at the end. allocator: what gave notes to the player, for what it can tell"""
+    now, played = player.meter(), allocator.played_notes() if allocator else {}
+    if allocator is not None:
+        for line in describe_leftover([], allocator.ignored, allocator.stolen, allocator.refused):
+            print(line, file=sys.stderr)
     if args.json:
         print(json.dumps({"patch": args.patch, "live": json_safe(now.as_dict()), "notes": played}))
         return

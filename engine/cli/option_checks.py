@@ -6,7 +6,7 @@ The parser leaves every value as text; it would stop at the first fault.
 import argparse
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from engine import audio_formats
 from engine.cli.arguments import ACCURACY_OPTIONS, VOICES
@@ -14,6 +14,9 @@ from engine.compiler.kernel_name import read_kernel_name
 from engine.faults import Fault
 from engine.files import is_folder
 from engine.output_files import absolute_path, is_writable_folder
+
+if TYPE_CHECKING:
+    from engine.patch.scene import Scene
 
 DEFAULT_SAMPLERATE = 44_100  # Hz, if no other is asked for
 MAX_VOICES = 64
@@ -159,3 +162,23 @@ def check_rate_and_channels(option: str, output: Path, samplerate: int, channels
     """What of a sound the format of its file cannot hold."""
     message = audio_formats.explain_unsupported_format(output, samplerate, channels)
     return [Fault(option, message)] if message else []
+
+
+def scene_of_key(scene: "Scene | None", args: argparse.Namespace) -> tuple["Scene | None", list[Fault]]:
+    """The scene, or that of one note of it if the options ask for one; and the faults of these options."""
+    from engine.instrument.tables import DEFAULT_VELOCITY
+    from engine.patch.one_note import scene_of_note
+
+    velocity = args.velocity
+    if velocity is not None and not (velocity.isdecimal() and 1 <= int(velocity) <= 127):
+        return scene, [Fault("--velocity", f'"{velocity}" is no velocity; a whole number from 1 to 127')]
+    if args.key is None:
+        return scene, [Fault("--velocity", "for --key; give that too")] if velocity is not None else []
+    if getattr(args, "midi", None):
+        return scene, [Fault("--key", "cannot be combined with --midi")]
+    if scene is None:
+        return None, []
+    try:
+        return scene_of_note(scene, args.key, int(velocity or DEFAULT_VELOCITY)), []
+    except ValueError as error:
+        return scene, [Fault("--key", str(error))]

@@ -6,7 +6,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from engine.cli import arguments
-from engine.cli.messages import print_error, print_faults, read_patch
+from engine.cli.messages import describe_leftover, print_error, print_faults, read_patch
 from engine.cli.option_checks import (
     NumericOptions,
     accuracy_options,
@@ -18,6 +18,7 @@ from engine.cli.option_checks import (
     plot_path,
     report_path,
     samplerate_of,
+    scene_of_key,
     sound_path,
     voice_count,
 )
@@ -60,6 +61,7 @@ def add_render_command(commands: "arguments.Commands") -> None:
     help_text = "estimate the error of the motion, by a second rendering that is several times finer"
     parser.add_argument("--error-estimate", action="store_true", default=None, help=help_text)
     parser.add_argument("--midi", metavar="FILE.mid", help="play the notes of a file")
+    arguments.add_key(parser, "play one note of an instrument: C4, F#3")
     arguments.add_voices(parser)
     help_text = "also write every sample's displacements, forces, energies"
     parser.add_argument("--trace", metavar="OUT.npz", help=help_text)
@@ -77,7 +79,8 @@ def render_command(args: argparse.Namespace) -> int:
     targets = {"--output": output, "--trace": optional_path(args.trace)}
     option_faults += check_paths(targets | {"--plot": plot_path(args), "--report": report_path(args)})
     option_faults += check_audio_format(output, args.subtype, "--output")
-    option_faults += ignored_options(args) + check_kernel(args)
+    scene, note_faults = scene_of_key(scene, args)
+    option_faults += ignored_options(scene, args) + check_kernel(args) + note_faults
     if scene is not None and not option_faults:
         channels = scene.channels
         option_faults += check_rate_and_channels("--output", output, samplerate_of(numbers), channels)
@@ -85,13 +88,18 @@ def render_command(args: argparse.Namespace) -> int:
     if scene is None or faults:
         print_faults(faults)
         return 2
-    return midi_command(scene, numbers, args) if args.midi else scene_command(scene, numbers, args)
+    if not args.midi:
+        return scene_command(scene, numbers, args)
+    return instrument_command(scene, numbers, args) if scene.instrument else midi_command(scene, numbers, args)
 
 
-def ignored_options(args: argparse.Namespace) -> list[Fault]:
+def ignored_options(scene: "Scene | None", args: argparse.Namespace) -> list[Fault]:
     """Options that would do nothing, given what else is asked for."""
     if not args.midi:
         return [Fault("--voices", "for --midi; give that too")] if args.voices is not None else []
+    if scene is None or scene.instrument:
+        message = "every key of an instrument has its own bodies; leave it out"
+        return [Fault("--voices", message)] if scene is not None and args.voices is not None else []
     given = [option for option, name in NOT_OF_NOTES.items() if getattr(args, name) is not None]
     return [Fault(option, "cannot be combined with --midi") for option in given]
 
@@ -119,6 +127,23 @@ def scene_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namesp
     return 0
 
 
+def instrument_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespace) -> int:
+    """Render an instrument that plays a MIDI file; returns the exit code."""
+    from pathlib import Path
+
+    from engine.live.instrument_notes import scene_of_file
+    from engine.live.midi_notes import MidiError
+
+    try:
+        played = scene_of_file(scene, Path(args.midi))
+    except MidiError as error:
+        print_error(error)
+        return 2
+    for line in describe_leftover(played.refused, played.ignored):
+        print(line, file=sys.stderr)
+    return scene_command(played.scene, numbers, args)
+
+
 def midi_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespace) -> int:
     """Render the notes of a MIDI file; returns the exit code."""
     from engine.build import limits
@@ -130,7 +155,7 @@ def midi_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespa
     try:
         limits.build_modal_bodies(scene, rate, scene.accuracy.scheme)
         with progress_feedback(args.json) as progress:
-            audio, player, played = midi.render_notes(
+            audio, player, voices = midi.render_notes(
                 scene, args.midi, rate, numbers["seconds"], voice_count(args), progress
             )
         audio, gain = apply_gain(audio, float(abs(audio).max()), numbers["gain"], args.subtype)
@@ -148,7 +173,9 @@ def midi_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespa
         print(f"{output}: {cut}", file=sys.stderr)
     for warning in describe_lowered_gain(output, gain, numbers["gain"]):
         print(warning, file=sys.stderr)
-    reading = player.meter()
+    reading, played = player.meter(), voices.played_notes()
+    for line in describe_leftover([], voices.ignored, voices.stolen, voices.refused):
+        print(line, file=sys.stderr)
     reasons = explain_doubts(reading.newton, reading.energy_error, not reading.not_finite)
     if args.json:
         stats = {"patch": args.patch, "output": str(output), "seconds": len(audio) / rate, "gain_db": gain}

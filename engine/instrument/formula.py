@@ -31,13 +31,29 @@ def pick(i: float, *values: float) -> float:
 
 FUNCTIONS: dict[str, Callable[..., float]] = {
     **{name: getattr(math, name) for name in ("exp", "log", "log10", "sqrt", "sin", "cos", "floor", "ceil")},
-    **{"abs": abs, "min": min, "max": max, "round": round, "cents": cents, "pick": pick},
+    "abs": abs,
+    "min": min,
+    "max": max,
+    "round": round,
+    "cents": cents,
+    "pick": pick,
 }
 OPERATORS: dict[type, Callable[..., float]] = {
-    **{ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv},
-    **{ast.Mod: operator.mod, ast.FloorDiv: operator.floordiv, ast.USub: operator.neg, ast.UAdd: operator.pos},
-    **{ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge},
-    **{ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.Pow: lambda x, y: math.pow(x, y)},
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Mod: operator.mod,
+    ast.FloorDiv: operator.floordiv,
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
+    ast.Eq: operator.eq,
+    ast.NotEq: operator.ne,
+    ast.Pow: lambda x, y: math.pow(x, y),
 }
 
 

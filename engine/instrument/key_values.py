@@ -11,7 +11,6 @@ from engine.instrument.formula import FormulaError, evaluate, is_formula
 from engine.instrument.key_names import RANGE_SEPARATOR, note_frequency, note_name, parse_key, parse_keys
 
 
-
 class KeyValueError(ValueError):
     """A value of the patch that has none for a key; `path` is where in the table it stands."""
 

@@ -7,11 +7,13 @@ the ledger stays closed: turning a knob cannot blow up the sound.
 import math
 
 from engine.compiler.decorators import inline, noinline
-from engine.kernel.codes import NO_END, UNUSED_SLOT, EnergyTotal, EventCursor, EventKind
+from engine.compiler.lanes import EightFrom, FewFrom, lane_sum, number_at, put_number, splat
+from engine.kernel.codes import LANES, NO_END, UNUSED_SLOT, EnergyTotal, EventCursor, EventKind
 from engine.kernel.connections import connection_energy, forget_moves
 from engine.kernel.contacts import contact_energy, invalidate_margins
 from engine.kernel.energy import accumulate, kinetic_and_potential
 from engine.kernel.external_forces import next_force
+from engine.kernel.sums import lanes_of
 
 
 @inline
@@ -91,11 +93,22 @@ def displacement_at_row(rows, r, m, change):
 @noinline
 def damp_modes(state, first, last, share):
     """Take from the momenta of some modes, at one end of a step in which they keep a share; returns the energy lost."""
-    lost, keep = 0.0, math.sqrt(share)
-    for m in range(first, last):
-        lost += 0.5 * state.p[m] * state.p[m] * (1.0 - keep) * (1.0 + keep)
-        state.p[m] *= keep
-    return lost
+    keep = math.sqrt(share)
+    taken = 0.5 * (1.0 - keep) * (1.0 + keep)
+    whole, total = first + lanes_of(last - first), splat(0.0)
+    for m in range(first, whole, LANES):
+        total = total + damp_mode(EightFrom(m), keep, taken, state.p)
+    if whole < last:
+        total = total + damp_mode(FewFrom(whole, last - whole), keep, taken, state.p)
+    return lane_sum(total)
+
+
+@inline
+def damp_mode(m, keep, taken, p):
+    """Let mode m, or eight, keep a share of its momentum, and lose another of its energy, which is returned."""
+    before = number_at(p, m)
+    put_number(p, m, keep * before)
+    return taken * before * before
 
 
 @noinline
@@ -220,10 +233,31 @@ def run_due_events(model, state, frame):
                 state.contact_free_until[0] = 0
                 invalidate_margins(state.refinement)
                 forget_moves(state.connection)
-    active = cursor[EventCursor.FIRST_ACTIVE]
-    while active < following and events.end[active] <= frame:
-        active += 1
-    cursor[EventCursor.FIRST_ACTIVE] = active
+    forget_finished(events, state, frame)
+
+
+@inline
+def forget_finished(events, state, frame):
+    """Move what goes on to the end of what has begun, so that no step looks at what is over: a damper may stay down
+    while thousands of other events come and go."""
+    cursor = state.event_cursor
+    first, kept = cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT]
+    for j in range(kept - 1, first - 1, -1):
+        if events.end[j] > frame:
+            kept -= 1
+            if kept != j:
+                move_event(events, j, kept)
+                state.glide_start[kept] = state.glide_start[j]
+    cursor[EventCursor.FIRST_ACTIVE] = kept
+
+
+@inline
+def move_event(events, source, target):
+    """Copy an event to another slot."""
+    events.kind[target], events.start[target] = events.kind[source], events.start[source]
+    events.end[target] = events.end[source]
+    events.target_begin[target], events.target_end[target] = events.target_begin[source], events.target_end[source]
+    events.value[target], events.value2[target] = events.value[source], events.value2[source]
 
 
 @noinline

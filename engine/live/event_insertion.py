@@ -7,7 +7,7 @@ from engine.kernel.codes import UNUSED_SLOT, EnergyTotal, EventCursor, EventKind
 from engine.kernel.connections import reset_extensions
 from engine.kernel.contacts import compression_from_modes, resync_open_contacts
 from engine.kernel.energy import accumulate
-from engine.kernel.events import island_energy, next_due
+from engine.kernel.events import island_energy, move_event, next_due
 from engine.kernel.free_flight import end_flight
 from engine.kernel.island_view import island_bounds, island_model, island_state
 from engine.kernel.recording import keep_energies
@@ -168,15 +168,6 @@ def truncate_previous(events, cursor, begin, event, start):
         same = same and events.target_end[j] == event[EventSlot.TARGET_END] and events.kind[j] == kind
         if same and (kind != EventKind.DAMP or events.end[j] <= start + length):
             events.end[j] = min(events.end[j], start)
-
-
-@inline
-def move_event(events, source, target):
-    """Copy an event to another slot."""
-    events.kind[target], events.start[target] = events.kind[source], events.start[source]
-    events.end[target] = events.end[source]
-    events.target_begin[target], events.target_end[target] = events.target_begin[source], events.target_end[source]
-    events.value[target], events.value2[target] = events.value[source], events.value2[source]
 
 
 @inline

@@ -7,10 +7,11 @@ from typing import Any, NamedTuple
 from engine.files import UnreadableFile, read_bytes
 from engine.output_files import error_reason
 
-SUSTAIN_PEDAL = 64  # controller
+PEDALS = {64: "sustain", 66: "sostenuto", 67: "soft"}  # by their controllers
+BEND_RANGE = 200.0  # cents, of the pitch wheel, either way
+UNKNOWN_RELEASE = 64  # velocity with which a key is let go, where that was not measured
 MAX_FILE_BYTES, MAX_MESSAGES = 16_000_000, 1_000_000  # bytes of a file, and how many messages it has at most
 MAX_FILE_SECONDS = 36_000.0  # s
-PITCH_CLASSES = ["C", "C#", "D", "D#", "E", "F", "F#", "G", "G#", "A", "A#", "B"]
 
 
 class MidiError(RuntimeError):
@@ -21,9 +22,16 @@ class Note(NamedTuple):
     """A message."""
 
     seconds: float
-    kind: str  # on | off | pedal
+    kind: str  # on | off | bend | the name of a pedal
     number: int  # of the key
-    value: int  # velocity, or how far the pedal is down
+    value: float  # velocity; how far a pedal is down, 0 to 127; how far the pitch is bent, cents
+
+
+class MidiNotes(NamedTuple):
+    """What a file says."""
+
+    notes: list[Note]
+    ignored: dict[str, int]  # how many messages of other kinds there are
 
 
 def load_mido() -> Any:
@@ -40,27 +48,40 @@ def parse_message(message: Any, seconds: float) -> Note | None:
     if message.type == "note_on" and message.velocity > 0:
         return Note(seconds, "on", message.note, message.velocity)
     if message.type in ("note_on", "note_off"):
-        return Note(seconds, "off", message.note, 0)
-    if message.type == "control_change" and message.control == SUSTAIN_PEDAL:
-        return Note(seconds, "pedal", 0, message.value)
+        return Note(seconds, "off", message.note, message.velocity or UNKNOWN_RELEASE)
+    if message.type == "control_change" and message.control in PEDALS:
+        return Note(seconds, PEDALS[message.control], 0, message.value)
+    if message.type == "pitchwheel":
+        return Note(seconds, "bend", 0, message.pitch / 8192 * BEND_RANGE)
     return None
 
 
-def read_notes(path: Path) -> list[Note]:
+def describe_message(message: Any) -> str:
+    """What kind of message is ignored; "" of those that say nothing about sound."""
+    if message.is_meta or message.type in ("sysex", "clock", "active_sensing"):
+        return ""
+    if message.type == "control_change":
+        return f"controller {message.control}"
+    return str(message.type.replace("_", " "))
+
+
+def read_notes(path: Path) -> MidiNotes:
     """The notes of a .mid file, all tracks together; the file begins at 0. Raises MidiError."""
-    file, notes, seconds = open_midi_file(path), list[Note](), 0.0
+    file, notes, seconds, ignored = open_midi_file(path), list[Note](), 0.0, dict[str, int]()
     try:
         for message in file:
             seconds += message.time
             if note := parse_message(message, seconds):
                 notes.append(note)
+            elif kind := describe_message(message):
+                ignored[kind] = ignored.get(kind, 0) + 1
     except Exception as error:  # whatever mido stumbles over
         raise unreadable_file(path, error) from error
     if not 0.0 <= seconds <= MAX_FILE_SECONDS:
         raise MidiError(f"{path} lasts {seconds / 3600:.3g} hours; at most {MAX_FILE_SECONDS / 3600:g}")
     if not any(note.kind == "on" for note in notes):
         raise MidiError(f"{path} has no notes")
-    return notes
+    return MidiNotes(notes, ignored)
 
 
 def open_midi_file(path: Path) -> Any:
@@ -100,13 +121,3 @@ def open_port(name: str) -> Any:
         what = "several MIDI ports match" if chosen else "no MIDI port is called"
         raise MidiError(f'{what} "{name}"; there are {", ".join(names) or "none"}; or give a .mid file')
     return mido.open_input(chosen[0])
-
-
-def note_name(note: int) -> str:
-    """Of a key, as 60 is C4."""
-    return f"{PITCH_CLASSES[note % 12]}{note // 12 - 1}"
-
-
-def note_frequency(note: int) -> float:
-    """Equal temperament, A4 = 440 Hz."""
-    return float(440.0 * 2.0 ** ((note - 69) / 12))

@@ -46,7 +46,8 @@ from engine.patch.tables import (
 )
 
 CROSS_FADE_SECONDS = 0.02
-EVENTS_PER_ISLAND = 64  # at a time
+EVENTS_PER_ISLAND = 64  # at a time, or …
+EVENTS_PER_BODY = 4  # … so many for each body, if that is more: all dampers may move at once
 GLIDE_SECONDS = 0.02  # of a live parameter
 MUTE_SIGMA, MUTE_SECONDS = 40.0, 0.4  # decay rate, 1/s, and how long it damps
 
@@ -61,6 +62,7 @@ class Player:
     general: exponents can be changed; the contact laws are then general ones, which take longer
     cores:   how many share the work, at audio priority where that is allowed; the samples are the same
     kernel:  special, general or auto (engine.parallel.kernel_choice); the samples are the same
+    waiting: forces that are over after a while wait until they are told by `pluck`
     Raises BuildError as `engine.build.build.build`.
     """
 
@@ -75,6 +77,7 @@ class Player:
         general: bool = False,
         cores: int = 1,
         kernel: str | None = None,
+        waiting: bool = False,
     ) -> None:
         if not math.isfinite(gain):
             raise ValueError(f"gain = {gain} is no factor")
@@ -82,15 +85,17 @@ class Player:
             message = "live sound is not oversampled; order, substeps, or render it"
             raise BuildError(Fault("accuracy.oversample", message))
         self.patch, self.voices, self.lowest, self.general = scene, voices, lowest, general
+        self.waiting = waiting or voices > 0
         if voices:
             plain = scene.accuracy.replace(order=2, substeps=1, precision="float64")  # a voice is tuned table by table
             scene = replicate(retune(scene, lowest), voices).model_copy(update={"accuracy": plain})
         self.scene, self.samplerate, self.gain = scene, samplerate, gain
         self.channels = scene.channels
-        built = build(scene, samplerate, event_capacity=EVENTS_PER_ISLAND, variable_exponents=general)
+        capacity = event_capacity(scene, self.waiting and not voices)
+        built = build(scene, samplerate, event_capacity=capacity, variable_exponents=general)
         self.model, self.state, self.layout = built
-        if voices and self.model.force is not None:
-            self.model.force.start[:] = UNUSED_SLOT  # until it is plucked
+        if self.waiting and self.model.force is not None:
+            self.model.force.start[:] = UNUSED_SLOT
         seconds = scene.seconds if seconds is None else seconds
         self.memory = AudioMemory(built, scene.accuracy, self.channels, seconds, gain, kernel)
         self.shared, self.gauges, self.loads = self.memory.shared, self.memory.gauges, self.memory.loads
@@ -201,11 +206,16 @@ class Player:
         self._queue.put(["lift", body], (EventKind.LIFT, island, modes.start, modes.stop, frame, 1, 0.0, 0.0))
 
     def damp(
-        self, body: str | None = None, sigma: float = MUTE_SIGMA, seconds: float = MUTE_SECONDS, frame: int = 0
+        self,
+        body: str | None = None,
+        sigma: float = MUTE_SIGMA,
+        seconds: float | None = MUTE_SECONDS,
+        frame: int = 0,
     ) -> None:
-        """Damp a body for a while, or all that vibrate. sigma: extra decay rate, 1/s."""
+        """Damp a body for a while, or all that vibrate. sigma: extra decay rate, 1/s; seconds: how long, until it is
+        lifted if None."""
         names = [body] if body is not None else [b.name for b in self.scene.body if not isinstance(b, Mass)]
-        duration = checked_number("seconds", seconds)
+        duration = None if seconds is None else checked_number("seconds", seconds)
         for name in names:
             self._body(name)
             event = make_event(DampEvent, kind="damp", body=name, sigma=sigma, duration=duration)
@@ -297,7 +307,7 @@ class Player:
         """All that was done, as JSON can hold it; `engine.live.replay` makes the same sound of it."""
         scene = json.loads(self.patch.model_dump_json(exclude_none=True))
         settings = {"scene": scene, "samplerate": self.samplerate, "gain": self.gain, "frames": self.frame}
-        settings |= {"voices": self.voices, "lowest": self.lowest, "general": self.general}
+        settings |= {"voices": self.voices, "lowest": self.lowest, "general": self.general, "waiting": self.waiting}
         ends = {"end": Slot.END, "fade": Slot.FADE_IN_FRAMES, "leave": Slot.FADE_OUT_FRAMES}
         settings |= {name: int(self.shared[slot]) for name, slot in ends.items()}
         return settings | {"events": self._queue.entries()}
@@ -329,3 +339,8 @@ class Player:
             sounding=int(np.sum(awake.reshape(self.voices or 1, -1).any(axis=1))),
             kernel=self.memory.kernel,
         )
+
+
+def event_capacity(scene: Scene, is_instrument: bool) -> int:
+    """How many events there is room for at a time, in each subsystem."""
+    return max(EVENTS_PER_ISLAND, EVENTS_PER_BODY * len(scene.body) if is_instrument else 0)

@@ -49,6 +49,7 @@ class Log(BaseModel):
     voices: int = Field(ge=0, le=64)
     lowest: float = Field(gt=0.0, le=1.0)
     general: bool = False
+    waiting: bool = False
     events: list[LoggedEvent]
 
     def made(self) -> Scene:
@@ -86,7 +87,9 @@ def replay(record: dict[str, Any] | Log) -> np.ndarray:
 
 def _played(log: Log) -> np.ndarray:
     """What was played."""
-    player = Player(log.made(), log.samplerate, math.inf, log.gain, log.voices, log.lowest, log.general)
+    player = Player(
+        log.made(), log.samplerate, math.inf, log.gain, log.voices, log.lowest, log.general, waiting=log.waiting
+    )
     shared = player.shared
     shared[Slot.END], shared[Slot.FADE_IN_FRAMES], shared[Slot.FADE_OUT_FRAMES] = log.end, log.fade, log.leave
     out, at = np.zeros((min(log.frames, log.end), player.channels), np.float32), 0

@@ -12,7 +12,8 @@ import numpy as np
 
 from engine.bodies import Body, Mass
 from engine.bodies.distributed import DistributedBody
-from engine.live.midi_notes import MidiError, Note, note_frequency, note_name
+from engine.instrument.key_names import note_frequency, note_name
+from engine.live.midi_notes import MidiError, Note
 from engine.live.player import Player
 from engine.live.voices import plucks, sounding_bodies, striker_velocities, strikers
 from engine.patch.scene import Scene, connected_bodies
@@ -80,6 +81,8 @@ class VoiceAllocator:
         self.bodies = pitched_bodies(player.patch)
         self.played: dict[int, PitchedBody] = {}  # by key
         self.stolen = self.refused = 0
+        self.ignored: dict[str, int] = {}  # messages, by what they are
+        self._bend = 1.0  # ratio by which the pitch wheel bends all
         self._note: list[int | None] = [None] * player.voices  # that a voice has
         self._since = [-1] * player.voices  # frame
         self._down: set[int] = set()  # keys
@@ -88,7 +91,11 @@ class VoiceAllocator:
 
     def play(self, note: Note, frame: int = 0) -> None:
         """Do what a note says, at a frame."""
-        if note.kind == "pedal":
+        if note.kind == "bend":
+            self._bend_pitch(2.0 ** (note.value / 1200.0), frame)
+        elif note.kind in ("soft", "sostenuto"):
+            self.ignored[f"{note.kind} pedal"] = self.ignored.get(f"{note.kind} pedal", 0) + 1
+        elif note.kind == "sustain":
             self._pedal = note.value >= 64
             if not self._pedal:
                 for voice, number in enumerate(self._note):
@@ -101,6 +108,15 @@ class VoiceAllocator:
         else:
             self._strike(note, frame)
 
+    def played_notes(self) -> dict[str, str]:
+        """Which notes each body has played: those in its own octave by name, with how far they are from its pitch."""
+        names: dict[str, list[str]] = {}
+        for number, body in sorted(self.played.items()):
+            cents = 1200 * math.log2(body.ratio(number))
+            away = f" ({cents:+.0f} c)" if abs(cents) >= 0.5 else ""
+            names.setdefault(body.body, []).append(note_name(number) + away)
+        return {body: ", ".join(notes) for body, notes in names.items()}
+
     def _strike(self, note: Note, frame: int) -> None:
         voice, body = self._voice(note.number), nearest_body(self.bodies, note.number)
         frame = max(frame, self.player.frame)
@@ -111,7 +127,7 @@ class VoiceAllocator:
                 frame = begin + self._samples(STEAL_DAMPER)
                 self._damp(voice, STEAL_DAMPER, begin)
             try:
-                self.player.tune(voice, body.ratio(note.number), frame, body=body.body)
+                self.player.tune(voice, body.ratio(note.number) * self._bend, frame, body=body.body)
             except ValueError:  # above what the sample rate carries, or below what there is room for
                 self.refused += 1
                 return
@@ -123,6 +139,17 @@ class VoiceAllocator:
             self.player.strike(f"{hammer}_{voice}", striker_velocities(self.player.patch)[hammer] * share, frame=frame)
         if body.plucked:
             self.player.pluck(f"{body.body}_{voice}", share, frame)
+
+    def _bend_pitch(self, ratio: float, frame: int) -> None:
+        """Tune all voices that have a note. A pitch beyond what they can have is refused, and they stay as they are."""
+        self._bend = ratio
+        for voice, number in enumerate(self._note):
+            if number is not None:
+                body = self.played[number]
+                try:
+                    self.player.tune(voice, body.ratio(number) * ratio, frame, body=body.body)
+                except ValueError:
+                    self.refused += 1
 
     def _voice(self, number: int) -> int:
         """The voice for a note: the one that has it; else of those whose keys are up, or of all, the quieter ones among
@@ -158,12 +185,3 @@ class VoiceAllocator:
     def _damp(self, voice: int, damper: tuple[float, float], frame: int) -> None:
         for name in sounding_bodies(self.player.patch):
             self.player.damp(f"{name}_{voice}", *damper, frame=frame)
-
-
-def played_notes(keys: VoiceAllocator) -> dict[str, str]:
-    """Which notes each body has played: those in its own octave by name, with how far they are from its pitch."""
-    names: dict[str, list[str]] = {}
-    for number, body in sorted(keys.played.items()):
-        cents = 1200 * math.log2(body.ratio(number))
-        names.setdefault(body.body, []).append(note_name(number) + (f" ({cents:+.0f} c)" if abs(cents) >= 0.5 else ""))
-    return {body: ", ".join(notes) for body, notes in names.items()}

@@ -28,6 +28,8 @@ def patch_schema() -> dict[str, Any]:
         rules += [{"not": {"required": [a, b]}} for a, b in BODIES[kind].AT_MOST_ONE_OF]
         if rules:
             table["allOf"] = rules
+    needed = schema.pop("required")  # by a plain patch; an instrument may have them of each key
+    schema["anyOf"] = [{"required": needed}, {"required": ["keyboard", "key"]}]
     head = {"$schema": SCHEMA_DRAFT, "title": "Patch", "description": "A patch of the FDH engine, in SI units."}
     return head | {key: _simplify(node) for key, node in {**schema, **head, "definitions": tables}.items()}
 

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from engine.bodies.table import KeyPath
 from engine.faults import Fault, PatchError
 from engine.files import MB, SHIPPED_PATCHES, UnreadableFile, find_patch, is_folder, read_bytes
+from engine.instrument.key_writer import Origins
 from engine.output_files import error_reason
 from engine.patch.error_messages import (
     MAX_KEY_CHARACTERS,
@@ -25,8 +26,6 @@ from engine.patch.error_messages import (
 from engine.patch.scene import MAX_FAULTS_COLLECTED, Scene
 from engine.patch.toml_lines import NestedTooDeep, locate_keys, nearest_line, split_statements
 from engine.wording import program_name
-
-Origins = dict[tuple[str, int], tuple[KeyPath, str]]  # of tables in a scene: path in the patch, and name of the key
 
 MAX_PATCH_BYTES = 1 * MB  # a larger patch takes seconds to read
 MAX_FAULTS_LISTED = 50
@@ -123,7 +122,9 @@ def _make_syntax_fault(file: str, text: str, error: tomllib.TOMLDecodeError) -> 
 def _path_in_patch(error: Any, origins: Origins) -> tuple[KeyPath, str]:
     """The path of the key to blame, and which key of an instrument had the fault; "" if the patch is none."""
     path = path_to_blame(error)
-    origin, name = origins.get(path[:2], (path[:2], ""))  # type: ignore[call-overload]
+    if len(path) < 2 or (table := (str(path[0]), path[1])) not in origins:
+        return path, ""
+    origin, name = origins[table]
     return (*origin, *path[2:]), name
 
 

@@ -96,7 +96,8 @@ class Scene(Table):
         pickups = [p if p.quantity else p.model_copy(update={"quantity": kinds[p.body].HEARD}) for p in scene.pickup]
         forces = [_with_absolute_file(f, folder) for f in scene.force]
         scene = scene.model_copy(update={"pickup": pickups, "force": forces})
-        scene._document, scene._folder = document, folder
+        if document is not None:
+            scene._document, scene._folder = document, folder
         return scene
 
     @property

@@ -13,6 +13,7 @@ from conftest import ROOT, mostly_hard
 import engine
 from engine.analysis.metrics import strongest_partial
 from engine.cli import main
+from engine.instrument.key_names import note_frequency, note_name
 from engine.live import midi, midi_notes, voice_allocator
 from engine.live.player import Player
 
@@ -43,14 +44,15 @@ def pedal(value):
 
 def test_notes_have_their_pitch_and_time(tmp_path):
     path = written(tmp_path / "two.mid", (on(57), 0), (off(57), 960), (on(64, 90), 480), (off(64), 960))
-    audio, player, played = midi.render_notes(engine.load(PIANO), str(path), RATE, None, 4)
+    audio, player, voices = midi.render_notes(engine.load(PIANO), str(path), RATE, None, 4)
+    played = voices.played_notes()
     assert len(audio) == round((2.5 + midi.TAIL_SECONDS) * RATE)
     assert played == {"string": "A3 (-300 c), E4 (+400 c)"}
     assert not audio[0].any() and audio[100:500].any()
     for begin, note in ((0.0, 57), (1.5, 64)):
         part = audio[round((begin + 0.05) * RATE) :][:RATE]
         partials = np.abs(np.fft.rfft(part[:, 0] * np.hanning(len(part))))
-        wanted = midi_notes.note_frequency(note)
+        wanted = note_frequency(note)
         near = slice(round(0.97 * wanted), round(1.03 * wanted) + 1)  # bins of 1 Hz
         assert near.start + int(np.argmax(partials[near])) == pytest.approx(wanted, abs=1.5)
     assert player.meter()["energy_error"] <= 1e-12
@@ -86,15 +88,16 @@ def test_a_note_sounds_one_body(tmp_path, note, change, cents):
     the other bars' fundamentals stay below -40 dB."""
     path = written(tmp_path / "one.mid", (on(note), 0), (off(note), 1920))
     marimba = change(engine.load(ROOT / "patches" / "marimba.toml"))
-    audio, _, played = midi.render_notes(marimba, str(path), RATE, 1.2, 2)
+    audio, _, voices = midi.render_notes(marimba, str(path), RATE, 1.2, 2)
+    played = voices.played_notes()
     mono = audio.sum(axis=1)
-    pitch, loud = fundamental(mono, midi_notes.note_frequency(note))
-    assert abs(1200 * math.log2(pitch / midi_notes.note_frequency(note))) < cents
+    pitch, loud = fundamental(mono, note_frequency(note))
+    assert abs(1200 * math.log2(pitch / note_frequency(note))) < cents
     name = min(MARIMBA, key=lambda bar: abs(MARIMBA[bar] - note))
     others = [other for bar, other in MARIMBA.items() if bar != name]
-    assert all(fundamental(mono, midi_notes.note_frequency(other))[1] < 0.01 * loud for other in others)
+    assert all(fundamental(mono, note_frequency(other))[1] < 0.01 * loud for other in others)
     away = 100 * (note - MARIMBA[name])
-    assert played == {name: midi_notes.note_name(note) + (f" ({away:+d} c)" if away else "")}
+    assert played == {name: note_name(note) + (f" ({away:+d} c)" if away else "")}
 
 
 def test_plucked_bodies_sound_too(tmp_path):
@@ -113,9 +116,10 @@ def test_plucked_bodies_sound_too(tmp_path):
         peaks = []
         for velocity in (40, 80):
             path = written(tmp_path / "one.mid", (on(note, velocity), 0), (off(note), 1920))
-            audio, _, played = midi.render_notes(harp, str(path), RATE, 1.2, 2)
-            pitch, _ = fundamental(audio[:, 0], midi_notes.note_frequency(note))
-            assert abs(1200 * math.log2(pitch / midi_notes.note_frequency(note))) < 1.0
+            audio, _, voices = midi.render_notes(harp, str(path), RATE, 1.2, 2)
+            played = voices.played_notes()
+            pitch, _ = fundamental(audio[:, 0], note_frequency(note))
+            assert abs(1200 * math.log2(pitch / note_frequency(note))) < 1.0
             assert list(played) == [name]
             peaks.append(np.abs(audio).max())
         assert 2.0 * peaks[0] < peaks[1]
@@ -208,7 +212,7 @@ def test_notes_of_a_port(ports):
     assert look() is False
     player.render_into(out[4410 : RATE // 2])
     partials = np.abs(np.fft.rfft(out[6000 : RATE // 2, 0] * np.hanning(RATE // 2 - 6000)))
-    near = midi_notes.note_frequency(57) / RATE * (RATE // 2 - 6000)
+    near = note_frequency(57) / RATE * (RATE // 2 - 6000)
     assert abs(float(np.argmax(partials[: round(1.5 * near)])) - near) < 1.0
     port.send(off(57))
     look()

@@ -1,0 +1,138 @@
+"""What a key of an instrument has, written out as the tables of a plain scene."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from engine.bodies.table import KeyPath, is_number, make_fault
+from engine.instrument.key_names import name_of_copy, note_name, parse_keys
+from engine.instrument.key_values import KeyValueError, names_of_key, value_at_key
+
+SECTIONS = ("body", "contact", "connection", "pickup")  # of what each key has
+REFERENCES = ("body", "on")  # keys of tables that name a body
+EVENT_REFERENCES = ("contact", "connection")  # of events, that name what changes
+MAX_COPIES = 8
+Origins = dict[tuple[str, int], tuple[KeyPath, str]]  # of tables written out: path in the patch, and the key's name
+
+
+class KeyWriter:
+    """Writes what keys have into the sections of a plain document. document: of an instrument"""
+
+    def __init__(self, document: dict[str, Any]) -> None:
+        self.tables: dict[str, Any] = document.get("key") or {}
+        self.keyboard: dict[str, Any] = document["keyboard"]
+        self.sections = {name: list(document.get(name) or []) for name in SECTIONS}
+        self.origins: Origins = {}
+        self._names: dict[int, dict[str, float]] = {}  # what formulas know of each key
+        self.faults: list[Any] = []
+        self.copies: dict[int, dict[str, int | None]] = {}  # of each body of each key; None of what there is once
+
+    def names(self, key: int) -> dict[str, float]:
+        """What formulas know of a key: what it is, and the values of the patch."""
+        if key in self._names:
+            return self._names[key]
+        names = self._names[key] = names_of_key(key, float(self.keyboard.get("a4", 440.0)))
+        for name, value in (self.keyboard.get("values") or {}).items():
+            found = self.read(value, key, names, ("keyboard", "values", name))
+            if is_number(found):
+                names[name] = float(found)
+            else:
+                self.add_fault(("keyboard", "values", name), value, "no number", "a number at every key")
+        return names
+
+    def read(self, value: Any, key: int, names: dict[str, float], path: KeyPath) -> Any:
+        """A value at a key; None, and a fault, where it has none."""
+        try:
+            return value_at_key(value, key, names, path)
+        except KeyValueError as error:
+            self.add_fault(error.path, error.value, error.message, error.remedy)
+            return None
+
+    def add_fault(self, path: KeyPath, value: Any, message: str, remedy: str) -> None:
+        """Keep a fault, once for each path."""
+        if all(fault["loc"] != path for fault in self.faults):
+            self.faults.append(make_fault(path, value, message, remedy))
+
+    def tables_at(self, section: str, key: int) -> Iterator[tuple[KeyPath, dict[str, Any]]]:
+        """The tables of a section that a key has, as the patch says them, without `keys`; and their paths."""
+        for i, table in enumerate(self.tables.get(section) or []):
+            path: KeyPath = ("key", section, i)
+            try:
+                texts = table.get("keys", self.keyboard["keys"])
+                keys = {k for text in ([texts] if isinstance(texts, str) else texts) for k in parse_keys(text)}
+            except (ValueError, AttributeError, TypeError):
+                self.add_fault((*path, "keys"), table["keys"], "no range of keys", 'such as "A0..E6", or a list')
+                continue
+            if key in keys:
+                yield path, {name: value for name, value in table.items() if name != "keys"}
+
+    def write_key(self, key: int) -> None:
+        """Write what a key has."""
+        copies: dict[str, int | None] = {}
+        self.copies[key] = copies
+        for path, table in self.tables_at("body", key):
+            count = self._count_copies(table, key, path)
+            if isinstance(table.get("name"), str):
+                copies[table["name"]] = count
+            self._write("body", key, path, table, count)
+        for section in SECTIONS[1:]:
+            for path, table in self.tables_at(section, key):
+                self._write(section, key, path, table, self.copies_of(key, table))
+
+    def _count_copies(self, table: dict[str, Any], key: int, path: KeyPath) -> int | None:
+        if "copies" not in table:
+            return None
+        count: Any = self.read(table["copies"], key, self.names(key), (*path, "copies"))
+        if not is_number(count) or not 0 <= round(count) <= MAX_COPIES:
+            self.add_fault((*path, "copies"), table["copies"], "no number of copies", f"0 to {MAX_COPIES}")
+            return 1
+        copies: int = round(count)
+        return copies
+
+    def copies_of(self, key: int, table: dict[str, Any]) -> int | None:
+        """How many copies the body has that a table names; of two such bodies, the one with more."""
+        counts = [self.copies[key].get(str(table.get(name))) for name in REFERENCES]
+        return max((count for count in counts if count is not None), default=None)
+
+    def _write(self, section: str, key: int, path: KeyPath, table: dict[str, Any], count: int | None) -> None:
+        for copy in [None] if count is None else range(1, count + 1):
+            written = self.table_of_copy(section, key, path, table, copy, count)
+            self.origins[section, len(self.sections[section])] = (path, note_name(key))
+            self.sections[section].append(written)
+
+    def table_of_copy(
+        self,
+        section: str,
+        key: int,
+        path: KeyPath,
+        table: dict[str, Any],
+        copy: int | None,
+        count: int | None,
+        names: dict[str, float] | None = None,
+    ) -> dict[str, Any]:
+        """A table as it is at a key, for one copy of its body; names: what formulas know beside what all do."""
+        known = self.names(key) | {"i": float(copy or 1), "copies": float(count or 1)} | (names or {})
+        written = {
+            name: self.read(value, key, known, (*path, name)) for name, value in table.items() if name != "copies"
+        }
+        if isinstance(table.get("name"), str):
+            written["name"] = name_of_copy(key, table["name"], copy)
+        if section != "body":
+            for name in REFERENCES:
+                if written.get(name) in self.copies[key]:
+                    own = self.copies[key][written[name]]
+                    written[name] = name_of_copy(key, written[name], None if own is None else copy)
+            for name in EVENT_REFERENCES:
+                if isinstance(written.get(name), str) and self.has_name(name, written[name]):
+                    written[name] = name_of_copy(key, written[name], copy)
+        return {name: value for name, value in written.items() if value is not None}
+
+    def has_name(self, section: str, name: str) -> bool:
+        """Whether each key has a contact or a connection of a name."""
+        return any(table.get("name") == name for table in self.tables.get(section) or [])
+
+    def copies_by_name(self, section: str, key: int, name: str) -> int | None:
+        """How many copies a key has of a contact or a connection of a name."""
+        for _, table in self.tables_at(section, key):
+            if table.get("name") == name:
+                return self.copies_of(key, table)
+        return None

@@ -1,0 +1,131 @@
+"""The events of a scene that a score is: what keys do when they are pressed and let go, and the dampers."""
+
+from itertools import pairwise
+from typing import Any
+
+from engine.bodies.table import KeyPath
+from engine.instrument.key_names import note_name
+from engine.instrument.key_writer import EVENT_REFERENCES, KeyWriter
+from engine.instrument.score import PlayedNote, Score
+
+FULL_VELOCITY = 127.0
+PEDAL_STEPS = 8  # to which half pedal is rounded
+SOSTENUTO_HALF = 0.5
+LATEST_EVENT = 1e-6  # s before the end, at which nothing can begin
+
+Event = tuple[dict[str, Any], KeyPath, str]  # as in a patch; where in the patch it comes from, and the key's name
+
+
+def events_of_key(writer: KeyWriter, section: str, key: int, names: dict[str, float], time: float) -> list[Event]:
+    """What happens when a key is pressed ("on") or let go ("off"), as events of a scene.
+
+    names: what formulas know of the note: v, soft, release
+    """
+    events: list[Event] = []
+    for path, table in writer.tables_at(section, key):
+        count = writer.copies_of(key, table)
+        for name in EVENT_REFERENCES:
+            if isinstance(table.get(name), str):
+                count = writer.copies_by_name(name, key, table[name])
+        for copy in [None] if count is None else range(1, count + 1):
+            event = writer.table_of_copy(section, key, path, table, copy, count, names)
+            later = event.get("time", 0.0)
+            event["time"] = time + (later if isinstance(later, int | float) else 0.0)
+            events.append((event, path, note_name(key)))
+    return events
+
+
+def score_events(
+    writer: KeyWriter, keys: list[int], score: Score, seconds: float, is_live: bool
+) -> tuple[list[Event], list[Any]]:
+    """The events of a score, those of the dampers with them; and faults. Nothing begins after `seconds`."""
+    before, events = len(writer.faults), list[Event]()
+    notes = release_former_notes(writer, score.notes)
+    for note in notes:
+        soft = score.pedal_at("soft", note.time)
+        pressed = {"v": note.velocity / FULL_VELOCITY, "soft": soft, "release": note.release / FULL_VELOCITY}
+        events += events_of_key(writer, "on", note.key, pressed, note.time)
+        events += events_of_key(writer, "off", note.key, pressed, note.end)
+    for key in keys:
+        if is_live:
+            events += waiting_forces(writer, key)
+            events += damper_events(writer, key, [(0.0, None, 1.0)], 0.5)
+        else:
+            held = [note for note in notes if note.key == key]
+            events += damper_events(writer, key, damped_spans(held, score, seconds), 0.5)
+    kept = [event for event in events if event[0].get("time", 0.0) < seconds - LATEST_EVENT]
+    faults, writer.faults[before:] = writer.faults[before:], []
+    return kept, faults
+
+
+def release_former_notes(writer: KeyWriter, notes: tuple[PlayedNote, ...]) -> list[PlayedNote]:
+    """The notes, shorter where a later one takes their place: of the same key, or of its group on a keyboard whose keys
+    sound one at a time."""
+    mono, played = writer.keyboard.get("mono"), list[PlayedNote]()
+    last: dict[tuple[str, float], int] = {}
+    for note in notes:
+        groups = [("key", float(note.key))]
+        if mono is not None:
+            groups.append(("mono", writer.names(note.key).get(mono, float(note.key))))
+        for group in groups:
+            if group in last:
+                former = played[last[group]]
+                shorter = max(1e-3, min(former.duration, note.time - former.time))
+                played[last[group]] = former._replace(duration=shorter)
+            last[group] = len(played)
+        played.append(note)
+    return played
+
+
+def waiting_forces(writer: KeyWriter, key: int) -> list[Event]:
+    """The plucks of a key at its fullest, as forces that wait to be told."""
+    forces = []
+    fullest = {"v": 1.0, "soft": 0.0, "release": 0.5}
+    for event, path, name in events_of_key(writer, "on", key, fullest, 0.0):
+        if event.get("kind") == "pluck":
+            force = {k: value for k, value in event.items() if k != "time"} | {"start": 0.0}
+            forces.append((force, path, name))
+    return forces
+
+
+# --- dampers
+
+Span = tuple[float, float | None, float]  # from and to, s, None for good; and with which share of its force
+
+
+def damped_spans(notes: list[PlayedNote], score: Score, seconds: float) -> list[Span]:
+    """When the damper of a key is on its strings, and how firmly: with the share that the sustain pedal leaves."""
+    times = {0.0, seconds, *(note.time for note in notes), *(note.end for note in notes)}
+    times |= {move.time for move in score.pedals if move.name != "soft"}
+    ordered = sorted(time for time in times if 0.0 <= time <= seconds)
+    is_kept, spans = False, list[Span]()
+    for begin, end in pairwise(ordered):
+        is_down = any(note.time <= begin < note.end for note in notes)
+        sostenuto = [move for move in score.pedals if move.name == "sostenuto" and move.time == begin]
+        for move in sostenuto:
+            is_kept = move.value >= SOSTENUTO_HALF and (is_kept or is_down)
+        lifted = 1.0 if is_down or is_kept else score.pedal_at("sustain", begin)
+        share = round((1.0 - lifted) * PEDAL_STEPS) / PEDAL_STEPS
+        if share == 0.0:
+            continue
+        if spans and spans[-1][1] == begin and spans[-1][2] == share:
+            spans[-1] = (spans[-1][0], end, share)
+        else:
+            spans.append((begin, end, share))
+    return spans
+
+
+def damper_events(writer: KeyWriter, key: int, spans: list[Span], release: float) -> list[Event]:
+    """The events of the dampers of a key over some spans of time."""
+    events: list[Event] = []
+    names = {"release": release, "v": 0.0, "soft": 0.0}
+    for event, path, name in events_of_key(writer, "damper", key, names, 0.0):
+        sigma = event.get("sigma")
+        for begin, end, share in spans:
+            timed = event | {"kind": "damp", "time": begin}
+            if isinstance(sigma, int | float):
+                timed["sigma"] = sigma * share
+            if end is not None:
+                timed["duration"] = end - begin
+            events.append((timed, path, name))
+    return events

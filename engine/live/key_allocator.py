@@ -1,0 +1,175 @@
+"""The keys of an instrument, played live: strikes, plucks, dampers and pedals of the bodies that each key has."""
+
+from typing import Any
+
+from engine.instrument.expansion import expand_keys, keys_of
+from engine.instrument.key_names import note_name
+from engine.instrument.key_writer import KeyWriter
+from engine.instrument.score import Score
+from engine.instrument.score_events import FULL_VELOCITY, PEDAL_STEPS, SOSTENUTO_HALF, events_of_key
+from engine.live.midi_notes import UNKNOWN_RELEASE, Note
+from engine.live.player import Player
+from engine.patch.scene import Scene
+
+STEAL_DAMPER = 300.0, 0.03  # of a key that another needs: decay rate, 1/s, and how long, s
+CHANGES = ("stiffness", "exponent", "barrier", "gap", "damping", "rest")  # what an event may change
+DEFAULT_POLYPHONY = 24
+
+
+def live_scene(scene: Scene, keys: list[int] | None = None) -> Scene:
+    """An instrument with some keys, or all, at rest with its dampers down, to be played. Raises ValueError if it is
+    none."""
+    document = scene.instrument
+    if document is None:
+        raise ValueError("not an instrument; one has a [keyboard]")
+    chosen = keys_of(document["keyboard"]) if keys is None else keys
+    played = scene.with_expansion(expand_keys(document, chosen, Score(), is_live=True))
+    return played.model_copy(update={"accuracy": scene.accuracy})
+
+
+class KeyAllocator:
+    """Plays the keys of an instrument. player: of a `live_scene`, with `waiting = True`."""
+
+    def __init__(self, player: Player) -> None:
+        document = player.patch.instrument
+        if document is None:
+            raise ValueError("not an instrument; one has a [keyboard]")
+        self.player, self._writer = player, KeyWriter(document)
+        self.stolen = self.refused = 0
+        self.ignored: dict[str, int] = {}  # messages, by what they are
+        self.polyphony = document["keyboard"].get("polyphony") or DEFAULT_POLYPHONY
+        self._mono = document["keyboard"].get("mono")
+        self._keys = [key for key in keys_of(document["keyboard"]) if self._has_bodies(key)]
+        for key in self._keys:
+            self._writer.write_key(key)
+        self._down: set[int] = set()
+        self._kept: set[int] = set()  # by the sostenuto pedal
+        self._sounding: list[int] = []  # keys whose notes the dampers have not ended, the oldest first
+        self._pedals = {"sustain": 0.0, "soft": 0.0, "sostenuto": 0.0}
+        self._played: dict[int, int] = {}
+
+    def played_notes(self) -> dict[str, str]:
+        """How often each key was played."""
+        return {note_name(key): f"{count} times" for key, count in sorted(self._played.items())}
+
+    def play(self, note: Note, frame: int = 0) -> None:
+        """Do what a message says, at a frame."""
+        if note.kind == "bend":
+            self.ignored["pitch bend"] = self.ignored.get("pitch bend", 0) + 1
+        elif note.kind in self._pedals:
+            self._move_pedal(note.kind, note.value / FULL_VELOCITY, frame)
+        elif note.kind == "off":
+            self._release(note.number, note.value / FULL_VELOCITY, frame)
+        elif note.number not in self._keys:
+            self.refused += 1
+        else:
+            self._press(note.number, note.value / FULL_VELOCITY, frame)
+
+    # --- keys
+
+    def _has_bodies(self, key: int) -> bool:
+        """Whether the scene was written out with a key."""
+        name = note_name(key).replace("#", "s").replace("-", "m")
+        return any(body.startswith(f"{name}_") for body in self.player.layout.body_index)
+
+    def _press(self, key: int, v: float, frame: int) -> None:
+        self._make_room(key, frame)
+        self._down.add(key)
+        self._sounding = [*(k for k in self._sounding if k != key), key]
+        self._played[key] = self._played.get(key, 0) + 1
+        self._lift(key, frame)
+        names = {"v": v, "soft": self._pedals["soft"], "release": 0.5}
+        for event, _, _ in events_of_key(self._writer, "on", key, names, 0.0):
+            self._do(event, key, frame)
+
+    def _release(self, key: int, release: float, frame: int) -> None:
+        if key not in self._down:
+            return
+        self._down.discard(key)
+        names = {"v": 0.5, "soft": self._pedals["soft"], "release": release}
+        for event, _, _ in events_of_key(self._writer, "off", key, names, 0.0):
+            self._do(event, key, frame)
+        if key not in self._kept:
+            self._damp(key, release, frame)
+
+    def _make_room(self, key: int, frame: int) -> None:
+        """End the notes that cannot go on beside a new one: of its group, or one too many."""
+        if self._mono is not None:
+            group = self._writer.names(key).get(self._mono)
+            for other in [k for k in self._sounding if self._writer.names(k).get(self._mono) == group and k != key]:
+                self._end(other, frame)
+        others = [k for k in self._sounding if k != key]
+        while len(others) >= self.polyphony:
+            oldest = next((k for k in others if k not in self._down), others[0])
+            self.stolen += 1
+            self._end(oldest, frame)
+            others.remove(oldest)
+
+    def _end(self, key: int, frame: int) -> None:
+        """End a note soon, whatever the pedals say."""
+        self._down.discard(key)
+        self._sounding = [k for k in self._sounding if k != key]
+        for event in self._damper_events(key, 0.5):
+            self.player.damp(event["body"], *STEAL_DAMPER, frame=frame)
+        self._damp(key, 0.5, frame)
+
+    # --- dampers and pedals
+
+    def _damper_events(self, key: int, release: float) -> list[dict[str, Any]]:
+        names = {"release": release, "v": 0.0, "soft": 0.0}
+        return [event for event, _, _ in events_of_key(self._writer, "damper", key, names, 0.0)]
+
+    def _lift(self, key: int, frame: int) -> None:
+        for event in self._damper_events(key, 0.5):
+            self.player.lift(event["body"], frame)
+
+    def _damp(self, key: int, release: float, frame: int) -> None:
+        """Put the dampers of a key down as far as the sustain pedal lets them."""
+        share = round((1.0 - self._pedals["sustain"]) * PEDAL_STEPS) / PEDAL_STEPS
+        if share == 0.0:
+            return
+        self._sounding = [k for k in self._sounding if k != key]
+        for event in self._damper_events(key, release):
+            self.player.damp(event["body"], event["sigma"] * share, None, frame)
+
+    def _move_pedal(self, name: str, value: float, frame: int) -> None:
+        before, self._pedals[name] = self._pedals[name], value
+        if name == "sostenuto":
+            if (before < SOSTENUTO_HALF) == (value < SOSTENUTO_HALF):
+                return
+            freed, self._kept = self._kept, set(self._down) if value >= SOSTENUTO_HALF else set()
+            for key in freed - self._down:
+                self._damp(key, UNKNOWN_RELEASE / FULL_VELOCITY, frame)
+        if name != "sustain" or round(before * PEDAL_STEPS) == round(value * PEDAL_STEPS):
+            return
+        for key in self._keys:
+            if key not in self._down and key not in self._kept:
+                self._lift(key, frame)
+                self._damp(key, UNKNOWN_RELEASE / FULL_VELOCITY, frame)
+
+    # --- events
+
+    def _do(self, event: dict[str, Any], key: int, frame: int) -> None:
+        """Let an event of a key happen."""
+        frame += round(event.get("time", 0.0) * self.player.samplerate)
+        kind = event.get("kind")
+        if kind == "strike":
+            self.player.strike(event["body"], event["velocity"], event.get("displacement"), frame)
+        elif kind == "pluck":
+            full = self._full_amplitude(key, event["body"])
+            if full and event["amplitude"] / full > 0.0:
+                self.player.pluck(event["body"], event["amplitude"] / full, frame)
+        elif kind == "damp":
+            self.player.damp(event["body"], event["sigma"], event.get("duration"), frame)
+        elif kind == "change":
+            section = "contact" if event.get("contact") else "connection"
+            for name in CHANGES:
+                if event.get(name) is not None:
+                    glide = event.get("duration", 0.005)
+                    self.player.set(f"{section}.{event[section]}.{name}", event[name], glide, frame)
+
+    def _full_amplitude(self, key: int, body: str) -> float:
+        """How strong the waiting pluck of a body is, N."""
+        names = {"v": 1.0, "soft": 0.0, "release": 0.5}
+        events = [event for event, _, _ in events_of_key(self._writer, "on", key, names, 0.0)]
+        return float(next((e["amplitude"] for e in events if e["kind"] == "pluck" and e["body"] == body), 0.0))

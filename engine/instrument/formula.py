@@ -11,6 +11,7 @@ from simpleeval import SimpleEval
 
 MAX_CHARACTERS = 500
 FORMULA_MARK = "="
+MAX_WHOLE = 1e9  # up to which whole values are whole numbers, as counts have to be
 
 
 class FormulaError(ValueError):
@@ -78,7 +79,7 @@ def evaluate(formula: str, names: Mapping[str, float]) -> float:
         raise FormulaError("it is no number")
     if not math.isfinite(value):
         raise FormulaError(f"it is {value}")
-    return float(value)
+    return int(value) if value == int(value) and abs(value) < MAX_WHOLE else float(value)
 
 
 @lru_cache(4096)

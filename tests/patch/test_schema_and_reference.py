@@ -19,7 +19,7 @@ SCHEMA = ROOT / "patches" / "patch.schema.json"
 DIMENSIONLESS = {
     "at", "on_at", "modes", "inharmonicity", "ratios", "points", "count", "exponent", "channel", "gain",
     "order", "substeps", "tolerance", "oversample", "iterations", "b", "eta", "number", "x", "y", "scale",
-    "pan", "poisson", "Note.velocity", "release", "polyphony", "sustain", "soft", "sostenuto",
+    "pan", "poisson", "Note.velocity", "Note.release", "polyphony", "sustain", "soft", "sostenuto",
 }  # fmt: skip
 PICKUP = {"body": "a"}
 MASS = {"name": "a", "kind": "mass", "mass": 1.0}

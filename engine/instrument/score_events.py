@@ -1,7 +1,7 @@
 """The events of a scene that a score is: what keys do when they are pressed and let go, and the dampers."""
 
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 from engine.bodies.table import KeyPath
 from engine.instrument.key_names import note_name
@@ -11,6 +11,7 @@ from engine.instrument.score import PlayedNote, Score
 FULL_VELOCITY = 127.0
 PEDAL_STEPS = 8  # to which half pedal is rounded
 SOSTENUTO_HALF = 0.5
+UNKNOWN_RELEASE = 0.5
 LATEST_EVENT = 1e-6  # s before the end, at which nothing can begin
 
 Event = tuple[dict[str, Any], KeyPath, str]  # as in a patch; where in the patch it comes from, and the key's name
@@ -49,10 +50,10 @@ def score_events(
     for key in keys:
         if is_live:
             events += waiting_forces(writer, key)
-            events += damper_events(writer, key, [(0.0, None, 1.0)], 0.5)
+            events += damper_events(writer, key, [Span(0.0, None, 1.0, UNKNOWN_RELEASE)])
         else:
             held = [note for note in notes if note.key == key]
-            events += damper_events(writer, key, damped_spans(held, score, seconds), 0.5)
+            events += damper_events(writer, key, damped_spans(held, score, seconds))
     kept = [event for event in events if event[0].get("time", 0.0) < seconds - LATEST_EVENT]
     faults, writer.faults[before:] = writer.faults[before:], []
     return kept, faults
@@ -90,11 +91,18 @@ def waiting_forces(writer: KeyWriter, key: int) -> list[Event]:
 
 # --- dampers
 
-Span = tuple[float, float | None, float]  # from and to, s, None for good; and with which share of its force
+
+class Span(NamedTuple):
+    """While a damper is on its strings."""
+
+    begin: float  # s
+    end: float | None  # s; None for good
+    share: float  # of its force, that the sustain pedal leaves
+    release: float  # how fast the key was let go, from 0 to 1
 
 
 def damped_spans(notes: list[PlayedNote], score: Score, seconds: float) -> list[Span]:
-    """When the damper of a key is on its strings, and how firmly: with the share that the sustain pedal leaves."""
+    """When the damper of a key is on its strings, and how firmly. notes: of the key, in order"""
     times = {0.0, seconds, *(note.time for note in notes), *(note.end for note in notes)}
     times |= {move.time for move in score.pedals if move.name != "soft"}
     ordered = sorted(time for time in times if 0.0 <= time <= seconds)
@@ -108,24 +116,24 @@ def damped_spans(notes: list[PlayedNote], score: Score, seconds: float) -> list[
         share = round((1.0 - lifted) * PEDAL_STEPS) / PEDAL_STEPS
         if share == 0.0:
             continue
-        if spans and spans[-1][1] == begin and spans[-1][2] == share:
-            spans[-1] = (spans[-1][0], end, share)
+        release = next((n.release / FULL_VELOCITY for n in reversed(notes) if n.end <= begin), UNKNOWN_RELEASE)
+        if spans and spans[-1][1:] == (begin, share, release):
+            spans[-1] = spans[-1]._replace(end=end)
         else:
-            spans.append((begin, end, share))
+            spans.append(Span(begin, end, share, release))
     return spans
 
 
-def damper_events(writer: KeyWriter, key: int, spans: list[Span], release: float) -> list[Event]:
+def damper_events(writer: KeyWriter, key: int, spans: list[Span]) -> list[Event]:
     """The events of the dampers of a key over some spans of time."""
     events: list[Event] = []
-    names = {"release": release, "v": 0.0, "soft": 0.0}
-    for event, path, name in events_of_key(writer, "damper", key, names, 0.0):
-        sigma = event.get("sigma")
-        for begin, end, share in spans:
-            timed = event | {"kind": "damp", "time": begin}
-            if isinstance(sigma, int | float):
-                timed["sigma"] = sigma * share
+    for begin, end, share, release in spans:
+        names = {"release": release, "v": 0.0, "soft": 0.0}
+        for event, path, name in events_of_key(writer, "damper", key, names, begin):
+            event["kind"] = "damp"
+            if isinstance(event.get("sigma"), int | float):
+                event["sigma"] *= share
             if end is not None:
-                timed["duration"] = end - begin
-            events.append((timed, path, name))
+                event["duration"] = end - begin
+            events.append((event, path, name))
     return events

@@ -10,7 +10,9 @@ from engine.instrument.score_events import FULL_VELOCITY, PEDAL_STEPS, SOSTENUTO
 from engine.live.midi_notes import UNKNOWN_RELEASE, Note
 from engine.live.player import Player
 from engine.patch.scene import Scene
+from engine.patch.tables import MAX_SECONDS
 
+DAMPER_SECONDS = MAX_SECONDS  # how long a damper stays down if nothing lifts it
 STEAL_DAMPER = 300.0, 0.03  # of a key that another needs: decay rate, 1/s, and how long, s
 CHANGES = ("stiffness", "exponent", "barrier", "gap", "damping", "rest")  # what an event may change
 DEFAULT_POLYPHONY = 24
@@ -130,7 +132,7 @@ class KeyAllocator:
             return
         self._sounding = [k for k in self._sounding if k != key]
         for event in self._damper_events(key, release):
-            self.player.damp(event["body"], event["sigma"] * share, None, frame)
+            self.player.damp(event["body"], event["sigma"] * share, DAMPER_SECONDS, frame)
 
     def _move_pedal(self, name: str, value: float, frame: int) -> None:
         before, self._pedals[name] = self._pedals[name], value
@@ -160,7 +162,7 @@ class KeyAllocator:
             if full and event["amplitude"] / full > 0.0:
                 self.player.pluck(event["body"], event["amplitude"] / full, frame)
         elif kind == "damp":
-            self.player.damp(event["body"], event["sigma"], event.get("duration"), frame)
+            self.player.damp(event["body"], event["sigma"], event.get("duration", DAMPER_SECONDS), frame)
         elif kind == "change":
             section = "contact" if event.get("contact") else "connection"
             for name in CHANGES:

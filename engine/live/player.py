@@ -206,16 +206,11 @@ class Player:
         self._queue.put(["lift", body], (EventKind.LIFT, island, modes.start, modes.stop, frame, 1, 0.0, 0.0))
 
     def damp(
-        self,
-        body: str | None = None,
-        sigma: float = MUTE_SIGMA,
-        seconds: float | None = MUTE_SECONDS,
-        frame: int = 0,
+        self, body: str | None = None, sigma: float = MUTE_SIGMA, seconds: float = MUTE_SECONDS, frame: int = 0
     ) -> None:
-        """Damp a body for a while, or all that vibrate. sigma: extra decay rate, 1/s; seconds: how long, until it is
-        lifted if None."""
+        """Damp a body for a while, or all that vibrate. sigma: extra decay rate, 1/s."""
         names = [body] if body is not None else [b.name for b in self.scene.body if not isinstance(b, Mass)]
-        duration = None if seconds is None else checked_number("seconds", seconds)
+        duration = checked_number("seconds", seconds)
         for name in names:
             self._body(name)
             event = make_event(DampEvent, kind="damp", body=name, sigma=sigma, duration=duration)

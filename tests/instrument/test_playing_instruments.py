@@ -1,0 +1,143 @@
+"""Instruments played by MIDI files and live: the same notes give the same sound, and what is not played is said."""
+
+import math
+
+import numpy as np
+import pytest
+import soundfile
+from test_instruments import RATE, SCORE, STRINGS
+
+import engine
+from engine.cli import main
+from engine.live.instrument_notes import scene_of_file, score_of_notes
+from engine.live.key_allocator import KeyAllocator, live_scene
+from engine.live.midi_notes import MidiError, Note
+from engine.live.player import Player
+from engine.live.replay import replay
+
+mido = pytest.importorskip("mido")
+SECOND = 960  # ticks, at 120 beats a minute and 480 ticks a beat
+
+
+@pytest.fixture
+def path(tmp_path):
+    file = tmp_path / "strings.toml"
+    file.write_text(STRINGS + SCORE, "utf-8")
+    return file
+
+
+def write_midi(path, *messages):
+    """A file of messages, each with the seconds since the one before it."""
+    file = mido.MidiFile(ticks_per_beat=480)
+    file.tracks.append(mido.MidiTrack(m.copy(time=round(seconds * SECOND)) for m, seconds in messages))
+    file.save(path)
+    return path
+
+
+def on(key, velocity=100):
+    return mido.Message("note_on", note=key, velocity=velocity)
+
+
+def off(key, velocity=64):
+    return mido.Message("note_off", note=key, velocity=velocity)
+
+
+def test_a_midi_file_sounds_as_the_same_score_does(path, tmp_path):
+    file = write_midi(tmp_path / "a.mid", (on(60), 0.0), (off(60), 0.4))
+    played = scene_of_file(engine.load(path), file)
+    assert played.refused == [] and played.ignored == {}
+    wanted = engine.render(engine.load(path), seconds=1.0).audio
+    assert np.array_equal(engine.render(played.scene, seconds=1.0).audio, wanted)
+
+
+def test_the_command_says_what_of_a_file_is_not_played(path, tmp_path, capsys):
+    bend, program = mido.Message("pitchwheel", pitch=4000), mido.Message("program_change", program=3)
+    notes = [(on(60), 0.0), (on(20), 0.1), (bend, 0.0), (program, 0.0), (off(20), 0.1), (off(60), 0.1)]
+    file, output = write_midi(tmp_path / "a.mid", *notes), tmp_path / "a.wav"
+    assert main.main(["render", str(path), "--midi", str(file), "-o", str(output)]) == 0
+    said = capsys.readouterr().err
+    assert "G#0" in said and "pitch bend (1)" in said and "program change (1)" in said
+    audio, _ = soundfile.read(output)
+    assert np.abs(audio).max() > 0.1
+    only = write_midi(tmp_path / "b.mid", (on(20), 0.0), (off(20), 0.1))
+    assert main.main(["render", str(path), "--midi", str(only), "-o", str(output)]) == 2
+    assert "no note that the instrument has a key for" in capsys.readouterr().err
+
+
+def test_pedals_and_keys_that_are_never_let_go_are_in_the_score():
+    notes = [Note(0.0, "on", 60, 80), Note(0.1, "sustain", 0, 127), Note(0.5, "on", 62, 90), Note(0.7, "off", 60, 30)]
+    score = score_of_notes([*notes, Note(1.0, "soft", 0, 64)])
+    assert [(n.key, n.time, round(n.duration, 6), n.release) for n in score.notes] == [
+        (60, 0.0, 0.7, 30),
+        (62, 0.5, 1.5, 64),
+    ]
+    assert score.pedal_at("sustain", 0.05) == 0.0 and score.pedal_at("sustain", 0.2) == 1.0
+    assert score.pedal_at("soft", 1.0) == pytest.approx(64 / 127)
+
+
+def test_a_plain_patch_has_no_keys():
+    with pytest.raises(ValueError, match="not an instrument"):
+        live_scene(engine.load("bouncing_ball"))
+    with pytest.raises(MidiError, match="not an instrument"):
+        scene_of_file(engine.load("bouncing_ball"), None)
+
+
+def play(path, *notes: tuple[int, Note], keys=None, seconds=1.0, text=None):
+    """What is played live, at a gain of one thousandth; and what gave the notes to the player."""
+    if text is not None:
+        path.write_text(text, "utf-8")
+    player = Player(live_scene(engine.load(path), keys), RATE, math.inf, 1e-3, waiting=True)
+    allocator = KeyAllocator(player)
+    for frame, note in sorted(notes):
+        allocator.play(note, frame)
+    out = np.zeros((round(seconds * RATE), player.channels), np.float32)
+    for begin in range(0, len(out), 128):
+        player.render_into(out[begin : begin + 128])
+    return out, allocator
+
+
+def test_live_keys_sound_as_the_score_does(path):
+    begin = 4410  # the player has faded in
+    out, allocator = play(path, (begin, Note(0, "on", 60, 100)), (begin + 17640, Note(0, "off", 60, 64)))
+    wanted = engine.render(engine.load(path), seconds=0.9).audio[:, 0] * 1e-3
+    heard = out[begin:, 0][: wanted.size]
+    assert np.abs(heard - wanted).max() < 1e-5 * np.abs(wanted).max()
+    assert allocator.player.meter().energy_error < 1e-12 and allocator.played_notes() == {"C4": "1 times"}
+
+
+def test_what_was_played_live_can_be_replayed(path):
+    notes = [(2000, Note(0, "on", 60, 100)), (9000, Note(0, "sustain", 0, 80)), (12000, Note(0, "off", 60, 10))]
+    out, allocator = play(path, *notes, (20000, Note(0, "on", 64, 20)), (30000, Note(0, "sustain", 0, 0)))
+    assert np.array_equal(replay(allocator.player.log()), out)
+
+
+def test_the_sustain_pedal_holds_notes_and_gives_them_back(path):
+    def after(*notes) -> float:
+        out, _ = play(path, (1000, Note(0, "on", 60, 100)), (5000, Note(0, "off", 60, 64)), *notes)
+        return float(np.sqrt(np.mean(out[-4410:] ** 2)))
+
+    held = after((3000, Note(0, "sustain", 0, 127)))
+    half = after((3000, Note(0, "sustain", 0, 64)))
+    lifted = after((3000, Note(0, "sustain", 0, 127)), (35000, Note(0, "sustain", 0, 0)))
+    assert after() < 1e-3 * lifted and lifted < half < held and lifted < 0.1 * held
+
+
+def test_too_many_notes_take_the_place_of_the_oldest(path):
+    text = STRINGS.replace('keys = "C3..C5"', 'keys = "C3..C5"\npolyphony = 2')
+    notes = [(1000 + 2000 * n, Note(0, "on", 60 + n, 100)) for n in range(3)]
+    _, allocator = play(path, *notes, text=text)
+    assert allocator.stolen == 1
+    _, allocator = play(path, (0, Note(0, "on", 20, 100)), (0, Note(0, "bend", 0, 50.0)), text=text)
+    assert allocator.refused == 1 and allocator.ignored == {"pitch bend": 1}
+
+
+def test_plucked_keys_sound_live(path):
+    strike = 'kind = "strike"\nbody = "hammer"\ndisplacement = -1e-3\nvelocity = "= 4*v"\n'
+    pluck = 'kind = "pluck"\nbody = "string"\nat = 0.2\namplitude = "= 2*v"\nduration = 0.002\n'
+    assert strike in STRINGS
+    text = STRINGS.replace(strike, pluck).replace("copies = 2", "copies = 1")
+    loud, _ = play(path, (1000, Note(0, "on", 60, 127)), text=text)
+    soft, _ = play(path, (1000, Note(0, "on", 60, 64)), text=text)
+    silent, _ = play(path, text=text)
+    assert np.abs(silent).max() == 0.0
+    assert np.abs(soft).max() / np.abs(loud).max() == pytest.approx(64 / 127, rel=0.02)

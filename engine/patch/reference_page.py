@@ -24,7 +24,8 @@ REFERENCE_PREFACE = """# Patches: every key
 Written by `fdh reference > docs/patches.md` from the models in `engine/`; edit those.
 
 A patch is a TOML file of tables: `[[body]]`, `[[contact]]`, `[[force]]`, `[[event]]` and `[[pickup]]`, each as often as
-needed, and one `[accuracy]`; an instrument has a `[keyboard]` ([instruments](instruments.md)). Keys outside any table come first. All is in SI units; unknown keys are refused.
+needed, and one `[accuracy]`; an instrument has a `[keyboard]` ([instruments](instruments.md)). Keys outside any table
+come first. All is in SI units; unknown keys are refused.
 A *place* is a fraction of a body's length from 0 to 1; `[x, y]`, fractions of the sides of a sheet; or the name of a
 measured point.
 

@@ -12,8 +12,10 @@ import numpy as np
 import soundfile
 
 import engine
+from bench.publish.pieces import PIECES
 from bench.publish.report import ROOT, publish, stamp
 from engine.analysis.features import features
+from engine.instrument.expansion import expand_for_score
 from engine.output_files import apply_gain
 from engine.report import plots
 from engine.sweep.axes import SweepAxis, locate
@@ -21,8 +23,9 @@ from engine.sweep.plan import scene_at
 
 PAGE, WORDS = ROOT / "docs" / "gallery.md", ROOT / "bench" / "gallery.toml"
 PICTURES, SOUNDS = ROOT / "docs" / "gallery", ROOT / "docs" / "audio"
+TAIL = 2.0  # s, after a piece
 FADE = 0.01  # s, at the end of a sound that is cut off
-LIMIT = 4e6  # bytes of all sounds
+LIMIT = 9e6  # bytes of all sounds
 COLOURS = 96  # of a picture
 HEADER = ["patch", "s", "fundamental, Hz", "decay T60, s", "centroid, Hz", "peak, SI units", "energy error", "made of"]
 INTRODUCTION = """# Gallery
@@ -73,10 +76,24 @@ def exhibit(path: Path, words: dict[str, Any]) -> tuple[list[str], str]:
     row = [link, f"{scene.seconds:g}", *numbers, f"{found['peak']:.2g}", f"{energy:.0e}", mark(path)]
     lines = [f"## {path.stem}", "", f"**{scene.title}.** {words['listen']}", ""]
     lines += [f"![{scene.title}](gallery/{path.stem}.png)", "", f"Listen: [{path.stem}.ogg](audio/{path.stem}.ogg)", ""]
+    if "piece" in words:
+        lines += [play(scene, words["piece"], path.stem), ""]
     lines += [COLUMNS, "| as it is | | " + " | ".join(numbers) + " | 0 |"]
     lines += [attempt(path, trial, found) for trial in words["try"]]
     lines += ["", f"Sources: {sources(path)}", ""]
     return row, "\n".join(lines)
+
+
+def play(scene: engine.Scene, piece: str, name: str) -> str:
+    """Render a piece, and say what it is."""
+    score = PIECES[piece]()
+    document = (scene.instrument or {}) | {"seconds": score.end + TAIL}
+    rendering = engine.render(scene.with_expansion(expand_for_score(document, score)))
+    hear(rendering, SOUNDS / f"{name}_piece.ogg")
+    factor, error = rendering.stats.real_time_factor, rendering.stats.energy.error_max
+    what = (PIECES[piece].__doc__ or "").rstrip(".")
+    sound = f"Half a minute: [{name}_piece.ogg](audio/{name}_piece.ogg)"
+    return f"{sound}. {what}. {len(score.notes)} notes, {factor:.1f} × real time, energy error {error:.0e}."
 
 
 def attempt(path: Path, trial: dict[str, Any], before: dict[str, float | None]) -> str:

@@ -1,4 +1,4 @@
-"""Pieces of half a minute, one for each instrument: what is in the public domain by ear and memory, and studies of ours.
+"""Pieces of half a minute, one for each instrument: from memory what is in the public domain, and studies of ours.
 
 A piece is a Score; `PIECES` has them by name, and bench/gallery.toml says which instrument plays which.
 """

@@ -3,7 +3,7 @@
 import numpy as np
 
 from engine.build.build import build
-from engine.build.connection_tables import dense_rows
+from engine.build.contact_reach import dense_rows
 from engine.offline.simulation import Simulation
 
 SAMPLERATE = 44_100

@@ -95,7 +95,7 @@ def build(
         weight=weight,
         force=_external_force(layout, samplerate, seconds),
         drive=None if layout.driven_islands is None else Drive(layout.driven_islands),
-        connection=connections(layout, samplerate),
+        connection=connections(layout, samplerate, step, weight, accuracy.is_refined),
         contact=_contact(layout, modes, accuracy, samplerate, variable_exponents),
         refinement=build_refinement(layout, modes.kick, accuracy, samplerate) if accuracy.is_refined else None,
         events=events,

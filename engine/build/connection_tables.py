@@ -2,27 +2,19 @@
 (engine.kernel.connection_factors)."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
 from engine.build.connection_factors import IslandFactors, find_factors
+from engine.build.contact_reach import contact_reach, contact_reach_by_forces, dense_rows
 from engine.build.coordinates import Coordinates
 from engine.build.layout import Layout
 from engine.build.mode_shape_rows import mode_shape_rows, row_coefficients
 from engine.kernel.codes import FLIGHT_FRAMES
-from engine.kernel.model import ConnectionCoefficients, Connections
+from engine.kernel.model import ConnectionCoefficients, Connections, StepCoefficients
 
 MAX_MODES_AT_REST = 400  # of an island under load, whose energy at rest is looked for
-
-
-def dense_rows(layout: Layout, island: int) -> np.ndarray:
-    """The rows of the coordinates of an island over all its modes [coordinates, modes]."""
-    items = layout.coordinates[island].items
-    rows = np.zeros((len(items), int(layout.islands.mode[island + 1] - layout.islands.mode[island])))
-    for row, item in zip(rows, items, strict=True):
-        for body, values in item.parts.items():
-            row[layout.local_modes(body)] = values
-    return rows
 
 
 def island_factors(
@@ -62,7 +54,7 @@ def connection_coefficients(
             kept.append(matrix.ravel())
     compliance, per_extension, per_move, contact_moves, contact_compliance = map(np.concatenate, values)
     items = [item for coordinates in layout.coordinates for item in coordinates.items]
-    rows = row_coefficients([row for row, _ in layout.connection_parts], kick, drift)
+    rows = row_coefficients([part.row for part in layout.connection_parts], kick, drift)
     return ConnectionCoefficients(
         rows=rows,
         compliance=compliance,
@@ -76,64 +68,39 @@ def connection_coefficients(
     )
 
 
-def connections(layout: Layout, samplerate: float) -> Connections | None:
-    """The connections of a layout; None without any."""
+def connections(
+    layout: Layout, samplerate: float, step: StepCoefficients, weight: np.ndarray | None, is_refined: bool
+) -> Connections | None:
+    """The connections of a layout; None without any.
+
+    step:       of a sample as one step
+    weight:     of each mode, if any has
+    is_refined: whether samples are made of stages
+    """
     if not layout.connection_parts:
         return None
     items = [item for coordinates in layout.coordinates for item in coordinates.items]
     unconnected = np.ones(int(layout.islands.mode[-1]))
     for b in layout.connected_body_numbers:
         unconnected[layout.global_modes(b)] = 0.0
+    is_plain = _plain_islands(layout, weight, step.drag is not None)
     return Connections(
-        rows=mode_shape_rows([row for row, _ in layout.connection_parts]),
-        coordinate=np.array([number for _, number in layout.connection_parts], np.int64),
+        rows=mode_shape_rows([part.row for part in layout.connection_parts]),
+        coordinate=np.array([part.coordinate for part in layout.connection_parts], np.int64),
         coupling=np.concatenate([c.coupling.ravel() for c in layout.coordinates]),
         is_rigid=np.array([item.is_rigid for item in items], np.int64),
         is_unconnected=unconnected,
+        is_plain=is_plain.astype(np.int64),
         contact_reach=contact_reach(layout, FLIGHT_FRAMES / samplerate),
+        contact_reach_by_forces=contact_reach_by_forces(layout, step, is_plain & (not is_refined)),
     )
 
 
-# --- how far what is connected can move contacts
-
-
-def contact_reach(layout: Layout, seconds: float) -> np.ndarray:
-    """How far each contact can close in so many seconds by what is connected, m, per √(2E) of it, √J [contacts].
-
-    A displacement Φ·q of energy E changes no faster than √(2E·ΣΦ²), and is no more than √(2E·C), C its static
-    compliance: by Cauchy and Schwarz, and whatever the springs of the connections are.
-    """
-    omega, begins, reach = layout.concatenate_modes("omega"), layout.islands.mode, []
-    for n in range(begins.size - 1):
-        shapes, inside = layout.island_contact_shapes(n), omega[begins[n] : begins[n + 1]]
-        if not layout.coordinates[n].items:
-            reach.append(np.zeros(len(shapes)))
-            continue
-        for b in layout.bodies_of_island(n):
-            if b not in layout.connected_body_numbers:
-                shapes[:, layout.local_modes(b)] = 0.0
-        limit = np.array([2 * math.sqrt(c) for c in _static_compliances(layout, n, shapes, inside)])
-        reach.append(np.minimum(seconds * np.sqrt(np.sum(shapes**2, axis=1)), limit.reshape(-1)))
-    return np.concatenate(reach)
-
-
-def _static_compliances(layout: Layout, island: int, shapes: np.ndarray, omega: np.ndarray) -> list[float]:
-    """Φ·H⁻¹·Φᵀ of mode shapes, H the stiffness of the modes with the ends of strings; infinite where a free mass has a
-    part in it."""
-    coupling = layout.coordinates[island].coupling
-    ends = np.flatnonzero(np.any(coupling != 0.0, axis=1))
-    rows, compliances = dense_rows(layout, island)[ends], []
-    free = omega == 0.0
-    modal_compliance = 1 / np.where(free, 1.0, omega) ** 2
-    held = coupling[np.ix_(ends, ends)]
-    factor = np.linalg.solve(np.eye(ends.size) + held @ (rows * modal_compliance) @ rows.T, held)
-    for phi in shapes:
-        if np.any(phi[free] != 0.0) or (ends.size and np.any(rows[:, free])):
-            compliances.append(math.inf)
-            continue
-        moved = (rows * modal_compliance) @ phi
-        compliances.append(max(0.0, float(phi * modal_compliance @ phi - moved @ factor @ moved)))
-    return compliances
+def _plain_islands(layout: Layout, weight: np.ndarray | None, has_drag: bool) -> np.ndarray:
+    """Which islands have modes without weight and without loss in the drift [islands]."""
+    begins = layout.islands.mode
+    loads = [weight is not None and weight[a:b].any() for a, b in pairwise(begins)]
+    return np.array([not (has_drag or is_loaded) for is_loaded in loads])
 
 
 # --- at rest

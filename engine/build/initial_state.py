@@ -3,7 +3,8 @@
 import numpy as np
 
 from engine.build.body_point import BodyPoint
-from engine.build.connection_tables import dense_rows, lowest_energies
+from engine.build.connection_tables import lowest_energies
+from engine.build.contact_reach import dense_rows
 from engine.build.layout import Layout
 from engine.kernel.axes import Axis, allocate
 from engine.kernel.codes import COLUMNS, DRIVE_FRAMES, LANES, Row

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from functools import cached_property
+from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,6 +32,14 @@ class ShapeRow(NamedTuple):
     phi: np.ndarray  # [modes], 1/√kg
 
 
+class ConnectionPart(NamedTuple):
+    """What bodies whose modes lie beside each other have in a coordinate of their connections."""
+
+    row: ShapeRow
+    coordinate: int  # counted from the first of their island
+    pieces: dict[int, tuple[int, int]]  # of each body: its first entry in the row, and for how many modes it has room
+
+
 class Layout:
     """Which island each body, contact, force and pickup belongs to, and its slot in the kernels' arrays.
 
@@ -56,7 +65,8 @@ class Layout:
         pairs = [(self.body_index[c.body], self.body_index[c.on]) for c in joined if c.on is not None]
         pairs += connected_pairs(scene, self.body_index)
         self.island_of_body = order_islands(scene, connected_components(len(scene.body), pairs), self.body_index)
-        self.body_order = self._sort_by_island(range(len(scene.body)), [b.name for b in scene.body])
+        # those that the same coordinates hold lie beside each other
+        self.body_order = sorted(range(len(scene.body)), key=lambda b: (self.island_of_body[b], self.coordinates_of(b)))
         touching = self._sort_by_island(contacts, [c.body for c in scene.contact])
         self.contact_points = [(k, point) for k in touching for point in self.points_of(scene.contact[k])]
         self.force_order = self._sort_by_island(range(len(self.forces)), [f.body for f in self.forces])
@@ -105,7 +115,7 @@ class Layout:
             sides = [self.contact_sides(k, point) for k, point in points]
             phi = self._shapes_at(sides, n)
             joins_itself = any(a.body == b.body for a, b in sides)
-            found.append((phi, 0) if joins_itself or self._is_variable(n) else truncate_shapes(phi))
+            found.append((phi, 0) if joins_itself or self.is_variable(n) else truncate_shapes(phi))
         return found
 
     def _shapes_at(self, sides: Sequence[tuple[BodyPoint, BodyPoint]], island: int) -> np.ndarray:
@@ -153,7 +163,7 @@ class Layout:
         """The coordinates of the connections of each island."""
         return find_coordinates(self.scene, self.modal_bodies, self.body_index, self.island_of_body, self.step)
 
-    def _is_variable(self, island: int) -> bool:
+    def is_variable(self, island: int) -> bool:
         """Whether connections of an island may change."""
         numbers = [item.connection for item in self.coordinates[island].items]
         return any(n is not None and self.scene.connection[n].name in self.variable for n in numbers)
@@ -161,20 +171,53 @@ class Layout:
     @cached_property
     def connected_body_numbers(self) -> set[int]:
         """Numbers of the bodies that connections hold."""
-        return {body for coordinates in self.coordinates for item in coordinates.items for body in item.parts}
+        return set(self._coordinates_of_bodies)
 
     @cached_property
-    def connection_parts(self) -> list[tuple[ShapeRow, int]]:
-        """What each body has in each coordinate of its island, in the order of their modes; and which that is."""
-        parts = []
+    def _coordinates_of_bodies(self) -> dict[int, tuple[int, ...]]:
+        """The coordinates, counted from their island's first, of each body that has any."""
+        found: dict[int, tuple[int, ...]] = {}
         for coordinates in self.coordinates:
-            rows = [
-                (self._connection_row(body, values), number)
-                for number, item in enumerate(coordinates.items)
-                for body, values in item.parts.items()
-            ]
-            parts += sorted(rows, key=lambda part: (part[0].mode_begin, part[1]))
-        return parts
+            for number, item in enumerate(coordinates.items):
+                found |= {body: (*found.get(body, ()), number) for body in item.parts}
+        return found
+
+    def coordinates_of(self, body: int) -> tuple[int, ...]:
+        """The coordinates of the connections that hold a body, counted from their island's first."""
+        return self._coordinates_of_bodies.get(body, ())
+
+    @cached_property
+    def _held_alike(self) -> list[list[list[int]]]:
+        """The connected bodies of each island, those together that lie beside each other and have the same coordinates;
+        in the kernels' order."""
+        groups: list[list[list[int]]] = [[] for _ in self.coordinates]
+        key = lambda b: (self.island_of_body[b], self.coordinates_of(b))
+        for (island, numbers), bodies in groupby(self.body_order, key):
+            if numbers:
+                groups[island].append(list(bodies))
+        return groups
+
+    @cached_property
+    def connection_parts(self) -> list[ConnectionPart]:
+        """What bodies have in each coordinate of their island, in the order of their modes. Bodies that lie beside each
+        other and have the same coordinates are as one: that spares a step what each part costs."""
+        return [
+            self._connection_part(n, bodies, number)
+            for n, groups in enumerate(self._held_alike)
+            for bodies in groups
+            for number in self.coordinates_of(bodies[0])
+        ]
+
+    def _connection_part(self, island: int, bodies: list[int], number: int) -> ConnectionPart:
+        """What bodies beside each other have in a coordinate, and modes of no body between them and in the last
+        vector: nothing."""
+        begin = self.local_modes(bodies[0]).start
+        phi = np.zeros(self.local_modes(bodies[-1]).start + self._room_of(bodies[-1]) - begin)
+        pieces = {b: (self.local_modes(b).start - begin, self._room_of(b)) for b in bodies}
+        for b, (first, _) in pieces.items():
+            values = self.coordinates[island].items[number].parts[b]
+            phi[first : first + values.size] = values
+        return ConnectionPart(ShapeRow(begin, self.global_modes(bodies[0]).start, phi), number, pieces)
 
     @cached_property
     def is_damped(self) -> bool:
@@ -182,11 +225,6 @@ class Layout:
         items = [item for coordinates in self.coordinates for item in coordinates.items]
         changed = any(isinstance(e, ChangeEvent) and e.damping for e in self.scene.event)
         return changed or bool(self.variable) or any(item.damping for item in items)
-
-    def _connection_row(self, body: int, values: np.ndarray) -> ShapeRow:
-        """A row of a connection over the modes of a body, and those of no body that fill its last vector."""
-        padded = np.pad(values, (0, self._room_of(body) - values.size))
-        return ShapeRow(self.local_modes(body).start, self.global_modes(body).start, padded)
 
     def bodies_of_island(self, island: int) -> list[int]:
         """The numbers of the scene's bodies in an island."""
@@ -203,7 +241,7 @@ class Layout:
         contact = self._segment_begins(scene.contact[k].body for k, _ in self.contact_points)
         free = np.flatnonzero(self.free_mass_modes)
         joined, contacts = np.array([len(c.items) for c in self.coordinates]), np.diff(contact)
-        parts = [sum(len(item.parts) for item in c.items) for c in self.coordinates]
+        parts = [sum(len(self.coordinates_of(bodies[0])) for bodies in groups) for groups in self._held_alike]
         return Islands(
             mode=mode,
             contact=contact,

@@ -17,12 +17,13 @@ from engine.compiler.lanes import (
     number_at,
     put_number,
     splat,
-    store_lanes,
 )
 from engine.kernel.codes import LANES
 from engine.kernel.connection_factors import update_factors
 from engine.kernel.connections import finish_connections, solve_connections
+from engine.kernel.model import ModalLoss, StepCoefficients
 from engine.kernel.modes import apply_loss, begin_step_mode, end_step_mode_pushed, kick_by_force, kick_by_spring
+from engine.kernel.rows import ROWS_AT_ONCE
 from engine.kernel.step import StepOutcome
 from engine.kernel.sums import lanes_of
 
@@ -33,14 +34,53 @@ def connected_step(connection, weight, h, state):
     joined = state.connection
     update_factors(connection, h.connection, h.contact, state)
     if joined.is_move_known[0] == 0:
-        for i in range(joined.free_move.shape[0]):
-            joined.free_move[i] = 0.0
+        clear_moves(joined)
         for r in range(connection.coordinate.shape[0]):
             joined.free_move[connection.coordinate[r]] += move_at_part(connection, weight, h, r, state)
     solve_connections(h.connection, joined)
-    for i in range(joined.force.shape[0]):
-        store_lanes(joined.lanes[i], INT64_0, splat(0.0))
-        store_lanes(joined.lanes[i], LANES, splat(0.0))
+    clear_moves(joined)
+    lost = step_as_modes_allow(weight, h.drag, connection, h, state)
+    joined.is_move_known[0] = 1
+    return StepOutcome(FALSE, INT64_0, lost + finish_connections(connection, h, state), 0.0)
+
+
+@inline
+def clear_moves(joined):
+    """Nothing has moved the connections, or is known to."""
+    for i in range(joined.move.shape[0]):
+        joined.move[i] = joined.free_move[i] = 0.0
+
+
+@inline
+def step_as_modes_allow(weight, drag, connection, h, state):
+    """A step of all modes, in which nothing is read of what the modes of the island have not. Returns the energy lost,
+    J."""
+    if weight is None:
+        if drag is None:
+            return 0.5 * step_all(connection, None, plain_step(h), state)
+    if connection.is_plain[0] != 0:
+        return 0.5 * step_all(connection, None, plain_step(h), state)
+    return step_all(connection, weight, h, state)
+
+
+@inline
+def plain_step(h):
+    """The coefficients of a step without loss in the drift, whose losses are twice the energy, found from the momenta
+    (engine.kernel.modes.energy_of_loss)."""
+    return StepCoefficients(h.kick, h.drift, h.spring_kick, only_decay(h.loss), None, h.connection, h.contact, h.force)
+
+
+@inline
+def only_decay(loss):
+    """A loss without its energy."""
+    if loss is None:
+        return None
+    return ModalLoss(loss.decay_factor, None)
+
+
+@inline
+def step_all(connection, weight, h, state):
+    """A step of all modes, those of each group of bodies with all its parts. Returns the energy lost, J."""
     total, begin, r, parts = splat(0.0), INT64_0, INT64_0, connection.coordinate.shape[0]
     while r < parts:
         first, end = np.int64(connection.rows.mode_begin[r]), np.int64(connection.rows.mode_end[r])
@@ -53,12 +93,7 @@ def connected_step(connection, weight, h, state):
         begin, r = end, r + count
     if begin < state.p.shape[0]:
         total = total + step_free_modes(weight, h, begin, state.p.shape[0], state)
-    for i in range(joined.force.shape[0]):
-        joined.move[i] = lane_sum(load_lanes(joined.lanes[i], INT64_0))
-        joined.free_move[i] = lane_sum(load_lanes(joined.lanes[i], LANES))
-    joined.is_move_known[0] = 1
-    lost = lane_sum(total) + finish_connections(connection, h, state)
-    return StepOutcome(FALSE, INT64_0, lost, 0.0)
+    return lane_sum(total)
 
 
 # --- one mode, or eight
@@ -72,9 +107,7 @@ def step_mode(weight, h, compensation, push, m, q, p):
     half, lost_first = begin_step_mode(h, weight, compensation, m, x, number_at(p, m))
     half = kick_by_force(push, half)
     moved, left, lost_later = end_step_mode_pushed(h, push, weight, compensation, m, x, half)
-    coming = coming_momentum(
-        weight, h, compensation, m, moved, left
-    )  # before q and p are written, or all is read again
+    coming = coming_momentum(weight, h, compensation, m, moved, left)  # before they are written, or all is read again
     put_number(q, m, moved)
     put_number(p, m, left)
     return lost_first + lost_later, half, coming
@@ -90,7 +123,20 @@ def coming_momentum(weight, h, compensation, m, q, p):
     return kick_by_spring(h.spring_kick, m, q, left)
 
 
-# --- modes of a body
+@inline
+def add_step(sums, stepped, drift_phi):
+    """Add how far modes move a connection, and will, whose v·Φ are given."""
+    return multiply_add(drift_phi, stepped[1], sums[0]), multiply_add(drift_phi, stepped[2], sums[1])
+
+
+@inline
+def keep_sums(joined, i, sums):
+    """Add what modes have moved coordinate i by, and will, in lanes."""
+    joined.move[i] += lane_sum(sums[0])
+    joined.free_move[i] += lane_sum(sums[1])
+
+
+# --- modes beside each other
 
 
 @inline
@@ -127,10 +173,10 @@ def step_free_modes(weight, h, begin, end, state):
 
 @inline
 def step_connected_modes(connection, weight, h, parts, state):
-    """A step of the modes of a body that connections hold; what they move these by, and will, is added to the lanes of
-    each. Returns the energy lost, in lanes.
+    """A step of modes that connections hold; what they move these by, and will, is added. Returns the energy lost, in
+    lanes.
 
-    parts: the first of the body, and how many it has
+    parts: the first of these modes, and how many they have
     """
     r, count = parts
     if count == 1:
@@ -149,11 +195,11 @@ def step_at_one_part(weight, h, row, f, m, state):
 
 @inline
 def step_modes_of_one_part(connection, weight, h, r, state):
-    """As `step_connected_modes`, of a body with one part."""
+    """As `step_connected_modes`, of modes with one part."""
     first, row = np.int64(connection.rows.mode_begin[r]), np.int64(connection.rows.offset[r])
     count, i = np.int64(connection.rows.mode_end[r]) - first, connection.coordinate[r]
     f, whole, total, drift = -state.connection.force[i], lanes_of(count), splat(0.0), h.connection.rows.drift_phi
-    moves = begin_sums(state.connection, i)
+    moves = splat(0.0), splat(0.0)
     for k in range(INT64_0, whole, LANES):
         stepped = step_at_one_part(weight, h, EightFrom(row + k), f, EightFrom(first + k), state)
         total, moves = total + stepped[0], add_step(moves, stepped, load_lanes(drift, row + k))
@@ -166,25 +212,6 @@ def step_modes_of_one_part(connection, weight, h, r, state):
 
 
 @inline
-def begin_sums(joined, i):
-    """What coordinate i is moved by and will be moved by, so far, in lanes."""
-    return load_lanes(joined.lanes[i], INT64_0), load_lanes(joined.lanes[i], LANES)
-
-
-@inline
-def add_step(sums, stepped, drift_phi):
-    """Add what modes did, and will do, whose v·Φ are given."""
-    return multiply_add(drift_phi, stepped[1], sums[0]), multiply_add(drift_phi, stepped[2], sums[1])
-
-
-@inline
-def keep_sums(joined, i, sums):
-    """Put the sums of coordinate i back."""
-    store_lanes(joined.lanes[i], INT64_0, sums[0])
-    store_lanes(joined.lanes[i], LANES, sums[1])
-
-
-@inline
 def step_at_two_parts(weight, h, rows, forces, m, state):
     """As `step_mode`, of a mode that two connections push."""
     kick = h.connection.rows.kick_phi
@@ -194,12 +221,12 @@ def step_at_two_parts(weight, h, rows, forces, m, state):
 
 @inline
 def step_modes_of_two_parts(connection, weight, h, r, state):
-    """As `step_connected_modes`, of a body with two parts."""
+    """As `step_connected_modes`, of modes with two parts."""
     first, a = np.int64(connection.rows.mode_begin[r]), np.int64(connection.rows.offset[r])
     b, count = np.int64(connection.rows.offset[r + 1]), np.int64(connection.rows.mode_end[r]) - first
     i, j, joined = connection.coordinate[r], connection.coordinate[r + 1], state.connection
     forces, whole, total, drift = (-joined.force[i], -joined.force[j]), lanes_of(count), splat(0.0), h.connection.rows
-    drift, moves, others = drift.drift_phi, begin_sums(joined, i), begin_sums(joined, j)
+    drift, moves, others = drift.drift_phi, (splat(0.0), splat(0.0)), (splat(0.0), splat(0.0))
     for k in range(INT64_0, whole, LANES):
         rows = EightFrom(a + k), EightFrom(b + k)
         stepped = step_at_two_parts(weight, h, rows, forces, EightFrom(first + k), state)
@@ -216,32 +243,126 @@ def step_modes_of_two_parts(connection, weight, h, r, state):
     return total
 
 
+# --- of many parts: their rows four at a time, so that sums stay in registers
+
+
 @noinline
 def step_modes_of_many_parts(connection, weight, h, parts, state):
-    """As `step_connected_modes`, of a body with any number of parts."""
-    (r, count), rows, joined = parts, connection.rows, state.connection
-    first = np.int64(rows.mode_begin[r])
-    size, total = np.int64(rows.mode_end[r]) - first, splat(0.0)
-    whole = lanes_of(size)
-    for k in range(INT64_0, whole, LANES):
-        push = splat(0.0)
-        for n in range(r, r + count):
-            kick = load_lanes(h.connection.rows.kick_phi, np.int64(rows.offset[n]) + k)
-            push = multiply_add(kick, -joined.force[connection.coordinate[n]], push)
-        stepped = step_mode(weight, h, state.kick_compensation, push, EightFrom(first + k), state.q, state.p)
-        total = total + stepped[0]
-        for n in range(r, r + count):
-            drift, i = load_lanes(h.connection.rows.drift_phi, np.int64(rows.offset[n]) + k), connection.coordinate[n]
-            keep_sums(joined, i, add_step(begin_sums(joined, i), stepped, drift))
-    if whole < size:
-        rest, push = size - whole, splat(0.0)
-        for n in range(r, r + count):
-            kick = number_at(h.connection.rows.kick_phi, FewFrom(np.int64(rows.offset[n]) + whole, rest))
-            push = multiply_add(kick, -joined.force[connection.coordinate[n]], push)
-        m = FewFrom(first + whole, rest)
-        stepped = step_mode(weight, h, state.kick_compensation, push, m, state.q, state.p)
-        total = total + stepped[0]
-        for n in range(r, r + count):
-            at, i = FewFrom(np.int64(rows.offset[n]) + whole, rest), connection.coordinate[n]
-            keep_sums(joined, i, add_step(begin_sums(joined, i), stepped, number_at(h.connection.rows.drift_phi, at)))
+    """As `step_connected_modes`, of modes with any number of parts."""
+    (r, count), joined, total = parts, state.connection, splat(0.0)
+    first, end = np.int64(connection.rows.mode_begin[r]), np.int64(connection.rows.mode_end[r])
+    whole = first + lanes_of(end - first)
+    for m in range(first, end):
+        joined.push[m] = 0.0
+    for n in range(INT64_0, count, ROWS_AT_ONCE):
+        rows = four_rows(connection, r + n, count - n)
+        forces = four_forces(connection, joined, r + n, count - n)
+        for m in range(first, whole, LANES):
+            add_pushes(h, eight_in_rows(rows, m), forces, EightFrom(m), joined.push)
+        if whole < end:
+            few = FewFrom(whole, end - whole)
+            add_pushes(h, few_in_rows(rows, few), forces, few, joined.push)
+    for m in range(first, whole, LANES):
+        total = total + step_pushed_mode(weight, h, EightFrom(m), state)
+    if whole < end:
+        total = total + step_pushed_mode(weight, h, FewFrom(whole, end - whole), state)
+    for n in range(INT64_0, count, ROWS_AT_ONCE):
+        rows, zeros = four_rows(connection, r + n, count - n), (splat(0.0), splat(0.0))
+        moves = zeros, zeros, zeros, zeros
+        for m in range(first, whole, LANES):
+            moves = add_moves(h, eight_in_rows(rows, m), moves, EightFrom(m), joined)
+        if whole < end:
+            few = FewFrom(whole, end - whole)
+            moves = add_moves(h, few_in_rows(rows, few), moves, few, joined)
+        keep_moves(connection, joined, r + n, count - n, moves)
     return total
+
+
+@inline
+def row_origin(connection, r):
+    """Where the entry of mode 0 would be in row r."""
+    return np.int64(connection.rows.offset[r]) - np.int64(connection.rows.mode_begin[r])
+
+
+@inline
+def four_rows(connection, r, left):
+    """The origins of four rows from r on; of fewer than four, the last stands for the missing ones."""
+    last = r + min(left, ROWS_AT_ONCE) - 1
+    second, third = row_origin(connection, min(r + 1, last)), row_origin(connection, min(r + 2, last))
+    return row_origin(connection, r), second, third, row_origin(connection, last)
+
+
+@inline
+def eight_in_rows(rows, m):
+    """Where the entries of eight modes from m on are in four rows."""
+    return EightFrom(rows[0] + m), EightFrom(rows[1] + m), EightFrom(rows[2] + m), EightFrom(rows[3] + m)
+
+
+@inline
+def few_in_rows(rows, few):
+    """The same of fewer modes."""
+    m, size = few
+    return (
+        FewFrom(rows[0] + m, size),
+        FewFrom(rows[1] + m, size),
+        FewFrom(rows[2] + m, size),
+        FewFrom(rows[3] + m, size),
+    )
+
+
+@inline
+def four_forces(connection, joined, r, left):
+    """The forces on modes at four rows from r on, N; 0 for those that are missing."""
+    f, of = joined.force, connection.coordinate
+    b = -f[of[r + 1]] if left > 1 else 0.0
+    c = -f[of[r + 2]] if left > 2 else 0.0
+    d = -f[of[r + 3]] if left > 3 else 0.0
+    return -f[of[r]], b, c, d
+
+
+@inline
+def add_pushes(h, places, forces, m, pushes):
+    """Add what forces at four rows give mode m, or eight, in half a kick."""
+    kick = h.connection.rows.kick_phi
+    push = multiply_add(number_at(kick, places[0]), forces[0], number_at(pushes, m))
+    push = multiply_add(number_at(kick, places[1]), forces[1], push)
+    push = multiply_add(number_at(kick, places[2]), forces[2], push)
+    put_number(pushes, m, multiply_add(number_at(kick, places[3]), forces[3], push))
+
+
+@inline
+def step_pushed_mode(weight, h, m, state):
+    """A step of mode m, or of eight, whose push is known; the momenta with which it drifts and will are kept. Returns
+    the energy lost."""
+    joined = state.connection
+    lost, half, coming = step_mode(weight, h, state.kick_compensation, number_at(joined.push, m), m, state.q, state.p)
+    put_number(joined.push, m, half)
+    put_number(joined.coming, m, coming)
+    return lost
+
+
+@inline
+def add_moves(h, places, moves, m, joined):
+    """Add what mode m, or eight, moves at four rows, and will, to these sums."""
+    drift, stepped = h.connection.rows.drift_phi, (0.0, number_at(joined.push, m), number_at(joined.coming, m))
+    a, b = (
+        add_step(moves[0], stepped, number_at(drift, places[0])),
+        add_step(moves[1], stepped, number_at(drift, places[1])),
+    )
+    c, d = (
+        add_step(moves[2], stepped, number_at(drift, places[2])),
+        add_step(moves[3], stepped, number_at(drift, places[3])),
+    )
+    return a, b, c, d
+
+
+@inline
+def keep_moves(connection, joined, r, left, moves):
+    """Add the sums of four rows from r on, so far as there are any."""
+    keep_sums(joined, connection.coordinate[r], moves[0])
+    if left > 1:
+        keep_sums(joined, connection.coordinate[r + 1], moves[1])
+    if left > 2:
+        keep_sums(joined, connection.coordinate[r + 2], moves[2])
+    if left > 3:
+        keep_sums(joined, connection.coordinate[r + 3], moves[3])

@@ -21,7 +21,7 @@ from engine.kernel.rows import (
     push_at_row,
     rows_of_same_modes,
 )
-from engine.kernel.sums import sum_products
+from engine.kernel.sums import sum_products, sum_two_products
 
 
 @inline
@@ -103,10 +103,9 @@ def push_by_connections(connection, h, state):
 @inline
 def solve_connections(h, joined):
     """The forces of connections, if no contact pushes, by `free_move`."""
-    for i in range(joined.force.shape[0]):
-        joined.force[i] = product_at(h.force_per_extension, i, joined.extension) + product_at(
-            h.force_per_move, i, joined.free_move
-        )
+    x, y, n = h.force_per_extension, h.force_per_move, joined.force.shape[0]
+    for i in range(n):
+        joined.force[i] = sum_two_products(x, joined.extension, y, joined.free_move, np.int64(i) * n, n)
 
 
 @inline

@@ -141,21 +141,52 @@ def bound_at_contact(contact, other_rows, k, bound):
 
 
 @inline
-def reach_of_connected(connection, amplitude, k):
-    """How far what is connected can close contact k, m. amplitude: √(2E) of it, √J"""
-    if connection is None:
-        return 0.0
-    return connection.contact_reach[k] * amplitude
+def split_bound_at_row(connection, rows, r, bound):
+    """How far the modes of row r can move its point, m, if each moves no further than `bound`: of a body that nothing
+    is connected to, and of one that is."""
+    distance = bound_at_row(rows, r, bound)
+    if connection is not None:
+        if distance > 0.0 and connection.is_unconnected[rows.mode_begin[r]] == 0.0:
+            return 0.0, distance
+    return distance, 0.0
 
 
 @inline
-def cannot_close(contact, connection, amplitude, state):
-    """Whether no contact can close if each mode moves no further than `state.displacement_bound`, and what is connected
-    has no more than this amplitude, √J."""
+def split_bound_at_contact(contact, other_rows, connection, k, bound):
+    """The same of contact k: how far it can close."""
+    alone, connected = split_bound_at_row(connection, contact.rows, k, bound)
+    if other_rows is not None:
+        more, further = split_bound_at_row(connection, other_rows, k, bound)
+        return alone + more, connected + further
+    return alone, connected
+
+
+@inline
+def reach_of_connected(connection, amplitude, is_disturbed, k, distance):
+    """How far what is connected can close contact k, m: by all of its energy; or as far as the bodies there move by
+    themselves, and what the forces of connections add, which that energy bounds.
+
+    amplitude:    √(2E) of it, √J
+    is_disturbed: whether the bodies do not move by themselves alone, but are damped by an event
+    distance:     how far the bodies can close it by themselves, m
+    """
+    if connection is None:
+        return 0.0
+    by_energy = connection.contact_reach[k] * amplitude
+    if is_disturbed:
+        return by_energy
+    return min(by_energy, distance + connection.contact_reach_by_forces[k] * amplitude)
+
+
+@inline
+def cannot_close(contact, connection, amplitude, is_disturbed, state):
+    """Whether no contact can close if each mode moves by itself no further than `state.displacement_bound`, and what is
+    connected has no more than this amplitude, √J. is_disturbed: as of `reach_of_connected`"""
     if contact is not None:
         for k in range(state.compression.shape[0]):
-            distance = bound_at_contact(contact, contact.other_rows, k, state.displacement_bound)
-            distance += reach_of_connected(connection, amplitude, k)
+            bound = state.displacement_bound
+            distance, connected = split_bound_at_contact(contact, contact.other_rows, connection, k, bound)
+            distance += reach_of_connected(connection, amplitude, is_disturbed, k, connected)
             if not state.compression[k] + 1.01 * distance < 0.0:  # NaN can close
                 return False
     return True

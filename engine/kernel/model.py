@@ -33,6 +33,7 @@ from engine.kernel.axes import (
     PerForceInt,
     PerFreeMassInt,
     PerIslandBool,
+    PerIslandInt,
     PerMode,
     PerModeFactor,
     PerModeShape,
@@ -176,7 +177,9 @@ class Connections(NamedTuple):
     coupling: PerConnectionPair  # N/m: the stiffness that the coordinates of string ends have in common
     is_rigid: PerConnectionInt  # 1 or 0
     is_unconnected: PerModeFactor  # 0 for modes of bodies that are connected
+    is_plain: PerIslandInt  # 1 if the modes of the island have neither weight nor loss in the drift
     contact_reach: PerContact  # m/√J: how far a contact can close in a flight, per √(2E) of what is connected
+    contact_reach_by_forces: PerContact  # m/√J: and how much further than its bodies by themselves
 
 
 class ContactBasis(NamedTuple):

@@ -91,29 +91,40 @@ def vibration_energy(omega_squared, weight, q, p):
 
 
 @inline
-def bound_connected_modes(connection, omega_squared, weight, seconds, state, bound):
-    """Take the modes that are connected from `bound`. Returns √(2E) of what is connected, √J, E without the energy of
-    weight; at most, for so many seconds."""
+def amplitude_of_connected(connection, omega_squared, weight, seconds, state):
+    """√(2E) of what is connected, √J, E without the energy of weight; at most, for so many seconds."""
     amplitude = 0.0
     if connection is not None:
         if has_connections(connection, state):
-            amplitude = connected_amplitude(connection, omega_squared, weight, seconds, state, bound)
+            amplitude = connected_amplitude(connection, omega_squared, weight, seconds, state)
     return amplitude
 
 
 @noinline
-def connected_amplitude(connection, omega_squared, weight, seconds, state, bound):
-    """As `bound_connected_modes`, of an island that has connections."""
-    twice, pull = 2.0 * connection_energy(connection, state), 0.0
-    for m in range(state.p.shape[0]):
-        if connection.is_unconnected[m] == 0.0:
-            bound[m] = 0.0
-            twice += state.p[m] * state.p[m]
-            if omega_squared is not None:
-                twice += omega_squared[m] * state.q[m] * state.q[m]
-            if weight is not None:
-                pull += weight[m] * weight[m]
-    return math.sqrt(max(twice, 0.0)) + math.sqrt(pull) * seconds
+def connected_amplitude(connection, omega_squared, weight, seconds, state):
+    """As `amplitude_of_connected`, of an island that has connections."""
+    twice, pull, whole = splat(0.0), splat(0.0), lanes_of(state.p.shape[0])
+    for m in range(INT64_0, whole, LANES):
+        vibration, load = connected_at(connection, omega_squared, weight, EightFrom(m), state)
+        twice, pull = twice + vibration, pull + load
+    if whole < state.p.shape[0]:
+        rest = FewFrom(whole, state.p.shape[0] - whole)
+        vibration, load = connected_at(connection, omega_squared, weight, rest, state)
+        twice, pull = twice + vibration, pull + load
+    energy = lane_sum(twice) + 2.0 * connection_energy(connection, state)
+    return math.sqrt(max(energy, 0.0)) + math.sqrt(lane_sum(pull)) * seconds
+
+
+@inline
+def connected_at(connection, omega_squared, weight, m, state):
+    """p² + ω²q² of mode m, or of eight, and the square of its weight; 0 if nothing is connected to it."""
+    q, p = number_at(state.q, m), number_at(state.p, m)
+    share, twice, load = 1.0 - number_at(connection.is_unconnected, m), p * p, zero_like(p)
+    if omega_squared is not None:
+        twice = twice + number_at(omega_squared, m) * q * q
+    if weight is not None:
+        load = number_at(weight, m) * number_at(weight, m)
+    return share * twice, share * load
 
 
 @inline

@@ -2,7 +2,7 @@
 
 from engine.compiler.decorators import INT64_1, inline, noinline
 from engine.kernel.codes import FLIGHT_FRAMES, EnergyTotal, Ledger, Wanted
-from engine.kernel.connections import connection_energy
+from engine.kernel.connections import connection_energy, has_connections
 from engine.kernel.contacts import compression_from_modes, contact_energy
 from engine.kernel.energy import island_energies, kinetic_and_potential, write_ledger
 from engine.kernel.free_flight import exchange_motion, step_saved_motion
@@ -51,17 +51,24 @@ def traced_compression(contact, state, k, frame):
 
 
 @inline
-def record(output, i, count, bounds, model, state, frame):
-    """Write `count` rows of the ledger and of the trace from i on, where these are asked for."""
+def record_step(output, i, bounds, model, state, frame, is_free):
+    """Write row i of the ledger and of the trace, where these are asked for, before a step. Where nothing but
+    connections acts, energies are those at the last check, as in a free flight: to measure them takes half a step."""
     if wants_energies(output):
-        write_ledger(output.ledger, i, count, bounds.is_first, island_energies(model, state))
+        if is_free and has_connections(model.connection, state):
+            if (frame - 1) % FLIGHT_FRAMES == 0:
+                keep_energies(model, state)
+            write_kept_energies(output.ledger, i, INT64_1, bounds.is_first, state.flight.ledger)
+        else:
+            write_ledger(output.ledger, i, INT64_1, bounds.is_first, island_energies(model, state))
     if wants_motion(output):
-        write_trace(output.trace, i, count, bounds, model, state, frame)
+        write_trace(output.trace, i, INT64_1, bounds, model, state, frame)
 
 
 @inline
 def record_sleep(output, i, count, bounds, model, state, frame):
-    """The same of samples that are slept through: energies are those at the begin of the sleep, or the last check."""
+    """Write `count` rows from i on of samples that are slept through: energies are those at the begin of the sleep, or
+    the last check."""
     if wants_energies(output):
         if (frame - 1) % FLIGHT_FRAMES == 0:
             keep_energies(model, state)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from engine.compiler.array_view import row_view, slice_view
-from engine.compiler.decorators import FALSE, INT64_0, INT64_1, inline, kernel
+from engine.compiler.decorators import FALSE, INT64_0, inline, kernel
 from engine.compiler.overloads import overload_by_type
 from engine.compiler.struct_types import load_struct
 from engine.kernel.codes import CHUNK_FRAMES, FLIGHT_FRAMES, EnergyTotal, FlightFrame, Sleep
@@ -30,7 +30,7 @@ from engine.kernel.island_view import island_bounds, island_model, island_state
 from engine.kernel.model import Refinement
 from engine.kernel.modes import flush_denormals, free_step
 from engine.kernel.motion_bounds import (
-    bound_connected_modes,
+    amplitude_of_connected,
     bound_modal_displacements,
     energy_of_connected,
     vibration_energy,
@@ -38,9 +38,9 @@ from engine.kernel.motion_bounds import (
 from engine.kernel.pickups import add_flown_pickups, add_pickups
 from engine.kernel.recording import (
     keep_evaluations,
-    record,
     record_flight,
     record_sleep,
+    record_step,
     wants_energies,
     wants_motion,
 )
@@ -170,13 +170,13 @@ def falls_asleep(model, state, frame, until):
 def stays_open(contact, model, state):
     """Whether no contact can close before the next check."""
     if contact is not None:
-        bound, flight = state.displacement_bound, model.flight
-        bound_modal_displacements(
-            model.omega_squared, model.weight, flight.bound_per_speed, flight.bound_per_weight, state.q, state.p, bound
-        )
-        seconds = FLIGHT_FRAMES / model.samplerate
-        amplitude = bound_connected_modes(model.connection, model.omega_squared, model.weight, seconds, state, bound)
-        return cannot_close(contact, model.connection, amplitude, state)
+        if state.compression.shape[0] > 0:
+            bound, flight = state.displacement_bound, model.flight
+            per_speed, per_weight = flight.bound_per_speed, flight.bound_per_weight
+            bound_modal_displacements(model.omega_squared, model.weight, per_speed, per_weight, state.q, state.p, bound)
+            seconds = FLIGHT_FRAMES / model.samplerate
+            amplitude = amplitude_of_connected(model.connection, model.omega_squared, model.weight, seconds, state)
+            return cannot_close(contact, model.connection, amplitude, is_event_active(state), state)
     return True
 
 
@@ -300,7 +300,7 @@ def render_steps(model, state, output, bounds, i, count, frame):
     is_free, was_in_contact = frame < state.contact_free_until[0], state.in_contact[0] != 0
     for n in range(count):
         add_pickups(model.pickups, model.drive, state, model.samplerate, output.audio, i + n, frame + n)
-        record(output, i + n, INT64_1, bounds, model, state, frame + n)
+        record_step(output, i + n, bounds, model, state, frame + n, is_free)
         run_score(model, model.events, state, frame + n)
         outcome = advance(model, model.contact, model.force, state, frame + n, is_free, was_in_contact)
         if wants_energies(output):

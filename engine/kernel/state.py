@@ -10,6 +10,7 @@ from engine.kernel.axes import (
     PerConnection,
     PerConnectionPair,
     PerContact,
+    PerDoubleMode,
     PerEvent,
     PerIsland,
     PerIslandInt,
@@ -21,7 +22,6 @@ from engine.kernel.codes import (
     FLIGHT_FRAMES,
     FLIGHT_MODES,
     FLIGHT_PART,
-    LANES,
     EnergyTotal,
     EventCursor,
     FlightFrame,
@@ -62,7 +62,8 @@ class ConnectionState(NamedTuple):
     move: PerConnection  # m: how it does with it
     lowest_energy: PerIsland  # J: of all that is connected, at rest; minus infinity where that is not known
     is_move_known: PerIslandInt  # 1 if `free_move` is that of the coming step
-    lanes: Annotated[np.ndarray, Items(Axis.CONNECTION, columns=2 * LANES)]  # memory for sums
+    push: PerDoubleMode  # √kg·m/s: memory for what connections give each mode, and its momentum in the drift
+    coming: PerDoubleMode  # √kg·m/s: and in the coming drift
     matrix: PerConnectionPair  # memory to make factors
 
 

@@ -95,9 +95,10 @@ def _pairs(target: tuple[Model, Layout], source: tuple[Model, Layout], voice: in
     bodies, islands = len(layout.scene.body), max(layout.island_of_body) + 1
     for b in range(bodies):
         yield from _mode_pairs(poly, single, poly_layout.global_modes(voice * bodies + b), layout.global_modes(b))
+        yield from _connection_pairs(target, source, voice * bodies + b, b)
     for i in range(islands):
         n = voice * islands + i
-        for axis in ("contact", "connection_part", "force", "pickup", "body", "basis"):
+        for axis in ("contact", "force", "pickup", "body", "basis"):
             to, of = (getattr(model.islands, axis) for model in (poly, single))
             for a, x in zip(_rows_of(poly, axis), _rows_of(single, axis), strict=axis != "basis"):
                 for r in range(to[n + 1] - to[n]):
@@ -177,7 +178,7 @@ RowsAt = tuple[ModeShapeRows, RowCoefficients | PickupTables | None]
 
 
 def _rows_of(model: Model, axis: str) -> list[RowsAt]:
-    """The mode shape rows of a model that go with its contacts, connections, forces, pickups or bodies, with their
+    """The mode shape rows of a model that go with its contacts, forces, pickups or bodies, with their
     coefficients."""
     if axis == "contact":
         contact, step = model.contact, model.step.contact
@@ -185,9 +186,6 @@ def _rows_of(model: Model, axis: str) -> list[RowsAt]:
             return []
         other = [] if contact.other_rows is None else [(contact.other_rows, step.other_rows)]
         return [(contact.rows, step.rows), *other]
-    if axis == "connection_part":
-        connection, joined = model.connection, model.step.connection
-        return [] if connection is None or joined is None else [(connection.rows, joined.rows)]
     if axis == "force":
         return [(model.force.rows, model.step.force)] if model.force is not None else []
     if axis == "pickup":
@@ -199,11 +197,16 @@ def _rows_of(model: Model, axis: str) -> list[RowsAt]:
 
 def _row_pairs(to: RowsAt, of: RowsAt, r: int, s: int | None) -> Iterator[Arrays]:
     """A row of shapes, kicks and drifts; zeros where the other has no such row."""
+    ours, theirs = to[0], of[0]
+    write = int(ours.offset[r]), int(ours.mode_end[r]) - int(ours.mode_begin[r])
+    read = (0, 0) if s is None else (int(theirs.offset[s]), int(theirs.mode_end[s]) - int(theirs.mode_begin[s]))
+    yield from _entry_pairs(to, of, write, read)
+
+
+def _entry_pairs(to: RowsAt, of: RowsAt, write: tuple[int, int], read: tuple[int, int]) -> Iterator[Arrays]:
+    """Entries of rows, given by the first and their number; zeros where the other has fewer."""
     (ours, our_step), (theirs, their_step) = to, of
-    begin, size = int(ours.offset[r]), int(ours.mode_end[r]) - int(ours.mode_begin[r])
-    start, count = 0, 0
-    if s is not None:
-        start, count = int(theirs.offset[s]), min(size, int(theirs.mode_end[s]) - int(theirs.mode_begin[s]))
+    (begin, size), start, count = write, read[0], min(write[1], read[1])
     pairs = [(ours.phi, theirs.phi)]
     if our_step is not None and their_step is not None:
         pairs += zip(our_step, their_step, strict=True)
@@ -211,3 +214,26 @@ def _row_pairs(to: RowsAt, of: RowsAt, r: int, s: int | None) -> Iterator[Arrays
         yield a[begin : begin + count], x[start : start + count]
         missing = a[begin + count : begin + size]
         yield missing, NEUTRAL[0.0][: missing.size]
+
+
+def _connection_pairs(target: tuple[Model, Layout], source: tuple[Model, Layout], b: int, c: int) -> Iterator[Arrays]:
+    """What a body has in each coordinate of its connections. b, c: its number in the one scene, and in the other"""
+    (poly, poly_layout), (single, layout) = target, source
+    if poly.connection is None or single.connection is None:
+        return
+    assert poly.step.connection is not None and single.step.connection is not None
+    to, of = (poly.connection.rows, poly.step.connection.rows), (single.connection.rows, single.step.connection.rows)
+    theirs = _entries_of(single, layout, c)
+    for number, entries in _entries_of(poly, poly_layout, b).items():
+        yield from _entry_pairs(to, of, entries, theirs.get(number, (0, 0)))
+
+
+def _entries_of(model: Model, layout: Layout, b: int) -> dict[int, tuple[int, int]]:
+    """The first entry of a body in the rows of connections, and for how many there is room, by coordinate."""
+    found: dict[int, tuple[int, int]] = {}
+    if model.connection is not None:
+        for r, part in enumerate(layout.connection_parts):
+            if b in part.pieces:
+                first, room = part.pieces[b]
+                found[part.coordinate] = int(model.connection.rows.offset[r]) + first, room
+    return found

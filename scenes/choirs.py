@@ -59,3 +59,28 @@ def struck_choir(strings: int = 3, **more: Any) -> dict[str, Any]:
     felt = {"body": "hammer", "on_at": 0.12, "stiffness": 4.5e9, "exponent": 2.5}
     scene["contact"] = [felt | {"on": f"string_{i}"} for i in range(strings)]
     return scene
+
+
+def keyboard(places: int = 12, **more: Any) -> dict[str, Any]:
+    """The strings of a piano's 88 keys, one to three for each, that end on so many places of one board: 207 strings, of
+    8 to 120 modes up to 9 kHz."""
+    points = {f"place_{n}": (0.8 - 0.5 * (n + 0.5) / places, 0.1 + 0.7 * (n + 0.5) / places) for n in range(places)}
+    strings, connections = [], []
+    for key in range(88):
+        frequency, length = 27.5 * 2 ** (key / 12), 0.09 * (1.95 / 0.09) ** (1 - key / 87)  # Hz, m
+        stiffness = math.exp(np.interp(key, [0, 15, 39, 75, 87], np.log([3e-4, 8.9e-5, 2.9e-4, 6e-3, 1.5e-2])))
+        partials = np.arange(1, 121)
+        modes = int(np.sum(partials * frequency * np.sqrt(1 + stiffness * partials**2) < 9000.0))
+        for n, cents in enumerate(CENTS[: 1 if key < 12 else 2 if key < 30 else 3]):
+            name, mass = f"string_{key}_{n}", 750.0 / (4 * length * frequency**2)  # kg, of a tension of 750 N
+            shape = {"length": length, "mass": mass, "inharmonicity": float(stiffness), "modes": max(modes, 8)}
+            strings.append(string(name, **shape | {"frequency": frequency * 2 ** (cents / 1200)}))
+            on = f"place_{key * places // 88}"
+            connections.append({"kind": "end", "body": name, "at": 1.0, "on": "board", "on_at": on})
+    ear = {"ear": (0.3, 0.6)}
+    return {
+        "body": [*strings, board(points | ear)],
+        "connection": connections,
+        "pickup": [{"body": "board", "at": "ear"}],
+        **more,
+    }

@@ -53,6 +53,15 @@ class EventCursor(IntEnum):
 
     FIRST_ACTIVE = 0  # the first event that is not over
     NEXT = 1  # the first that has not begun
+    DAMPED = 2  # a column of DampedModes
+
+
+class DampedModes(IntEnum):
+    """What is known of the modes that events damp."""
+
+    UNKNOWN = 0  # State.momentum_kept has to be found anew
+    NONE = 1
+    SOME = 2
 
 
 class Ledger(IntEnum):

@@ -6,9 +6,9 @@ the ledger stays closed: turning a knob cannot blow up the sound.
 
 import math
 
-from engine.compiler.decorators import inline, noinline
+from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.compiler.lanes import EightFrom, FewFrom, lane_sum, number_at, put_number, splat
-from engine.kernel.codes import LANES, NO_END, UNUSED_SLOT, EnergyTotal, EventCursor, EventKind
+from engine.kernel.codes import LANES, NO_END, UNUSED_SLOT, DampedModes, EnergyTotal, EventCursor, EventKind
 from engine.kernel.connections import connection_energy, forget_moves
 from engine.kernel.contacts import contact_energy, invalidate_margins
 from engine.kernel.energy import accumulate, kinetic_and_potential
@@ -88,27 +88,6 @@ def displacement_at_row(rows, r, m, change):
     if rows.mode_begin[r] <= m and m < rows.mode_end[r]:
         return rows.phi[rows.offset[r] + (m - rows.mode_begin[r])] * change
     return 0.0
-
-
-@noinline
-def damp_modes(state, first, last, share):
-    """Take from the momenta of some modes, at one end of a step in which they keep a share; returns the energy lost."""
-    keep = math.sqrt(share)
-    taken = 0.5 * (1.0 - keep) * (1.0 + keep)
-    whole, total = first + lanes_of(last - first), splat(0.0)
-    for m in range(first, whole, LANES):
-        total = total + damp_mode(EightFrom(m), keep, taken, state.p)
-    if whole < last:
-        total = total + damp_mode(FewFrom(whole, last - whole), keep, taken, state.p)
-    return lane_sum(total)
-
-
-@inline
-def damp_mode(m, keep, taken, p):
-    """Let mode m, or eight, keep a share of its momentum, and lose another of its energy, which is returned."""
-    before = number_at(p, m)
-    put_number(p, m, keep * before)
-    return taken * before * before
 
 
 @noinline
@@ -216,24 +195,25 @@ def island_energy(model, state):
 
 @noinline
 def run_due_events(model, state, frame):
-    """Let all events act that are due at the start of this step, and count the energy they take and give."""
+    """Let all events act that are due at the start of this step, and count the energy they take and give; dampers act
+    at its end."""
     events, cursor = model.events, state.event_cursor
     following = cursor[EventCursor.NEXT]
     while following < events.kind.shape[0] and events.start[following] <= frame:
         following += 1
+        cursor[EventCursor.DAMPED] = DampedModes.UNKNOWN
     cursor[EventCursor.NEXT] = following
     for j in range(cursor[EventCursor.FIRST_ACTIVE], following):
-        if frame < events.end[j]:
-            if events.kind[j] == EventKind.DAMP:
-                damp_by_event(events, state, j)
-            else:
-                before = island_energy(model, state)
-                execute_event(model, state, j, frame)
-                accumulate(state.energy_totals, EnergyTotal.SUPPLIED, island_energy(model, state) - before)
-                state.contact_free_until[0] = 0
-                invalidate_margins(state.refinement)
-                forget_moves(state.connection)
+        if frame < events.end[j] and events.kind[j] != EventKind.DAMP:
+            before = island_energy(model, state)
+            execute_event(model, state, j, frame)
+            accumulate(state.energy_totals, EnergyTotal.SUPPLIED, island_energy(model, state) - before)
+            state.contact_free_until[0] = 0
+            invalidate_margins(state.refinement)
+            forget_moves(state.connection)
     forget_finished(events, state, frame)
+    if cursor[EventCursor.DAMPED] == DampedModes.UNKNOWN:
+        find_momentum_kept(events, state)
 
 
 @inline
@@ -248,7 +228,8 @@ def forget_finished(events, state, frame):
             if kept != j:
                 move_event(events, j, kept)
                 state.glide_start[kept] = state.glide_start[j]
-    cursor[EventCursor.FIRST_ACTIVE] = kept
+    if cursor[EventCursor.FIRST_ACTIVE] != kept:
+        cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.DAMPED] = kept, DampedModes.UNKNOWN
 
 
 @inline
@@ -261,19 +242,39 @@ def move_event(events, source, target):
 
 
 @noinline
-def damp_by_event(events, state, j):
-    """Half of the damping of event j in this step."""
-    lost = damp_modes(state, events.target_begin[j], events.target_end[j], events.value[j])
-    forget_moves(state.connection)
-    accumulate(state.energy_totals, EnergyTotal.DISSIPATED, lost)
+def find_momentum_kept(events, state):
+    """Which share of each momentum the dampers of the events that go on leave in a step."""
+    cursor, kept = state.event_cursor, state.momentum_kept
+    for m in range(kept.shape[0]):
+        kept[m] = 1.0
+    cursor[EventCursor.DAMPED] = DampedModes.NONE
+    for j in range(cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT]):
+        if events.kind[j] == EventKind.DAMP:
+            cursor[EventCursor.DAMPED] = DampedModes.SOME
+            for m in range(events.target_begin[j], events.target_end[j]):
+                kept[m] *= events.value[j]
 
 
 @noinline
-def finish_damping(events, state, frame):
-    """The second half of all damping in this step."""
-    for j in range(state.event_cursor[EventCursor.FIRST_ACTIVE], state.event_cursor[EventCursor.NEXT]):
-        if events.kind[j] == EventKind.DAMP and frame < events.end[j]:
-            damp_by_event(events, state, j)
+def damp_modes(state):
+    """Let the dampers of events act, for a whole step at its end: the half of it that belongs to the next would come
+    at the same place. The energy lost is dissipated."""
+    total, whole = splat(0.0), lanes_of(state.p.shape[0])
+    for m in range(INT64_0, whole, LANES):
+        total = total + damp_mode(EightFrom(m), state.momentum_kept, state.p)
+    if whole < state.p.shape[0]:
+        rest = FewFrom(whole, state.p.shape[0] - whole)
+        total = total + damp_mode(rest, state.momentum_kept, state.p)
+    forget_moves(state.connection)
+    accumulate(state.energy_totals, EnergyTotal.DISSIPATED, lane_sum(total))
+
+
+@inline
+def damp_mode(m, momentum_kept, p):
+    """Damp mode m, or eight. Returns the energy lost, J."""
+    before, kept = number_at(p, m), number_at(momentum_kept, m)
+    put_number(p, m, kept * before)
+    return 0.5 * (1.0 - kept) * (1.0 + kept) * before * before
 
 
 @inline
@@ -283,11 +284,11 @@ def is_event_active(state):
 
 
 @inline
-def finish_score(events, state, frame):
+def finish_score(events, state):
     """What the score says for the end of this step."""
     if events is not None:
-        if is_event_active(state):
-            finish_damping(events, state, frame)
+        if is_event_active(state) and state.event_cursor[EventCursor.DAMPED] == DampedModes.SOME:
+            damp_modes(state)
 
 
 @inline

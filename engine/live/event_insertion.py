@@ -3,7 +3,7 @@
 from engine.compiler.decorators import inline, kernel
 from engine.compiler.intrinsics import float64_view, int64_view
 from engine.compiler.struct_types import load_struct
-from engine.kernel.codes import UNUSED_SLOT, EnergyTotal, EventCursor, EventKind, Sleep, SleepMonitor
+from engine.kernel.codes import UNUSED_SLOT, DampedModes, EnergyTotal, EventCursor, EventKind, Sleep, SleepMonitor
 from engine.kernel.connections import reset_extensions
 from engine.kernel.contacts import compression_from_modes, resync_open_contacts
 from engine.kernel.energy import accumulate
@@ -186,6 +186,7 @@ def compact_events(events, glide_start, cursor, begin, end, frame):
     for j in range(kept, end):
         events.start[j] = events.end[j] = UNUSED_SLOT
     cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT] = 0, running
+    cursor[EventCursor.DAMPED] = DampedModes.UNKNOWN
 
 
 @inline

@@ -11,7 +11,7 @@ import time
 from bench.accuracy import golden
 from bench.performance import pairs
 from bench.publish import compare, shipped
-from bench.recordings import notes
+from bench.recordings import command
 
 MEASUREMENTS = {  # in this order
     "performance": ["realtime", "instruments", "scaling", "connections", "effects", "start", "tricks", "live"],
@@ -37,7 +37,7 @@ def main() -> int:
     if sys.argv[1:2] == ["shipped"]:
         return shipped.main(sys.argv[2:])
     if sys.argv[1:2] == ["recordings"]:
-        return notes.main(sys.argv[2:])
+        return command.main(sys.argv[2:])
     if sys.argv[1:2] in (["--help"], ["-h"]):
         print(f"{__doc__}\n\n{', '.join(PACKAGE)}")
         return 0

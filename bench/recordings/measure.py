@@ -1,4 +1,4 @@
-"""What is compared with a recorded note: levels in third-octave bands, the decay of partials, the knock below them."""
+"""What is compared with a recorded note: levels in third-octave bands, and the knock below the partials."""
 
 import itertools
 import math
@@ -12,14 +12,6 @@ ONSET_DB = 30.0  # below the peak, where a sound begins
 LOWEST, HIGHEST = 25.0, 20_000.0  # Hz, centres of bands
 GAIN_RANGE_DB = 40.0  # either way, in which the gain is sought
 PADDING = 4  # times the length of a frame, so that the lowest bands have bins
-
-PARTIALS = 10
-PARTIAL_PERIODS, PARTIAL_SECONDS = 4.0, 0.04  # the longer of the two is the window that follows a partial
-DECAY_SECONDS = 6.0
-DECAY_DB = 50.0  # as far as a partial is followed
-NOISE_DB = 6.0  # by which it must stand above the end of the recording
-
-KNEE_SECONDS = 0.15  # a knee is no sooner, and leaves twice as much after it
 
 KNOCK_SECONDS = 0.06
 KNOCK_EDGE = 0.8  # of the fundamental: below it no partial is
@@ -64,52 +56,6 @@ def difference(levels: np.ndarray, recorded: np.ndarray) -> tuple[float, float]:
     best = min(np.arange(-GAIN_RANGE_DB, GAIN_RANGE_DB + 1), key=rms)
     best = min(best + np.arange(-1, 1.001, 0.05), key=rms)
     return rms(best), float(np.mean(np.abs(differences(best))))
-
-
-def partial_frequencies(sound: np.ndarray, rate: float, fundamental: float, inharmonicity: float) -> list[float]:
-    """The strongest frequencies near those of a stiff string's first ten partials, below 16 kHz. sound: [frames]"""
-    sound = sound[: round(1.5 * rate)]
-    size = 4 * len(sound)
-    spectrum = np.abs(np.fft.rfft(sound * np.hanning(len(sound)), size))
-    found = []
-    for n in range(1, PARTIALS + 1):
-        near = n * fundamental * math.sqrt((1 + inharmonicity * n * n) / (1 + inharmonicity)) * size / rate
-        low, high = int(near * 0.985), int(near * 1.015) + 1
-        if near / size < min(0.45, 16_000 / rate):
-            found.append((low + int(np.argmax(spectrum[low:high]))) * rate / size)
-    return found
-
-
-def two_slopes(seconds: np.ndarray, level: np.ndarray) -> tuple[float, float]:
-    """Slopes of the two lines, joined at a knee, that fit a level best, dB/s."""
-    best, slopes = math.inf, (math.nan, math.nan)
-    for knee in seconds[(seconds >= KNEE_SECONDS) & (seconds <= seconds[-1] - 2 * KNEE_SECONDS)]:
-        lines = np.stack([np.ones_like(seconds), np.minimum(seconds, knee), np.maximum(seconds - knee, 0.0)], axis=1)
-        weights, *_ = np.linalg.lstsq(lines, level, rcond=None)
-        error = float(np.sum((lines @ weights - level) ** 2))
-        if error < best:
-            best, slopes = error, (float(weights[1]), float(weights[2]))
-    return slopes
-
-
-def decays(audio: np.ndarray, rate: float, fundamental: float, inharmonicity: float) -> tuple[float, float]:
-    """Early and late slope of partials 1 to 10, dB/s: the medians. All channels count. audio: [frames, channels]"""
-    audio = audio[onset(audio) :]
-    size = round(max(PARTIAL_SECONDS, PARTIAL_PERIODS / fundamental) * rate)
-    starts = np.arange(0, min(len(audio), round(DECAY_SECONDS * rate)) - size, size // 4)
-    slopes = []
-    for frequency in partial_frequencies(audio.mean(axis=1), rate, fundamental, inharmonicity):
-        wave = np.hanning(size) * np.exp(-2j * np.pi * frequency * np.arange(size) / rate)
-        power = np.array([np.sum(np.abs(wave @ audio[s : s + size]) ** 2) for s in starts])
-        level = 10 * np.log10(power + 1e-30)
-        noise = np.sum(np.abs(wave @ audio[len(audio) - size :]) ** 2)
-        least = max(level.max() - DECAY_DB, 10 * math.log10(noise + 1e-30) + NOISE_DB)
-        soft = np.flatnonzero(level < least)
-        end = int(soft[0]) if len(soft) else len(level)
-        if starts[end - 1] > 4 * KNEE_SECONDS * rate:
-            slopes.append(two_slopes(starts[:end] / rate, level[:end]))
-    early, late = np.median(np.array(slopes), axis=0) if slopes else (math.nan, math.nan)
-    return float(early), float(late)
 
 
 def knock_level(audio: np.ndarray, rate: float, fundamental: float) -> float:

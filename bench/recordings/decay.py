@@ -20,7 +20,7 @@ LEAST_SECONDS = 0.3  # of a partial that can be followed
 
 KNEE_SECONDS = 0.15  # a knee is no sooner …
 TAIL = 1 / 3  # … and leaves this share of the time after it
-KNEES = 60  # tried at most
+KNEES = 80  # tried at most, each later than the last by one factor
 
 
 def partial_decays(audio: np.ndarray, rate: float, partials: Partials) -> np.ndarray:
@@ -73,8 +73,8 @@ def two_slopes(seconds: np.ndarray, level: np.ndarray) -> tuple[float, float]:
     if not len(seconds) or seconds[-1] < LEAST_SECONDS:
         return math.nan, math.nan
     best, slopes = math.inf, (math.nan, math.nan)
-    knees = seconds[(seconds >= KNEE_SECONDS) & (seconds <= (1 - TAIL) * seconds[-1])]
-    for knee in knees[:: max(1, len(knees) // KNEES)]:
+    last = max(KNEE_SECONDS, (1 - TAIL) * seconds[-1])
+    for knee in seconds[np.unique(np.searchsorted(seconds, np.geomspace(KNEE_SECONDS, last, KNEES)))]:
         lines = np.stack([np.ones_like(seconds), np.minimum(seconds, knee), np.maximum(seconds - knee, 0.0)], axis=1)
         weights, *_ = np.linalg.lstsq(lines, level, rcond=None)
         error = float(np.sum((lines @ weights - level) ** 2))

@@ -19,11 +19,11 @@ def keyboard(stiffness: float = 3e-4, early: float = 20.0, late: float = 5.0, br
     def sound_of(key: int, velocity: int, seconds: float = 6.0):
         t = np.arange(round(seconds * RATE)) / RATE
         level = velocity - VELOCITY
-        fall = 10 ** (-(early * np.minimum(t, 0.4) + late * np.maximum(t - 0.4, 0.0)) / 20)
+        fall = np.minimum(1.0, t / 0.01) * 10 ** (-(early * np.minimum(t, 0.4) + late * np.maximum(t - 0.4, 0.0)) / 20)
         sound = 1e-5 * np.random.default_rng(key).standard_normal(len(t))
         for n in range(1, 31):
             frequency = n * key_frequency(key) * np.sqrt((1 + stiffness * n**2) / (1 + stiffness))
-            gain = level + (brighter * level - 20.0 if frequency > 2000.0 else 0.0)
+            gain = level + (brighter * level - 30.0 if frequency > 2000.0 else 0.0)
             sound += 10 ** (gain / 20) / n * fall * np.sin(2 * np.pi * frequency * t + n)
         return sound[:, None], RATE
 

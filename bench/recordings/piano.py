@@ -3,22 +3,21 @@
 from functools import cache
 
 import engine
-from bench.publish.report import ROOT
 from bench.recordings.instrument import Sound
-from bench.recordings.patches import RATE, strike_once
+from engine.patch.one_note import scene_of_note
 
-TUNED = (36, 60, 96)  # C2, C4, C7: at most one in three of the keys recorded
-PATCHES = {36: "grand_c2", 60: "grand_c4", 96: "grand_c7"}
+RATE = 44_100  # Hz
+TUNED = (21, 30, 39, 48, 57, 66, 75, 84, 93, 102)  # every third of the keys recorded
+HELD_LONGER = 1.0  # s, than is heard
 
 
 def render_note(key: int, velocity: int, seconds: float) -> Sound | None:
     """Sound of a key, struck once at one of 16 velocities and held; None if there is no such key."""
-    if key not in PATCHES:
-        return None
-    return engine.render(strike_once(load_patch(PATCHES[key]), velocity), seconds, RATE).audio, RATE
+    scene = scene_of_note(load_piano(), key, min(127, 8 * velocity - 2), seconds + HELD_LONGER, seconds)
+    return engine.render(scene, seconds, RATE).audio, RATE
 
 
 @cache
-def load_patch(name: str) -> engine.Scene:
-    """A patch of the folder of patches."""
-    return engine.load(ROOT / "patches" / f"{name}.toml")
+def load_piano() -> engine.Scene:
+    """The shipped piano."""
+    return engine.load("piano")

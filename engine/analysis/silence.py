@@ -14,6 +14,7 @@ from engine.patch.tables import ChangeEvent, Contact, Force, Pickup, PluckEvent,
 
 MODES_EXAMINED = 8  # a position where none of the lowest moves is a node of all
 NODE_THRESHOLD = 1e-9  # a shape this much smaller than elsewhere is rounding
+HEARD_AT_NODES = "force", "end_force"  # quantities that are there where nothing moves
 GENERIC_POSITIONS = 0.137, 0.29, 0.41  # at no simple fraction, and so at no node of a low mode
 
 
@@ -28,7 +29,7 @@ def explain_silence(
     What is heard or pushed at nodes alone counts as silent, though rounding leaves something there.
     """
     audible = [p for p in scene.pickup if p.gain != 0.0]
-    at_nodes = [p for p in audible if p.quantity != "force" and is_node(scene, p.body, p.at)]
+    at_nodes = [p for p in audible if p.quantity not in HEARD_AT_NODES and is_node(scene, p.body, p.at)]
     if seconds * samplerate < 1.5 and peak <= SILENT_PEAK:
         return "it has one sample, before anything has moved; give more seconds"
     effective = [f for f in _acting_forces(scene, seconds) if not is_node(scene, f.body, f.at)]
@@ -49,7 +50,8 @@ def explain_silence(
 
 def is_inaudible(scene: Scene) -> bool:
     """Whether no pickup can hear anything but rounding."""
-    return all(p.gain == 0.0 or (p.quantity != "force" and is_node(scene, p.body, p.at)) for p in scene.pickup)
+    audible = [p for p in scene.pickup if p.gain != 0.0]
+    return all(p.quantity not in HEARD_AT_NODES and is_node(scene, p.body, p.at) for p in audible)
 
 
 def is_node(scene: Scene, name: str, at: Any) -> bool:

@@ -5,8 +5,8 @@ import json
 import pytest
 from conftest import ROOT
 
-from engine import Scene
-from engine.analysis.silence import explain_silence
+from engine import Scene, render
+from engine.analysis.silence import explain_silence, is_inaudible
 from engine.cli import main
 from engine.offline.effects import EffectStatistics
 from engine.offline.energy_statistics import EnergyStatistics
@@ -149,3 +149,13 @@ def test_a_barrier_that_moves_in_is_heard():
     assert explain_silence(Scene.model_validate(told), 0.1, 44_100, 0.5, simulated) is None
     quiet = Scene.model_validate(told | {"event": []})
     assert "nothing moves" in (explain_silence(quiet, 0.1, 44_100, 0.0, simulated) or "")
+
+
+def test_what_a_string_does_to_its_end_is_heard_though_nothing_moves_there():
+    string = {"name": "s", "kind": "string", "length": 0.6, "density": 4e-3, "frequency": 200.0}
+    pluck = {"kind": "pluck", "body": "s", "at": 0.2, "amplitude": 1.0, "duration": 2e-3}
+    pickup = {"body": "s", "at": 1.0, "quantity": "end_force"}
+    scene = Scene.model_validate({"body": [string], "force": [pluck], "pickup": [pickup]})
+    stats = render(scene, seconds=0.02).stats
+    assert explain_silence(scene, 0.02, 44_100, stats.peak, stats) is None
+    assert not is_inaudible(scene)

@@ -38,19 +38,20 @@ def numeric_options(args: argparse.Namespace) -> tuple[NumericOptions, list[Faul
     from engine.patch.tables import MAX_SECONDS
 
     ranges = {"seconds": (0.0, MAX_SECONDS, "s"), "samplerate": (*SAMPLE_RATE_RANGE, "Hz")}
+    ranges |= {"hold": ranges["seconds"]}
     ranges |= {"gain": (-400.0, 400.0, "dB"), "cores": (1, 1024, "cores")}
     options = vars(args)
     numbers: NumericOptions = {}
     faults: list[Fault] = []
     for name, (low, high, unit) in ranges.items():
         text = options.get(name)
-        range_text = f"{'more than 0' if name == 'seconds' else f'{low:g}'} to {high:g} {unit}"
+        range_text = f"{'more than 0' if low == 0 else f'{low:g}'} to {high:g} {unit}"
         try:
             number = None if text is None else float(text)
         except ValueError:
             faults.append(Fault(f"--{name}", f'"{text}" is not a number; {range_text}'))
             continue
-        if number is not None and (not low <= number <= high or (name == "seconds" and number == 0)):
+        if number is not None and (not low <= number <= high or number == low == 0):
             faults.append(Fault(f"--{name}", f"{text} is out of range; {range_text}"))
         elif name in ("samplerate", "cores") and number is not None and number != int(number):
             faults.append(Fault(f"--{name}", f"{text} is not a whole number; {range_text}"))

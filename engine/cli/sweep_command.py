@@ -14,19 +14,25 @@ def add_sweep_command(commands: "arguments.Commands") -> None:
     """Add `sweep` and its options."""
     parser = commands.add_parser(
         "sweep",
-        help="render a patch at many values of its keys",
-        description="Render a patch at many values of its keys into a folder, with an index.csv.",
+        help="render a patch at many values of its keys, or many notes of it",
+        description="Render a patch at many values of its keys, or many notes of it, into a folder, with an index.csv.",
     )
     arguments.add_patch(parser)
     parser.add_argument(
         "--vary",
         metavar="PATH=RANGE",
         action="append",
-        required=True,
+        default=[],
         help="contact.felt.stiffness=1e8..1e10:log:16, or PATH=A..B:N, PATH=A,B,C; several make a grid",
     )
     parser.add_argument("--random", metavar="N", help="as many points at random instead of the grid")
     parser.add_argument("--seed", metavar="S", help="of these points (default: 0)")
+    text = "many notes: A0..C8, every third key of them A0..C8/3, or C2,F#3,A4"
+    parser.add_argument("--notes", metavar="KEYS", help=text)
+    text = "of each note: so many, the last 127; or 40,80,127 (default: 80)"
+    parser.add_argument("--velocities", metavar="N", help=text)
+    parser.add_argument("--hold", metavar="S", help="how long the keys of notes are down, s (default: 4)")
+    parser.add_argument("--sfz", action="store_true", help="write PATCH.sfz beside the notes, for samplers")
     text = "the folder to write (default: the patch's name, here)"
     parser.add_argument("-o", "--output", metavar="FOLDER", help=text)
     arguments.add_length_and_rate(parser)
@@ -49,7 +55,7 @@ def sweep_command(args: argparse.Namespace) -> int:
     numbers, option_faults = numeric_options(args)
     option_faults += sweep_plan.check_output(args)
     if scene is not None:
-        plan, plan_faults = sweep_plan.plan_sweep(args, scene)
+        plan, plan_faults = sweep_plan.plan_sweep(args, scene, {} if option_faults else numbers)
         option_faults += plan_faults
     faults += option_faults
     if scene is None or faults:
@@ -60,6 +66,8 @@ def sweep_command(args: argparse.Namespace) -> int:
         with progress_feedback(args.json) as progress:
             accuracy = accuracy_options(args)
             outcome = sweep.sweep_from_arguments(plan, folder, numbers, accuracy, args.subtype, args.cluster, progress)
+        if args.sfz and not outcome.interrupted:
+            outcome.sfz = sweep.write_note_map(plan, folder)
     except (OSError, RuntimeError) as error:
         print_error(f"cannot write to {folder} ({error_reason(error)})" if isinstance(error, OSError) else error)
         return 1

@@ -15,6 +15,11 @@ def note_name(key: int) -> str:
     return f"{PITCH_CLASSES[key % 12]}{key // 12 - 1}"
 
 
+def plain_note_name(key: int) -> str:
+    """Its name of letters and digits alone, as part of other names: Fs3, Cm1."""
+    return note_name(key).replace("#", "s").replace("-", "m")
+
+
 def note_frequency(key: int, a4: float = 440.0) -> float:
     """Its frequency in equal temperament, Hz."""
     return float(a4 * 2.0 ** ((key - 69) / 12))
@@ -45,4 +50,4 @@ def parse_keys(text: str) -> range:
 
 def name_of_copy(key: int, name: str, copy: int | None) -> str:
     """The name in the scene of what a key has: C4_string1, Fs3_hammer; `copy` from 1, None of what there is once."""
-    return f"{note_name(key).replace('#', 's').replace('-', 'm')}_{name}{'' if copy is None else copy}"
+    return f"{plain_note_name(key)}_{name}{'' if copy is None else copy}"

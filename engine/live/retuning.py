@@ -20,9 +20,9 @@ from engine.kernel.model import (
     RowCoefficients,
     StepCoefficients,
 )
-from engine.live.voices import replicate, retune, sounding_bodies
+from engine.live.voices import replicate, retune, sounding_bodies, tuned_bodies
 from engine.patch.accuracy import Accuracy
-from engine.patch.scene import Scene, connected_bodies
+from engine.patch.scene import Scene
 
 GLIDE_STEP_SECONDS, GLIDE_STEP_CENTS = 0.002, 2.0  # the smallest steps in which a pitch glides …
 MAX_GLIDE_STEPS = 128  # … and how many they are at most
@@ -69,7 +69,7 @@ class VoiceTuning:
             scene = retune(self._patch, ratio)
             if body is not None:
                 heard = set(sounding_bodies(self._patch))
-                names = (connected_bodies(self._patch, body) & heard) | {body}
+                names = tuned_bodies(self._patch, body)
                 scene = retune(retune(self._patch, self._lowest, heard - names), ratio, names)
             single = replicate(scene, 1).model_copy(update={"accuracy": self._accuracy})
             rate, exponents = target[0].samplerate, self._variable_exponents

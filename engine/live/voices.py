@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from engine.bodies import Bar, Mass, Oscillator, String, Tube
+from engine.bodies import Bar, Body, Mass, Oscillator, String, Tube
 from engine.bodies.distributed import DistributedBody
-from engine.patch.scene import Scene
+from engine.patch.scene import Scene, connected_bodies
 from engine.patch.tables import Force, HalfSineForce, PluckEvent, PluckForce, PulseForce, StrikeEvent
 
 
@@ -37,6 +37,19 @@ def retune(scene: Scene, ratio: float, names: set[str] | None = None) -> Scene:
     return scene.model_copy(update={"body": [b.retuned(ratio) if b.name in chosen else b for b in scene.body]})
 
 
+def tuned_bodies(scene: Scene, name: str) -> set[str]:
+    """The bodies that get the pitch of a note that sounds one of them: that one, and what is heard and joined to it."""
+    return (connected_bodies(scene, name) & set(sounding_bodies(scene))) | {name}
+
+
+def at_rest(body: Body) -> Body:
+    """The body without what the patch gives it at time 0; hammers stay where they are."""
+    still: dict[str, Any] = {"velocity": 0.0} if isinstance(body, Mass | Oscillator) else {}
+    if isinstance(body, DistributedBody):
+        still = {"displacement": None, "velocity": None}
+    return body.model_copy(update=still)
+
+
 def replicate(scene: Scene, voices: int) -> Scene:
     """So many copies of a scene beside each other, all at rest: no score, plucks and hammers that wait to be told.
     Copy n of body `b` is `b_n`; contacts likewise."""
@@ -44,10 +57,7 @@ def replicate(scene: Scene, voices: int) -> Scene:
     waiting = [f.model_copy(update={"start": 0.0}) for b in scene.body for f in plucks(scene, b.name)]
     for n in range(voices):
         for body in scene.body:
-            still: dict[str, Any] = {"velocity": 0.0} if isinstance(body, Mass | Oscillator) else {}
-            if isinstance(body, DistributedBody):
-                still = {"displacement": None, "velocity": None}
-            parts["body"].append(body.model_copy(update={"name": f"{body.name}_{n}"} | still))
+            parts["body"].append(at_rest(body).model_copy(update={"name": f"{body.name}_{n}"}))
         for section in ("contact", "connection"):
             for joined in getattr(scene, section):
                 names = {key: f"{name}_{n}" for key in ("name", "body", "on") if (name := getattr(joined, key))}

@@ -210,4 +210,7 @@ def print_sweep(outcome: dict[str, Any]) -> None:
         print(f"{outcome['gone']} sounds are gone again; run the same command for them", file=sys.stderr)
     if failed:
         print(f"{failed} of {points} failed; the column status of {outcome['index']} says why", file=sys.stderr)
-    print(f"{done} of {points} done{before}\n{outcome['index']}")
+    gain = f", all at {outcome['gain_db']:+.1f} dB" if "gain_db" in outcome else ""
+    print(f"{done} of {points} done{before}{gain}\n{outcome['index']}")
+    if "sfz" in outcome:
+        print(outcome["sfz"])

@@ -23,7 +23,7 @@ class SweepAxis:
     """One value of a patch that varies.
 
     path:     what the user calls it
-    key_path: its path in the document
+    key_path: its path in the document; empty if it is none of its values, but which note is played, and how
     bounds:   the values of a list, or the two ends of a range
     count:    how many values a range has; None for a list, or for a range of which random values are taken
     """
@@ -187,4 +187,6 @@ def _check_in_document(data: dict[str, Any], key_path: KeyPath, path: str) -> No
                 return
             fault = "its modes come from a file" if "file" in node else "it is not in the patch"
             raise ValueError(f"{path}: {fault}; write {'.'.join(map(str, key_path[: n + 1]))} there")
+        if isinstance(node, list) and isinstance(key, int) and key >= len(node):
+            raise ValueError(f"{path}: it is written out for a key; vary what is under key or keyboard.values")
         node = node[key]

@@ -3,7 +3,7 @@
 import csv
 import io
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from engine.analysis.features import FEATURE_NAMES
@@ -40,11 +40,16 @@ def check_index(path: Path, paths: list[str]) -> str:
     return f"{path} is an index of something else; give another folder, or remove it"
 
 
-def read_index(path: Path) -> dict[int, IndexRow]:
+def sound_name(number: int) -> str:
+    """The name of the audio file of a point."""
+    return f"{number:04d}.wav"
+
+
+def read_index(path: Path, name_of: Callable[[int], str] = sound_name) -> dict[int, IndexRow]:
     """Rows of an index by the number of their point; all cells are text.
 
     Left out are lines that are no row of a sweep, or were half-written when one was killed, and rows whose file is not
-    named by their number.
+    named as `name_of` names that of their number.
     """
     if not path.is_file():
         return {}
@@ -56,7 +61,7 @@ def read_index(path: Path) -> dict[int, IndexRow]:
             if cells is None or len(cells) != len(header):
                 continue
             row = dict(zip(header, cells, strict=True))
-            if POINT_NUMBER.fullmatch(row["number"]) and row["file"] in ("", sound_name(int(row["number"]))):
+            if POINT_NUMBER.fullmatch(row["number"]) and row["file"] in ("", name_of(int(row["number"]))):
                 rows[int(row["number"])] = row
     return rows
 
@@ -67,11 +72,6 @@ def parse_line(text: str) -> list[str] | None:
         return next(csv.reader([text]), None)
     except csv.Error:  # such as a cell of more than 131072 characters
         return None
-
-
-def sound_name(number: int) -> str:
-    """The name of the audio file of a point."""
-    return f"{number:04d}.wav"
 
 
 def write_index(path: Path, header: list[str], rows: dict[int, IndexRow]) -> None:

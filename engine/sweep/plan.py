@@ -7,7 +7,9 @@ import math
 import os
 import random
 import tomllib
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -15,10 +17,22 @@ from typing import Any
 from engine.faults import Fault, PatchError
 from engine.output_files import absolute_path, check_audio_format
 from engine.patch.error_messages import format_path
+from engine.patch.one_note import HOLD_SECONDS, TAIL_SECONDS
 from engine.patch.reader import validate_document
 from engine.patch.scene import Scene
 from engine.sweep.axes import MAX_GRID_POINTS, SweepAxis, Value, parse_axis
-from engine.sweep.index_csv import check_index
+from engine.sweep.index_csv import check_index, sound_name
+from engine.sweep.note_axes import (
+    NOTE,
+    NOTE_FORMS,
+    OPTIONS,
+    VELOCITY,
+    note_file_name,
+    parse_notes,
+    parse_velocities,
+    plain_stem,
+    scene_with_note,
+)
 
 GridPoint = tuple[Value, ...]  # a value per axis
 
@@ -28,16 +42,51 @@ class SweepPlan:
     """What is to be rendered: a patch at some points.
 
     data: the document of the patch, as it was read
+    hold, seconds: of notes, how long the key is down, s, and how long they sound
     """
 
     patch: str
     data: dict[str, Any]
     axes: list[SweepAxis]
     points: list[GridPoint]
+    hold: float = HOLD_SECONDS
+    seconds: float = HOLD_SECONDS + TAIL_SECONDS
+    _scenes: dict[GridPoint, Scene] = field(default_factory=dict, repr=False, compare=False)  # without a note; one
+
+    @property
+    def has_notes(self) -> bool:
+        """Whether notes are played, and not the patch's own score."""
+        return any(axis.path in OPTIONS and not axis.key_path for axis in self.axes)
 
     def scene(self, point: GridPoint) -> Scene:
         """The scene of a point. Raises PatchError."""
-        return scene_at(self.data, self.patch, self.axes, point)
+        pairs = list(zip(self.axes, point, strict=True))
+        axes, values = [axis for axis, _ in pairs if axis.key_path], tuple(v for axis, v in pairs if axis.key_path)
+        if values not in self._scenes:
+            scene = scene_at(self.data, self.patch, axes, values)
+            self._scenes.clear()
+            self._scenes[values] = scene
+        scene = self._scenes[values]
+        if not self.has_notes:
+            return scene
+        return scene_with_note(scene, *self.note(point), self.hold, self.seconds)
+
+    def note(self, point: GridPoint) -> tuple[str, int]:
+        """The name of the key that is played at a point, and its velocity."""
+        values = {axis.path: value for axis, value in zip(self.axes, point, strict=True) if not axis.key_path}
+        return str(values[NOTE]), int(values[VELOCITY])
+
+    @cached_property
+    def has_each_note_once(self) -> bool:
+        """Whether a note and its velocity are enough to name a point."""
+        return len({*map(self.note, self.points)}) == len(self.points)
+
+    def sound_name(self, number: int) -> str:
+        """The name of the audio file of a point, by its number, from 1."""
+        if not self.has_notes or not 1 <= number <= len(self.points):
+            return sound_name(number)
+        stem = plain_stem(Path(self.patch).stem) if self.has_each_note_once else f"{number:04d}"
+        return note_file_name(stem, *self.note(self.points[number - 1]))
 
 
 def scene_at(data: dict[str, Any], patch: str, axes: list[SweepAxis], point: GridPoint) -> Scene:
@@ -62,8 +111,13 @@ def random_points(axes: list[SweepAxis], count: int, seed: int) -> list[GridPoin
     return [tuple(axis.value_at(draw()) for axis in axes) for _ in range(count)]
 
 
-def plan_sweep(args: argparse.Namespace, scene: Scene) -> tuple[SweepPlan, list[Fault]]:
-    """Plan the sweep that the arguments of the command line ask for. Its points are empty if there are faults."""
+def plan_sweep(
+    args: argparse.Namespace, scene: Scene, lengths: dict[str, float | None]
+) -> tuple[SweepPlan, list[Fault]]:
+    """Plan the sweep that the arguments of the command line ask for. Its points are empty if there are faults.
+
+    lengths: of notes, by the options hold and seconds; None where they are not given
+    """
     data = tomllib.loads(Path(args.patch).read_text("utf-8-sig"))
     numbers, faults = _parse_numbers(args)
     axes: list[SweepAxis] = []
@@ -75,13 +129,41 @@ def plan_sweep(args: argparse.Namespace, scene: Scene) -> tuple[SweepPlan, list[
             continue
         faults += _check_axis(axis, axes, args)
         axes.append(axis)
+    note_axes, note_faults = _note_axes(args, scene)
+    axes, faults = axes + note_axes, faults + note_faults
     count = numbers["random"] or math.prod(axis.count or len(axis.bounds) for axis in axes)
     if count > MAX_GRID_POINTS:
         faults.append(Fault("--vary", f"{count} points; at most {MAX_GRID_POINTS}, such as --random 1000 of them"))
     if faults:
         return SweepPlan(args.patch, data, axes, []), faults
     points = random_points(axes, count, numbers["seed"] or 0) if numbers["random"] else grid_points(axes)
-    return SweepPlan(args.patch, data, axes, points), check_axes(data, args.patch, axes)
+    hold = lengths.get("hold") or HOLD_SECONDS
+    plan = SweepPlan(args.patch, data, axes, points, hold, lengths.get("seconds") or hold + TAIL_SECONDS)
+    return plan, check_axes(plan)
+
+
+def _note_axes(args: argparse.Namespace, scene: Scene) -> tuple[list[SweepAxis], list[Fault]]:
+    """The axes of the notes that are asked for, and what is wrong with them."""
+    axes, faults = list[SweepAxis](), list[Fault]()
+    if args.notes is None:
+        given = [f"--{option}" for option in ("velocities", "hold", "sfz") if getattr(args, option)]
+        faults += [Fault(option, f"for --notes; give that too: {NOTE_FORMS}") for option in given]
+        if not args.vary and not given:
+            faults.append(Fault("--vary", "nothing varies; give --vary PATH=RANGE, or --notes A0..C8"))
+        return axes, faults
+    for option in ("vary", "random"):
+        if args.sfz and getattr(args, option):
+            faults.append(Fault("--sfz", f"for one set, of all notes; leave out --{option}"))
+    parsers: list[tuple[str, Callable[[], SweepAxis]]] = [
+        (NOTE, lambda: parse_notes(args.notes, scene)),
+        (VELOCITY, lambda: parse_velocities(args.velocities)),
+    ]
+    for name, parse in parsers:
+        try:
+            axes.append(parse())
+        except ValueError as error:
+            faults.append(Fault(OPTIONS[name], str(error)))
+    return axes, faults
 
 
 def _parse_numbers(args: argparse.Namespace) -> tuple[dict[str, int | None], list[Fault]]:
@@ -103,29 +185,37 @@ def _check_axis(axis: SweepAxis, others: list[SweepAxis], args: argparse.Namespa
     faults: list[Fault] = []
     if any(axis.key_path == other.key_path for other in others):
         faults.append(Fault("--vary", f"{axis.path}: it varies twice; give it once"))
+    if axis.key_path == ("seconds",) and args.notes is not None:
+        return [*faults, Fault("--vary", "seconds: of notes, --hold and --seconds say that; leave it out")]
     option = axis.key_path[-1] if axis.key_path[0] in ("seconds", "accuracy") else None
     if option is not None and getattr(args, str(option), None) is not None:
         faults.append(Fault("--vary", f"{axis.path}: --{option} is given too; give one of them"))
     return faults
 
 
-def check_axes(data: dict[str, Any], patch: str, axes: list[SweepAxis]) -> list[Fault]:
+def check_axes(plan: SweepPlan) -> list[Fault]:
     """Faults of the patch at both bounds of each axis, or at each value of a list; the other axes are at their first
     value."""
     faults: dict[Fault, None] = {}  # in order, each once
-    by_path = {format_path(axis.key_path): axis for axis in axes}
-    for n, axis in enumerate(axes):
+    by_path = {format_path(axis.key_path): axis for axis in plan.axes if axis.key_path}
+    for n, axis in enumerate(plan.axes):
         for fraction, bound in enumerate(axis.bounds):
             value = axis.value_at(float(fraction)) if axis.is_range else bound
-            point = tuple(value if k == n else other.value_at(0.0) for k, other in enumerate(axes))
+            point = tuple(value if k == n else other.value_at(0.0) for k, other in enumerate(plan.axes))
             try:
-                scene_at(data, patch, axes, point)
+                plan.scene(point)
             except PatchError as error:
                 for fault in error.faults:
                     culprit = by_path.get(fault.path)
-                    name = f"{culprit.path}" if culprit else f"{axis.path} = {value}: {fault.path}"
-                    faults[Fault("--vary", f"{name}: {fault.message}")] = None
+                    name = f"{culprit.path}" if culprit else f"{axis.path} = {value}: {fault.path}".rstrip(": ")
+                    option = OPTIONS.get(axis.path, "--vary") if not axis.key_path else "--vary"
+                    faults[Fault(option, f"{name}: {fault.message}")] = None
     return list(faults)
+
+
+def axis_paths(args: argparse.Namespace) -> list[str]:
+    """The paths of the axes that are asked for."""
+    return [text.partition("=")[0].strip() for text in args.vary] + (list(OPTIONS) if args.notes is not None else [])
 
 
 def sweep_folder(args: argparse.Namespace) -> Path:
@@ -145,7 +235,7 @@ def check_output(args: argparse.Namespace) -> list[Fault]:
         faults.append(Fault("--output", f"{parent} cannot be written to; write elsewhere"))
     elif folder.is_dir() and any(folder.glob("[!.]*")) and not (folder / "index.csv").exists():
         faults.append(Fault("--output", f"{folder} holds other things; give a folder that is empty, or not there yet"))
-    elif message := check_index(folder / "index.csv", [text.partition("=")[0].strip() for text in args.vary]):
+    elif message := check_index(folder / "index.csv", axis_paths(args)):
         faults.append(Fault("--output", message))
     if args.cluster is not None and find_spec("distributed") is None:
         faults.append(Fault("--cluster", "needs distributed; uv sync --extra cluster, or pip install distributed"))

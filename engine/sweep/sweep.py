@@ -5,20 +5,24 @@ A sweep that is stopped at any time goes on when it is started again: what is do
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from engine.faults import PatchError
+from engine.instrument.key_names import parse_key
 from engine.output_files import apply_gain, error_reason, save_audio
 from engine.patch.scene import Scene
 from engine.provenance import source_digest
 from engine.sweep import index_csv
+from engine.sweep.common_gain import UNSCALED_FOLDER, common_gain, rescale
 from engine.sweep.index_csv import Cell, IndexRow
 from engine.sweep.local_workers import run_local
+from engine.sweep.note_axes import plain_stem, release_time
 from engine.sweep.plan import GridPoint, SweepPlan
+from engine.sweep.sfz import Sample, write_sfz
 from engine.sweep.task import RenderResult, RenderTask, Results
 
 Progress = Callable[[float], None]
@@ -35,6 +39,8 @@ class SweepOutcome:
     failed:       of these
     overwritten:  sounds of other settings that were in the folder, and are no more
     gone:         sounds of this sweep that were removed while it ran
+    gain_db:      of all sounds, if they have one in common
+    sfz:          the file that lists the notes, if one was asked for
     """
 
     points: int
@@ -44,6 +50,8 @@ class SweepOutcome:
     overwritten: int = 0
     gone: int = 0
     interrupted: bool = False
+    gain_db: float | None = None
+    sfz: Path | None = None
 
     @property
     def exit_code(self) -> int:
@@ -52,7 +60,9 @@ class SweepOutcome:
 
     def as_dict(self, folder: Path) -> dict[str, Any]:
         """The outcome by the names of --json, with the folder and its index."""
-        return {
+        of_notes: dict[str, Any] = {"gain_db": self.gain_db} if self.gain_db is not None else {}
+        of_notes |= {"sfz": str(self.sfz)} if self.sfz is not None else {}
+        return of_notes | {
             "folder": str(folder),
             "points": self.points,
             "done": self.done,
@@ -102,7 +112,7 @@ def run_sweep(
 
     renderer: gives the results of tasks, in any order, each once
     options:  seconds, samplerate and accuracy (engine.offline.render.render)
-    gain:     dB on SI units; each sound is normalised if None
+    gain:     dB on SI units; if None, each sound is normalised, or a set of notes as a whole
 
     Rows of the index that say "done" of the same point, with its file there, are kept. Raises OSError or
     RuntimeError if a file cannot be written, or the folder has an index of something else.
@@ -127,6 +137,24 @@ def run_sweep(
     return sounds.outcome
 
 
+def write_note_map(plan: SweepPlan, folder: Path) -> Path | None:
+    """Write the SFZ file of a set of notes that is done: what is in its folder. Returns its path; None if there is no
+    sound. Raises RuntimeError if it cannot be written."""
+    rows = index_csv.read_index(folder / "index.csv", plan.sound_name)
+    points = {number: plan.points[number - 1] for number, row in rows.items() if row["status"] == "done"}
+    notes = {number: plan.note(point) for number, point in points.items()}
+    samples = [Sample(parse_key(key), velocity, plan.sound_name(n)) for n, (key, velocity) in notes.items()]
+    if not samples:
+        return None
+    release = {parse_key(notes[n][0]): release_time(plan.scene(point), plan.hold) for n, point in points.items()}
+    path = folder / f"{plain_stem(Path(plan.patch).stem)}.sfz"
+    try:
+        write_sfz(path, plan.data.get("title") or path.stem, samples, release)
+    except OSError as error:
+        raise _write_error(path, error) from error
+    return path
+
+
 class SoundFolder:
     """The folder of a sweep: sounds, and an index whose rows are kept if they are of the same points.
 
@@ -147,13 +175,15 @@ class SoundFolder:
         self.folder, self.index = folder, folder / "index.csv"
         self.header = index_csv.index_header([axis.path for axis in plan.axes])
         self.tasks, self.values, self.gain, self.subtype = tasks, values, gain, subtype
+        self.name_of, self.unscaled = plan.sound_name, folder / UNSCALED_FOLDER
+        self.has_notes, self.is_scaled_last = plan.has_notes, plan.has_notes and gain is None
         folder.mkdir(exist_ok=True)
-        for pattern in (".[0-9][0-9][0-9][0-9]*.wav.*.part", ".index.csv.*.part"):
-            for path in [*folder.glob(pattern)]:
-                path.unlink(missing_ok=True)
-        previous = index_csv.read_index(self.index)
+        self._remove_leftovers()
+        previous = index_csv.read_index(self.index, self.name_of)
         self.rows = {
-            n: row for n, row in previous.items() if n in tasks and _is_current(row, values[n], folder, tasks[n])
+            n: row
+            for n, row in previous.items()
+            if n in tasks and _is_current(row, values[n], self.sound_path(row), tasks[n])
         }
         self.outdated = {n for n, row in previous.items() if n not in self.rows and row["status"] == "done"}
         self.outcome = SweepOutcome(len(plan.points), done=len(self.rows), already_done=len(self.rows))
@@ -162,16 +192,21 @@ class SoundFolder:
     def add(self, number: int, result: RenderResult, file: int) -> None:
         """Write the sound of a point, and append its row to the index, whose descriptor is given. Raises
         RuntimeError."""
-        name, cells = index_csv.sound_name(number), dict(result.cells)
+        name, cells = self.name_of(number), dict(result.cells)
         if result.audio is not None:
             peak = 0.0 if result.cells["silent"] else float(abs(result.audio).max())
-            audio, cells["gain_db"] = apply_gain(result.audio, peak, self.gain)
-            self.outcome.overwritten += number in self.outdated and (self.folder / name).exists()
+            audio, subtype, path = result.audio, self.subtype, self.folder / name
+            self.outcome.overwritten += number in self.outdated and path.exists()
+            if self.is_scaled_last:
+                subtype, path = "DOUBLE", self.unscaled / name
+            else:
+                audio, cells["gain_db"] = apply_gain(result.audio, peak, self.gain)
             samplerate = self.tasks[number].options["samplerate"]
             try:
-                save_audio(self.folder / name, audio, samplerate, self.subtype)
+                path.parent.mkdir(exist_ok=True)
+                save_audio(path, audio, samplerate, subtype)
             except (OSError, RuntimeError) as error:
-                raise _write_error(self.folder / name, error) from error
+                raise _write_error(path, error) from error
         cells = self.values[number] | cells
         cells |= {"file": name if result.audio is not None else "", "status": result.error or "done"}
         self.rows[number] = {column: index_csv.format_cell(cells.get(column)) for column in self.header}
@@ -185,13 +220,55 @@ class SoundFolder:
         self.outcome.failed += result.audio is None
 
     def finish(self) -> None:
-        """Drop the rows whose sounds were removed meanwhile, and write the index in order. Raises RuntimeError."""
-        done = [(number, row) for number, row in self.rows.items() if row["status"] == "done"]
-        for number, row in done:
-            if not (self.folder / row["file"]).is_file():
-                del self.rows[number]
-                self.outcome.gone, self.outcome.done = self.outcome.gone + 1, self.outcome.done - 1
+        """Drop the rows whose sounds were removed meanwhile, bring sounds that are to have one gain to it, if all are
+        there, and write the index in order. Raises RuntimeError."""
+        for number, row in self._rows_done():
+            if not self.sound_path(row).is_file():
+                self._drop(number)
+        if self.is_scaled_last and not self.outcome.interrupted:
+            self._scale()
         self._write_index()
+        if self.has_notes and not self.outcome.interrupted and self.unscaled.is_dir():
+            for path in [self.unscaled / self.name_of(number) for number in self.tasks]:
+                path.unlink(missing_ok=True)
+            with suppress(OSError):  # something else is in there
+                self.unscaled.rmdir()
+
+    def sound_path(self, row: IndexRow) -> Path:
+        """Where the sound of a row is: of one that has no gain yet, with those in SI units."""
+        return (self.folder if row["gain_db"] else self.unscaled) / row["file"]
+
+    def _rows_done(self) -> list[tuple[int, IndexRow]]:
+        return [(number, row) for number, row in self.rows.items() if row["status"] == "done"]
+
+    def _drop(self, number: int) -> None:
+        """Forget a row, so that the same command renders it again."""
+        del self.rows[number]
+        self.outcome.gone, self.outcome.done = self.outcome.gone + 1, self.outcome.done - 1
+
+    def _scale(self) -> None:
+        """Write the sounds that are in SI units at their common gain. Those that have another one, of a time when
+        not all could be rendered, are dropped. Raises RuntimeError."""
+        self.outcome.gain_db = common_gain(row for _, row in self._rows_done())
+        gain = index_csv.format_cell(self.outcome.gain_db)
+        for number, row in self._rows_done():
+            source, target = self.unscaled / row["file"], self.folder / row["file"]
+            if source.is_file():
+                try:
+                    rescale(source, target, self.outcome.gain_db, self.subtype)
+                except (OSError, RuntimeError) as error:
+                    raise _write_error(target, error) from error
+                row["gain_db"] = gain
+            elif row["gain_db"] != gain:
+                self._drop(number)
+
+    def _remove_leftovers(self) -> None:
+        """Remove what a killed sweep left half-written."""
+        names = {"index.csv", *map(self.name_of, self.values)}
+        for folder in (self.folder, self.unscaled):
+            for path in [*folder.glob(".*.part")]:
+                if path.name[1:].rsplit(".", 2)[0] in names:
+                    path.unlink(missing_ok=True)
 
     def _write_index(self) -> None:
         try:
@@ -232,10 +309,10 @@ def _values_by_path(plan: SweepPlan, point: GridPoint) -> dict[str, Cell]:
     return {axis.path: str(value) for axis, value in zip(plan.axes, point, strict=True)}
 
 
-def _is_current(row: IndexRow, values: dict[str, Cell], folder: Path, task: RenderTask) -> bool:
+def _is_current(row: IndexRow, values: dict[str, Cell], path: Path, task: RenderTask) -> bool:
     """Whether a row is of this very point, and its sound is there, and whole as far as header and length tell."""
     is_same = row["status"] == "done" and row["fingerprint"] == values["fingerprint"]
-    path, rate = folder / row["file"], task.options["samplerate"]
+    rate = task.options["samplerate"]
     if not is_same or not row["file"] or not path.is_file():
         return False
     import soundfile

@@ -1,0 +1,27 @@
+"""One gain for all sounds of a sweep, so that their levels compare. It is known only when the loudest is rendered:
+until then sounds are kept in SI units, in a folder of their own."""
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+
+from engine.output_files import NORMALISED_PEAK_DBFS, SILENT_PEAK, apply_gain, save_audio
+from engine.sweep.index_csv import IndexRow
+
+UNSCALED_FOLDER = "unscaled"  # in the folder of the sweep, until this is done
+
+
+def common_gain(rows: Iterable[IndexRow]) -> float:
+    """The gain, dB, that brings the loudest sound of an index to the usual peak; 0 if all are silent. It depends on
+    nothing but the index, so that a sweep which goes on finds the same one again."""
+    peak = max((float(row["peak"]) for row in rows if row["peak"] and not float(row["silent"] or 0)), default=0.0)
+    return NORMALISED_PEAK_DBFS - 20 * math.log10(peak) if peak > SILENT_PEAK else 0.0
+
+
+def rescale(source: Path, target: Path, gain: float, subtype: str | None) -> None:
+    """Write a sound that is kept in SI units, at a gain, dB. Raises OSError or RuntimeError."""
+    import soundfile
+
+    audio, samplerate = soundfile.read(source, always_2d=True)
+    scaled, _ = apply_gain(audio, float(abs(audio).max(initial=0.0)), gain, subtype)
+    save_audio(target, scaled, samplerate, subtype)

@@ -1,0 +1,107 @@
+"""Notes and their velocities as axes of a sweep: a set of samples of an instrument."""
+
+import math
+import re
+from itertools import pairwise
+
+from engine.faults import Fault, PatchError
+from engine.instrument.expansion import describe_keys, keys_of
+from engine.instrument.key_names import note_name, parse_key, parse_keys, plain_note_name
+from engine.instrument.tables import DEFAULT_VELOCITY
+from engine.patch.one_note import scene_of_note
+from engine.patch.scene import Scene
+from engine.sweep.axes import SweepAxis
+
+NOTE, VELOCITY = "note", "velocity"  # the columns of the index, and the paths of the axes
+OPTIONS = {NOTE: "--notes", VELOCITY: "--velocities"}
+FULL_VELOCITY = 127
+NOTE_FORMS = "a range such as A0..C8, A0..C8/3 for every third key, or keys such as C2,F#3,A4"
+VELOCITY_FORMS = "how many layers, such as 8, or some velocities from 1 to 127, such as 40,80,127"
+MAX_KEYS_NAMED = 8  # in a message
+OTHER_CHARACTERS = re.compile(r"[^A-Za-z0-9_.-]+")  # of a file name, which shells or SFZ players may stumble over
+SILENT_SHARE = 1e-3  # of its amplitude, 60 dB down: then a damped note is over
+
+
+def parse_notes(text: str, scene: Scene) -> SweepAxis:
+    """Make an axis of the notes that --notes lists, upwards. Raises ValueError, whose message is one line."""
+    keys = sorted({key for word in text.split(",") for key in _parse_word(word)})
+    if scene.instrument is not None:
+        known = keys_of(scene.instrument["keyboard"])
+        if missing := [note_name(key) for key in keys if key not in known]:
+            rest = f" and {len(missing) - MAX_KEYS_NAMED} more" if len(missing) > MAX_KEYS_NAMED else ""
+            names = ", ".join(missing[:MAX_KEYS_NAMED]) + rest
+            raise ValueError(f"the instrument has no key {names}; {describe_keys(known)}")
+    else:
+        _check_pitched(scene)
+    return SweepAxis(NOTE, (), tuple(map(note_name, keys)))
+
+
+def _check_pitched(scene: Scene) -> None:
+    """Raise ValueError if nothing in a patch without a keyboard can be tuned to notes."""
+    from engine.live.midi_notes import MidiError
+    from engine.live.voice_allocator import pitched_bodies  # which imports Numba
+
+    try:
+        pitched_bodies(scene)
+    except MidiError as error:
+        raise ValueError(f"{error}, or an instrument: a patch with a [keyboard]") from None
+
+
+def _parse_word(word: str) -> list[int]:
+    """The keys of a range with or without a step, or one key. Both ends of a range are taken, whatever the step."""
+    text, slash, step = (part.strip() for part in word.partition("/"))
+    if not text or (slash and (not step.isdecimal() or int(step) < 1 or ".." not in text)):
+        raise ValueError(f'"{word.strip()}" is neither a key nor a range; {NOTE_FORMS}')
+    keys = parse_keys(text)
+    return [*keys[:: int(step or 1)], keys[-1]]
+
+
+def parse_velocities(text: str | None) -> SweepAxis:
+    """Make an axis of the velocities that --velocities gives: a number of layers, whose top is 127, or a list; one of
+    ordinary velocity if it is None. Raises ValueError."""
+    if text is None:
+        return SweepAxis(VELOCITY, (), (DEFAULT_VELOCITY,))
+    words = [word.strip() for word in text.split(",")]
+    if not all(word.isdecimal() and 1 <= int(word) <= FULL_VELOCITY for word in words):
+        raise ValueError(f'"{text}" is neither a number of layers nor a list of velocities; {VELOCITY_FORMS}')
+    numbers = sorted(map(int, words))
+    if len(numbers) == 1:
+        numbers = [round(FULL_VELOCITY * layer / numbers[0]) for layer in range(1, numbers[0] + 1)]
+    if twice := [a for a, b in pairwise(numbers) if a == b]:
+        raise ValueError(f"{twice[0]} stands there twice; {VELOCITY_FORMS}")
+    return SweepAxis(VELOCITY, (), tuple(numbers))
+
+
+def scene_with_note(scene: Scene, note: str, velocity: int, hold: float, seconds: float) -> Scene:
+    """The scene of one note: of an instrument; or of a patch without a keyboard, as one of its voices plays it.
+
+    hold: how long the key is down, s; seconds: how long the scene is
+    Raises PatchError.
+    """
+    try:
+        if scene.instrument is not None:
+            return scene_of_note(scene, note, velocity, hold, seconds)
+        from engine.live.one_voice import scene_of_voice  # which imports Numba
+
+        return scene_of_voice(scene, parse_key(note), velocity, hold, seconds)
+    except PatchError:
+        raise
+    except ValueError as error:
+        raise PatchError([Fault("", str(error))]) from None
+
+
+def release_time(scene: Scene, hold: float) -> float:
+    """How long a note goes on to sound when its key is let go, s: until its dampers have made it quiet, or as long as
+    the scene where it has none."""
+    rates = [event.sigma for event in scene.event if event.kind == "damp" and event.time == hold]
+    return -math.log(SILENT_SHARE) / min(rates) if rates else scene.seconds
+
+
+def plain_stem(patch_stem: str) -> str:
+    """The name of a patch with nothing in it that would have to be quoted."""
+    return OTHER_CHARACTERS.sub("_", patch_stem) or "patch"
+
+
+def note_file_name(stem: str, note: str, velocity: int) -> str:
+    """The name of the audio file of a note: piano_Cs4_v096.wav."""
+    return f"{stem}_{plain_note_name(parse_key(note))}_v{velocity:03d}.wav"

@@ -14,7 +14,9 @@ from bench.publish import compare, shipped
 from bench.recordings import command
 
 MEASUREMENTS = {  # in this order
-    "performance": ["realtime", "instruments", "scaling", "connections", "effects", "start", "tricks", "live"],
+    "performance": [
+        *("realtime", "instruments", "keyboards", "scaling", "connections", "effects", "start", "tricks", "live"),
+    ],
     "accuracy": ["price", "jvari", "metric", "hard", "one_way"],
     "paper": ["newton", "figures"],
     "rivals": ["peers"],

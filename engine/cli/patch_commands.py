@@ -147,8 +147,8 @@ def start_patch(args: argparse.Namespace) -> int:
         path = Path("none.toml")
     if like not in templates:
         near = difflib.get_close_matches(like, templates, 1, 0.5)
-        right = f'did you mean "{near[0]}"?' if near else ""
-        faults.append(Fault("--like", f'no template "{like}"; {right or ", ".join(templates)}'))
+        meant = f'did you mean "{near[0]}"? There are ' if near else ""
+        faults.append(Fault("--like", f'no template "{like}"; {meant}{", ".join(templates)}'))
     if path_exists(path):
         faults.append(Fault("", "exists; give another NAME", str(path)))
     elif not is_folder(path.parent):

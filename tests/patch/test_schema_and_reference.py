@@ -1,6 +1,7 @@
 """What is told of patches: schema, reference, parameters and templates, all from the models."""
 
 import json
+import math
 import tomllib
 from pathlib import Path
 
@@ -9,9 +10,12 @@ import pytest
 from conftest import PATCHES, ROOT
 
 import engine
+from engine.analysis.features import features
 from engine.cli import main
 from engine.instrument.expansion import OWN_TABLES, expand, is_instrument
+from engine.instrument.key_names import note_frequency, parse_key
 from engine.patch import json_schema, reference_page
+from engine.patch.one_note import scene_of_note
 from engine.patch.parameters import list_parameters, live_parameters
 
 TEMPLATES = sorted((ROOT / "patches" / "templates").glob("*.toml"))
@@ -183,16 +187,37 @@ def test_templates_sound_at_once(path):
     assert rendering.stats["energy"]["error_max"] < 1e-11
 
 
+@pytest.mark.parametrize(
+    ("name", "keys"),
+    [
+        ("piano", ["C2", "A4", "C6"]),
+        ("guitar", ["E2", "G4", "E5"]),
+        ("kalimba", ["C4", "E5"]),
+        ("marimba", ["C3", "C6"]),
+        ("drum", []),
+    ],
+)
+def test_templates_of_instruments_sound_and_are_in_tune(name, keys):
+    scene = engine.load(ROOT / "patches" / "templates" / f"{name}.toml")
+    phrase = engine.render(scene, seconds=0.3)
+    assert phrase.stats["peak"] > 1e-3 and phrase.stats["energy"]["error_max"] < 1e-10 and phrase.stats["trusted"]
+    for key in keys:
+        note = engine.render(scene_of_note(scene, key, 100, 1.2, 1.2))
+        heard = features(note.audio, note.samplerate)["fundamental_hz"]
+        assert abs(1200 * math.log2(heard / note_frequency(parse_key(key)))) < 12.0, key
+        assert note.stats["energy"]["error_max"] < 1e-10
+
+
 def test_new_overwrites_nothing_and_knows_its_templates(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main.main(["new", "a"]) == 0
-    assert "like hammer; --like also knows ball, bar, bridge, fret, pluck, rattle" in capsys.readouterr().out
+    assert "like hammer; --like also knows ball, bar, bridge, drum, fret, guitar, kalimba," in capsys.readouterr().out
     Path("a.toml").write_text("precious")
     assert main.main(["new", "a.toml"]) == 2
     assert "a.toml: exists; give another NAME" in capsys.readouterr().err
     assert Path("a.toml").read_text() == "precious"
     assert main.main(["new", "b", "--like", "hamer"]) == 2
-    assert 'no template "hamer"; did you mean "hammer"?' in capsys.readouterr().err
+    assert 'no template "hamer"; did you mean "hammer"? There are ball, bar,' in capsys.readouterr().err
     assert main.main(["new", "b", "--like", "theremin"]) == 2
     assert 'no template "theremin"; ball, bar, bridge' in capsys.readouterr().err
     assert main.main(["new", "no/b"]) == 2

@@ -32,9 +32,9 @@ class KeyWriter:
             return self._names[key]
         names = self._names[key] = names_of_key(key, float(self.keyboard.get("a4", 440.0)))
         for name, value in (self.keyboard.get("values") or {}).items():
-            found = self.read(value, key, names, ("keyboard", "values", name))
-            if is_number(found):
-                names[name] = float(found)
+            number = self.read(value, key, names, ("keyboard", "values", name))
+            if is_number(number):
+                names[name] = float(number)
             else:
                 self.add_fault(("keyboard", "values", name), value, "no number", "a number at every key")
         return names
@@ -119,8 +119,8 @@ class KeyWriter:
         if section != "body":
             for name in REFERENCES:
                 if written.get(name) in self.copies[key]:
-                    own = self.copies[key][written[name]]
-                    written[name] = name_of_copy(key, written[name], None if own is None else copy)
+                    copies = self.copies[key][written[name]]
+                    written[name] = name_of_copy(key, written[name], None if copies is None else copy)
             for name in EVENT_REFERENCES:
                 if isinstance(written.get(name), str) and self.has_name(name, written[name]):
                     written[name] = name_of_copy(key, written[name], copy)

@@ -79,7 +79,7 @@ def release_former_notes(writer: KeyWriter, notes: tuple[PlayedNote, ...]) -> li
 
 
 def waiting_forces(writer: KeyWriter, key: int) -> list[Event]:
-    """The plucks of a key at its fullest, as forces that wait to be told."""
+    """The plucks of a key at its fullest, as forces that wait until it is pressed."""
     forces = []
     fullest = {"v": 1.0, "soft": 0.0, "release": 0.5}
     for event, path, name in events_of_key(writer, "on", key, fullest, 0.0):

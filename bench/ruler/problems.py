@@ -27,13 +27,15 @@ def as_problem(scene: engine.Scene, samplerate: float = SAMPLERATE) -> Problem:
     layout = build(scene, samplerate).layout
     island = layout.islands
     assert island.mode.size == 2, "all bodies of a scene of the ruler can touch"
-    omega, sigma = layout.concatenate_modes("omega"), layout.concatenate_modes("sigma")
-    q, p = layout.concatenate_modes("q"), layout.concatenate_modes("p")
-    weight = -scene.gravity * layout.concatenate_modes("gravity_participation")
+    # those of the bodies, in the order of the scene
+    modes = np.concatenate([np.arange(*layout.global_modes(b).indices(1 << 30)) for b in range(len(scene.body))])
+    omega, sigma = layout.concatenate_modes("omega")[modes], layout.concatenate_modes("sigma")[modes]
+    q, p = layout.concatenate_modes("q")[modes], layout.concatenate_modes("p")[modes]
+    weight = -scene.gravity * layout.concatenate_modes("gravity_participation")[modes]
     rows = [layout.dense_mode_shape(a, 0) + layout.dense_mode_shape(b, 0) for a, b in layout.contact_rows]
-    pickup = layout.dense_mode_shape(_heard(layout), 0)
-    shapes = np.array(rows)
-    springs = [(_spring(layout, connection), connection.stiffness) for connection in scene.connection]
+    pickup = layout.dense_mode_shape(_heard(layout), 0)[modes]
+    shapes = np.array(rows)[:, modes]
+    springs = [(_spring(layout, connection)[modes], connection.stiffness) for connection in scene.connection]
     if springs:
         assert not sigma.any()
         matrix = np.diag(omega**2) + sum(k * np.outer(row, row) for row, k in springs)

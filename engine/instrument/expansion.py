@@ -49,14 +49,22 @@ def expand(document: dict[str, Any]) -> Expansion:
         score = score.with_middle_note(keys)
     expansion = Expansion(document)
     expansion.faults += _check_score(score, keys)
-    return expansion if expansion.faults else expand_for_score(document, score)
+    return expansion if expansion.faults else expand_keys(document, keys_needed(document, score), score)
 
 
 def expand_for_score(document: dict[str, Any], score: Score) -> Expansion:
-    """As `expand`, for another score than that of the document."""
+    """As `expand`, for another score than that of the document, which may end sooner than its other events."""
+    seconds = document.get("seconds")
+    if seconds is not None:
+        events = [event for event in document.get("event") or [] if event.get("time", 0.0) < seconds]
+        document = document | {"event": events}
+    return expand_keys(document, keys_needed(document, score), score)
+
+
+def keys_needed(document: dict[str, Any], score: Score) -> list[int]:
+    """The keys whose bodies a score needs."""
     wants_all = document["keyboard"].get("sympathetic") and score.uses_sustain()
-    played = keys_of(document["keyboard"]) if wants_all else sorted({note.key for note in score.notes})
-    return expand_keys(document, played, score)
+    return keys_of(document["keyboard"]) if wants_all else sorted({note.key for note in score.notes})
 
 
 def expand_keys(document: dict[str, Any], keys: list[int], score: Score, is_live: bool = False) -> Expansion:

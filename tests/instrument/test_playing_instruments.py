@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import soundfile
-from test_instruments import RATE, SCORE, STRINGS
+from test_keyboards import RATE, SCORE, STRINGS
 
 import engine
 from engine.cli import main

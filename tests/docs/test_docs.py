@@ -105,7 +105,7 @@ def test_the_notebook_runs(tmp_path):
 
 
 def test_the_gallery_is_that_of_the_patches():
-    """Made of the patches as they are, with a sound and a picture of each; sounds fit in 4 MB."""
+    """Made of the patches as they are, with a sound and a picture of each, and the pieces; sounds fit in 9 MB."""
     from bench.publish.gallery import LIMIT, PAGE, PICTURES, SOUNDS, WORDS, changed, mark
 
     words, page = tomllib.loads(WORDS.read_text("utf-8")), PAGE.read_text("utf-8")
@@ -119,7 +119,11 @@ def test_the_gallery_is_that_of_the_patches():
         assert heard.frames / heard.samplerate == pytest.approx(engine.load(path).seconds, abs=0.01)
         assert (PICTURES / f"{path.stem}.png").read_bytes().startswith(b"\x89PNG")
     assert sum(p.stat().st_size for p in SOUNDS.iterdir()) < LIMIT
-    assert {p.stem for p in [*SOUNDS.iterdir(), *PICTURES.iterdir()]} == set(words)
+    pieces = {f"{name}_piece" for name in words if "piece" in words[name]}
+    assert {p.stem for p in SOUNDS.iterdir()} == set(words) | pieces and {p.stem for p in PICTURES.iterdir()} == set(
+        words
+    )
+    assert all(f"audio/{piece}.ogg" in page for piece in pieces)
 
 
 def test_a_dozen_patches_sound_different():

@@ -45,9 +45,9 @@ def strikes_of_note(scene: Scene, body: PitchedBody, share: float) -> list[Event
         is_thrown_first = any(b.name == hammer and getattr(b, "velocity", None) for b in scene.body)
         throws = [e for e in scene.event if isinstance(e, StrikeEvent) and e.body == hammer]
         place = None if is_thrown_first else throws[0].displacement
-        told = {"time": 0.0, "body": hammer, "velocity": velocities[hammer] * share}
-        told |= {} if place is None else {"displacement": place}
-        strikes.append(StrikeEvent.model_validate({"kind": "strike"} | told))
+        event = {"time": 0.0, "body": hammer, "velocity": velocities[hammer] * share}
+        event |= {} if place is None else {"displacement": place}
+        strikes.append(StrikeEvent.model_validate({"kind": "strike"} | event))
     return strikes
 
 

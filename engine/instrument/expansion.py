@@ -4,12 +4,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
+from pydantic import ValidationError
+
 from engine.bodies.table import make_fault
 from engine.instrument.key_names import note_name, parse_key, parse_keys
 from engine.instrument.key_writer import SECTIONS, KeyWriter, Origins
 from engine.instrument.score import Score, read_score
 from engine.instrument.score_events import score_events
-from engine.instrument.tables import Keyboard
+from engine.instrument.tables import InstrumentDocument
 
 TAIL_SECONDS = 3.0  # after the last note, if the patch does not say how long it sounds
 OWN_TABLES = ("keyboard", "key", "note", "pedal")  # of a document that is an instrument
@@ -40,11 +42,10 @@ def expand(document: dict[str, Any]) -> Expansion:
     has sympathetic strings and the sustain pedal is used. A document that cannot be read so is returned as it is, for
     the faults of its structure."""
     try:
-        keyboard = Keyboard.model_validate(document.get("keyboard"))
-        score = read_score(document)
-        keys = keys_of(keyboard.model_dump())
-    except (ValueError, TypeError):  # which pydantic will report
+        InstrumentDocument.model_validate(document)
+    except ValidationError:  # which the scene will report
         return Expansion(document)
+    score, keys = read_score(document), keys_of(document["keyboard"])
     if not score.notes:
         score = score.with_middle_note(keys)
     expansion = Expansion(document)

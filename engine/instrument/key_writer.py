@@ -118,9 +118,9 @@ class KeyWriter:
             written["name"] = name_of_copy(key, table["name"], copy)
         if section != "body":
             for name in REFERENCES:
-                if written.get(name) in self.copies[key]:
-                    copies = self.copies[key][written[name]]
-                    written[name] = name_of_copy(key, written[name], None if copies is None else copy)
+                body = written.get(name)
+                if isinstance(body, str) and body in self.copies[key]:
+                    written[name] = name_of_copy(key, body, None if self.copies[key][body] is None else copy)
             for name in EVENT_REFERENCES:
                 if isinstance(written.get(name), str) and self.has_name(name, written[name]):
                     written[name] = name_of_copy(key, written[name], copy)

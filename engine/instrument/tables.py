@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
 from engine.bodies.table import Table
@@ -25,6 +25,8 @@ def _check_key(value: str) -> str:
 def _check_keys(value: Any) -> Any:
     """A range of keys, or a list of keys and ranges. Raises PydanticCustomError."""
     items = value if isinstance(value, list) else [value]
+    if not items:
+        raise PydanticCustomError("scene", 'no key; text such as "A0..C8", or a list of keys')
     for item in items:
         if not isinstance(item, str):
             message = '{value} is no range of keys; text such as "A0..C8", or a list of keys'
@@ -97,3 +99,21 @@ class Pedal(Table):
     sostenuto: Pressed | None = Field(
         default=None, description="from 0.5 on, it keeps the dampers of those keys that are down then"
     )
+
+
+class InstrumentDocument(BaseModel):
+    """The structure of a document that can be written out; what is in its plain sections is checked later."""
+
+    model_config = ConfigDict(extra="ignore", strict=True, allow_inf_nan=False)
+
+    seconds: float | None = None
+    keyboard: Keyboard
+    key: KeyTables | None = None
+    note: list[Note] | None = None
+    pedal: list[Pedal] | None = None
+    body: list[dict[str, Any]] | None = None
+    contact: list[dict[str, Any]] | None = None
+    connection: list[dict[str, Any]] | None = None
+    pickup: list[dict[str, Any]] | None = None
+    event: list[dict[str, Any]] | None = None
+    force: list[dict[str, Any]] | None = None

@@ -139,7 +139,7 @@ def _describe_table_error(error: Any, location: Location) -> str:
     is_table = kind in ("model_type", "model_attributes_type", "dict_type")
     if (is_table or kind == "list_type") and len(path) < 3:
         is_array = field is None or typing.get_origin(field.annotation) is list
-        header = f"[[{path[0]}]]" if is_array and path else f"[{_last_key(path)}]"
+        header = f"[[{_header(path)}]]" if is_array and path else f"[{_last_key(path)}]"
         return f"{value} is not a table; write {header}" if path else "not a table of keys"
     if is_table:
         inner = list(_models_by_kind(field.annotation).values()) if field else []
@@ -149,6 +149,11 @@ def _describe_table_error(error: Any, location: Location) -> str:
     if kind == "list_type":
         return f"{value} is not a list; write {_last_key(path)} = [ … ]: {_describe_field(field)}"
     return ""
+
+
+def _header(path: KeyPath) -> str:
+    """The name of a section, such as body or key.on."""
+    return ".".join(str(part) for part in path if not isinstance(part, int))
 
 
 def _describe_length_error(error: Any, location: Location) -> str:

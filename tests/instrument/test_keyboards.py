@@ -1,7 +1,14 @@
 """Instruments: what a musician writes for all keys, and what each key then is."""
 
+import contextlib
+import copy
 import json
 import math
+import random
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +17,7 @@ import engine
 from engine.cli import main
 from engine.instrument.key_names import note_frequency, parse_key, parse_keys
 from engine.patch.one_note import scene_of_note
+from engine.patch.reader import validate_document
 
 RATE = 44_100
 STRINGS = """
@@ -218,6 +226,7 @@ def test_keys_of_one_string_sound_one_at_a_time(load):
         ('keys = "C3..C5"', 'keys = "E4..C5"', "note[0].key", "the instrument has no key C4; E4 to C5"),
         ("[[key.damper]]", "[[key.dampers]]", "key.dampers", 'did you mean "damper"?'),
         ("length = { C3 = 1.0, C5 = 0.25 }", 'length = "long"', "keyboard.values.length", "no number"),
+        ('keys = "C3..C5"', "keys = []", "keyboard.keys", 'no key; text such as "A0..C8"'),
     ],
 )  # fmt: skip
 def test_faults_are_told_at_their_line_and_once_for_all_keys(load, old, new, path, says):
@@ -227,6 +236,29 @@ def test_faults_are_told_at_their_line_and_once_for_all_keys(load, old, new, pat
     assert len(faults) == 1 and says in faults[0][2], faults_of(load, text)
     if new in text and path != "note[0].key":
         assert faults[0][1] == line_of(text, new)
+
+
+WRONG_VALUES: list[Any] = [[], [1, 2], {}, {"a": 1}, "x", "= 1/0", True, math.inf, -1, 10**30, {"C4": "x"}, [[1]], "C4"]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_instrument_with_values_of_a_wrong_kind_is_refused(load, seed):
+    """Wherever they stand, of tables as well as of numbers."""
+    chance = random.Random(seed)
+    for _ in range(100):
+        document = tomllib.loads(STRINGS + SCORE)
+        table, key = chance.choice(list(places_in(document)))
+        table[key] = copy.deepcopy(chance.choice(WRONG_VALUES))
+        with contextlib.suppress(engine.PatchError):
+            validate_document(document, Path(), "strings.toml", "")
+
+
+def places_in(table: Any) -> Iterator[tuple[Any, Any]]:
+    """All tables and lists of a document, each with each of its keys."""
+    for key, value in list(table.items() if isinstance(table, dict) else enumerate(table)):
+        yield table, key
+        if isinstance(value, dict | list):
+            yield from places_in(value)
 
 
 def test_the_numbers_of_a_key_are_printed(load, tmp_path, capsys):

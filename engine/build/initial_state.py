@@ -9,7 +9,7 @@ from engine.build.layout import Layout
 from engine.kernel.axes import Axis, allocate
 from engine.kernel.codes import COLUMNS, DRIVE_FRAMES, LANES, Row
 from engine.kernel.model import Model
-from engine.kernel.state import ConnectionState, FreeFlightState, RefinementState, Scratch, State
+from engine.kernel.state import ConnectionState, FreeFlightState, NearContacts, RefinementState, Scratch, State
 
 
 def initial_state(layout: Layout, model: Model) -> State:
@@ -62,6 +62,7 @@ def _initial_connections(layout: Layout, counts: dict[Axis, int], q: np.ndarray)
         rest=rest,
         extension=np.where(rigid, 0.0, np.array(extension) - rest),
         lowest_energy=lowest_energies(layout),
+        near=allocate(NearContacts, counts, is_near=np.ones(counts[Axis.CONTACT], np.int64)),
     )
     return state
 

@@ -47,6 +47,13 @@ def forget_moves(joined):
         joined.is_move_known[0] = 0
 
 
+@inline
+def forget_near_contacts(joined):
+    """Other contacts than those in state.connection.near may close. joined: ConnectionState or None"""
+    if joined is not None:
+        joined.near.until[0] = 0
+
+
 # --- within a step
 
 
@@ -255,7 +262,7 @@ def reset_extensions(connection, state):
     """Read the extensions from the modes; what is rigid stays as it is."""
     if connection is not None:
         joined = state.connection
-        joined.is_move_known[0] = 0
+        joined.is_move_known[0] = joined.near.until[0] = 0
         for i in range(joined.extension.shape[0]):
             if connection.is_rigid[i] == 0:
                 joined.extension[i] = -joined.rest[i]

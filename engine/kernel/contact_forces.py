@@ -73,7 +73,6 @@ def find_contact_force(contact, h, state, k):
     )
     if not math.isfinite(eta + b + f):
         status = SolveStatus.FAILED
-    count_outcome(state, evaluations, status)
     return SingleSolution(eta, b, f, evaluations, status)
 
 
@@ -291,4 +290,5 @@ def solve_closing(contact, connection, step, coupling, state, last):
         if state.compression.shape[0] > 1:
             return solve_coupled_contacts(contact, connection, step, state)
     solution = find_contact_force(contact, step.contact, state, last)
+    count_outcome(state, solution.evaluations, solution.status)
     return use_single_solution(contact, connection, step, state, last, solution)

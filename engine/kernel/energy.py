@@ -4,7 +4,7 @@ It is measured from the state exactly as for the continuous system (paper, sec. 
 and never changes the scheme.
 """
 
-from engine.compiler.decorators import INT64_0, inline
+from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.compiler.lanes import EightFrom, FewFrom, lane_sum, magnitude, multiply_add, number_at, splat, zero_like
 from engine.kernel.codes import LANES, EnergyTotal, Ledger
 from engine.kernel.connections import connection_energy
@@ -60,6 +60,14 @@ def accumulate(totals, column, amount):
     before = totals[column]
     totals[column] = before + amount
     totals[column + 1] = amount - (totals[column] - before)
+
+
+@noinline
+def island_energy(model, state):
+    """Energy of an island, J."""
+    kinetic, potential, _ = kinetic_and_potential(model.omega_squared, model.weight, state.q, state.p)
+    stored = contact_energy(model.contact, state) + connection_energy(model.connection, state)
+    return kinetic + potential + stored
 
 
 @inline

@@ -9,10 +9,11 @@ import math
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.compiler.lanes import EightFrom, FewFrom, lane_sum, number_at, put_number, splat
 from engine.kernel.codes import LANES, NO_END, UNUSED_SLOT, DampedModes, EnergyTotal, EventCursor, EventKind
-from engine.kernel.connections import connection_energy, forget_moves
-from engine.kernel.contacts import contact_energy, invalidate_margins
-from engine.kernel.energy import accumulate, kinetic_and_potential
+from engine.kernel.connections import forget_moves, forget_near_contacts
+from engine.kernel.contacts import invalidate_margins
+from engine.kernel.energy import accumulate, island_energy
 from engine.kernel.external_forces import next_force
+from engine.kernel.near_contacts import keep_all_contacts
 from engine.kernel.sums import lanes_of
 
 
@@ -186,14 +187,6 @@ def execute_event(model, state, j, frame):
 
 
 @noinline
-def island_energy(model, state):
-    """Energy of an island, J."""
-    kinetic, potential, _ = kinetic_and_potential(model.omega_squared, model.weight, state.q, state.p)
-    stored = contact_energy(model.contact, state) + connection_energy(model.connection, state)
-    return kinetic + potential + stored
-
-
-@noinline
 def run_due_events(model, state, frame):
     """Let all events act that are due at the start of this step, and count the energy they take and give; dampers act
     at its end."""
@@ -203,17 +196,29 @@ def run_due_events(model, state, frame):
         following += 1
         cursor[EventCursor.DAMPED] = DampedModes.UNKNOWN
     cursor[EventCursor.NEXT] = following
-    for j in range(cursor[EventCursor.FIRST_ACTIVE], following):
-        if frame < events.end[j] and events.kind[j] != EventKind.DAMP:
-            before = island_energy(model, state)
-            execute_event(model, state, j, frame)
-            accumulate(state.energy_totals, EnergyTotal.SUPPLIED, island_energy(model, state) - before)
-            state.contact_free_until[0] = 0
-            invalidate_margins(state.refinement)
-            forget_moves(state.connection)
+    if acts_on_more_than_loss(events, cursor, frame):
+        keep_all_contacts(model.contact, model.connection, state)
+        before = island_energy(model, state)
+        for j in range(cursor[EventCursor.FIRST_ACTIVE], following):
+            if frame < events.end[j] and events.kind[j] != EventKind.DAMP:
+                execute_event(model, state, j, frame)
+        accumulate(state.energy_totals, EnergyTotal.SUPPLIED, island_energy(model, state) - before)
+        state.contact_free_until[0] = 0
+        invalidate_margins(state.refinement)
+        forget_moves(state.connection)
     forget_finished(events, state, frame)
     if cursor[EventCursor.DAMPED] == DampedModes.UNKNOWN:
         find_momentum_kept(events, state)
+        forget_near_contacts(state.connection)
+
+
+@inline
+def acts_on_more_than_loss(events, cursor, frame):
+    """Whether an event that has begun acts at this step and is not damping."""
+    for j in range(cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT]):
+        if frame < events.end[j] and events.kind[j] != EventKind.DAMP:
+            return True
+    return False
 
 
 @inline
@@ -284,11 +289,18 @@ def is_event_active(state):
 
 
 @inline
+def is_damping(events, state):
+    """Whether dampers of events act."""
+    if events is None:
+        return False
+    return is_event_active(state) and state.event_cursor[EventCursor.DAMPED] == DampedModes.SOME
+
+
+@inline
 def finish_score(events, state):
     """What the score says for the end of this step."""
-    if events is not None:
-        if is_event_active(state) and state.event_cursor[EventCursor.DAMPED] == DampedModes.SOME:
-            damp_modes(state)
+    if is_damping(events, state):
+        damp_modes(state)
 
 
 @inline

@@ -30,7 +30,7 @@ def write_trace(trace, begin, count, bounds, model, state, frame):
             trace.velocity[i, bounds.body_begin + b] = project(model.bodies, b, state.p)
         for k in range(state.compression.shape[0]):
             column = bounds.contact_begin + k
-            trace.compression[i, column] = traced_compression(model.contact, state, k, frame)
+            trace.compression[i, column] = traced_compression(model.contact, state.connection, state, k, frame)
             trace.force[i, column] = state.contact_force[k]
         trace.iterations[i] += state.law_evaluations[0]
         kinetic, potential, _ = kinetic_and_potential(model.omega_squared, model.weight, state.q, state.p)
@@ -42,12 +42,21 @@ def write_trace(trace, begin, count, bounds, model, state, frame):
 
 
 @inline
-def traced_compression(contact, state, k, frame):
-    """Compression k, m; where contacts are known to stay open it is read from the modes, for it is not kept."""
+def traced_compression(contact, joined, state, k, frame):
+    """Compression k, m; where a contact is known to stay open it is read from the modes, for it is not kept.
+    joined: ConnectionState or None"""
     if contact is not None:
-        if frame < state.contact_free_until[0]:
+        if frame < state.contact_free_until[0] or is_far(joined, k):
             return compression_from_modes(contact, contact.other_rows, state, k)
     return state.compression[k]
+
+
+@inline
+def is_far(joined, k):
+    """Whether contact k is left out of steps, for it cannot close."""
+    if joined is None:
+        return False
+    return joined.near.is_near[k] == 0
 
 
 @inline

@@ -13,6 +13,7 @@ from engine.compiler.decorators import FALSE, INT64_0, inline, kernel
 from engine.compiler.overloads import overload_by_type
 from engine.compiler.struct_types import load_struct
 from engine.kernel.codes import CHUNK_FRAMES, FLIGHT_FRAMES, EnergyTotal, FlightFrame, Sleep
+from engine.kernel.connected_contact_step import try_connected_step
 from engine.kernel.connected_step import connected_step
 from engine.kernel.connections import forget_moves, has_connections
 from engine.kernel.contacts import (
@@ -35,6 +36,7 @@ from engine.kernel.motion_bounds import (
     energy_of_connected,
     vibration_energy,
 )
+from engine.kernel.near_contacts import keep_all_contacts
 from engine.kernel.pickups import add_flown_pickups, add_pickups
 from engine.kernel.recording import (
     keep_evaluations,
@@ -79,6 +81,26 @@ def advance(model, contact, force, state, frame, is_free, in_contact):
     return advance_forced(model.refinement, model, state, frame, in_contact)
 
 
+@inline
+def step_as_connected(model, contact, connection, state, frame):
+    """A step in one pass over the modes, where there are connections and that is possible. Returns a StepOutcome."""
+    if contact is not None:
+        if connection is not None:
+            if has_connections(connection, state) and not has_forces(model.force):
+                is_done, outcome = try_connected_step(model, contact, connection, model.step, state, frame)
+                if is_done:
+                    return outcome
+    keep_all_contacts(contact, connection, state)
+    return step(model, model.force, model.step, state, frame)
+
+
+@inline
+def refined_step_of_all(refinement, model, state, frame, in_contact):
+    """A step in stages, of all contacts. Returns a StepOutcome."""
+    keep_all_contacts(model.contact, model.connection, state)
+    return refined_step(model, model.contact, model.force, refinement, state, frame, in_contact)
+
+
 def advance_forced(refinement: Any, model: Any, state: Any, frame: int, in_contact: bool) -> StepOutcome:
     """One step in which forces may act: in stages, if there is refinement. In compiled code only."""
     raise TypeError("advance_forced is for compiled code")
@@ -87,11 +109,11 @@ def advance_forced(refinement: Any, model: Any, state: Any, frame: int, in_conta
 overload_by_type(
     advance_forced,
     {  # chosen by type, so that the other is not compiled
-        type(None): lambda refinement, model, state, frame, in_contact: step(
-            model, model.force, model.step, state, frame
+        type(None): lambda refinement, model, state, frame, in_contact: step_as_connected(
+            model, model.contact, model.connection, state, frame
         ),
-        Refinement: lambda refinement, model, state, frame, in_contact: refined_step(
-            model, model.contact, model.force, refinement, state, frame, in_contact
+        Refinement: lambda refinement, model, state, frame, in_contact: refined_step_of_all(
+            refinement, model, state, frame, in_contact
         ),
     },
 )

@@ -7,9 +7,12 @@ import numpy as np
 from engine.kernel.axes import (
     Axis,
     Items,
+    PerCompliance,
     PerConnection,
+    PerConnectionContact,
     PerConnectionPair,
     PerContact,
+    PerContactInt,
     PerDoubleMode,
     PerEvent,
     PerIsland,
@@ -49,6 +52,23 @@ class Scratch(NamedTuple):
     is_active: PerPartitionInt  # [partitions, K]: whether a contact is in the active set
 
 
+class NearContacts(NamedTuple):
+    """The contacts of an island with connections that may close soon (engine.kernel.near_contacts). The last seven have
+    what a solve of these needs, one after the other, in front."""
+
+    until: PerIslandInt  # before this frame, no other contact can close
+    size: PerIslandInt  # how many they are
+    is_near: PerContactInt  # 1 or 0
+    contact: PerContactInt  # their numbers
+    compression: PerContact  # m
+    free_displacement: PerContact  # m
+    potential_coefficient: PerContact  # N/m^α
+    exponent: PerContact
+    loss_rate: PerContact  # 1/m
+    coupling: PerCompliance  # B, m/N
+    moves: PerConnectionContact  # m/N, of connections, a row for each
+
+
 class ConnectionState(NamedTuple):
     """What changes at connections, by coordinate."""
 
@@ -64,7 +84,9 @@ class ConnectionState(NamedTuple):
     is_move_known: PerIslandInt  # 1 if `free_move` is that of the coming step
     push: PerDoubleMode  # √kg·m/s: memory for what connections give each mode, and its momentum in the drift
     coming: PerDoubleMode  # √kg·m/s: and in the coming drift
+    contact_push: PerDoubleMode  # √kg·m/s: memory for what contacts give each mode in half a kick; 0 between steps
     matrix: PerConnectionPair  # memory to make factors
+    near: NearContacts
 
 
 class RefinementState(NamedTuple):

@@ -17,6 +17,7 @@ from engine.kernel.connections import (
     push_by_connections,
 )
 from engine.kernel.contact_forces import (
+    count_outcome,
     find_contact_force,
     solve_contacts,
     store_single_solution,
@@ -175,6 +176,7 @@ def step_in_two_passes(single, contact, weight, h, state):
         dissipated += end_step(h, weight, state.kick_compensation, state.q, state.p)
         return StepOutcome(FALSE, INT64_0, dissipated, 0.0)
     solution = find_contact_force(contact, h.contact, state, INT64_0)
+    count_outcome(state, solution.evaluations, solution.status)
     is_rare = must_be_measured(h.contact, state, 0, s, solution.eta, solution.force)
     if is_rare or solution.status == SolveStatus.FAILED or state.energy_debt[0] != 0.0:
         return finish_rare_step(contact, weight, h, state, solution, dissipated)

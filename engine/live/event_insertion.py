@@ -6,8 +6,8 @@ from engine.compiler.struct_types import load_struct
 from engine.kernel.codes import UNUSED_SLOT, DampedModes, EnergyTotal, EventCursor, EventKind, Sleep, SleepMonitor
 from engine.kernel.connections import reset_extensions
 from engine.kernel.contacts import compression_from_modes, resync_open_contacts
-from engine.kernel.energy import accumulate
-from engine.kernel.events import island_energy, move_event, next_due
+from engine.kernel.energy import accumulate, island_energy
+from engine.kernel.events import move_event, next_due
 from engine.kernel.free_flight import end_flight
 from engine.kernel.island_view import island_bounds, island_model, island_state
 from engine.kernel.recording import keep_energies

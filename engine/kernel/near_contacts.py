@@ -1,0 +1,149 @@
+"""Which contacts of an island with connections may close in the next samples, while others push.
+
+A piano has hundreds of contacts, of which a few hammers are in reach. The others are left out of the step and of the
+solve, for FLIGHT_FRAMES samples at a time, and their compressions are read from the modes after that. How far each can
+close is bounded by all the energy that the island has (engine.build.contact_reach): by the motion of its bodies, where
+no contact that is near pushes them, and what the forces of connections add; or by that energy alone.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from engine.compiler.decorators import INT64_0, inline, noinline
+from engine.compiler.overloads import overload_by_source
+from engine.kernel.codes import FLIGHT_FRAMES
+from engine.kernel.contacts import compression_from_modes, reach_of_connected, split_bound_at_contact
+from engine.kernel.energy import island_energy
+from engine.kernel.motion_bounds import bound_modal_displacements
+from engine.kernel.scalar_contact_solver import loss_rate_of
+
+UNBOUNDED = 1e290  # √kg·m: of a mode that a contact pushes
+
+
+@noinline
+def find_near_contacts(model, contact, connection, h, is_disturbed, state, frame):
+    """Find the contacts that may close in the next FLIGHT_FRAMES samples. is_disturbed: whether dampers of events act.
+
+    h: StepCoefficients
+    """
+    near = state.connection.near
+    read_far_contacts(contact, state)
+    if connection.is_plain[0] != 0:
+        select_contacts(model, contact, connection, is_disturbed, state)
+    else:
+        for k in range(near.is_near.shape[0]):
+            near.is_near[k] = 1
+    gather_coefficients(contact, h, state)
+    near.until[0] = frame + FLIGHT_FRAMES
+
+
+@inline
+def read_far_contacts(contact, state):
+    """Read the compressions that were not kept from the modes; all are kept now."""
+    near = state.connection.near
+    for k in range(near.is_near.shape[0]):
+        if near.is_near[k] == 0:
+            state.compression[k] = min(compression_from_modes(contact, contact.other_rows, state, k), 0.0)
+            state.compression_compensation[k] = state.contact_force[k] = 0.0
+            near.is_near[k] = 1
+    near.until[0] = 0
+
+
+@inline
+def keep_all_contacts(contact, connection, state):
+    """Bring all compressions up to date for a step of all contacts."""
+    if contact is not None:
+        if connection is not None:
+            read_far_contacts(contact, state)
+
+
+@inline
+def select_contacts(model, contact, connection, is_disturbed, state):
+    """Say which contacts may close; and of what these push, no bound but that of energy holds."""
+    near, bound, flight = state.connection.near, state.displacement_bound, model.flight
+    per_speed, per_weight = flight.bound_per_speed, flight.bound_per_weight
+    bound_modal_displacements(model.omega_squared, model.weight, per_speed, per_weight, state.q, state.p, bound)
+    amplitude = math.sqrt(max(0.0, 2.0 * island_energy(model, state)))
+    for k in range(near.is_near.shape[0]):
+        near.is_near[k] = 0
+    more = True
+    while more:
+        more = False
+        for k in range(near.is_near.shape[0]):
+            if near.is_near[k] == 0 and may_close(contact, connection, amplitude, is_disturbed, k, state):
+                near.is_near[k] = 2
+                more = True
+        for k in range(near.is_near.shape[0]):
+            if near.is_near[k] == 2:
+                near.is_near[k] = 1
+                forget_bounds(contact.rows, k, bound)
+                if contact.other_rows is not None:
+                    forget_bounds(contact.other_rows, k, bound)
+
+
+@inline
+def may_close(contact, connection, amplitude, is_disturbed, k, state):
+    """Whether contact k may close, or is closed. amplitude: √(2E) of the island, √J"""
+    bound = state.displacement_bound
+    distance, connected = split_bound_at_contact(contact, contact.other_rows, connection, k, bound)
+    distance += reach_of_connected(connection, amplitude, is_disturbed, k, connected)
+    return not state.compression[k] + 1.01 * distance < 0.0  # NaN may
+
+
+@inline
+def forget_bounds(rows, k, bound):
+    """Nothing bounds the modes of row k but their energy."""
+    for m in range(rows.mode_begin[k], rows.mode_end[k]):
+        bound[m] = UNBOUNDED
+
+
+# --- what a solve of the near ones needs
+
+
+@inline
+def gather_coefficients(contact, h, state):
+    """Gather what does not change from step to step."""
+    near, n, total = state.connection.near, INT64_0, state.compression.shape[0]
+    for k in range(total):
+        if near.is_near[k] != 0:
+            near.contact[n] = k
+            near.potential_coefficient[n], near.exponent[n] = state.potential_coefficient[k], state.exponent[k]
+            near.loss_rate[n] = loss_rate_of(h.contact.loss_rate, k)
+            n += 1
+    near.size[0] = n
+    gather_coupling(h.contact.coupling, n, total, near)
+    for i in range(state.connection.force.shape[0]):
+        for j in range(n):
+            near.moves[i * n + j] = h.connection.contact_moves[i * total + near.contact[j]]
+
+
+@inline
+def gather_coupling(coupling, n, total, near):
+    """Gather how far a force at each moves the others, if an island has several contacts."""
+    if coupling is not None:
+        for i in range(n):
+            for j in range(n):
+                near.coupling[i * n + j] = coupling[np.int64(near.contact[i]) * total + near.contact[j]]
+
+
+def law_of_near(law: Any, coefficient: Any, exponent: Any) -> Any:
+    """A law of the kind of `law`, with these coefficients and exponents. In compiled code only."""
+    raise TypeError("law_of_near is for compiled code")
+
+
+def _write_law(law: Any, coefficient: Any, exponent: Any) -> tuple[str, dict[str, Any]]:
+    kind = law.instance_class
+    return f"{kind.__name__}(coefficient, exponent)", {kind.__name__: kind}
+
+
+overload_by_source(law_of_near, _write_law)
+
+
+@inline
+def loss_rate_of_near(loss_rate, gathered):
+    """The loss rates that were gathered, if there is contact loss."""
+    if loss_rate is None:
+        return None
+    return gathered

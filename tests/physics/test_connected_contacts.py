@@ -21,7 +21,7 @@ def keyboard(seed: int, **more: Any) -> dict[str, Any]:
     bodies: list[dict[str, Any]] = [board(points | {"ear": (0.3, 0.6)}, modes=40)]
     contacts, connections = [], []
     for i in range(STRINGS):
-        gap, speed = 10 ** chance.uniform(-5, -2), chance.choice([0.0, 0.3, 1.0, 4.0])
+        gap, speed = 10 ** chance.uniform(-5, -1.3), chance.choice([0.0, 0.3, 1.0, 4.0])
         bodies.append(string(f"string_{i}", cents=100.0 * i, modes=12))
         bodies.append(
             {"name": f"hammer_{i}", "kind": "oscillator", "mass": 8e-3, "frequency": 5.0, "velocity": speed}
@@ -32,7 +32,7 @@ def keyboard(seed: int, **more: Any) -> dict[str, Any]:
         felt = {"stiffness": 4.5e8, "exponent": 2.5, "loss": 0.3} if i % 2 else {"stiffness": 1e7, "exponent": 1.5}
         contacts.append({"body": f"hammer_{i}", "on": f"string_{i}", "on_at": 0.12, "gap": gap * (i % 3 == 0)} | felt)
         contacts.append(
-            {"body": f"weight_{i}", "on": "board", "on_at": f"place_{i}", "gap": 10 ** chance.uniform(-7, -4)}
+            {"body": f"weight_{i}", "on": "board", "on_at": f"place_{i}", "gap": 10 ** chance.uniform(-7, -2)}
             | {"stiffness": 1e7, "exponent": 1.5}
         )
     pickups = [{"body": "board", "at": "ear"}, {"body": "hammer_1", "channel": 2}, {"body": "string_5", "at": 0.3}]

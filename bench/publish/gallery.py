@@ -17,8 +17,9 @@ from bench.publish.report import ROOT, publish, stamp
 from engine.analysis.features import features
 from engine.instrument.expansion import expand_for_score
 from engine.output_files import apply_gain
+from engine.patch.paths import locate
 from engine.report import plots
-from engine.sweep.axes import SweepAxis, locate
+from engine.sweep.axes import SweepAxis
 from engine.sweep.plan import scene_at
 
 PAGE, WORDS = ROOT / "docs" / "gallery.md", ROOT / "bench" / "gallery.toml"

@@ -3,11 +3,12 @@
 `Scene.model_validate({...})` reports every fault at once, those of structure and those that break a rule of the whole.
 """
 
+import copy
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import Field, ModelWrapValidatorHandler, PrivateAttr, ValidationError, ValidationInfo, model_validator
 from pydantic_core import InitErrorDetails
@@ -24,6 +25,9 @@ from engine.patch.positions import tables_of
 from engine.patch.rules import check_rules
 from engine.patch.tables import MAX_SECONDS, Connection, Contact, Event, Force, Pickup, SampledForce
 from engine.wording import to_one_line
+
+if TYPE_CHECKING:
+    from engine.patch.parameters import Parameter
 
 SAMPLE_RATE_RANGE = (4_000, 768_000)  # Hz
 MAX_TABLES = 5_000  # of one section
@@ -111,6 +115,55 @@ class Scene(Table):
             raise ValidationError.from_exception_data(type(self).__name__, expansion.faults[:MAX_FAULTS_COLLECTED])
         context = {"folder": self._folder, "expansion": expansion}
         return type(self).model_validate(self._document, context=context)
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """What the patch says, to be read again: a copy, with numbers in place of the files that bodies name; of an
+        instrument, as it was read."""
+        return copy.deepcopy(self._document) if self._document is not None else self.model_dump(exclude_unset=True)
+
+    @property
+    def folder(self) -> Path:
+        """The folder to which files in the document are relative."""
+        return self._folder
+
+    def parameters(self) -> "list[Parameter]":
+        """Every number that the patch gives, in its order: path, value, unit, range, meaning, and whether it can be
+        changed while it sounds. `fdh params` prints the same.
+
+        >>> import engine
+        >>> scene = engine.load("piano_c4")
+        >>> felt = next(p for p in scene.parameters() if p.path == "contact.felt.stiffness")
+        >>> felt.value, felt.unit, felt.live
+        (4500000000.0, 'N/m^exponent', True)
+        """
+        from engine.patch.parameters import list_parameters
+
+        return list_parameters(self)
+
+    def replace(self, path: str | Mapping[str, Any] | None = None, value: Any = None, /, **values: Any) -> "Scene":
+        """A new scene with other values; this one stays as it is.
+
+        path:   of a value, as `parameters` and `fdh params` name it: a key that the patch leaves at its default, too
+        value:  in SI units
+        values: several at once, by their paths; or give a dict of them instead of a path
+
+        Raises PatchError (a ValueError), which lists every fault at once: paths that lead nowhere, values out of range.
+
+        >>> import engine
+        >>> scene = engine.load("piano_c4")
+        >>> hard = scene.replace("contact.felt.stiffness", 1e10)
+        >>> both = scene.replace({"contact.felt.stiffness": 1e10, "body.hammer.velocity": 2.0})
+        >>> both.body[1].velocity, scene.body[1].velocity
+        (2.0, 2.5)
+        >>> scene.replace("contact.fellt.stiffness", 1e10)
+        Traceback (most recent call last):
+        engine.faults.PatchError: scene contact.fellt.stiffness: there is no "contact.fellt"; did you mean ...
+        """
+        from engine.patch.paths import replace_values
+
+        given = dict(path) if isinstance(path, Mapping) else {} if path is None else {path: value}
+        return replace_values(self, given | values)
 
     @property
     def channels(self) -> int:

@@ -1,14 +1,11 @@
 """Axes of a sweep: which value of a patch varies, and over what."""
 
 import math
-import typing
 from dataclasses import dataclass
 from typing import Any
 
-from pydantic import BaseModel
-
 from engine.bodies.table import KeyPath
-from engine.patch.error_messages import suggestion
+from engine.patch.paths import locate
 from engine.patch.scene import Scene
 
 MAX_GRID_POINTS = 100_000  # more are taken for a mistake
@@ -104,89 +101,3 @@ def _parse_value(word: str) -> Value:
         return float(word)
     except ValueError:
         return word
-
-
-def locate(path: str, scene: Scene, data: dict[str, Any]) -> tuple[KeyPath, bool]:
-    """Find the keys in the document that a path such as contact.glass.loss leads to, and whether integers belong there.
-
-    Raises ValueError, which says what is not there, and what is.
-    """
-    node: Any = scene
-    key_path: KeyPath = ()
-    integer, prefix = False, ""
-    for part in path.split("."):
-        integer, suffix = False, path[len(prefix + part) :]
-        if isinstance(node, BaseModel):
-            fields = type(node).model_fields
-            if part not in fields:
-                remedy = suggestion(part, list(fields), prefix, suffix)
-                raise ValueError(f'{path}: there is no "{prefix}{part}"; {remedy}')
-            key_path, node, integer = (*key_path, part), getattr(node, part), _takes_integers(fields[part].annotation)
-        elif isinstance(node, list):
-            index = _item_index(part, node, prefix, path)
-            key_path, node = (*key_path, index), node[index]
-        elif isinstance(node, dict) and part in node:
-            key_path, node = (*key_path, part), node[part]
-        elif isinstance(node, dict):
-            raise ValueError(f'{path}: there is no "{prefix}{part}"; {suggestion(part, list(node), prefix, suffix)}')
-        else:
-            fault = "is not in the patch; write it there" if node is None else "has no parts; leave out what follows it"
-            raise ValueError(f"{path}: {prefix[:-1]} {fault}")
-        prefix += f"{part}."
-    _refuse_table(path, node)
-    _check_in_document(data, key_path, path)
-    return key_path, integer
-
-
-def _refuse_table(path: str, node: Any) -> None:
-    """Raise ValueError, which lists its keys, if a path leads to a table and not to a value."""
-    is_array = isinstance(node, list)
-    if not isinstance(node, BaseModel | dict) and not (is_array and any(isinstance(i, BaseModel) for i in node)):
-        return
-    inner = type(node[0] if is_array else node)
-    keys = list(inner.model_fields) if issubclass(inner, BaseModel) else list(node)
-    table = f"{path}.0" if is_array else path
-    raise ValueError(f"{path}: a table; give one of its keys: {', '.join(f'{table}.{key}' for key in keys)}")
-
-
-def _item_index(part: str, items: list[Any], prefix: str, path: str) -> int:
-    """Index of the item of a list that a part of a path names: by its index, or as the only one of that name, or on
-    that body. Raises ValueError."""
-    section = prefix[:-1]
-    if part.isdecimal() and int(part) < len(items):
-        return int(part)
-    names = [getattr(item, "name", None) or getattr(item, "body", None) for item in items]
-    if all(hasattr(item, "name") for item in items):  # contacts without a name have an index only
-        names = [item.name for item in items]
-    indices = [n for n, name in enumerate(names) if name == part]
-    if len(indices) == 1:
-        return indices[0]
-    if indices:
-        choices = " or ".join(f"{prefix}{n}" for n in indices)
-        raise ValueError(f'{path}: {len(indices)} of {section} are on "{part}"; {choices}')
-    if not items:
-        raise ValueError(f"{path}: the patch has no {section}; write it there")
-    known = [name for name in names if name] if not part.isdecimal() else []
-    remedy = f"{prefix}0" + (f" to {prefix}{len(items) - 1}" if len(items) > 1 else "")
-    remedy = suggestion(part, known, prefix, path[len(prefix + part) :]) if known else remedy
-    raise ValueError(f'{path}: there is no "{prefix}{part}"; {remedy}')
-
-
-def _takes_integers(annotation: Any) -> bool:
-    """Whether the values of a field are integers only."""
-    inner = typing.get_args(annotation)
-    return annotation is int or isinstance(annotation, int) or (float not in inner and any(map(_takes_integers, inner)))
-
-
-def _check_in_document(data: dict[str, Any], key_path: KeyPath, path: str) -> None:
-    """Raise ValueError unless all but the last key of a path stand in the document; [accuracy] may be missing."""
-    node: Any = data
-    for n, key in enumerate(key_path[:-1]):
-        if isinstance(node, dict) and key not in node:
-            if key_path[:1] == ("accuracy",):
-                return
-            fault = "its modes come from a file" if "file" in node else "it is not in the patch"
-            raise ValueError(f"{path}: {fault}; write {'.'.join(map(str, key_path[: n + 1]))} there")
-        if isinstance(node, list) and isinstance(key, int) and key >= len(node):
-            raise ValueError(f"{path}: it is written out for a key; vary what is under key or keyboard.values")
-        node = node[key]

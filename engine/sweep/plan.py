@@ -18,6 +18,7 @@ from engine.faults import Fault, PatchError
 from engine.output_files import absolute_path, check_audio_format
 from engine.patch.error_messages import format_path
 from engine.patch.one_note import HOLD_SECONDS, TAIL_SECONDS
+from engine.patch.paths import set_value
 from engine.patch.reader import validate_document
 from engine.patch.scene import Scene
 from engine.sweep.axes import MAX_GRID_POINTS, SweepAxis, Value, parse_axis
@@ -93,10 +94,7 @@ def scene_at(data: dict[str, Any], patch: str, axes: list[SweepAxis], point: Gri
     """The scene of a point: the document with the values of the point in place. Raises PatchError."""
     data = copy.deepcopy(data)
     for axis, value in zip(axes, point, strict=True):
-        node: Any = data
-        for key in axis.key_path[:-1]:
-            node = node.setdefault(key, {}) if isinstance(node, dict) else node[key]
-        node[axis.key_path[-1]] = value
+        set_value(data, axis.key_path, value)
     return validate_document(data, Path(patch).parent, patch, "")
 
 

@@ -295,7 +295,7 @@ def test_values_of_a_written_out_key_cannot_vary(lyre, tmp_path, capsys):
     """Its body is in the scene, but in the patch there is only the shared one."""
     Path(lyre).write_text(LYRE + '[[body]]\nname = "box"\nkind = "mass"\nmass = 1.0\n', "utf-8")
     assert main.main(["sweep", lyre, "-o", str(tmp_path / "set"), "--vary", "body.C4_string.length=1,2"]) == 2
-    assert "it is written out for a key; vary what is under key or keyboard.values" in capsys.readouterr().err
+    assert "it is written out for a key; change what is under key or keyboard.values" in capsys.readouterr().err
 
 
 def test_other_things_and_other_sweeps_are_not_touched(lyre, tmp_path, alone, capsys):

@@ -1,0 +1,145 @@
+"""Paths of values in a patch: `contact.felt.stiffness`, `event.0.time`; as `fdh params` lists them."""
+
+import dataclasses
+import typing
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel
+
+from engine.bodies.table import KeyPath
+from engine.faults import Fault, PatchError
+from engine.patch.error_messages import suggestion
+from engine.patch.reader import validate_document
+from engine.patch.scene import Scene
+
+IN_MESSAGES = "scene"  # what faults call a scene, which may have been read from no file
+
+
+def replace_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
+    """A scene with other values by their paths. Raises PatchError, which lists every fault; TypeError if a path is no
+    text."""
+    data = scene.document
+    faults = []
+    for path, value in values.items():
+        if not isinstance(path, str):
+            raise TypeError(f"{path!r} is no path; give text, such as {_example(scene)}")
+        try:
+            key_path, _ = locate(path, scene, data)
+        except ValueError as error:
+            faults.append(Fault(path, str(error).removeprefix(f"{path}: "), IN_MESSAGES))
+            continue
+        set_value(data, key_path, _plain(value))
+    if faults:
+        raise PatchError(faults)
+    try:
+        return validate_document(data, scene.folder, IN_MESSAGES, "")
+    except PatchError as error:
+        raise PatchError([dataclasses.replace(fault, line=None) for fault in error.faults]) from None
+
+
+def _example(scene: Scene) -> str:
+    """A path that the scene has."""
+    return next((f'"{parameter.path}"' for parameter in scene.parameters()), '"seconds"')
+
+
+def _plain(value: Any) -> Any:
+    """A value as a patch has it: numbers and arrays of NumPy, and tuples, become numbers and lists."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return [_plain(inner) for inner in value] if isinstance(value, list | tuple) else value
+
+
+def set_value(data: dict[str, Any], key_path: KeyPath, value: Any) -> None:
+    """Write a value into a document, in place. key_path: of a value that `locate` has found."""
+    node: Any = data
+    for key in key_path[:-1]:
+        node = node.setdefault(key, {}) if isinstance(node, dict) else node[key]
+    node[key_path[-1]] = value
+
+
+def locate(path: str, scene: Scene, data: dict[str, Any]) -> tuple[KeyPath, bool]:
+    """Find the keys in the document that a path such as contact.glass.loss leads to, and whether integers belong there.
+
+    Raises ValueError, which says what is not there, and what is.
+    """
+    node: Any = scene
+    key_path: KeyPath = ()
+    integer, prefix = False, ""
+    for part in path.split("."):
+        integer, suffix = False, path[len(prefix + part) :]
+        if isinstance(node, BaseModel):
+            fields = type(node).model_fields
+            if part not in fields:
+                remedy = suggestion(part, list(fields), prefix, suffix)
+                raise ValueError(f'{path}: there is no "{prefix}{part}"; {remedy}')
+            key_path, node, integer = (*key_path, part), getattr(node, part), _takes_integers(fields[part].annotation)
+        elif isinstance(node, list):
+            index = _item_index(part, node, prefix, path)
+            key_path, node = (*key_path, index), node[index]
+        elif isinstance(node, dict) and part in node:
+            key_path, node = (*key_path, part), node[part]
+        elif isinstance(node, dict):
+            raise ValueError(f'{path}: there is no "{prefix}{part}"; {suggestion(part, list(node), prefix, suffix)}')
+        else:
+            fault = "is not in the patch; write it there" if node is None else "has no parts; leave out what follows it"
+            raise ValueError(f"{path}: {prefix[:-1]} {fault}")
+        prefix += f"{part}."
+    _refuse_table(path, node)
+    _check_in_document(data, key_path, path)
+    return key_path, integer
+
+
+def _refuse_table(path: str, node: Any) -> None:
+    """Raise ValueError, which lists its keys, if a path leads to a table and not to a value."""
+    is_array = isinstance(node, list)
+    if not isinstance(node, BaseModel | dict) and not (is_array and any(isinstance(i, BaseModel) for i in node)):
+        return
+    inner = type(node[0] if is_array else node)
+    keys = list(inner.model_fields) if issubclass(inner, BaseModel) else list(node)
+    table = f"{path}.0" if is_array else path
+    raise ValueError(f"{path}: a table; give one of its keys: {', '.join(f'{table}.{key}' for key in keys)}")
+
+
+def _item_index(part: str, items: list[Any], prefix: str, path: str) -> int:
+    """Index of the item of a list that a part of a path names: by its index, or as the only one of that name, or on
+    that body. Raises ValueError."""
+    section = prefix[:-1]
+    if part.isdecimal() and int(part) < len(items):
+        return int(part)
+    names = [getattr(item, "name", None) or getattr(item, "body", None) for item in items]
+    if all(hasattr(item, "name") for item in items):  # contacts without a name have an index only
+        names = [item.name for item in items]
+    indices = [n for n, name in enumerate(names) if name == part]
+    if len(indices) == 1:
+        return indices[0]
+    if indices:
+        choices = " or ".join(f"{prefix}{n}" for n in indices)
+        raise ValueError(f'{path}: {len(indices)} of {section} are on "{part}"; {choices}')
+    if not items:
+        raise ValueError(f"{path}: the patch has no {section}; write it there")
+    known = [name for name in names if name] if not part.isdecimal() else []
+    remedy = f"{prefix}0" + (f" to {prefix}{len(items) - 1}" if len(items) > 1 else "")
+    remedy = suggestion(part, known, prefix, path[len(prefix + part) :]) if known else remedy
+    raise ValueError(f'{path}: there is no "{prefix}{part}"; {remedy}')
+
+
+def _takes_integers(annotation: Any) -> bool:
+    """Whether the values of a field are integers only."""
+    inner = typing.get_args(annotation)
+    return annotation is int or isinstance(annotation, int) or (float not in inner and any(map(_takes_integers, inner)))
+
+
+def _check_in_document(data: dict[str, Any], key_path: KeyPath, path: str) -> None:
+    """Raise ValueError unless all but the last key of a path stand in the document; [accuracy] may be missing."""
+    node: Any = data
+    for n, key in enumerate(key_path[:-1]):
+        if isinstance(node, dict) and key not in node:
+            if key_path[:1] == ("accuracy",):
+                return
+            fault = "its modes come from a file" if "file" in node else "it is not in the patch"
+            raise ValueError(f"{path}: {fault}; write {'.'.join(map(str, key_path[: n + 1]))} there")
+        if isinstance(node, list) and isinstance(key, int) and key >= len(node):
+            raise ValueError(f"{path}: it is written out for a key; change what is under key or keyboard.values")
+        node = node[key]

@@ -10,15 +10,17 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from engine.analysis.error_estimate import ErrorEstimate, estimate_error
+    from engine.api.audio_input import AudioInput
+    from engine.api.player import Player
+    from engine.api.rendering import Rendering, render
     from engine.faults import BuildError, PatchError
-    from engine.live.player import Player
-    from engine.offline.render import Rendering, render
     from engine.patch.reader import load
     from engine.patch.scene import Scene
 
     __version__: str
 
 __all__ = [
+    "AudioInput",
     "BuildError",
     "ErrorEstimate",
     "PatchError",
@@ -31,15 +33,16 @@ __all__ = [
 ]
 
 _HOME = {
+    "AudioInput": "api.audio_input",
     "BuildError": "faults",
     "ErrorEstimate": "analysis.error_estimate",
     "estimate_error": "analysis.error_estimate",
     "PatchError": "faults",
-    "Player": "live.player",
-    "Rendering": "offline.render",
+    "Player": "api.player",
+    "Rendering": "api.rendering",
     "Scene": "patch.scene",
     "load": "patch.reader",
-    "render": "offline.render",
+    "render": "api.rendering",
 }
 _FROM_SOURCE = "0+source"  # the version of what is not installed
 

@@ -28,7 +28,7 @@ from engine.live import audio_device, midi, midi_notes, recovery
 from engine.live.hot_reload import PatchWatcher
 from engine.live.instrument_notes import scene_of_file
 from engine.live.key_allocator import live_scene
-from engine.live.player import Player
+from engine.live.player import HEADROOM, Player
 from engine.live.recording import NoRecording, Recording
 from engine.live.shared_memory import Gauge
 from engine.output_files import absolute_path, atomic_write, error_reason
@@ -44,7 +44,6 @@ QUICK_PILOT_SECONDS = 0.06  # … or an edit of it …
 MAX_PILOT_SECONDS = 30.0  # … and how much of it at most
 WINDOW = 0.05  # s, of which the dearest counts
 RETRIES = 2  # of a patch that seems too heavy
-HEADROOM = 0.5  # peak of the pilot in the output: what is struck later may be louder
 DRIVER_TIMEOUT = 2.0  # s, for the driver to end
 SOFTEST = 0.2  # of a hammer's own speed, for key 1; key 5 is as the patch has it
 ENDS = {"q": "quit", "n": "next"}

@@ -98,6 +98,25 @@ def open_stream(
         raise DeviceError(f"{name} {message}") from error
 
 
+def open_duplex_stream(player: Any, device: str | None, frames: int, latency: str | float | None) -> Any:
+    """A stream, not yet started, that plays and listens to the default input, whose first channel goes to the player's
+    `play_block`. Arguments and errors as of `open_stream`."""
+    sounddevice = load_sounddevice()
+    number, name, _, _ = find_output(device)
+
+    def fill_block(heard: "np.ndarray", out: "np.ndarray", frames: int, time: Any, status: Any) -> None:
+        if player.finished:
+            out[:] = 0.0
+            raise sounddevice.CallbackStop
+        player.play_block(out, heard[:, 0])
+
+    options = {"samplerate": player.samplerate, "blocksize": frames, "latency": latency, "dtype": "float32"}
+    try:
+        return sounddevice.Stream(device=(None, number), channels=(1, player.channels), callback=fill_block, **options)
+    except (sounddevice.PortAudioError, ValueError) as error:
+        raise DeviceError(f"{name} and the default input cannot be opened together ({error})") from error
+
+
 def _python_callback(player: "Player", sounddevice: Any) -> Any:
     """A callback in Python, of the same samples."""
     from time import perf_counter as time_now

@@ -1,11 +1,11 @@
 """The queue of events from Python to the audio thread, and the log of what it took."""
 
-import operator
 import threading
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
+from engine.argument_checks import checked_integer
 from engine.kernel.codes import EventKind
 from engine.live import kernels
 from engine.live.audio_memory import MAX_FRAMES, QUEUE_SIZE, AudioMemory
@@ -39,6 +39,11 @@ class EventQueue:
             else:
                 self._log.append({"frame": None, "why": [*description, "dropped: too many at once"], "row": list(row)})
             self._drain()
+
+    def put_unlogged(self, row: QueuedEvent) -> bool:
+        """Put an event into the queue that is in no log. Returns whether there was room."""
+        with self._lock:
+            return bool(kernels.enqueue()(self._memory.shared.ctypes.data, *row))
 
     def entries(self) -> list[dict[str, Any]]:
         """The log up to now: events that were taken or dropped, and changes of quality, in the order in which they were
@@ -85,26 +90,6 @@ def make_event(of: type[E], parameter: str | None = None, **keys: Any) -> E:
         name = "seconds" if name == "duration" else str(parameter) if is_parameter else name
         shown = f"{value:g}" if isinstance(value, int | float) and abs(value) < MAX_FRAMES**8 else repr(value)
         raise ValueError(f"{name} = {shown} is out of range; {fault['msg']}") from None
-
-
-def checked_number(name: str, value: float) -> float:
-    """A number. Raises TypeError if it is none, ValueError if it is too large for one."""
-    try:
-        if isinstance(value, str | bytes):
-            raise TypeError
-        return float(value)
-    except (TypeError, ValueError):
-        raise TypeError(f"{name} = {value!r} is no number; give one, such as 1.0") from None
-    except OverflowError:
-        raise ValueError(f"{name} is out of range; it has more digits than a number holds") from None
-
-
-def checked_integer(name: str, value: int) -> int:
-    """A whole number. Raises TypeError if it is none."""
-    try:
-        return operator.index(value)
-    except TypeError:
-        raise TypeError(f"{name} = {value!r} is no whole number; give one, such as 0") from None
 
 
 def checked_frame(value: int) -> int:

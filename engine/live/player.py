@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from engine.argument_checks import checked_integer, checked_number
 from engine.bodies import Mass, Oscillator
 from engine.build.build import build, nominal_stiffness
 from engine.build.event_table import event_rows
@@ -24,7 +25,7 @@ from engine.kernel.codes import NO_END, UNUSED_SLOT, EventKind, Sleep
 from engine.kernel.laws import Power
 from engine.live import kernels
 from engine.live.audio_memory import AudioMemory
-from engine.live.event_queue import EventQueue, QueuedEvent, checked_frame, checked_integer, checked_number, make_event
+from engine.live.event_queue import EventQueue, QueuedEvent, checked_frame, make_event
 from engine.live.meter import MeterReading
 from engine.live.retuning import VoiceTuning
 from engine.live.shared_memory import Gauge, Slot
@@ -33,6 +34,7 @@ from engine.offline.energy_statistics import energy_statistics
 from engine.offline.statistics import newton_statistics
 from engine.parallel.helpers import start_helpers
 from engine.patch.parameters import live_parameters
+from engine.patch.reader import check_scene
 from engine.patch.scene import Scene
 from engine.patch.tables import (
     MAX_SECONDS,
@@ -49,6 +51,7 @@ CROSS_FADE_SECONDS = 0.02
 EVENTS_PER_ISLAND = 64  # at a time, or …
 EVENTS_PER_BODY = 4  # … so many for each body, if that is more: all dampers may move at once
 GLIDE_SECONDS = 0.02  # of a live parameter
+HEADROOM = 0.5  # of full scale, for the peak of what is played first: what is struck later may be louder
 MUTE_SIGMA, MUTE_SECONDS = 40.0, 0.4  # decay rate, 1/s, and how long it damps
 
 
@@ -63,7 +66,7 @@ class Player:
     cores:   how many share the work, at audio priority where that is allowed; the samples are the same
     kernel:  special, general or auto (engine.parallel.kernel_choice); the samples are the same
     waiting: forces that are over after a while wait until they are told by `pluck`
-    Raises BuildError as `engine.build.build.build`.
+    Raises TypeError if an argument is of the wrong kind, BuildError as `engine.build.build.build`.
     """
 
     def __init__(
@@ -79,6 +82,10 @@ class Player:
         kernel: str | None = None,
         waiting: bool = False,
     ) -> None:
+        check_scene(scene)
+        samplerate, gain = checked_integer("samplerate", samplerate), checked_number("gain", gain)
+        voices, cores = checked_integer("voices", voices), checked_integer("cores", cores)
+        seconds = scene.seconds if seconds is None else checked_number("seconds", seconds)
         if not math.isfinite(gain):
             raise ValueError(f"gain = {gain} is no factor")
         if scene.accuracy.oversample > 1:
@@ -96,7 +103,6 @@ class Player:
         self.model, self.state, self.layout = built
         if self.waiting and self.model.force is not None:
             self.model.force.start[:] = UNUSED_SLOT
-        seconds = scene.seconds if seconds is None else seconds
         self.memory = AudioMemory(built, scene.accuracy, self.channels, seconds, gain, kernel)
         self.shared, self.gauges, self.loads = self.memory.shared, self.memory.gauges, self.memory.loads
         self._helpers = start_helpers(cores, self.model.islands.partition.size - 1, in_realtime=True)
@@ -187,8 +193,7 @@ class Player:
         if not 0.0 < checked_number("scale", scale) <= 1e6:
             raise ValueError(f"scale = {scale:g} is out of range; more than 0, at most 1e6")
         self._body(body)
-        forces = [(j, self.layout.forces[number]) for j, number in enumerate(self.layout.force_order)]
-        over = [(j, force) for j, force in forces if not isinstance(force, ConstantForce | SampledForce)]
+        over = self._brief_forces()
         chosen = [j for j, force in over if force.body == body]
         if not chosen:
             others = dict.fromkeys(force.body for _, force in over)
@@ -197,6 +202,11 @@ class Player:
         island = self.layout.island_of_body[self.layout.body_index[body]]
         for j in chosen:
             self._queue.put(["pluck", j], (EventKind.PLUCK, island, j, j + 1, frame, 1, scale, 0.0))
+
+    def _brief_forces(self) -> list[tuple[int, Any]]:
+        """The forces that are over after a while, by their place in the model."""
+        forces = [(j, self.layout.forces[number]) for j, number in enumerate(self.layout.force_order)]
+        return [(j, force) for j, force in forces if not isinstance(force, ConstantForce | SampledForce)]
 
     def lift(self, body: str, frame: int = 0) -> None:
         """Lift the dampers of a body; one that is to come down for good, by the score, stays up."""

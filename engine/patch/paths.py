@@ -1,6 +1,5 @@
 """Paths of values in a patch: `contact.felt.stiffness`, `event.0.time`; as `fdh params` lists them."""
 
-import dataclasses
 import typing
 from collections.abc import Mapping
 from typing import Any
@@ -11,10 +10,8 @@ from pydantic import BaseModel
 from engine.bodies.table import KeyPath
 from engine.faults import Fault, PatchError
 from engine.patch.error_messages import suggestion
-from engine.patch.reader import validate_document
+from engine.patch.reader import DOCUMENT, validate_document
 from engine.patch.scene import Scene
-
-IN_MESSAGES = "scene"  # what faults call a scene, which may have been read from no file
 
 
 def replace_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
@@ -28,15 +25,12 @@ def replace_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
         try:
             key_path, _ = locate(path, scene, data)
         except ValueError as error:
-            faults.append(Fault(path, str(error).removeprefix(f"{path}: "), IN_MESSAGES))
+            faults.append(Fault(path, str(error).removeprefix(f"{path}: "), DOCUMENT))
             continue
         set_value(data, key_path, _plain(value))
     if faults:
         raise PatchError(faults)
-    try:
-        return validate_document(data, scene.folder, IN_MESSAGES, "")
-    except PatchError as error:
-        raise PatchError([dataclasses.replace(fault, line=None) for fault in error.faults]) from None
+    return validate_document(data, scene.folder, DOCUMENT, "")
 
 
 def _example(scene: Scene) -> str:

@@ -25,10 +25,12 @@ from engine.patch.error_messages import (
 )
 from engine.patch.scene import MAX_FAULTS_COLLECTED, Scene
 from engine.patch.toml_lines import NestedTooDeep, locate_keys, nearest_line, split_statements
-from engine.wording import program_name
+from engine.wording import program_name, to_one_line
 
 MAX_PATCH_BYTES = 1 * MB  # a larger patch takes seconds to read
 MAX_FAULTS_LISTED = 50
+DOCUMENT = "scene"  # what faults call a patch that was read from no file
+MAX_SHOWN_CHARACTERS = 60  # of what is no scene or path
 MAX_NUMBER_DIGITS = 4_000  # Python reads some more
 
 # what Python's TOML reader says, and what would be right
@@ -39,14 +41,45 @@ SYNTAX_REMEDIES = {
 }
 
 
-def load(path: str | Path) -> Scene:
-    """Read a patch: a file, or a shipped one by its name. Raises PatchError, which lists every fault at once."""
+def load(path: str | Path | dict[str, Any]) -> Scene:
+    """Read a patch: a file, a shipped one by its name, or a document, which is a dict as TOML readers give it.
+
+    Raises PatchError (a ValueError), which lists every fault at once; TypeError if `path` is none of these.
+
+    >>> import engine
+    >>> engine.load("tanpura").title
+    'Tanpura, D3'
+    >>> engine.load("tanpra")
+    Traceback (most recent call last):
+    engine.faults.PatchError: tanpra: no such file or shipped patch; did you mean tanpura?
+    >>> ball = {"name": "ball", "kind": "mass", "mass": 0.1, "velocity": 1.0}
+    >>> engine.load({"body": [ball], "pickup": [{"body": "ball"}]}).seconds
+    2.0
+    """
+    if isinstance(path, dict):
+        return validate_document(path, Path(), DOCUMENT, "")
+    if not isinstance(path, str | Path):
+        raise TypeError(
+            f'{to_one_line(repr(path), 60)} is no path; give one, or a shipped name: engine.load("tanpura")'
+        )
     path = find_patch(path)
     text = read_text(path)
     data = _parse_toml(str(path), text)
     if not data:
         raise PatchError([Fault("", f"empty; {program_name()} new NAME writes a patch to begin with", str(path))])
     return validate_document(data, path.parent, str(path), text)
+
+
+def check_scene(scene: Any) -> None:
+    """Raise TypeError, which says how to come by one, if something is no Scene."""
+    if isinstance(scene, Scene):
+        return
+    shown = to_one_line(repr(scene), MAX_SHOWN_CHARACTERS)
+    if isinstance(scene, str | Path):
+        raise TypeError(f"{shown} is the name of a patch, not a scene; give engine.load({shown})")
+    if isinstance(scene, dict):
+        raise TypeError(f"{shown} is a document, not a scene; give engine.load of it")
+    raise TypeError(f'{shown} is no scene; give one, such as engine.load("tanpura")')
 
 
 def read_text(path: Path) -> str:
@@ -73,7 +106,8 @@ def validate_document(data: dict[str, Any], folder: Path, file: str, text: str) 
     try:
         return Scene.model_validate(data, context={"folder": folder, "origins": origins})
     except ValidationError as error:
-        raise PatchError(_make_faults(file, text, error.errors(include_url=False), origins)) from None
+        faults = _make_faults(file, text, error.errors(include_url=False), origins)
+        raise PatchError(faults if text else [replace(fault, line=None) for fault in faults]) from None
 
 
 def locate_build_faults(file: str, faults: list[Fault]) -> list[Fault]:

@@ -12,7 +12,7 @@ from conftest import ROOT
 
 # a package imports only from those to its left; those of one group do not know each other, but all know the first
 ORDER = [
-    ["wording", "faults", "files", "audio_formats", "output_files", "provenance", "compiler"],
+    ["wording", "faults", "argument_checks", "files", "audio_formats", "output_files", "provenance", "compiler"],
     ["bodies", "kernel"],
     ["instrument"],
     ["patch"],
@@ -21,7 +21,7 @@ ORDER = [
     ["offline"],
     ["live", "analysis"],
     ["sweep", "report", "ruler"],
-    ["cli"],
+    ["cli", "api"],
 ]
 PLACE = {room: place for place, rooms in enumerate(ORDER) for room in rooms}
 FILES = [path for path in (ROOT / "engine").rglob("*.py") if path.parent != ROOT / "engine" or path.stem[0] != "_"]

@@ -1,0 +1,1 @@
+"""What `import engine` adds to the parts: renderings that draw, save and show themselves."""

@@ -1,0 +1,93 @@
+"""Sound from outside as a force: what a microphone hears, or any other signal, pushes a body while it is played."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from engine.kernel.codes import UNUSED_SLOT, EventKind
+from engine.live.audio_memory import RENDERED_AT_ONCE
+from engine.patch.reader import DOCUMENT, validate_document
+from engine.patch.scene import Scene
+from engine.patch.tables import PulseForce
+
+if TYPE_CHECKING:
+    from engine.api.player import Player
+
+
+@dataclass(frozen=True)
+class AudioInput:
+    """Where audio input acts on a scene that is played, and how strongly.
+
+    body:      the body it pushes
+    newtons:   the force at full scale, N; positive pushes upwards
+    at:        where on the body, as for a force of a patch: 0.3, [0.4, 0.6] or a point's name; None for a mass or an
+               oscillator
+
+    >>> import engine
+    >>> import numpy as np
+    >>> scene = engine.load("sympathetic_strings").replace("body.hammer.velocity", 0.0)  # silent by itself
+    >>> player = engine.Player(scene, gain=100.0, input=engine.AudioInput("free", newtons=0.5, at=0.3))
+    >>> noise = np.random.default_rng(1).uniform(-1.0, 1.0, 4410)
+    >>> bool(player.read(4410).any()), bool(player.read(4410, noise).any())
+    (False, True)
+    """
+
+    body: str
+    newtons: float = 1.0
+    at: Any = None
+
+
+def with_input_force(scene: Scene, source: AudioInput, samplerate: int) -> Scene:
+    """The scene with a force whose samples are written while it plays. Raises PatchError, as for any force."""
+    seconds = RENDERED_AT_ONCE / samplerate
+    force = {"kind": "pulse", "body": source.body, "amplitude": source.newtons, "duration": seconds}
+    force |= {} if source.at is None else {"at": source.at}
+    data = scene.document
+    return validate_document(data | {"force": [*data.get("force", []), force]}, scene.folder, DOCUMENT, "")
+
+
+class InputForce:
+    """The force of audio input of a player: it writes samples into the force's table, and lets it begin anew.
+
+    A step's force is the mean of the samples at its two ends (docs/design.md); that at its end is the next one to come,
+    so that the force is one sample late.
+    """
+
+    def __init__(self, player: "Player", source: AudioInput) -> None:
+        layout, force = player.layout, player.model.force
+        assert force is not None
+        number = next(n for n, f in enumerate(layout.forces) if f is player.scene.force[-1])
+        assert isinstance(player.scene.force[-1], PulseForce)
+        self.place = layout.force_order.index(number)
+        self.newtons, self._last = source.newtons, 0.0
+        self._player, self._island = player, int(layout.island_of_body[layout.body_index[source.body]])
+        self._table = force.table[force.table_begin[self.place] : force.table_end[self.place]]
+        self._table[:] = 0.0
+        force.start[self.place] = UNUSED_SLOT
+
+    def write(self, samples: np.ndarray) -> None:
+        """Let samples, full scale = 1, act over the next frames, no more than are computed at once."""
+        if not samples.any() and self._last == 0.0:
+            return
+        before = np.concatenate([[self._last], samples[:-1]])
+        self._table[: len(samples)] = 0.5 * self.newtons * (before + samples)
+        self._table[len(samples) :] = 0.0
+        self._last = float(samples[-1])
+        row = (int(EventKind.PLUCK), self._island, self.place, self.place + 1, self._player.frame, 1, 1.0, 0.0)
+        self._player.queue_unlogged(row)
+
+
+def as_samples(signal: Any, frames: int) -> np.ndarray:
+    """A signal [frames] or [frames, channels], of which the first is used, as numbers. Raises TypeError,
+    ValueError."""
+    try:
+        samples = np.asarray(signal, float)
+    except (TypeError, ValueError):
+        raise TypeError("the input is no array of numbers; give one of [frames] or [frames, channels]") from None
+    samples = samples[:, 0] if samples.ndim == 2 and samples.shape[1] > 0 else samples
+    if samples.shape != (frames,):
+        raise ValueError(f"the input has shape {np.shape(signal)}; give [{frames}] or [{frames}, channels]")
+    if not np.isfinite(samples).all():
+        raise ValueError("the input has samples that are not finite; give numbers, full scale = 1")
+    return samples

@@ -1,0 +1,185 @@
+"""A player as it is used from Python: on a device, or block by block."""
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+
+from engine.analysis.silence import is_inaudible
+from engine.api.audio_input import AudioInput, InputForce, as_samples, with_input_force
+from engine.argument_checks import checked_integer
+from engine.live import audio_device, player
+from engine.live.audio_memory import RENDERED_AT_ONCE
+from engine.live.event_queue import QueuedEvent
+from engine.live.shared_memory import Gauge
+from engine.patch.reader import check_scene
+from engine.patch.scene import Scene
+
+PILOT_SECONDS = 2.0  # of a scene, that are played to find its level
+POLL_SECONDS = 0.01  # between two looks at whether all is over
+BLOCK_SIZE = 256  # frames
+
+
+class Player(player.Player):
+    """A scene that is played while events come: strikes, plucks, dampers, live parameters.
+
+    seconds: until it fades out; the scene's own if None; `math.inf`: until it is stopped
+    gain:    factor on SI units. If None, the first two seconds of the scene are computed beforehand, and their peak is
+             brought to half of full scale; what is louder later is limited, never clipped
+    input:   an AudioInput: the sound of a microphone, or what `read` is given, pushes a body
+    options: voices:  so many copies of the scene, each of which can be tuned
+             lowest:  ratio of the lowest pitch they will be tuned to
+             general: exponents can be changed; the contact laws are then general ones, which take longer
+             cores:   how many share the work
+             kernel:  special, general or auto (engine.parallel.kernel_choice)
+             waiting: forces that are over after a while wait until they are told by `pluck`
+
+    Block by block, without a device:
+
+    >>> import engine
+    >>> player = engine.Player(engine.load("tanpura"))
+    >>> block = player.read(1024)
+    >>> block.shape, block.dtype.name
+    ((1024, 2), 'float32')
+    >>> player.pluck("string", scale=0.5)
+    >>> block = player.read(44100)
+    >>> bool(0.0 < abs(block).max() <= 1.0), player.frame
+    (True, 45124)
+
+    On a device, as long as the block lasts; then it fades out:
+
+    >>> with engine.Player(engine.load("tanpura"), seconds=10.0) as player:  # doctest: +SKIP
+    ...     player.wait(2.0)
+    ...     player.pluck("string")
+    ...     player.wait()
+
+    Raises TypeError if an argument is of the wrong kind, PatchError if there is nothing where the input is to push,
+    BuildError if the scene cannot be built.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        samplerate: int = 44_100,
+        seconds: float | None = None,
+        gain: float | None = None,
+        input: AudioInput | None = None,
+        **options: Any,
+    ) -> None:
+        check_scene(scene)
+        samplerate = checked_integer("samplerate", samplerate)
+        self._stream: Any = None
+        self._input: InputForce | None = None
+        if input is not None and not isinstance(input, AudioInput):
+            raise TypeError(
+                f'{input!r} is no input; give one, such as engine.AudioInput("string", newtons=1.0, at=0.3)'
+            )
+        if input is not None and options.get("voices"):
+            raise ValueError("a player of voices takes no audio input; leave out voices, or the input")
+        level = pilot_gain(scene, samplerate, options) if gain is None else gain
+        played = scene if input is None else with_input_force(scene, input, samplerate)
+        super().__init__(played, samplerate, seconds, level, **options)
+        if input is not None:
+            self._input = InputForce(self, input)
+
+    # --- block by block
+
+    def read(self, frames: int, input: Any = None) -> np.ndarray:
+        """Play the next frames: single precision [frames, channels], silence once all is over.
+
+        input: what pushes the body of the AudioInput meanwhile: [frames] or [frames, channels], of which the first is
+               used, full scale = 1; silence if None. It acts one sample late
+
+        Raises RuntimeError while a device plays; TypeError or ValueError for other frames or inputs.
+        """
+        frames = checked_integer("frames", frames)
+        if frames < 0:
+            raise ValueError(f"frames = {frames} is out of range; 0 or more")
+        if self._stream is not None:
+            raise RuntimeError("a device plays; read what it played with fetch_recording, or close it first")
+        out = np.zeros((frames, self.channels), np.float32)
+        self.play_block(out, None if input is None else as_samples(input, frames))
+        return out
+
+    def play_block(self, out: np.ndarray, samples: np.ndarray | None = None) -> None:
+        """Play the next len(out) frames into out, single precision [frames, channels], with samples [frames] as input.
+        Raises ValueError if there are samples, and the player has no input."""
+        if samples is not None and self._input is None:
+            raise ValueError("this player has no input; Player(scene, input=engine.AudioInput(…)) has one")
+        if self._input is None:
+            self.render_into(out)
+            return
+        for begin in range(0, len(out), RENDERED_AT_ONCE):
+            part = out[begin : begin + RENDERED_AT_ONCE]
+            heard = np.zeros(len(part)) if samples is None else samples[begin : begin + len(part)]
+            self._input.write(heard)
+            self.render_into(part)
+
+    def queue_unlogged(self, row: QueuedEvent) -> None:
+        """Put an event into the queue that is in no log."""
+        self._queue.put_unlogged(row)
+
+    def log(self) -> dict[str, Any]:
+        """All that was done, as JSON can hold it; `fdh replay` makes the same sound of it. Raises RuntimeError with
+        audio input, which no log holds."""
+        if self._input is not None:
+            raise RuntimeError("audio input is in no log; keep it as a file, and render it as a force of kind file")
+        return super().log()
+
+    def _brief_forces(self) -> Any:
+        forces = super()._brief_forces()
+        return forces if self._input is None else [(j, force) for j, force in forces if j != self._input.place]
+
+    # --- on a device
+
+    def start(
+        self, device: str | None = None, block_size: int = BLOCK_SIZE, latency: str | float | None = None
+    ) -> "Player":
+        """Let a device play, in the background, and return the player.
+
+        device:     its number or a part of its name (`fdh devices` lists them); the default one if None
+        block_size: frames at a time; 0 leaves it to the driver
+        latency:    "low", "high" or seconds; the device's own if None
+
+        With an input, the default input device is heard, and each block passes through Python, which costs dropouts
+        where Python is busy. Raises DeviceError (a RuntimeError); RuntimeError if a device plays already.
+        """
+        if self._stream is not None:
+            raise RuntimeError("a device plays already; close it first")
+        open_stream = audio_device.open_stream if self._input is None else audio_device.open_duplex_stream
+        self._stream = open_stream(self, device, checked_integer("block_size", block_size), latency)
+        audio_device.start_stream(self._stream)
+        return self
+
+    def wait(self, seconds: float = math.inf) -> None:
+        """Wait until all is over, or so many seconds have passed, or the device has stopped by itself."""
+        end = time.monotonic() + seconds
+        while not self.finished and self._stream is not None and self._stream.active and time.monotonic() < end:
+            time.sleep(min(POLL_SECONDS, max(0.0, end - time.monotonic())))
+
+    def close(self) -> None:
+        """Fade out, and close the device."""
+        if self._stream is not None:
+            self.stop()
+            self.wait(1.0)
+            self._stream.close()
+            self._stream = None
+
+    def __enter__(self) -> "Player":
+        """Start on the default device, unless it has been started."""
+        return self if self._stream is not None else self.start()
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+def pilot_gain(scene: Scene, samplerate: int, options: dict[str, Any]) -> float:
+    """The gain at which the first seconds of a scene reach half of full scale; 1 for silence."""
+    pilot = player.Player(scene, samplerate, math.inf, 1.0, **options)
+    if pilot.waiting:
+        pilot.strike()
+    frames = round(min(PILOT_SECONDS, scene.seconds) * samplerate)
+    pilot.render_into(np.zeros((max(1, frames), pilot.channels), np.float32))
+    peak = float(pilot.gauges[Gauge.PEAK])
+    return 1.0 if peak == 0.0 or is_inaudible(scene) else player.HEADROOM / peak

@@ -1,0 +1,235 @@
+"""Renderings as they are used from Python: drawn, saved, and shown in a notebook."""
+
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from html import escape
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import engine.offline.render as offline
+from engine.analysis.silence import explain_silence
+from engine.argument_checks import checked_integer, checked_number
+from engine.output_files import apply_gain, atomic_write, check_audio_format, count_clipped, save_audio, save_trace
+from engine.patch.accuracy import Accuracy
+from engine.patch.error_messages import suggestion
+from engine.patch.reader import check_scene
+from engine.patch.scene import Scene
+
+PANELS_WITHOUT_TRACE = ("waveform", "spectrogram")
+PANEL_SIZE = 10.0, 2.5  # inches
+SHOWN_SIZE = 8.0, 4.0  # of the picture in a notebook
+SHOWN_SECONDS = 60.0  # of sound in a notebook; the rest is left out
+NO_MATPLOTLIB = 'to draw needs matplotlib; pip install "fdh-engine[plot]", or uv sync --extra plot'
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Rendering(offline.Rendering):
+    """A rendered scene.
+
+    audio:      float64 [frames, channels], in the SI units of the pickups; never normalised
+    samplerate: Hz
+    stats:      what is known of it, by the names of `fdh render --json`: `stats.energy.error_max`, or
+                `stats["energy"]["error_max"]`; `stats.as_dict()` has all
+    trace:      arrays of every sample by name, or None; sample 0 is the initial state
+    scene:      what was rendered
+
+    >>> import engine
+    >>> rendering = engine.render(engine.load("bouncing_ball"), seconds=0.5, trace=True)
+    >>> rendering.audio.shape, rendering.stats.trusted
+    ((22050, 1), True)
+    >>> float(rendering.trace["compression"].max()) > 0.0
+    True
+    """
+
+    scene: Scene
+
+    def __repr__(self) -> str:
+        seconds, channels = len(self.audio) / self.samplerate, self.audio.shape[1]
+        parts = [f"{seconds:g} s at {self.samplerate} Hz", f"{channels} channel{'s' * (channels > 1)}"]
+        parts += [f"peak {self.stats.peak:.3g}", f"energy error {self.stats.energy.error_max:.1e}"]
+        parts += ["trace of every sample"] if self.trace is not None else []
+        return f"<Rendering: {', '.join(parts)}{'' if self.stats.trusted else '; NOT TO BE TRUSTED'}>"
+
+    def plot(self, *panels: str) -> np.ndarray:
+        """Draw the rendering with matplotlib's pyplot, a panel below another, as `fdh render --plot` does.
+
+        panels: some of waveform, spectrogram, energies, iterations; if none is named, all that can be drawn: without
+                a trace, the first two
+
+        Returns the axes, an array. Raises ValueError for another panel, or one that needs a trace which is not there;
+        ImportError without matplotlib.
+
+        >>> import engine
+        >>> rendering = engine.render(engine.load("bouncing_ball"), seconds=0.5, trace=True)
+        >>> axes = rendering.plot("waveform", "energies")
+        >>> axes[0].figure.savefig("ball.png")
+        """
+        names = self._checked_panels(panels)
+        pyplot = _matplotlib("pyplot")
+        size = PANEL_SIZE[0], PANEL_SIZE[1] * len(names)
+        _, axes = pyplot.subplots(len(names), figsize=size, layout="constrained", sharex=True, squeeze=False)
+        self._draw(axes[:, 0], names)
+        return np.asarray(axes[:, 0])
+
+    def save(self, path: str | Path, gain: float | None = None, subtype: str | None = None) -> float:
+        """Write the sound to a file, in the format of its name: .wav, .flac, .ogg and more. A name that ends in .npz
+        gets the trace instead, and in .png the picture.
+
+        gain:    dB; if None, the sound is normalised to -1 dBFS, for SI units may be tiny. 0 keeps SI units
+        subtype: FLOAT (of a .wav, if None), PCM_24, PCM_16 or DOUBLE
+
+        Returns the gain that was applied, dB. Warns of samples that a file of integers cuts off. Raises ValueError
+        if the format is none or cannot hold the sound, or there is no trace to write; OSError if the file cannot be
+        written: it is then as it was before.
+
+        >>> import engine
+        >>> rendering = engine.render(engine.load("bouncing_ball"), seconds=0.5)
+        >>> gain = rendering.save("ball.wav")
+        >>> rendering.save("ball_in_si_units.wav", gain=0.0)
+        0.0
+        """
+        path = _checked_path(path)
+        if path.suffix.lower() == ".npz":
+            if self.trace is None:
+                raise ValueError("there is no trace to write; render with trace=True")
+            save_trace(path, self.trace)
+            return 0.0
+        if path.suffix.lower() == ".png":
+            with atomic_write(path) as part:
+                part.write_bytes(self._picture(PANEL_SIZE, self._checked_panels(())))
+            return 0.0
+        if faults := check_audio_format(path, subtype, "path"):
+            raise ValueError("; ".join(fault.message.replace("--subtype ", "subtype ") for fault in faults))
+        audio, applied = self._at_level(None if gain is None else checked_number("gain", gain), subtype)
+        if cut := count_clipped(path, audio, applied, subtype):
+            remedy = f"gain={cut.safe_gain:.1f} fits"
+            warnings.warn(
+                f"{path}: {cut.count} of {cut.total} samples are beyond ±1 and clipped; {remedy}", stacklevel=2
+            )
+        try:
+            save_audio(path, audio, self.samplerate, subtype)
+        except RuntimeError as error:
+            raise ValueError(f"{path}: {error}") from None
+        return applied
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: a player of the first minute, the numbers to look at first, and a picture."""
+        return "\n".join(self._html())
+
+    def _html(self) -> Iterator[str]:
+        from engine.report.html import data_uri, encode_for_browser
+
+        shown = self.audio[: round(SHOWN_SECONDS * self.samplerate)]
+        audio, _ = self._at_level(None, None)
+        data, mime_type = encode_for_browser(audio[: len(shown)], self.samplerate)
+        yield f"<p><strong>{escape(self.scene.title)}</strong> {escape(repr(self)[1:-1])}</p>"
+        yield f'<audio controls src="{data_uri(data, mime_type)}"></audio>'
+        if len(shown) < len(self.audio):
+            yield f"<p>The first {SHOWN_SECONDS:g} s of it.</p>"
+        for line in [*self.stats.reasons, *self.stats.warnings]:
+            yield f"<p>{escape(line)}</p>"
+        try:
+            png = self._picture((SHOWN_SIZE[0], SHOWN_SIZE[1] / 2), PANELS_WITHOUT_TRACE)
+        except ImportError:
+            return
+        yield f'<img alt="waveform and spectrogram" src="{data_uri(png, "image/png")}">'
+
+    def _at_level(self, gain: float | None, subtype: str | None) -> tuple[np.ndarray, float]:
+        """The audio with a gain, dB; None: normalised, but for what is silence."""
+        stats = self.stats
+        silent = explain_silence(self.scene, stats.seconds, stats.samplerate, stats.peak, stats)
+        return apply_gain(self.audio, 0.0 if silent else stats.peak, gain, subtype)
+
+    def _checked_panels(self, panels: tuple[str, ...]) -> tuple[str, ...]:
+        """The panels to draw. Raises ValueError."""
+        from engine.report.plots import PANELS
+
+        if unknown := [name for name in panels if name not in PANELS]:
+            raise ValueError(f"no panel {unknown[0]!r}; {suggestion(str(unknown[0]), [*PANELS])}")
+        if self.trace is not None:
+            return panels or tuple(PANELS)
+        if bare := [name for name in panels if name not in PANELS_WITHOUT_TRACE]:
+            raise ValueError(f"there is no trace to draw {bare[0]} of; render with trace=True")
+        return panels or PANELS_WITHOUT_TRACE
+
+    def _draw(self, axes: np.ndarray, names: tuple[str, ...]) -> None:
+        """Draw panels on axes, one each."""
+        from engine.report.plots import PANELS
+
+        untouched = {"time": np.zeros(len(self.audio)), "force": np.zeros((len(self.audio), 0))}
+        drawn = self if self.trace is not None else replace(self, trace=untouched)
+        for panel_axes, name in zip(axes, names, strict=True):
+            PANELS[name](panel_axes, drawn)
+            panel_axes.label_outer()
+        axes[0].set(title=self.scene.title)
+
+    def _picture(self, panel_size: tuple[float, float], names: tuple[str, ...]) -> bytes:
+        """A PNG of some panels; matplotlib's pyplot and its backend are left alone."""
+        figure = _matplotlib("figure").Figure((panel_size[0], panel_size[1] * len(names)), layout="constrained")
+        self._draw(figure.subplots(len(names), sharex=True, squeeze=False)[:, 0], names)
+        picture = BytesIO()
+        figure.savefig(picture, dpi=120, format="png", metadata={"Software": None})
+        return picture.getvalue()
+
+
+def render(
+    scene: Scene,
+    seconds: float | None = None,
+    samplerate: int = 44_100,
+    trace: bool = False,
+    cores: int | None = None,
+    progress: Callable[[float], None] | None = None,
+    kernel: str | None = None,
+    **accuracy: Any,
+) -> Rendering:
+    """Render a scene.
+
+    seconds:    length; the scene's own if None
+    samplerate: Hz
+    trace:      keep every sample's displacements, forces and energies
+    cores:      how many may share the work; all of the machine's if None. The samples are the same
+    progress:   called now and then with the share rendered, 0 to 1
+    kernel:     special, general or auto (engine.parallel.kernel_choice). The samples are the same
+    accuracy:   scheme, order, substeps, tolerance, oversample, precision, iterations, silence: of each, what
+                the scene says if absent or None (engine.patch.accuracy)
+
+    Raises TypeError if an argument is of the wrong kind or unknown, ValueError if one is out of range, BuildError
+    (a ValueError) if the scene cannot be built at this sample rate.
+
+    >>> import engine
+    >>> engine.render(engine.load("bouncing_ball"), seconds=0.1, substeps=4).stats.accuracy["substeps"]
+    4
+    >>> engine.render("bouncing_ball")
+    Traceback (most recent call last):
+    TypeError: 'bouncing_ball' is the name of a patch, not a scene; give engine.load('bouncing_ball')
+    """
+    check_scene(scene)
+    for name in accuracy:
+        if name not in Accuracy.model_fields:
+            raise TypeError(f"render has no argument {name!r}; {suggestion(name, [*Accuracy.model_fields])}")
+    given = None if seconds is None else checked_number("seconds", seconds)
+    rate = checked_integer("samplerate", samplerate)
+    used_cores = None if cores is None else checked_integer("cores", cores)
+    rendering = offline.render(scene, given, rate, bool(trace), used_cores, progress, kernel, **accuracy)
+    return Rendering(**vars(rendering), scene=scene)
+
+
+def _checked_path(path: Any) -> Path:
+    """A path. Raises TypeError if it is none."""
+    if not isinstance(path, str | Path):
+        raise TypeError(f'{path!r} is no path; give the name of a file, such as "sound.wav"')
+    return Path(path)
+
+
+def _matplotlib(module: str) -> Any:
+    """A module of matplotlib. Raises ImportError, which says how to get it."""
+    import importlib
+
+    try:
+        return importlib.import_module(f"matplotlib.{module}")
+    except ImportError as error:
+        raise ImportError(NO_MATPLOTLIB) from error

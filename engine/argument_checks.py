@@ -1,0 +1,23 @@
+"""Arguments of the Python interface: what is of no use is refused in a line that says what would be."""
+
+import operator
+
+
+def checked_number(name: str, value: float) -> float:
+    """A number. Raises TypeError if it is none, ValueError if it is too large for one."""
+    try:
+        if isinstance(value, str | bytes):
+            raise TypeError
+        return float(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} = {value!r} is no number; give one, such as 1.0") from None
+    except OverflowError:
+        raise ValueError(f"{name} is out of range; it has more digits than a number holds") from None
+
+
+def checked_integer(name: str, value: int) -> int:
+    """A whole number. Raises TypeError if it is none."""
+    try:
+        return operator.index(value)
+    except TypeError:
+        raise TypeError(f"{name} = {value!r} is no whole number; give one, such as 0") from None

@@ -32,7 +32,15 @@ class Fault:
 
 
 class PatchError(ValueError):
-    """A patch that cannot be used. Its `faults` list all that is wrong with it, or the first of very many."""
+    """A patch that cannot be used. Its `faults` list all that is wrong with it, or the first of very many.
+
+    >>> import engine
+    >>> try:
+    ...     engine.load("piano_c4").replace({"contact.felt.exponent": 0.5, "body.string.length": -1.0})
+    ... except engine.PatchError as error:
+    ...     print([fault.path for fault in error.faults])
+    ['body[0].length', 'contact[0].exponent']
+    """
 
     def __init__(self, faults: Sequence[Fault]) -> None:
         super().__init__("\n".join(map(str, faults)))
@@ -40,7 +48,14 @@ class PatchError(ValueError):
 
 
 class BuildError(ValueError):
-    """A valid scene that cannot be built as asked. Its `faults` have paths of keys, but no file."""
+    """A valid scene that cannot be built as asked. Its `faults` have paths of keys, but no file.
+
+    >>> import engine
+    >>> whistle = engine.load("repelled_oscillator").replace("body.oscillator.frequency", 30_000.0)
+    >>> engine.render(whistle, samplerate=44_100)
+    Traceback (most recent call last):
+    engine.faults.BuildError: ...
+    """
 
     def __init__(self, *faults: Fault) -> None:
         super().__init__("\n".join(f"{fault.path}: {fault.message}" for fault in faults))

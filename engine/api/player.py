@@ -26,14 +26,16 @@ class Player(player.Player):
 
     seconds: until it fades out; the scene's own if None; `math.inf`: until it is stopped
     gain:    factor on SI units. If None, the first two seconds of the scene are computed beforehand, and their peak is
-             brought to half of full scale; what is louder later is limited, never clipped
+             brought to half of full scale, or left in SI units if they are silent; what is louder later is limited
     input:   an AudioInput: the sound of a microphone, or what `read` is given, pushes a body
-    options: voices:  so many copies of the scene, each of which can be tuned
-             lowest:  ratio of the lowest pitch they will be tuned to
-             general: exponents can be changed; the contact laws are then general ones, which take longer
-             cores:   how many share the work
-             kernel:  special, general or auto (engine.parallel.kernel_choice)
-             waiting: forces that are over after a while wait until they are told by `pluck`
+    options: some of these:
+
+    voices:  so many copies of the scene, each of which can be tuned
+    lowest:  ratio of the lowest pitch they will be tuned to
+    general: exponents can be changed; the contact laws are then general ones, which take longer
+    cores:   how many share the work
+    kernel:  special, general or auto (engine.parallel.kernel_choice)
+    waiting: forces that are over after a while wait until they are told by `pluck`
 
     Block by block, without a device:
 
@@ -92,6 +94,11 @@ class Player(player.Player):
                used, full scale = 1; silence if None. It acts one sample late
 
         Raises RuntimeError while a device plays; TypeError or ValueError for other frames or inputs.
+
+        >>> import engine
+        >>> player = engine.Player(engine.load("piano_c4"), gain=0.1)
+        >>> player.read(44100).shape
+        (44100, 2)
         """
         frames = checked_integer("frames", frames)
         if frames < 0:

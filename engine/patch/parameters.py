@@ -13,14 +13,22 @@ from engine.patch.tables import SpringConnection
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of a patch."""
+    """One number of a patch.
+
+    path:    as `Scene.replace` takes it, and `--vary`
+    value:   in its unit
+    unit:    "" where it has none
+    range:   what it may be, in words
+    meaning: from the reference of patches
+    live:    whether it can be changed while the patch is played, by `Player.set`
+    """
 
     path: str
     value: float
-    unit: str  # "" where it has none
+    unit: str
     range: str
     meaning: str
-    live: bool  # whether it can be changed while the patch is played
+    live: bool
 
 
 def list_parameters(scene: Scene) -> list[Parameter]:

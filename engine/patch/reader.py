@@ -48,7 +48,7 @@ def load(path: str | Path | dict[str, Any]) -> Scene:
 
     >>> import engine
     >>> engine.load("tanpura").title
-    'Tanpura, D3'
+    'Tanpura string, C3'
     >>> engine.load("tanpra")
     Traceback (most recent call last):
     engine.faults.PatchError: tanpra: no such file or shipped patch; did you mean tanpura?

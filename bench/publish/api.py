@@ -1,0 +1,103 @@
+"""docs/api.md: the Python interface, from its docstrings. Their examples are run by tests/docs/test_api.py."""
+
+import importlib
+import inspect
+import re
+import textwrap
+from collections.abc import Iterator
+from typing import Any
+
+from bench.publish.report import ROOT
+
+LINE_LENGTH = 118
+PAGE = ROOT / "docs" / "api.md"
+INTRODUCTION = """# The Python interface
+
+What `import engine` offers, made of the docstrings by `uv run python -m bench api`; a test runs every example. All
+numbers are in SI units. Importing the engine takes a moment, for what a name needs is imported when it is first used.
+
+```sh
+pip install ".[plot]"             # Rendering.plot draws with matplotlib
+pip install ".[sweep]"            # read_sweep gives an xarray.Dataset
+```
+"""
+PLAYING = "read", "start", "wait", "close", "stop", "cross_fade_to", "render_into", "fetch_recording"
+EVENTS = "strike", "pluck", "lift", "damp", "set", "tune"
+READINGS = "live_parameters", "strikers", "frame", "finished", "meter", "log"
+MADE_BY_FUNCTIONS = "Scene", "Parameter", "Rendering", "ErrorEstimate"
+# in the order of the page: where each name is imported from, and those of its methods and properties that are for users
+NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
+    "load": ("engine", ()),
+    "Scene": ("engine", ("parameters", "replace", "channels")),
+    "Parameter": ("engine.patch.parameters", ()),
+    "render": ("engine", ()),
+    "Rendering": ("engine", ("plot", "save")),
+    "estimate_error": ("engine", ()),
+    "ErrorEstimate": ("engine", ()),
+    "features": ("engine.analysis.features", ()),
+    "Player": ("engine", (*PLAYING, *EVENTS, *READINGS)),
+    "AudioInput": ("engine", ()),
+    "PatchError": ("engine", ()),
+    "BuildError": ("engine", ()),
+}
+ARGUMENT = re.compile(r"(\w+(?:, \w+)*): +(\S.*)")
+
+
+def run() -> None:
+    """Write the page."""
+    PAGE.write_text(compose_page(), "utf-8")
+
+
+def documented() -> Iterator[tuple[str, Any]]:
+    """Everything on the page by its name there: names, and after each its methods and properties."""
+    for name, (module, members) in NAMES.items():
+        value = getattr(importlib.import_module(module), name)
+        yield f"{module}.{name}", value
+        for member in members:
+            yield f"{name}.{member}", getattr(value, member)
+
+
+def compose_page() -> str:
+    """The page as Markdown."""
+    parts = [INTRODUCTION]
+    for name, value in documented():
+        heading = "##" if name.startswith("engine.") else "###"
+        parts.append(f"{heading} {name}\n\n{signature(name, value)}{as_markdown(inspect.getdoc(value) or '')}\n")
+    return "\n".join(parts)
+
+
+def signature(name: str, value: Any) -> str:
+    """How it is called, as a block of Python; "" of what is not called by users."""
+    short = name.rpartition(".")[2]
+    if isinstance(value, property) or short in MADE_BY_FUNCTIONS:
+        return ""
+    if inspect.isclass(value) and issubclass(value, Exception):
+        return ""
+    parameters = [p.replace(annotation=p.empty) for p in inspect.signature(value).parameters.values()]
+    shown = inspect.Signature([p for p in parameters if p.name != "self"])
+    return f"```python\n{short}{shown}\n```\n\n"
+
+
+def as_markdown(text: str) -> str:
+    """A docstring as Markdown: arguments as a list, examples as blocks of Python."""
+    return "\n\n".join(_as_block(block) for block in text.split("\n\n"))
+
+
+def _as_block(block: str) -> str:
+    """A paragraph, a list of arguments with what follows it, or an example."""
+    if block.startswith(">>>"):
+        return f"```python\n{block}\n```"
+    if not ARGUMENT.match(block):
+        return block
+    items, rest = list[str](), list[str]()
+    for line in block.splitlines():
+        found = ARGUMENT.fullmatch(line)
+        if found and not rest:
+            names = "`, `".join(found[1].split(", "))
+            items.append(f"- `{names}`: {found[2]}")
+        elif line.startswith(" "):
+            items[-1] += f" {line.strip()}"
+        else:
+            rest.append(line)
+    wrapped = "\n".join(textwrap.fill(item, LINE_LENGTH, subsequent_indent="  ") for item in items)
+    return "\n\n".join([wrapped, "\n".join(rest)]) if rest else wrapped

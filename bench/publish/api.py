@@ -40,7 +40,7 @@ NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "PatchError": ("engine", ()),
     "BuildError": ("engine", ()),
 }
-ARGUMENT = re.compile(r"(\w+(?:, \w+)*): +(\S.*)")
+ARGUMENT = re.compile(r"([\w.]+(?:, [\w.]+)*): +(\S.*)")
 
 
 def run() -> None:
@@ -75,7 +75,10 @@ def signature(name: str, value: Any) -> str:
         return ""
     parameters = [p.replace(annotation=p.empty) for p in inspect.signature(value).parameters.values()]
     shown = inspect.Signature([p for p in parameters if p.name != "self"])
-    return f"```python\n{short}{shown}\n```\n\n"
+    text = f"{short}{shown}"
+    if len(text) > LINE_LENGTH:
+        text = "".join([f"{short}(\n", *(f"    {p},\n" for p in shown.parameters.values()), ")"])
+    return f"```python\n{text}\n```\n\n"
 
 
 def as_markdown(text: str) -> str:

@@ -37,6 +37,24 @@ class Rendering(offline.Rendering):
     trace:      arrays of every sample by name, or None; sample 0 is the initial state
     scene:      what was rendered
 
+    A trace has, by name:
+
+    time:         [n], s; sample 0 is the initial state
+    displacement: [n, bodies], m; where each body is traced is in `positions`
+    velocity:     [n, bodies], m/s
+    compression:  [n, contacts], m; a contact at several points has a column for each
+    force:        [n, contacts], N; the mean over the step that ends at the sample
+    iterations:   [n], of the contact solve
+    kinetic, potential, contact, dissipated, supplied, total: [n], J
+    bodies, contacts: the names of the columns
+    positions:    [bodies], as JSON: a place as in a patch, `null` of a body of one mode; "" where a body is not traced
+    contact_positions: [contacts], as JSON: the place on the body, and on the other
+    samplerate:   Hz, of the trace: oversampled, it is higher than that of the sound
+    units:        [arrays, 2]: name and unit
+    shape_time:   [m], s; this and what follows with trace_shapes
+    shape.NAME:   [m, 65] of a string or bar, m; [m, 17, 17] of a sheet: rows along y, NaN outside of a round one
+    shape_positions.NAME: [65] or [17, 17, 2]: the places, as fractions; of a sheet, x and y
+
     >>> import engine
     >>> rendering = engine.render(engine.load("bouncing_ball"), seconds=0.5, trace=True)
     >>> rendering.audio.shape, rendering.stats.trusted
@@ -184,6 +202,7 @@ def render(
     cores: int | None = None,
     progress: Callable[[float], None] | None = None,
     kernel: str | None = None,
+    trace_shapes: bool = False,
     **accuracy: Any,
 ) -> Rendering:
     """Render a scene.
@@ -194,6 +213,8 @@ def render(
     cores:      how many may share the work; all of the machine's if None. The samples are the same
     progress:   called now and then with the share rendered, 0 to 1
     kernel:     special, general or auto (engine.parallel.kernel_choice). The samples are the same
+    trace_shapes: keep a trace, and with it shapes of strings, bars and sheets: 4000 of each at most and 64 MB in all,
+                evenly apart
     accuracy:   scheme, order, substeps, tolerance, oversample, precision, iterations, silence: of each, what
                 the scene says if absent or None (engine.patch.accuracy)
 
@@ -214,7 +235,7 @@ def render(
     given = None if seconds is None else checked_number("seconds", seconds)
     rate = checked_integer("samplerate", samplerate)
     used_cores = None if cores is None else checked_integer("cores", cores)
-    rendering = offline.render(scene, given, rate, bool(trace), used_cores, progress, kernel, **accuracy)
+    rendering = offline.render(scene, given, rate, bool(trace), used_cores, progress, kernel, trace_shapes, **accuracy)
     return Rendering(**vars(rendering), scene=scene)
 
 

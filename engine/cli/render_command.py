@@ -65,6 +65,8 @@ def add_render_command(commands: "arguments.Commands") -> None:
     arguments.add_voices(parser)
     help_text = "also write every sample's displacements, forces, energies"
     parser.add_argument("--trace", metavar="OUT.npz", help=help_text)
+    help_text = "with --trace: also shapes of strings, bars and sheets, 4000 of each at most and 64 MB in all"
+    parser.add_argument("--trace-shapes", action="store_true", default=None, help=help_text)
     arguments.add_plot(parser, "waveform, spectrogram, energies and contacts")
     arguments.add_report(parser, "to listen to and look at")
     arguments.add_json(parser)
@@ -80,6 +82,8 @@ def render_command(args: argparse.Namespace) -> int:
     option_faults += check_paths(targets | {"--plot": plot_path(args), "--report": report_path(args)})
     option_faults += check_audio_format(output, args.subtype, "--output")
     scene, note_faults = scene_of_key(scene, args)
+    if args.trace_shapes and args.trace is None:
+        option_faults.append(Fault("--trace-shapes", "for --trace; give that too, with the name of a file"))
     option_faults += ignored_options(scene, args) + check_kernel(args) + note_faults
     if scene is not None and not option_faults:
         channels = scene.channels

@@ -80,6 +80,7 @@ def render_from_arguments(
             cores=None if numbers["cores"] is None else int(numbers["cores"]),
             progress=progress,
             kernel=args.kernel,
+            trace_shapes=bool(args.trace_shapes),
             **accuracy,
         )
         estimate = None

@@ -11,6 +11,7 @@ import numpy as np
 from engine.build.build import build
 from engine.kernel.state import Trace
 from engine.offline.decimation import decimate, decimation_tail
+from engine.offline.shape_snapshots import ShapeSnapshots
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import RenderStatistics, island_statistics, simulation_statistics
 from engine.offline.trace import allocate_trace, name_columns, trace_rows
@@ -46,6 +47,7 @@ def render(
     cores: int | None = None,
     progress: Callable[[float], None] | None = None,
     kernel: str | None = None,
+    trace_shapes: bool = False,
     **accuracy: Any,
 ) -> Rendering:
     """Render a scene.
@@ -56,6 +58,7 @@ def render(
     cores:      how many may share the work; all of the machine's if None. The samples are the same
     progress:   called now and then with the share rendered, 0 to 1
     kernel:     special, general or auto (engine.parallel.kernel_choice). The samples are the same
+    trace_shapes: keep a trace, and shapes of strings, bars and sheets (engine.offline.shape_snapshots)
     accuracy:   scheme, order, substeps, tolerance, oversample, precision, iterations, silence: of each, what
                 the scene says if absent or None (engine.patch.accuracy)
 
@@ -70,8 +73,9 @@ def render(
     simulation = Simulation(model, state, cores or os.cpu_count() or 1, kernel=kernel)
     frames = max(1, round(seconds * samplerate)) * used.oversample
     audio = np.zeros((frames + decimation_tail(used.oversample), scene.channels))
-    kept = allocate_trace(model, len(audio)) if trace else None
-    elapsed = _render_in_chunks(simulation, audio[:frames], kept, progress)
+    kept = allocate_trace(model, len(audio)) if trace or trace_shapes else None
+    snapshots = ShapeSnapshots(simulation, layout, frames) if trace_shapes else None
+    elapsed = _render_in_chunks(snapshots or simulation, audio[:frames], kept, progress)
     simulated = simulation_statistics(simulation)
     if used.oversample > 1:
         simulation.render_block(audio[frames:], None if kept is None else trace_rows(kept, frames, len(audio)))
@@ -96,6 +100,9 @@ def render(
         warnings=warnings(scene) + warn_of_strong_loss(state, used.order),
     )
     named = None if kept is None else name_columns(trace_rows(kept, 0, frames), layout, fine)
+    if named is not None and snapshots is not None:
+        named |= snapshots.arrays(fine)
+        named["units"] = np.concatenate([named["units"], snapshots.units])
     return Rendering(audio, samplerate, stats, named)
 
 
@@ -112,7 +119,10 @@ def _check_arguments(seconds: float, samplerate: int, cores: int | None) -> None
 
 
 def _render_in_chunks(
-    simulation: Simulation, audio: np.ndarray, trace: Trace | None, progress: Callable[[float], None] | None
+    simulation: Simulation | ShapeSnapshots,
+    audio: np.ndarray,
+    trace: Trace | None,
+    progress: Callable[[float], None] | None,
 ) -> float:
     """Fill audio [frames, channels] in chunks of about equal time. Returns the seconds that took, compiling apart."""
     simulation.render_block(audio[:0], None if trace is None else trace_rows(trace, 0, 0))  # compile

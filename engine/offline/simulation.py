@@ -1,6 +1,7 @@
 """Advances a Model: its partitions one after another or on several cores, with the same samples bit for bit."""
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -58,6 +59,14 @@ class Simulation:
                 self._helpers = start_helpers(self.cores, self.partitions)
             self._memory.use_helpers(self._helpers)
         return self._memory
+
+    def memory_of(self, change: Callable[[Model], Model], channels: int) -> JobMemory:
+        """What single samples are rendered in by a changed model, of the same state and balance; on one core.
+
+        change: gives a model of the same kind, which differs in what is traced
+        """
+        model, state = self._handles
+        return JobMemory(StructHandle(change(model.value)), state, (1, channels), self.measure_energy, self._balance)
 
     def energies(self) -> EnergyStatistics:
         """Energies up to now."""

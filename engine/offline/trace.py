@@ -1,10 +1,17 @@
 """Traces: every sample's displacements, forces and energies."""
 
+import json
+
 import numpy as np
 
+from engine.build.build import trace_points
 from engine.build.layout import Layout
 from engine.kernel.model import Model
 from engine.kernel.state import Trace
+
+ENERGIES = "kinetic", "potential", "contact", "dissipated", "supplied", "total"
+UNITS = {"time": "s", "displacement": "m", "velocity": "m/s", "compression": "m", "force": "N", "iterations": "1"}
+UNITS |= {**dict.fromkeys(ENERGIES, "J"), "samplerate": "Hz", "positions": "1", "contact_positions": "1"}
 
 
 def allocate_trace(model: Model, frames: int) -> Trace:
@@ -27,21 +34,18 @@ def trace_rows(trace: Trace, begin: int, end: int) -> Trace:
 
 
 def name_columns(trace: Trace, layout: Layout, samplerate: int) -> dict[str, np.ndarray]:
-    """The arrays of a trace by their public names, columns in the order of the patch."""
-    scene = layout.scene
+    """The arrays of a trace by their public names, columns in the order of the patch; and what each column is."""
     frames = trace.iterations.size
     body = np.argsort(layout.body_order)
-    displacement = trace.displacement[:, body]
-    columns = [(k, len(layout.points_of(contact))) for k, contact in enumerate(scene.contact)]
-    begin = dict(zip([k for k, _ in columns], np.cumsum([0] + [n for _, n in columns]).tolist(), strict=False))
-    total = sum(n for _, n in columns)
+    begin = column_begins(layout)
+    total = begin[-1]
     compression, force = np.full((frames, total), np.nan), np.zeros((frames, total))  # NaN: not built
     for place, (k, _) in enumerate(layout.contact_points):
         compression[:, begin[k]], force[:, begin[k]] = trace.compression[:, place], trace.force[:, place]
         begin[k] += 1
-    return {
+    arrays = {
         "time": np.arange(frames) / samplerate,
-        "displacement": displacement,
+        "displacement": trace.displacement[:, body],
         "velocity": trace.velocity[:, body],
         "compression": compression,
         "force": force,
@@ -52,4 +56,28 @@ def name_columns(trace: Trace, layout: Layout, samplerate: int) -> dict[str, np.
         "dissipated": trace.dissipated,
         "supplied": trace.supplied,
         "total": trace.kinetic + trace.potential + trace.contact,
+    }
+    return arrays | column_labels(layout) | {"samplerate": np.array(samplerate), "units": np.array([*UNITS.items()])}
+
+
+def column_begins(layout: Layout) -> list[int]:
+    """The first column of each contact of the patch, and how many columns there are."""
+    counts = [len(layout.points_of(contact)) for contact in layout.scene.contact]
+    return [0, *np.cumsum(counts, dtype=int).tolist()]
+
+
+def column_labels(layout: Layout) -> dict[str, np.ndarray]:
+    """What the columns of a trace are: names of bodies and contacts, and places as JSON."""
+    scene, points = layout.scene, trace_points(layout)
+    places = {p.body: json.dumps(p.position) for p in points if p.body is not None}
+    contacts, contact_places = list[str](), list[str]()
+    for k, contact in enumerate(scene.contact):
+        name, joined = contact.name or f"contact.{k}", layout.points_of(contact)
+        contacts += [name] if len(joined) == 1 else [f"{name}.{n}" for n in range(len(joined))]
+        contact_places += [json.dumps([point.at, point.on_at]) for point in joined]
+    return {
+        "bodies": np.array([body.name for body in scene.body], dtype=str),
+        "positions": np.array([places.get(body.name, "") for body in scene.body], dtype=str),
+        "contacts": np.array(contacts, dtype=str),
+        "contact_positions": np.array(contact_places, dtype=str),
     }

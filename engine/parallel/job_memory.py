@@ -56,13 +56,13 @@ class JobMemory:
         self.model, self.state, self.measures_energy = model, state, measure_energy
         ledgers = np.zeros((partitions, len(Ledger), frames if measure_energy else 0))
         outputs = [block_output(np.zeros((frames, channels)), ledger, measure_energy) for ledger in ledgers]
-        self._outputs = [StructHandle(output) for output in outputs]
+        self.outputs = [StructHandle(output) for output in outputs]
         several = partitions > 1  # or their sum is that of the only one
-        self.audio = np.zeros((frames, channels)) if several else self._outputs[0].value.audio
+        self.audio = np.zeros((frames, channels)) if several else self.outputs[0].value.audio
         self._ledger = np.zeros((len(Ledger), frames)) if several else ledgers[0]
         self.balance = np.zeros(BALANCE_SIZE) if balance is None else balance
-        self._outputs_at = _addresses([output.address for output in self._outputs])
-        self._audios = _addresses([output.value.audio.ctypes.data for output in self._outputs])
+        self._outputs_at = _addresses([output.address for output in self.outputs])
+        self._audios = _addresses([output.value.audio.ctypes.data for output in self.outputs])
         self._ledgers = _addresses([ledger.ctypes.data for ledger in ledgers])
         self.job = np.zeros(len(Job), np.int64)
         self.job[Job.RENDER_BLOCK] = RENDER_BLOCK.address(model.kind, state.kind, *RENDER_USE.others)
@@ -85,11 +85,26 @@ class JobMemory:
 
     def render_traced(self, frames: int, trace: Trace) -> None:
         """The same on one core, with a trace of all partitions."""
-        values = [output.value for output in self._outputs]
-        outputs = [StructHandle(block_output(v.audio, v.ledger, self.measures_energy, trace)) for v in values]
-        job, addresses = self.job.copy(), _addresses([output.address for output in outputs])
-        job[[Job.OUTPUTS, Job.CREW]] = addresses.ctypes.data, 0
-        self._render(int(job.ctypes.data), frames)
+        TracedJob(self, trace).render(frames)
+
+
+class TracedJob:
+    """Blocks of a scene on one core that fill the same trace of all partitions again and again: it is zeroed by who
+    reads it."""
+
+    def __init__(self, memory: JobMemory, trace: Trace) -> None:
+        self.memory = memory
+        outputs = [handle.value for handle in memory.outputs]
+        traced = [block_output(o.audio, o.ledger, memory.measures_energy, trace) for o in outputs]
+        self._handles = [StructHandle(output) for output in traced]
+        self._addresses = _addresses([handle.address for handle in self._handles])
+        self._job = memory.job.copy()
+        self._job[[Job.OUTPUTS, Job.CREW]] = self._addresses.ctypes.data, 0
+        self._render = RENDER_JOB.callable(*RENDER_JOB_KINDS)
+
+    def render(self, frames: int) -> None:
+        """Render the next frames into the memory's `audio`, and add to the trace."""
+        self._render(int(self._job.ctypes.data), frames)
 
 
 def _addresses(numbers: list[int]) -> np.ndarray:

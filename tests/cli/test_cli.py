@@ -101,7 +101,9 @@ def test_trace_holds_every_sample(tmp_path):
     shapes = {"displacement": (n, 1), "velocity": (n, 1), "compression": (n, 1), "force": (n, 1)}
     for name in ("time", "iterations", "kinetic", "potential", "contact", "dissipated", "supplied", "total"):
         shapes[name] = (n,)
-    assert {name: trace[name].shape for name in trace.files} == shapes
+    labels = {"bodies", "contacts", "positions", "contact_positions", "samplerate", "units"}
+    assert {name: trace[name].shape for name in trace.files if name not in labels} == shapes
+    assert labels <= {*trace.files} and {*shapes} <= {*dict(trace["units"])}
     assert trace["displacement"][0, 0] == 0.2
     assert trace["total"][0] == pytest.approx(9.81 * 0.2)
     touching = trace["compression"][:, 0] > 0

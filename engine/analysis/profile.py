@@ -75,20 +75,20 @@ def profile_scene(
     scene: Scene,
     seconds: float,
     samplerate: int = 44_100,
-    on_compiled: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] | None = None,
     **accuracy: Any,
 ) -> Profile:
     """Islands, effects and costs of a scene, measured over its first `seconds`.
 
-    on_compiled: called with 1.0 when the kernel is compiled, before the clock starts
-    accuracy:    values of the scene's Accuracy to be replaced
+    progress: called with the share measured, 0 to 1; first with 0, when the kernel is compiled
+    accuracy: values of the scene's Accuracy to be replaced
 
     Times are in ns per sample, on one core, with the energies measured, as in a rendering. Raises BuildError.
     """
     settings = scene.accuracy.replace(**accuracy)
     model, state, layout = build(scene, samplerate, settings, seconds, one_partition_per_island=True)
     channels = scene.channels
-    mean, worst = _measure_costs(model, state, round(seconds * samplerate), channels, on_compiled)
+    mean, worst = _measure_costs(model, state, round(seconds * samplerate), channels, progress)
     return Profile(
         kernel=kernel_id(model, state),
         islands=[_profile_island(layout, model, state, n, mean[n], worst[n]) for n in range(mean.size)],
@@ -106,7 +106,7 @@ def kernel_id(model: Model, state: State) -> str:
 
 
 def _measure_costs(
-    model: Model, state: State, frames: int, channels: int, on_compiled: Callable[[float], None] | None
+    model: Model, state: State, frames: int, channels: int, progress: Callable[[float], None] | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Time of each island, ns per sample [islands]: its mean, and that of its slowest chunk."""
     count = model.islands.partition.size - 1
@@ -115,10 +115,10 @@ def _measure_costs(
     handles = StructHandle(model), StructHandle(state), StructHandle(block_output(audio, ledger, True))
     render_block = RENDER_USE.kernel.callable(handles[0].kind, handles[1].kind, *RENDER_USE.others)
     addresses = [handle.address for handle in handles]
-    if on_compiled is not None:
-        on_compiled(1.0)
     total, worst = np.zeros(count), np.zeros(count)
     for begin in range(0, frames, TIMED_CHUNK_FRAMES):
+        if progress is not None:
+            progress(begin / frames)
         length = min(TIMED_CHUNK_FRAMES, frames - begin)
         for n in range(count):
             start = time.perf_counter()

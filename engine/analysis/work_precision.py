@@ -141,15 +141,18 @@ def measure_work_precision(
     probed, columns = _add_probes(scene)
     order_2_only = _allows_order_2_only(scene, samplerate, base)
     ladder = settings_ladder(order_2_only)
-    steps = len(ladder) + 4
+    steps = 2 * len(ladder) + 5  # runs, those of the reference, costs, and the other methods
     done = 0
 
-    def run_scene(changes: dict[str, Any], perturbation: float = 0.0) -> Run:
+    def count_step() -> None:
         nonlocal done
-        run = _run(probed, seconds, samplerate, base.replace(**changes), columns, perturbation)
         done += 1
         if progress is not None:
             progress(min(1.0, done / steps))
+
+    def run_scene(changes: dict[str, Any], perturbation: float = 0.0) -> Run:
+        run = _run(probed, seconds, samplerate, base.replace(**changes), columns, perturbation)
+        count_step()
         return run
 
     plain = ladder[1]  # one step of order 2 per sample
@@ -163,6 +166,7 @@ def measure_work_precision(
         accuracy = base.replace(**setting.changes, silence=scene.accuracy.silence)
         nanoseconds = _measure_cost(scene, seconds, samplerate, accuracy)
         rows.append(_result_row(setting, run, reference, samplerate, nanoseconds))
+        count_step()
     finest, frames = reference.run, reference.frames
     study = WorkPrecisionStudy(
         seconds=seconds,

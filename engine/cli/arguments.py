@@ -168,6 +168,12 @@ def add_json(parser: CommandParser, contents: str = "the statistics") -> None:
     parser.add_argument("--json", action="store_true", help=f"print {contents} as one JSON object")
 
 
+def add_verbose(parser: CommandParser) -> None:
+    """Add the switch to all that a rendering has to tell."""
+    text = "print iterations, energies and effects too (--json has all of it)"
+    parser.add_argument("--verbose", action="store_true", help=text)
+
+
 def add_accuracy_options(parser: CommandParser) -> None:
     """Add the options that take the place of [accuracy] in a patch."""
     group = parser.add_argument_group("accuracy (default: what the patch says under [accuracy])")

@@ -42,8 +42,8 @@ def profile_command(args: argparse.Namespace) -> int:
         return print_key(scene, args)
     seconds = numbers["seconds"] or scene.seconds
     try:
-        with progress_feedback(args.json):
-            profile = profile_scene(scene, seconds, samplerate_of(numbers), **accuracy_options(args))
+        with progress_feedback("measuring costs") as progress:
+            profile = profile_scene(scene, seconds, samplerate_of(numbers), progress, **accuracy_options(args))
     except MemoryError:
         print_error("not enough memory for so many samples; give fewer --seconds")
         return 1

@@ -127,7 +127,7 @@ class PlayerFactory:
             many |= {"voices": voice_count(args), "lowest": midi.lowest_ratio(args.midi, scene)}
         if (args.midi or args.watch) and seconds is None:
             seconds = math.inf
-        with progress_feedback(args.json):
+        with progress_feedback("measuring the speed"):
             speed, peak = measure_speed(
                 lambda: Player(scene, self.samplerate, **many), int(args.block_size), pilot_seconds
             )

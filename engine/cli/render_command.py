@@ -70,6 +70,7 @@ def add_render_command(commands: "arguments.Commands") -> None:
     arguments.add_plot(parser, "waveform, spectrogram, energies and contacts")
     arguments.add_report(parser, "to listen to and look at")
     arguments.add_json(parser)
+    arguments.add_verbose(parser)
     parser.set_defaults(run=render_command)
 
 
@@ -127,7 +128,7 @@ def scene_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namesp
     if args.json:
         print(json.dumps(json_safe(outputs.stats)))
     else:
-        console.print_summary(outputs.stats, [str(path) for path in companions])
+        console.print_summary(outputs.stats, [str(path) for path in companions], args.verbose)
     return 0
 
 
@@ -153,17 +154,19 @@ def midi_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespa
     from engine.build import limits
     from engine.live import midi, midi_notes
     from engine.offline.trust import explain_doubts
+    from engine.report import console
 
     rate, output = samplerate_of(numbers), sound_path(args)
     scene = scene.model_copy(update={"accuracy": scene.accuracy.replace(**accuracy_options(args))})
     try:
         limits.build_modal_bodies(scene, rate, scene.accuracy.scheme)
-        with progress_feedback(args.json) as progress:
+        with progress_feedback("rendering") as progress:
             audio, player, voices = midi.render_notes(
                 scene, args.midi, rate, numbers["seconds"], voice_count(args), progress
             )
         audio, gain = apply_gain(audio, float(abs(audio).max()), numbers["gain"], args.subtype)
         save_audio(output, audio, rate, args.subtype)
+        cut = count_clipped(output, audio, gain, args.subtype)
     except midi_notes.MidiError as error:
         print_error(error)
         return 2
@@ -173,7 +176,7 @@ def midi_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespa
     except (OSError, RuntimeError) as error:
         print_error(f"cannot write {output} ({error_reason(error)})")
         return 1
-    if cut := count_clipped(output, audio, gain, args.subtype):
+    if cut:
         print(f"{output}: {cut}", file=sys.stderr)
     for warning in describe_lowered_gain(output, gain, numbers["gain"]):
         print(warning, file=sys.stderr)
@@ -181,14 +184,16 @@ def midi_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespa
     for line in describe_leftover([], voices.ignored, voices.stolen, voices.refused):
         print(line, file=sys.stderr)
     reasons = explain_doubts(reading.newton, reading.energy_error, not reading.not_finite)
+    stats = {"patch": args.patch, "output": str(output), "seconds": len(audio) / rate, "gain_db": gain}
+    stats |= {"live": reading.as_dict(), "notes": played, "trusted": not reasons, "reasons": reasons}
+    stats |= {"samplerate": rate, "channels": audio.shape[1], "peak": float(abs(audio).max())}
+    stats |= {
+        "real_time_factor": reading.real_time_factor,
+        "kernel": reading.kernel,
+        "clipped": cut.count if cut else 0,
+    }
     if args.json:
-        stats = {"patch": args.patch, "output": str(output), "seconds": len(audio) / rate, "gain_db": gain}
-        stats |= {"live": reading.as_dict(), "notes": played, "trusted": not reasons, "reasons": reasons}
         print(json.dumps(json_safe(stats)))
     else:
-        for body, notes in played.items():
-            print(f"{body} plays {notes}")
-        for reason in reasons:
-            print(f"NOT TO BE TRUSTED: {reason}")
-        print(f"{len(audio) / rate:g} s, {player.voices} voices, energy error {reading.energy_error:.1e}\n{output}")
+        console.print_notes_summary(stats, player.voices, args.verbose)
     return 0

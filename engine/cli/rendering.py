@@ -71,7 +71,7 @@ def render_from_arguments(
     accuracy, chosen = accuracy_options(args), dict[str, Any]()
     if args.target_error is not None:
         accuracy, chosen = cheapest_setting(scene, numbers, args, accuracy)
-    with progress_feedback(args.json) as progress:
+    with progress_feedback("rendering") as progress:
         rendering = render(
             scene,
             seconds=numbers["seconds"],
@@ -83,8 +83,9 @@ def render_from_arguments(
             trace_shapes=bool(args.trace_shapes),
             **accuracy,
         )
-        estimate = None
-        if args.error_estimate and not math.isclose(rendering.stats.peak, 0.0):
+    estimate = None
+    if args.error_estimate and not math.isclose(rendering.stats.peak, 0.0):
+        with progress_feedback("estimating the error") as progress:
             estimate = estimate_error(scene, rendering, progress, cores=rendering.stats.cores, kernel=args.kernel)
     output, stats = sound_path(args), rendering.stats
     silence = explain_silence(scene, stats.seconds, stats.samplerate, stats.peak, stats)
@@ -109,12 +110,13 @@ def html_report(scene: "Scene", text: str, outputs: Outputs, args: argparse.Name
     from engine.report.html import compose_page
 
     accuracy = outputs.stats["accuracy"]
-    with progress_feedback(args.json) as progress:
+    with progress_feedback("measuring costs") as progress:
         rate = outputs.rendering.samplerate * accuracy["oversample"]
         explained = profile_scene(scene, outputs.stats["seconds"], rate, progress, **accuracy)
-    return compose_page(
-        outputs.title, text, outputs.rendering, outputs.audio, outputs.stats, explained, outputs.comparison
-    )
+    with progress_feedback("drawing the page"):
+        return compose_page(
+            outputs.title, text, outputs.rendering, outputs.audio, outputs.stats, explained, outputs.comparison
+        )
 
 
 def write_outputs(outputs: Outputs, args: argparse.Namespace) -> list[Path]:
@@ -128,18 +130,20 @@ def write_outputs(outputs: Outputs, args: argparse.Namespace) -> list[Path]:
         else:
             plots.plot_rendering(outputs.rendering, outputs.title, path)
 
-    write_or_raise(
-        sound_path(args), lambda path: save_audio(path, outputs.audio, outputs.rendering.samplerate, args.subtype)
-    )
+    def sound(path: Path) -> None:
+        save_audio(path, outputs.audio, outputs.rendering.samplerate, args.subtype)
+
     trace, page = outputs.rendering.trace or {}, to_utf8_text(outputs.page or "")
     companions: list[tuple[Path | None, Callable[[Path], object]]] = [
         (optional_path(args.trace), lambda path: save_trace(path, trace)),
         (plot_path(args), lambda path: write_atomically(path, picture)),
         (report_path(args), lambda path: write_atomically(path, lambda part: part.write_text(page, "utf-8"))),
     ]
-    for target, job in companions:
-        if target is not None:
-            write_or_raise(target, job)
+    with progress_feedback("writing the files"):
+        write_or_raise(sound_path(args), sound)
+        for target, job in companions:
+            if target is not None:
+                write_or_raise(target, job)
     return [target for target, _ in companions if target is not None]
 
 
@@ -163,7 +167,7 @@ def run_work_precision(
     """Measure what accuracy costs (engine.analysis.work_precision)."""
     from engine.analysis.work_precision import measure_work_precision
 
-    with progress_feedback(args.json) as progress:
+    with progress_feedback("comparing settings") as progress:
         return measure_work_precision(scene, seconds, samplerate_of(numbers), progress)
 
 

@@ -38,8 +38,8 @@ def replay_command(args: argparse.Namespace) -> int:
         channels = log.made().channels
         faults += check_rate_and_channels("--output", output, log.samplerate, channels)
         if not faults:
-            with progress_feedback(args.json):
-                audio = replay(log)
+            with progress_feedback("replaying") as progress:
+                audio = replay(log, progress)
     except (OSError, ValueError, RecursionError, MemoryError) as error:
         reason = error_reason(error).splitlines()[0] if str(error) else "too long"
         faults.append(Fault("", f"cannot be read as a log ({reason}); one that play --event-log wrote", args.log))

@@ -63,7 +63,7 @@ def sweep_command(args: argparse.Namespace) -> int:
         return 2
     folder = sweep_plan.sweep_folder(args)
     try:
-        with progress_feedback(args.json) as progress:
+        with progress_feedback("rendering the sweep") as progress:
             accuracy = accuracy_options(args)
             outcome = sweep.sweep_from_arguments(plan, folder, numbers, accuracy, args.subtype, args.cluster, progress)
         if args.sfz and not outcome.interrupted:

@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,6 +19,7 @@ from engine.patch.scene import SAMPLE_RATE_RANGE, Scene
 from engine.patch.tables import MAX_EXPONENT
 
 MAX_LOG_BYTES = 64_000_000  # bytes of a log
+PIECE_FRAMES = 16_384  # between two looks at Ctrl-C
 HOURS = 10  # that a log tells of at most
 CONNECTION_EVENTS = EventKind.CONNECTION_STIFFNESS, EventKind.CONNECTION_DAMPING, EventKind.CONNECTION_REST
 Whole = Annotated[int, Field(ge=-(1 << 62), le=1 << 62)]  # that the audio thread can hold
@@ -73,19 +75,22 @@ def _none(name: str) -> Any:
     raise ValueError(f"{name} is no number of JSON")
 
 
-def replay(record: dict[str, Any] | Log) -> np.ndarray:
+def replay(record: dict[str, Any] | Log, progress: Callable[[float], None] | None = None) -> np.ndarray:
     """What was played, from its log: single precision [frames, channels], the same bit for bit. Raises ValueError
-    (pydantic's, or BuildError) if the log is none."""
+    (pydantic's, or BuildError) if the log is none.
+
+    progress: called now and then with the share rendered, 0 to 1
+    """
     log = record if isinstance(record, Log) else Log.model_validate(record)
     if log.frames > HOURS * 3600 * log.samplerate:
         raise ValueError(f"it has {log.frames} frames; at most {HOURS} hours")
     try:
-        return _played(log)
+        return _played(log, progress or (lambda share: None))
     except (LookupError, ArithmeticError, TypeError, RecursionError) as error:
         raise ValueError(f"it tells of what cannot be: {error}") from error
 
 
-def _played(log: Log) -> np.ndarray:
+def _played(log: Log, progress: Callable[[float], None]) -> np.ndarray:
     """What was played."""
     player = Player(
         log.made(), log.samplerate, math.inf, log.gain, log.voices, log.lowest, log.general, waiting=log.waiting
@@ -93,18 +98,24 @@ def _played(log: Log) -> np.ndarray:
     shared = player.shared
     shared[Slot.END], shared[Slot.FADE_IN_FRAMES], shared[Slot.FADE_OUT_FRAMES] = log.end, log.fade, log.leave
     out, at = np.zeros((min(log.frames, log.end), player.channels), np.float32), 0
+
+    def render_pieces(begin: int, end: int) -> None:
+        for piece in range(begin, max(end, begin + 1), PIECE_FRAMES):
+            progress(piece / max(1, len(out)))
+            player.render_into(out[piece : min(end, piece + PIECE_FRAMES)])
+
     for event in log.events:
         if event.frame is None or event.frame >= len(out):
             continue
         if event.frame < at:
             raise ValueError("its events are not in the order of their frames")
-        player.render_into(out[at : event.frame])
+        render_pieces(at, event.frame)
         at = event.frame
         if event.why[:1] == ["tune"] and len(event.why) in (3, 4):
             player.tune(int(event.why[1]), float(event.why[2]), body=event.why[3] if event.why[3:] else None)
         else:
             kernels.enqueue()(player.shared.ctypes.data, *validated_row(player, event.row))
-    player.render_into(out[at:])
+    render_pieces(at, len(out))
     return out
 
 

@@ -14,27 +14,77 @@ MAX_LISTED_ISLANDS = 32
 REAL_TIME_MARGIN = 0.8  # of the time there is, that a scene should take
 
 
-def print_summary(stats: dict[str, Any], companions: list[str]) -> None:
-    """Print the statistics of a rendering. companions: the files written beside the sound"""
-    rows = summary_rows(stats) | ({"beside it": ", ".join(companions)} if companions else {})
+def print_summary(stats: dict[str, Any], companions: list[str], verbose: bool = False) -> None:
+    """Print the length, level, speed and file of a rendering, what was asked for besides, and what is wrong.
+
+    companions: the files written beside the sound
+    verbose:    print all statistics
+    """
+    rows = {"also wrote": ", ".join(companions)} if companions else {}
+    print_rows((detailed_rows if verbose else summary_rows)(stats) | rows)
+    print(stats["output"])
+
+
+def print_rows(rows: dict[str, str]) -> None:
+    """Print a line for each row: its heading and its text."""
     for name, value in rows.items():
         print(f"{name:<18} {value}")
+
+
+def print_notes_summary(stats: dict[str, Any], voices: int, verbose: bool = False) -> None:
+    """Print the same of the notes of a MIDI file, rendered by the voices of a patch. stats: as `--json` prints them"""
+    rows = {name: f"plays {notes}" for name, notes in stats["notes"].items()} if verbose else {}
+    rows |= {"energy error": f"{stats['live']['energy_error']:.1e} of the largest energy held"} if verbose else {}
+    slow = {"TOO SLOW": "for real time with so many voices; give fewer --voices"}
+    rows |= {} if stats["trusted"] else {"NOT TO BE TRUSTED": "; ".join(stats["reasons"])}
+    print_rows(_headline_rows(stats, f", {voices} voices") | rows | (slow if stats["real_time_factor"] < 1.0 else {}))
     print(stats["output"])
 
 
 def summary_rows(stats: dict[str, Any]) -> dict[str, str]:
-    """The statistics of a rendering in words, by headings."""
+    """What everyone wants to know of a rendering in words, by headings; what was asked for besides, and what is
+    wrong."""
+    cores = f" on {stats['cores']} cores" if stats["cores"] > 1 else ""
+    return _headline_rows(stats, cores) | _requested_rows(stats) | _alarm_rows(stats)
+
+
+def detailed_rows(stats: dict[str, Any]) -> dict[str, str]:
+    """All statistics of a rendering in words, by headings."""
+    cores = f" on {stats['cores']} cores" if stats["cores"] > 1 else ""
+    return _headline_rows(stats, cores) | _detail_rows(stats) | _requested_rows(stats) | _alarm_rows(stats)
+
+
+def _headline_rows(stats: dict[str, Any], shared_by: str) -> dict[str, str]:
+    """Length, level and speed. shared_by: cores or voices, if there are several"""
+    channels = {1: "mono", 2: "stereo"}.get(stats["channels"], f"{stats['channels']} channels")
+    return {
+        "length": f"{stats['seconds']:g} s at {stats['samplerate']} Hz, {channels}",
+        "level": _describe_level(stats),
+        "speed": f"{format_factor(stats['real_time_factor'])} real time{shared_by}, {stats['kernel']} kernel",
+    }
+
+
+def _requested_rows(stats: dict[str, Any]) -> dict[str, str]:
+    """The answers to --target-error and --error-estimate."""
+    return _chosen_setting_rows(stats.get("chosen")) | _error_estimate_rows(stats.get("error_estimate"))
+
+
+def _alarm_rows(stats: dict[str, Any]) -> dict[str, str]:
+    """Why a rendering is not to be trusted, or too slow to be played; none where all is well."""
+    rows = {} if stats["trusted"] else {"NOT TO BE TRUSTED": "; ".join(stats["reasons"])}
+    return rows | ({"TOO SLOW": explain_too_slow(stats)} if stats["real_time_factor"] < 1.0 else {})
+
+
+def _detail_rows(stats: dict[str, Any]) -> dict[str, str]:
+    """Iterations, energies, effects and activity."""
     newton, energy, activity = stats["newton"], stats["energy"], stats["activity"]
-    outcomes, cores = newton["solve_outcomes"], f" on {stats['cores']} cores" if stats["cores"] > 1 else ""
+    outcomes = newton["solve_outcomes"]
     iterations = f"mean {newton['mean']:.2f}, p99 {newton['p99']}, max {newton['max']}; "
     iterations += ", ".join(f"{n}: {count}" for n, count in enumerate(newton["histogram"]) if count)
     samples = max(1, sum(outcomes.values()))
     shares = ", ".join(f"{name.replace('_', ' ')} {n / samples:.2%}" for name, n in outcomes.items() if n)
-    rows = {
-        "duration": f"{stats['seconds']:g} s at {stats['samplerate']} Hz, channels: {stats['channels']}",
-        "peak": f"{_describe_peak(stats)} (gain {stats['gain_db']:+.1f} dB on SI units)",
-        "speed": f"{format_factor(stats['real_time_factor'])} real time,"
-        f" {stats['ns_per_sample']:.1f} ns per sample{cores}, {stats['kernel']} kernel",
+    return {
+        "cost": f"{stats['ns_per_sample']:.1f} ns per sample",
         "Newton iterations": iterations if newton["solves"] else "none needed",
         "solved": shares or "no contacts",
         "energy error": f"{energy['error_max']:.1e} of the largest energy held,"
@@ -45,24 +95,20 @@ def summary_rows(stats: dict[str, Any]) -> dict[str, str]:
         "left out": ", ".join(stats["effects"]["left_out"]) or "none",
         "time": f"{activity['free']:.1%} free, {activity['contact']:.1%} in contact, {activity['asleep']:.1%} asleep",
     }
-    rows |= _chosen_setting_rows(stats.get("chosen")) | _error_estimate_rows(stats.get("error_estimate"))
-    if not stats["trusted"]:
-        rows["NOT TO BE TRUSTED"] = "; ".join(stats["reasons"])
-    if stats["real_time_factor"] < 1.0:
-        rows["TOO SLOW"] = explain_too_slow(stats)
-    return rows
 
 
-def _describe_peak(stats: dict[str, Any]) -> str:
-    """The peak of a rendering, or why it is silent."""
+def _describe_level(stats: dict[str, Any]) -> str:
+    """The peak of a file and its gain, or why it is silent."""
     peak = stats["peak"]
     if stats.get("silent"):
         return f"silent: {stats['silent']}"
-    level = f"{20 * math.log10(peak):.1f} dBFS" if peak > SILENT_PEAK else "silent"
+    if peak <= SILENT_PEAK:
+        return "silent"
+    level = f"peak {20 * math.log10(peak):.1f} dBFS"
     if peak > 1.0:
         cut = f"{stats['clipped']} samples are clipped" if stats.get("clipped") else "players will clip it"
         level += f" (above full scale: {cut}; --gain {largest_safe_gain(stats['gain_db'], peak):.1f} fits)"
-    return level
+    return f"{level}, gain {stats['gain_db']:+.1f} dB on SI units"
 
 
 def _error_estimate_rows(estimate: dict[str, Any] | None) -> dict[str, str]:

@@ -96,7 +96,7 @@ def compose_page(
         *headline_numbers(stats, profile),
         *time_figures(rendering, stats),
         "<h2>What was rendered</h2>",
-        *table_element(console.summary_rows(stats).items()),
+        *table_element(console.detailed_rows(stats).items()),
         "<p class=soft>This speed is that of a render which keeps a trace of every sample, for the pictures, on one"
         " core.</p>",
         *profile_section(profile),

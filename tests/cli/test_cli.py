@@ -35,10 +35,36 @@ def test_a_patch_becomes_a_wav(tmp_path):
     assert done.returncode == 0, done.stderr
     info = soundfile.info(str(tmp_path / "bouncing_ball.wav"))
     assert (info.frames, info.samplerate, info.channels, info.subtype) == (22_050, 44_100, 1, "FLOAT")
-    for word in ("0.5 s", "-1.0 dBFS", "gain", "× real time", "Newton", "energy error", "compiled in", "left out"):
-        assert word in done.stdout
-    assert done.stdout.splitlines()[-1] == "bouncing_ball.wav"
+    length, level, speed, file = done.stdout.splitlines()
+    assert "0.5 s at 44100 Hz, mono" in length and "× real time" in speed
+    assert "-1.0 dBFS" in level and "gain" in level
+    assert file == "bouncing_ball.wav"
     assert [p.name for p in tmp_path.iterdir()] == ["bouncing_ball.wav"]
+
+
+def test_verbose_tells_what_the_simulation_did(tmp_path, capsys):
+    assert main.main([BALL, "-o", str(tmp_path / "a.wav"), "--seconds", "0.5"]) == 0
+    brief = capsys.readouterr().out.splitlines()
+    assert main.main([BALL, "-o", str(tmp_path / "a.wav"), "--seconds", "0.5", "--verbose"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines[:3]] == [line.split()[0] for line in brief[:3]]
+    for word in ("ns per sample", "Newton", "energy error", "compiled in", "left out"):
+        assert any(word in line for line in lines) and not any(word in line for line in brief)
+    assert lines[-1] == brief[-1] == str(tmp_path / "a.wav")
+
+
+@pytest.mark.parametrize("verbose", [False, True])
+def test_what_is_wrong_is_said_without_verbose(capsys, verbose):
+    stats = engine.render(engine.load(BALL), seconds=0.1).stats.as_dict() | {"output": "a.wav", "gain_db": 0.0}
+    console.print_summary(stats, [], verbose)
+    said = capsys.readouterr().out
+    assert not any(alarm in said for alarm in ("NOT TO BE TRUSTED", "TOO SLOW", "clip", "silent"))
+    wrong = {"trusted": False, "reasons": ["the energy is off"], "real_time_factor": 0.5, "peak": 2.0}
+    console.print_summary(stats | wrong, [], verbose)
+    said = capsys.readouterr().out
+    assert all(alarm in said for alarm in ("NOT TO BE TRUSTED  the energy is off", "TOO SLOW", "players will clip it"))
+    console.print_summary(stats | {"peak": 0.0, "silent": "nothing moves"}, [], verbose)
+    assert "silent: nothing moves" in capsys.readouterr().out
 
 
 def test_the_file_holds_the_take(tmp_path, capsys):
@@ -266,10 +292,10 @@ def test_too_slow_for_real_time_names_the_island(capsys):
     """As big as this one, an island would not run in real time on a slow machine: the summary says which, how big."""
     rendering = engine.render(engine.load(ROOT / "patches" / "tanpura.toml"), seconds=0.1)
     told = {"patch": "tanpura.toml", "output": "tanpura.wav", "gain_db": 0.0, "real_time_factor": 0.7}
-    console.print_summary(rendering.stats.as_dict() | told, None)
+    console.print_summary(rendering.stats.as_dict() | told, [])
     says = capsys.readouterr().out
     assert "TOO SLOW           for real time: the island of string has 80 modes and 16 points of contact" in says
-    console.print_summary(rendering.stats.as_dict() | told | {"real_time_factor": 7.0}, None)
+    console.print_summary(rendering.stats.as_dict() | told | {"real_time_factor": 7.0}, [])
     assert "TOO SLOW" not in capsys.readouterr().out
 
 

@@ -244,7 +244,10 @@ def test_what_is_wrong_with_notes_is_said(tmp_path, capsys):
     out = tmp_path / "out.wav"
     assert main.main([str(PIANO), "--midi", path, "-o", str(out), "--seconds", "0.5"]) == 0
     assert soundfile.info(out).frames == RATE // 2
-    assert "8 voices, energy error" in capsys.readouterr().out
+    length, level, speed, file = capsys.readouterr().out.splitlines()
+    assert "0.5 s at 44100 Hz" in length and "-1.0 dBFS" in level and "8 voices" in speed and file == str(out)
+    assert main.main([str(PIANO), "--midi", path, "-o", str(out), "--seconds", "0.5", "--verbose"]) == 0
+    assert "energy error" in capsys.readouterr().out
 
 
 def test_no_mido_says_what_to_install(tmp_path, monkeypatch, capsys):

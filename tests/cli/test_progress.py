@@ -1,0 +1,104 @@
+"""What a person is told while something takes long."""
+
+import io
+import re
+import sys
+import time
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import engine
+from engine.analysis.profile import profile_scene
+from engine.cli import progress
+from engine.live.player import Player
+from engine.live.replay import replay
+
+BALL = ROOT / "patches" / "bouncing_ball.toml"
+
+
+class Terminal(io.StringIO):
+    """A standard error that is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def impatient(monkeypatch):
+    """Seconds are hundredths."""
+    monkeypatch.setattr(progress, "PROGRESS_DELAY", 0.02)
+    monkeypatch.setattr(progress, "LINE_INTERVAL", 0.1)
+
+
+def wait_for(text: str, capsys: pytest.CaptureFixture, limit: float = 5.0) -> list[str]:
+    """The lines of standard error, once one has a text in it."""
+    lines, end = [], time.monotonic() + limit
+    while not any(text in line for line in lines):
+        assert time.monotonic() < end, lines
+        time.sleep(0.01)
+        lines += capsys.readouterr().err.splitlines()
+    return lines
+
+
+def test_without_a_terminal_a_line_comes_now_and_then(impatient, capsys):
+    with progress.progress_feedback("rendering") as update:
+        update(0.0)
+        time.sleep(0.05)
+        update(0.25)
+        (line,) = wait_for("25%", capsys)
+        assert re.fullmatch(r"rendering: 25% done, about \d+ s left", line)
+        update(0.75)
+        assert wait_for("75%", capsys)
+    time.sleep(0.2)
+    assert capsys.readouterr().err == ""
+
+
+def test_a_task_that_tells_no_share_is_said_to_go_on(impatient, monkeypatch, capsys):
+    monkeypatch.delitem(sys.modules, "numba", raising=False)
+    with progress.progress_feedback("drawing the page"):
+        assert re.fullmatch(r"drawing the page: \d+ s so far", wait_for("so far", capsys)[0])
+
+
+def test_that_a_kernel_is_compiled_is_said_at_once(impatient, monkeypatch, capsys):
+    """Numba is imported only to compile."""
+    monkeypatch.setattr(progress, "LINE_INTERVAL", 60.0)
+    monkeypatch.setitem(sys.modules, "numba", sys)
+    with progress.progress_feedback("rendering") as update:
+        assert wait_for("…", capsys) == ["compiling the kernel (once per machine) …"]
+        update(0.5)
+    assert capsys.readouterr().err == ""
+
+
+def test_what_is_quick_says_nothing(capsys):
+    with progress.progress_feedback("rendering") as update:
+        update(1.0)
+    assert capsys.readouterr().err == ""
+
+
+def test_on_a_terminal_there_is_a_bar_that_goes_away(impatient, monkeypatch):
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    monkeypatch.setenv("TERM", "xterm")
+    with progress.progress_feedback("rendering") as update:
+        update(0.4)
+        end = time.monotonic() + 5.0
+        while "rendering" not in sys.stderr.getvalue() or "40%" not in sys.stderr.getvalue():
+            assert time.monotonic() < end, sys.stderr.getvalue()
+            time.sleep(0.01)
+    assert sys.stderr.getvalue().endswith("\x1b[2K"), "the line is erased"
+
+
+@pytest.mark.parametrize("task", ["render", "replay", "profile"])
+def test_long_tasks_tell_the_share_done(task):
+    scene, shares = engine.load(BALL), []
+    if task == "render":
+        engine.render(scene, progress=shares.append)
+    elif task == "profile":
+        profile_scene(scene, 0.5, progress=shares.append)
+    else:
+        player = Player(scene, seconds=1.0)
+        player.render_into(np.zeros((44_100, player.channels), np.float32))
+        replay(player.log(), shares.append)
+    assert shares == sorted(shares) and len(set(shares)) > 1
+    assert 0.0 <= shares[0] < 0.1 and 0.5 < shares[-1] <= 1.0

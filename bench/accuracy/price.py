@@ -12,7 +12,7 @@ from bench.accuracy.hard import scene_of
 from bench.publish.report import FIGURES, ROOT, pin, publish
 from engine.analysis.other_method_kernels import SingleBody
 from engine.analysis.work_precision import measure_work_precision
-from engine.report import plots
+from engine.report import work_precision_plot
 
 GOAL = 1e-2
 
@@ -58,7 +58,7 @@ def table() -> None:
             ],
             "price",
         )
-        plots.plot_work_precision(found, name, FIGURES / f"price_{name}.png")
+        work_precision_plot.plot_work_precision(found, name, FIGURES / f"price_{name}.png")
         plain = next(r for r in ours if r["setting"] == "order 2, 1 ×")
         lines.append(
             [

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from engine.provenance import describe_machine
-from engine.report import plots
+from engine.report import figures
 
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "bench" / "results"
@@ -60,5 +60,5 @@ def pin() -> None:
 def figure(name: str, width: float, height: float, **panels: Any) -> Iterator[Any]:
     """Axes to draw on; then bench/figures/<name>.png. Sizes in inches; panels as of plt.subplots."""
     FIGURES.mkdir(exist_ok=True)
-    with plots.open_figure(FIGURES / f"{name}.png", width, height, **panels) as axes:
+    with figures.open_figure(FIGURES / f"{name}.png", width, height, **panels) as axes:
         yield axes

@@ -48,7 +48,7 @@ def add_accuracy_command(commands: "arguments.Commands") -> None:
 def accuracy_command(args: argparse.Namespace) -> int:
     """Print what accuracy costs, and draw or report it if asked; returns the exit code."""
     from engine.cli import rendering
-    from engine.report import console, plots
+    from engine.report import console, work_precision_plot
 
     scene, faults = read_patch(args.patch)
     numbers, option_faults = numeric_options(args)
@@ -72,7 +72,7 @@ def accuracy_command(args: argparse.Namespace) -> int:
             outputs = rendering.render_from_arguments(scene, numbers, args, study)
             companions = rendering.write_outputs(outputs, args)
         elif plot is not None:
-            draw = lambda part: plots.plot_work_precision(study, Path(args.patch).stem, part)
+            draw = lambda part: work_precision_plot.plot_work_precision(study, Path(args.patch).stem, part)
             rendering.write_or_raise(plot, lambda path: rendering.write_atomically(path, draw))
     except MemoryError:
         print_error("not enough memory for so many samples; give fewer --seconds")

@@ -32,6 +32,7 @@ from engine.output_files import (
 if TYPE_CHECKING:
     import numpy as np
 
+    from engine.analysis.string_shape import StringShape
     from engine.analysis.work_precision import WorkPrecisionStudy
     from engine.offline.render import Rendering
     from engine.patch.scene import Scene
@@ -49,6 +50,7 @@ class Outputs:
     stats: dict[str, Any]  # as `--json` prints them: of the rendering, and of the file
     comparison: "WorkPrecisionStudy | None"  # what accuracy costs, if that was asked
     page: str | None  # likewise
+    shape: "StringShape | None"  # of the string that moves first, for the pictures
     warnings: list[str]
 
 
@@ -65,6 +67,7 @@ def render_from_arguments(
     """
     from engine.analysis.error_estimate import estimate_error
     from engine.analysis.silence import explain_silence
+    from engine.analysis.string_shape import string_shape
     from engine.offline.render import render
 
     text = None if args.report is None else Path(args.patch).read_text("utf-8-sig")  # as it is rendered
@@ -100,7 +103,11 @@ def render_from_arguments(
     warnings += describe_lowered_gain(output, gain, numbers["gain"])
     warnings += [f"{output}: {cut}"] if cut else []
     title = scene.title or Path(args.patch).stem
-    outputs = Outputs(title, rendering, audio, printed, comparison, None, warnings)
+    shape = None
+    if (args.plot is not None and comparison is None) or args.report is not None:
+        with progress_feedback("computing the shape of a string"):
+            shape = string_shape(scene, rendering)
+    outputs = Outputs(title, rendering, audio, printed, comparison, None, shape, warnings)
     return outputs if text is None else replace(outputs, page=html_report(scene, text, outputs, args))
 
 
@@ -115,7 +122,14 @@ def html_report(scene: "Scene", text: str, outputs: Outputs, args: argparse.Name
         explained = profile_scene(scene, outputs.stats["seconds"], rate, progress, **accuracy)
     with progress_feedback("drawing the page"):
         return compose_page(
-            outputs.title, text, outputs.rendering, outputs.audio, outputs.stats, explained, outputs.comparison
+            outputs.title,
+            text,
+            outputs.rendering,
+            outputs.audio,
+            outputs.stats,
+            explained,
+            outputs.comparison,
+            outputs.shape,
         )
 
 
@@ -123,12 +137,12 @@ def write_outputs(outputs: Outputs, args: argparse.Namespace) -> list[Path]:
     """Write the sound and its companions: trace, picture and page; returns the names of these. Raises WriteError."""
 
     def picture(path: Path) -> None:
-        from engine.report import plots
+        from engine.report import plots, work_precision_plot
 
         if outputs.comparison is not None:
-            plots.plot_work_precision(outputs.comparison, Path(args.patch).stem, path)
+            work_precision_plot.plot_work_precision(outputs.comparison, Path(args.patch).stem, path)
         else:
-            plots.plot_rendering(outputs.rendering, outputs.title, path)
+            plots.plot_rendering(outputs.rendering, outputs.title, path, outputs.shape)
 
     def sound(path: Path) -> None:
         save_audio(path, outputs.audio, outputs.rendering.samplerate, args.subtype)

@@ -13,10 +13,15 @@ import numpy as np
 
 from engine.provenance import describe_machine
 from engine.report import console, plots
+from engine.report.detail_plots import plot_first_contact, plot_string_shape
+from engine.report.figures import panel_png
+from engine.report.trace_signals import first_contact
+from engine.report.work_precision_plot import draw_work_precision
 from engine.wording import json_safe
 
 if TYPE_CHECKING:
     from engine.analysis.profile import Profile
+    from engine.analysis.string_shape import StringShape
     from engine.analysis.work_precision import WorkPrecisionStudy
     from engine.offline.render import Rendering
 
@@ -70,6 +75,7 @@ def compose_page(
     stats: dict[str, Any],
     profile: "Profile",
     study: "WorkPrecisionStudy | None" = None,
+    shape: "StringShape | None" = None,
 ) -> str:
     """The whole page as HTML.
 
@@ -79,6 +85,7 @@ def compose_page(
     stats:       as `--json` prints them
     profile:     of the scene (engine.analysis.profile)
     study:       of accuracy and cost, if it was asked for (engine.analysis.work_precision)
+    shape:       of a string, if the scene has one that moves (engine.analysis.string_shape)
 
     Raises ValueError without a trace.
     """
@@ -95,6 +102,7 @@ def compose_page(
         *audio_element(title, audio, rendering.samplerate, stats["output"]),
         *headline_numbers(stats, profile),
         *time_figures(rendering, stats),
+        *detail_figures(rendering, shape),
         "<h2>What was rendered</h2>",
         *table_element(console.detailed_rows(stats).items()),
         "<p class=soft>This speed is that of a render which keeps a trace of every sample, for the pictures, on one"
@@ -171,10 +179,10 @@ def time_figures(rendering: "Rendering", stats: dict[str, Any]) -> Iterator[str]
     """Waveform, spectrogram, energies and Newton iterations over the same time, one above another."""
     yield "<h2>Over time</h2>"
     energy, newton = stats["energy"], stats["newton"]
-    has_contact = plots.require_trace(rendering)["force"].any()
+    has_contact = first_contact(rendering) is not None
     contact_note = "contact is shaded" if has_contact else "nothing touches"
     figures = {  # height in inches, and caption
-        "waveform": (2.3, f"Waveform in SI units, before any gain; {contact_note}."),
+        "waveform": (plots.waveform_height(rendering), f"Waveform in SI units, before any gain; {contact_note}."),
         "spectrogram": (2.7, f"Spectrogram, to {plots.SPECTROGRAM_DEPTH_DB:.0f} dB below the loudest."),
         "energies": (
             2.7,
@@ -185,7 +193,18 @@ def time_figures(rendering: "Rendering", stats: dict[str, Any]) -> Iterator[str]
         "iterations": (2.3, f"Newton iterations of each sample, at most {newton['max']}; {contact_note}."),
     }
     for name, (height, caption) in figures.items():
-        yield figure_element(plots.panel_png(plots.PANELS[name], rendering, height), caption)
+        yield figure_element(panel_png(plots.PANELS[name], rendering, height), caption)
+
+
+def detail_figures(rendering: "Rendering", shape: "StringShape | None") -> Iterator[str]:
+    """The first contact and the shape of a string, if there are such."""
+    contact = first_contact(rendering)
+    if contact is not None:
+        caption = "The first contact: its force, and the compression of what touches, negative while it is apart."
+        yield figure_element(panel_png(plot_first_contact, contact, 2.7), caption)
+    if shape is not None:
+        caption = f"The shape of {shape.body} over its first two periods: displacement by time and place."
+        yield figure_element(panel_png(plot_string_shape, shape, 3.2), caption)
 
 
 def profile_section(profile: "Profile") -> Iterator[str]:
@@ -203,7 +222,7 @@ def work_precision_section(study: "WorkPrecisionStudy") -> Iterator[str]:
     yield f"<h2>What accuracy costs</h2><p>{escape(_capitalise(study['verdict']))}.</p>"
     if study["unmeasured"]:
         return
-    png = plots.panel_png(plots.draw_work_precision, study, 5.0)
+    png = panel_png(draw_work_precision, study, 5.0)
     yield figure_element(png, "Error against time per sample: this engine and other methods.")
     note = escape(_capitalise(console.reference_note(study)))
     yield f"<p class=soft>{note}. A star: nothing else beats it in both.</p>"

@@ -1,0 +1,112 @@
+"""The plot of a work-precision study: error against time, of the settings of this engine and of other methods."""
+
+import math
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from engine.report.figures import BLUE, open_figure, set_title
+
+if TYPE_CHECKING:
+    from engine.analysis.other_methods import MethodResult
+    from engine.analysis.work_precision import SettingResult, WorkPrecisionStudy
+
+METHOD_COLOURS = "#009e73", "#cc79a7", "#d55e00", "#56b4e9", "#6b5b95", "#a0522d"
+METHOD_MARKERS = "xP^vsD"
+GREY = "0.55"
+LABEL_OFFSETS = [  # points from the middle of a label's side to the point it names, the nearest first
+    (dx * distance, dy * distance)
+    for distance in (5, 12, 20, 30, 42)
+    for dy, dx in product((1, -1, 0), (1, -1, 0))
+    if (dx, dy) != (0, 0)
+]
+LABEL_MARGIN = 1.5  # pixels between two labels
+
+
+def plot_work_precision(study: "WorkPrecisionStudy", title: str, path: Path) -> None:
+    """Write a plot of error against time as a PNG (engine.analysis.work_precision)."""
+    with open_figure(path, 9.0, 6.0) as axes:
+        axes.title.set_size(9)
+        set_title(axes, f"{title}: {study['verdict']}")
+        draw_work_precision(axes, study)
+
+
+def draw_work_precision(axes: Any, study: "WorkPrecisionStudy") -> None:
+    """Draw error against time, of the settings and of other methods; methods that failed stand along the top."""
+    if not study["rows"]:
+        axes.set_axis_off()
+        return
+    has_errors = all(math.isfinite(row["error"]) for row in study["rows"])
+    key, scale, label = (
+        ("error", "log", "relative error") if has_errors else ("bands_db", "linear", "third-octave bands, dB")
+    )
+    if has_errors:
+        _draw_methods(axes, study["others"])
+        front = sorted((r["ns_per_sample"], r["error"]) for r in study["rows"] if r["front"])
+        axes.plot(*zip(*front, strict=True), color=BLUE, lw=1.5, label="this engine, where nothing of it is better")
+    for row in study["rows"]:
+        colour = BLUE if row["front"] else GREY
+        axes.plot(row["ns_per_sample"], row[key], "o", color=colour, zorder=3)
+    axes.set(xscale="log", yscale=scale, xlabel="ns per sample", ylabel=label)
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter("{x:g}" if _is_short(axes.get_xlim()) else "")
+    axes.grid(True, which="both", alpha=0.2)
+    if has_errors and study["others"]:
+        axes.legend(fontsize="x-small", loc="lower left")
+    _label_settings(axes, study["rows"], key)
+
+
+def _is_short(limits: tuple[float, float]) -> bool:
+    """Whether an axis is so short that its decades alone would be few labels."""
+    return limits[1] / limits[0] < 10.0
+
+
+def _label_settings(axes: Any, rows: "list[SettingResult]", key: str) -> None:
+    """Write the name of each setting beside its point: where it lies within the axes, and on no other name or point."""
+    figure = axes.figure
+    figure.draw_without_rendering()  # a layout is made, and sizes of texts are known
+    renderer, inside = figure.canvas.get_renderer(), axes.get_window_extent()
+    points = axes.transData.transform([(row["ns_per_sample"], row[key]) for row in rows])
+    legend = axes.get_legend()
+    taken = [] if legend is None else [legend.get_window_extent(renderer)]
+
+    def place(label: Any, offset: tuple[int, int]) -> Any:
+        dx, dy = offset
+        label.set(position=offset, ha=_align(dx, "left", "right"), va=_align(dy, "bottom", "top"))
+        return label.get_window_extent(renderer).padded(LABEL_MARGIN)
+
+    def badness(box: Any) -> int:
+        is_inside = inside.x0 <= box.x0 and box.x1 <= inside.x1 and inside.y0 <= box.y0 and box.y1 <= inside.y1
+        points_covered = sum(box.contains(*point) for point in points)
+        return int(10 * (not is_inside) + 3 * sum(box.overlaps(other) for other in taken) + points_covered)
+
+    for row in rows:
+        position = row["ns_per_sample"], row[key]
+        label = axes.annotate(row["setting"], position, (0, 0), textcoords="offset points", size="small")
+        best = min(LABEL_OFFSETS, key=lambda offset: badness(place(label, offset)))
+        taken.append(place(label, best))
+
+
+def _align(offset: float, positive: str, negative: str) -> str:
+    """How a label is aligned that lies at an offset from its point."""
+    return positive if offset > 0 else negative if offset < 0 else "center"
+
+
+def _draw_methods(axes: Any, rows: "list[MethodResult]") -> None:
+    """Draw error against time of other methods, a line each."""
+    methods: dict[str, list[MethodResult]] = {}
+    for row in rows:
+        methods.setdefault(row["setting"].rpartition(",")[0], []).append(row)
+    for n, (method, runs) in enumerate(methods.items()):
+        valid, colour = [r for r in runs if not r["failed"]], METHOD_COLOURS[n % len(METHOD_COLOURS)]
+        times, errors = [r["ns_per_sample"] for r in valid], [r["error"] for r in valid]
+        marker = METHOD_MARKERS[n % len(METHOD_MARKERS)]
+        axes.plot(times, errors, f"{marker}--", ms=5, lw=0.8, color=colour, label=method)
+        failed = [r["ns_per_sample"] for r in runs if r["failed"]]
+        if failed:
+            failures = sorted({r["failed"].partition(" at ")[0] for r in runs if r["failed"]})
+            label = f"{method}: {', '.join(failures)}"
+            height = np.full(len(failed), 0.98 - 0.03 * n)  # of the axes
+            axes.plot(failed, height, "X", color=colour, label=label, transform=axes.get_xaxis_transform())

@@ -6,7 +6,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from engine.patch.tables import ConstantForce, Force, HalfSineForce, PluckEvent, PluckForce, PulseForce, SampledForce
+from engine.build.noise import NOISE_RATE, draw_noise
+from engine.patch.tables import (
+    ConstantForce,
+    Force,
+    HalfSineForce,
+    NoiseForce,
+    PluckEvent,
+    PluckForce,
+    PulseForce,
+    SampledForce,
+    SineForce,
+)
 
 LOOKAHEAD_SAMPLES = 4_096  # samples that the filter of a resampler may look ahead
 
@@ -33,8 +44,7 @@ def force_table(force: Force | PluckEvent, samplerate: float, seconds: float = m
 def _table(force: Force | PluckEvent, samplerate: float, last: int) -> ForceTable:
     """The table of a force up to a step."""
     if isinstance(force, ConstantForce):
-        start = int(force.start * samplerate)
-        return ForceTable(start, force.amplitude * np.array([start + 1 - force.start * samplerate]), force.amplitude)
+        return _constant(force, samplerate, last)
     if isinstance(force, PulseForce):
         begin, end = force.start * samplerate, (force.start + force.duration) * samplerate
         step = np.arange(int(begin), min(int(np.ceil(end)), last))
@@ -46,9 +56,21 @@ def _table(force: Force | PluckEvent, samplerate: float, last: int) -> ForceTabl
         begin, length = force.start * samplerate, force.duration * samplerate
         phase = np.arange(int(begin), min(int(np.ceil(begin + length)), last) + 1) - begin
         values = np.where((phase > 0) & (phase < length), np.sin(np.pi * np.clip(phase / length, 0, 1)), 0.0)
+    elif isinstance(force, SineForce):
+        begin, time = _sample_times(force, samplerate, last)
+        values = np.sin(2 * np.pi * force.frequency * time + force.phase) * _fade(force, time)
+        values *= _envelope(force.envelope, time)
+    elif isinstance(force, NoiseForce):
+        begin, time = _sample_times(force, samplerate, last)
+        values = np.zeros(time.size)
+        first = round(force.start * samplerate) - begin
+        noise = read_noise(force, samplerate, time.size - first)
+        values[first : first + noise.size] = noise
+        values *= _fade(force, time) * _envelope(force.envelope, time)
     else:
         begin = round(force.start * samplerate) - 1  # rises from 0 in the step before its first sample
         values = np.concatenate([[0.0], read_samples(force, samplerate, max(0, last - begin)), [0.0]])
+        values *= _envelope(force.envelope, (begin + np.arange(values.size)) / samplerate - force.start)
     ends = force.amplitude * values
     return ForceTable(int(begin), 0.5 * (ends[1:] + ends[:-1]), 0.0)
 
@@ -56,7 +78,7 @@ def _table(force: Force | PluckEvent, samplerate: float, last: int) -> ForceTabl
 def count_steps(force: Force | PluckEvent, samplerate: float, seconds: float) -> float:
     """About how many steps the table of a force has."""
     if isinstance(force, ConstantForce):
-        return 1
+        return 1 if force.envelope is None else max(0.0, min(force.envelope[-1][0], seconds - force.start)) * samplerate
     if isinstance(force, SampledForce):
         import soundfile
 
@@ -72,6 +94,71 @@ def count_steps(force: Force | PluckEvent, samplerate: float, seconds: float) ->
 def _last_step(samplerate: float, seconds: float) -> int:
     """A step from which on nobody listens; some more than there are, for a render's end is rounded."""
     return sys.maxsize if seconds == math.inf else math.ceil(seconds * samplerate) + 64
+
+
+def _constant(force: ConstantForce, samplerate: float, last: int) -> ForceTable:
+    """A constant, or the straight lines of its envelope; the mean over each step, exactly."""
+    start = int(force.start * samplerate)
+    if force.envelope is None:
+        return ForceTable(start, force.amplitude * np.array([start + 1 - force.start * samplerate]), force.amplitude)
+    end = min(math.ceil((force.start + force.envelope[-1][0]) * samplerate) + 1, last)
+    time = np.maximum(np.arange(start, max(end, start + 1) + 1) / samplerate - force.start, 0.0)
+    means = np.diff(_envelope_integral(force.envelope, time)) * samplerate
+    return ForceTable(start, force.amplitude * means, force.amplitude * force.envelope[-1][1])
+
+
+def _envelope(envelope: list[list[float]] | None, time: np.ndarray) -> np.ndarray | float:
+    """The factor of an envelope at some times [times], s after the start of its force."""
+    if envelope is None:
+        return 1.0
+    times, factors = np.array(envelope, dtype=float).T
+    return np.asarray(np.interp(time, times, factors))
+
+
+def _envelope_integral(envelope: list[list[float]], time: np.ndarray) -> np.ndarray:
+    """The integral of the factor of an envelope from 0 to some times [times], s."""
+    times, factors = np.array(envelope, dtype=float).T
+    if times[0] > 0.0:
+        times, factors = np.concatenate([[0.0], times]), np.concatenate([factors[:1], factors])
+    widths = np.diff(times)
+    sums = np.concatenate([[0.0], np.cumsum(widths * (factors[1:] + factors[:-1]) / 2)])
+    piece = np.clip(np.searchsorted(times, time, "right") - 1, 0, times.size - 1)
+    within = time - times[piece]
+    slopes = np.append(np.diff(factors) / widths, 0.0)
+    return np.asarray(sums[piece] + within * (factors[piece] + slopes[piece] * within / 2))
+
+
+def _sample_times(force: SineForce | NoiseForce, samplerate: float, last: int) -> tuple[int, np.ndarray]:
+    """The step in which a force begins, and the times of the ends of its steps, s after its start."""
+    begin, end = force.start * samplerate, (force.start + force.duration) * samplerate
+    frames = np.arange(int(begin), min(int(np.ceil(end)), last) + 1)
+    return int(begin), frames / samplerate - force.start
+
+
+def _fade(force: SineForce | NoiseForce, time: np.ndarray) -> np.ndarray:
+    """½(1 - cos) up at the start of a force, and down at its end; 0 before and after."""
+    inside = (time >= 0.0) & (time <= force.duration)
+    if force.fade == 0.0:
+        return inside.astype(float)
+    nearest = np.clip(np.minimum(time, force.duration - time) / force.fade, 0.0, 1.0)
+    return np.where(inside, 0.5 * (1.0 - np.cos(np.pi * nearest)), 0.0)
+
+
+def read_noise(force: NoiseForce, samplerate: float, most: int) -> np.ndarray:
+    """The first samples of a noise at the scene's rate; `most` of them are needed."""
+    ratio = NOISE_RATE / samplerate
+    needed = math.ceil((most + LOOKAHEAD_SAMPLES) * max(1.0, ratio))
+    count = min(needed, math.ceil(force.duration * NOISE_RATE) + LOOKAHEAD_SAMPLES)
+    return _resample(draw_noise(force, count), NOISE_RATE, samplerate)[:most]
+
+
+def _resample(values: np.ndarray, rate: float, samplerate: float) -> np.ndarray:
+    """Samples of one rate at another."""
+    if rate == samplerate:
+        return values
+    import soxr
+
+    return np.asarray(soxr.resample(values, rate, samplerate, "VHQ"))
 
 
 def _pluck(force: PluckForce | PluckEvent, samplerate: float, last: int) -> ForceTable:
@@ -99,9 +186,5 @@ def read_samples(force: SampledForce, samplerate: float, most: int) -> np.ndarra
     values = np.ascontiguousarray(audio[:, force.channel - 1])
     if not np.all(np.isfinite(values)):
         raise ValueError("not all of its samples are numbers")
-    if rate != samplerate:
-        import soxr
-
-        enough = math.ceil((most + LOOKAHEAD_SAMPLES) * max(1.0, rate / samplerate))
-        values = soxr.resample(values[:enough], rate, samplerate, "VHQ")
-    return np.asarray(values[:most], dtype=float)
+    enough = math.ceil((most + LOOKAHEAD_SAMPLES) * max(1.0, rate / samplerate))
+    return _resample(values if rate == samplerate else values[:enough], rate, samplerate)[:most]

@@ -15,7 +15,7 @@ from engine.build.layout import Layout
 from engine.faults import BuildError, Fault
 from engine.output_files import error_reason
 from engine.patch.scene import Scene
-from engine.patch.tables import Force, PluckEvent
+from engine.patch.tables import Force, PluckEvent, SineForce
 
 MAX_FREQUENCY_SHARE = 0.49  # of the sample rate; what vibrates faster would come out at another frequency
 MAX_DECAY_RATE = 1e9  # 1/s; what decays faster has lost all in a thousandth of a step
@@ -110,8 +110,12 @@ def check_sizes(scene: Scene, modal_bodies: list[ModalBody]) -> None:
 
 
 def check_forces(scene: Scene, samplerate: float, seconds: float) -> None:
-    """Raises BuildError if there is no room for the tables of all forces."""
+    """Raises BuildError if there is no room for the tables of all forces, or one is too fast for the sample rate."""
     steps = 0.0
+    for path, force in _external_forces(scene):
+        if isinstance(force, SineForce) and force.frequency >= samplerate / 2:
+            message = f"{force.frequency:g} Hz is no sine at {samplerate:g} Hz; below half of the sample rate"
+            raise BuildError(Fault(f"{path}.frequency", message))
     for path, force in _external_forces(scene):
         steps += _count_steps(path, force, samplerate, seconds)
         if steps > MAX_FORCE_STEPS:

@@ -39,11 +39,10 @@ from engine.patch.scene import Scene
 from engine.patch.tables import (
     MAX_SECONDS,
     ChangeEvent,
-    ConstantForce,
     DampEvent,
+    LastingForce,
     PluckEvent,
     PluckForce,
-    SampledForce,
     StrikeEvent,
 )
 
@@ -206,7 +205,7 @@ class Player:
     def _brief_forces(self) -> list[tuple[int, Any]]:
         """The forces that are over after a while, by their place in the model."""
         forces = [(j, self.layout.forces[number]) for j, number in enumerate(self.layout.force_order)]
-        return [(j, force) for j, force in forces if not isinstance(force, ConstantForce | SampledForce)]
+        return [(j, force) for j, force in forces if not isinstance(force, LastingForce)]
 
     def lift(self, body: str, frame: int = 0) -> None:
         """Lift the dampers of a body; one that is to come down for good, by the score, stays up."""

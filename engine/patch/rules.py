@@ -11,6 +11,7 @@ from pydantic_core import InitErrorDetails
 
 from engine.bodies.table import KeyPath, is_given, is_number, make_fault
 from engine.patch.connection_rules import check_change_of_connection, check_connections, find_rigid_joint
+from engine.patch.force_rules import check_force
 from engine.patch.pickup_rules import check_pickup
 from engine.patch.positions import check_positions, count_positions, kind_of, tables_of
 from engine.patch.tables import MAX_EXPONENT, MAX_FORCE_AT_1_MM, max_stiffness
@@ -56,6 +57,8 @@ def check_rules(data: dict[str, Any]) -> Faults:
         if event.get("kind") == "strike" and find_rigid_joint(event.get("body"), data):
             message = f"a rigid joint holds {format_value(event['body'])}, which cannot be put elsewhere"
             yield make_fault(("event", i, "body"), event["body"], message, "a joint with a stiffness, or a force")
+    for i, force in tables_of(data, "force"):
+        yield from check_force(("force", i), force)
     for section in ("force", "event", "pickup"):
         for i, table in tables_of(data, section):
             target = bodies.get(str(table.get("body")))

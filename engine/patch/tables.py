@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from engine.bodies.table import Displacement, Fraction, Metres, Name, Offsets, Positions, Table, Velocity
+from engine.bodies.table import Displacement, Fraction, Metres, Name, Offsets, Positions, Positive, Table, Velocity
 
 MAX_SECONDS = 3_600.0  # of a rendering
 MAX_CHANNELS = 16
@@ -17,10 +17,14 @@ MAX_CONNECTION_STIFFNESS = 1e15  # N/m
 MAX_CONNECTION_DAMPING = 1e9  # kg/s
 MAX_FORCE_AT_1_MM = 1e15  # N, of a contact: far beyond any material
 
+MAX_ENVELOPE_POINTS = 1_000  # of a force
+MAX_SEED = (1 << 32) - 1
+
 Newtons = Annotated[float, Field(ge=-1e6, le=1e6)]
 Stiffness = Annotated[float, Field(ge=0.0, le=MAX_FORCE_AT_1_MM * 1e3**MAX_EXPONENT)]  # see also max_stiffness
 Exponent = Annotated[float, Field(ge=1.0, le=MAX_EXPONENT)]
 Seconds = Annotated[float, Field(ge=0.0, le=MAX_SECONDS)]
+EnvelopePoint = Annotated[list[Annotated[float, Field(ge=-1e6, le=1e6)]], Field(min_length=2, max_length=2)]
 
 
 def max_stiffness(exponent: float) -> float:
@@ -159,8 +163,18 @@ class _ForceTable(Table):
     amplitude: Newtons = Field(description="force at its largest, N; positive pushes upwards")
 
 
-class ConstantForce(_ForceTable):
-    """A force that stays from its start on."""
+class _ShapedForce(_ForceTable):
+    envelope: list[EnvelopePoint] | None = Field(
+        default=None,
+        min_length=1,
+        max_length=MAX_ENVELOPE_POINTS,
+        description="[[seconds after its start, factor of the amplitude], …]: straight lines between them, and the last"
+        " factor holds; 1 throughout if absent",
+    )
+
+
+class ConstantForce(_ShapedForce):
+    """A force that stays from its start on; with an envelope, one that rises and falls in straight lines."""
 
     kind: Literal["constant"]
 
@@ -187,7 +201,33 @@ class PluckForce(_ForceTable):
     release: float = Field(default=0.0, ge=0.0, le=MAX_SECONDS, description="how long it takes to let go, s")
 
 
-class SampledForce(_ForceTable):
+class SineForce(_ShapedForce):
+    """A sine, such as that of a shaker or an electromagnet."""
+
+    kind: Literal["sine"]
+    frequency: float = Field(gt=0.0, le=1e6, description="frequency, Hz")
+    phase: float = Field(default=0.0, ge=-100.0, le=100.0, description="phase at its start, rad")
+    duration: float = Field(gt=0.0, le=MAX_SECONDS, description="how long it lasts, s")
+    fade: Seconds = Field(default=0.0, description="how long it rises as ½(1 - cos), and as long falls at its end, s")
+
+
+class NoiseForce(_ShapedForce):
+    """Gaussian noise, such as that of breath or of a rough surface: the same for the same seed, at any sample rate."""
+
+    kind: Literal["noise"]
+    amplitude: Newtons = Field(description="root mean square of the force, N")
+    band: list[Positive] | None = Field(
+        default=None,
+        min_length=2,
+        max_length=2,
+        description="lowest and highest frequency, Hz: 24 dB per octave beyond them; if absent white, up to 24 kHz",
+    )
+    seed: int = Field(default=0, ge=0, le=MAX_SEED, description="another seed is another noise")
+    duration: float = Field(gt=0.0, le=MAX_SECONDS, description="how long it lasts, s")
+    fade: Seconds = Field(default=0.0, description="how long it rises as ½(1 - cos), and as long falls at its end, s")
+
+
+class SampledForce(_ShapedForce):
     """Force from an audio file; full scale is the amplitude."""
 
     kind: Literal["file"]
@@ -195,7 +235,11 @@ class SampledForce(_ForceTable):
     channel: int = Field(default=1, ge=1, description="channel of the file")
 
 
-Force = Annotated[ConstantForce | PulseForce | HalfSineForce | PluckForce | SampledForce, Field(discriminator="kind")]
+LastingForce = ConstantForce | SineForce | NoiseForce | SampledForce  # those that no key plucks again
+Force = Annotated[
+    ConstantForce | PulseForce | HalfSineForce | PluckForce | SineForce | NoiseForce | SampledForce,
+    Field(discriminator="kind"),
+]
 
 
 class _EventTable(Table):

@@ -275,12 +275,13 @@ def test_tables_of_forces_are_no_longer_than_the_render(kind):
     assert Player(brief, seconds=math.inf).model.force.table.size >= 2.0 * 44_100
 
 
-@pytest.mark.parametrize("kind", ["pulse", "half_sine", "pluck", "file"])
+@pytest.mark.parametrize("kind", ["pulse", "half_sine", "pluck", "sine", "noise", "file"])
 def test_the_part_of_a_force_that_is_heard_is_the_same(kind, tmp_path, monkeypatch):
     """To the bit, also that of a file at another rate."""
     monkeypatch.chdir(tmp_path)
     soundfile.write("p.wav", np.random.default_rng(1).uniform(-0.5, 0.5, 96_000), 48_000, subtype="DOUBLE")
     more = {"file": "p.wav", "amplitude": 1.0} if kind == "file" else {"duration": 1.0}
+    more |= {"frequency": 50.0} if kind == "sine" else {}
     if kind == "file":
         data = tomllib.loads(MASS) | {"force": [{"body": "b", "kind": "file", **more}]}
         force = engine.Scene.model_validate(data).force[0]

@@ -25,6 +25,7 @@ DIMENSIONLESS = {
     "at", "on_at", "modes", "inharmonicity", "ratios", "points", "count", "exponent", "channel", "gain",
     "order", "substeps", "tolerance", "oversample", "iterations", "b", "eta", "number", "x", "y", "scale",
     "pan", "poisson", "Note.velocity", "Note.release", "polyphony", "sustain", "soft", "sostenuto",
+    "envelope", "seed",
 }  # fmt: skip
 PICKUP = {"body": "a"}
 MASS = {"name": "a", "kind": "mass", "mass": 1.0}

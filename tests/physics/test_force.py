@@ -3,9 +3,14 @@
 import numpy as np
 import pytest
 import soundfile
+from scipy import signal
 
 import engine
+from engine.build.force_table import force_table
+from engine.patch.tables import NoiseForce
 from scenes.small import mass, oscillator, scene
+
+BAND = [50.0, 1000.0]  # Hz
 
 
 def pushed(seconds: float = 0.2, body: dict | None = None, **force) -> engine.Rendering:
@@ -75,3 +80,60 @@ def test_a_patch_finds_its_force_file(tmp_path, monkeypatch):
     kept = engine.load("p.toml").model_dump_json(exclude_none=True)
     monkeypatch.chdir("/")
     assert engine.Scene.model_validate_json(kept).force[0].file == str(tmp_path / "push.wav")
+
+
+@pytest.mark.parametrize("start", [0.0, 0.0123456])
+def test_a_ramp_is_the_integral_of_its_straight_lines(start):
+    """Up to 3 N in 0.05 s, down to 1 N in 0.02 s, and there it stays."""
+    lines = [[0.0, 0.0], [0.05, 1.0], [0.07, 1 / 3]]
+    trace = pushed(kind="constant", start=start, envelope=lines).trace
+    after = trace["time"] - start
+    climb, fall = np.clip(after, 0.0, 0.05), np.clip(after - 0.05, 0.0, 0.02)
+    impulse = 30 * climb**2 + 3 * fall - 50 * fall**2 + np.clip(after - 0.07, 0.0, None)
+    np.testing.assert_allclose(trace["velocity"][:, 0], impulse, atol=1e-14)
+
+
+def test_a_sine_drives_an_oscillator_as_it_should():
+    """Steady state: F/(k - mω² + imγω), F the mean over a step."""
+    body = oscillator(mass=0.01, stiffness=400.0, damping=200.0)
+    rendering = pushed(1.0, body, kind="sine", frequency=60.0, phase=0.3, duration=2.0, fade=0.1)
+    time, displacement = rendering.trace["time"], rendering.trace["displacement"][:, 0]
+    omega = 2 * np.pi * 60.0
+    response = 3.0 * np.exp(0.3j) / (400.0 - 0.01 * omega**2 + 0.01j * 200.0 * omega)
+    late = time > 0.5
+    expected = np.imag(response * np.exp(1j * omega * time[late]))
+    np.testing.assert_allclose(displacement[late], expected, atol=1e-4 * abs(response))
+    assert rendering.stats.energy.error_max < 1e-13
+
+
+def noise(samplerate: float = 44_100, **keys) -> np.ndarray:
+    force = {"kind": "noise", "body": "b", "amplitude": 2.0, "duration": 4.0} | keys
+    return force_table(NoiseForce.model_validate(force), samplerate).values
+
+
+def test_noise_has_its_level_and_its_band():
+    values = noise(band=[200.0, 2000.0])
+    frequency, power = signal.welch(values, 44_100, nperseg=4096)
+    inside = (frequency > 300) & (frequency < 1500)
+    assert np.std(values) == pytest.approx(2.0, rel=0.03)
+    assert np.ptp(10 * np.log10(power[inside])) < 4.0
+    for far in (power[(frequency > 30) & (frequency < 50)], power[(frequency > 8000) & (frequency < 9000)]):
+        assert np.max(far) < 1e-4 * np.mean(power[inside])
+
+
+def test_noise_is_that_of_its_seed_at_any_sample_rate():
+    slow, again, other, fast = noise(band=BAND), noise(band=BAND), noise(band=BAND, seed=1), noise(88_200, band=BAND)
+    assert np.array_equal(slow, again)
+    assert abs(np.corrcoef(slow, other)[0, 1]) < 0.1
+    coarse = (fast[::2] + fast[1::2]) / 2  # the means over two steps
+    assert np.corrcoef(slow[: coarse.size], coarse)[0, 1] > 0.9999
+
+
+def test_noise_into_a_contact_keeps_the_balance_of_energy():
+    body = oscillator(mass=0.01, stiffness=400.0)
+    force = {"kind": "noise", "body": "body", "amplitude": 3.0, "duration": 0.15, "fade": 0.02, "band": BAND}
+    contact = {"body": "body", "barrier": 1e-4, "stiffness": 1e8, "exponent": 1.5}
+    rendering = engine.render(scene([body], force=[force], contact=[contact]), seconds=0.2, trace=True)
+    energy = rendering.stats.energy
+    assert energy.supplied > 0 and energy.error_max < 1e-12
+    assert rendering.trace["contact"].max() > 0

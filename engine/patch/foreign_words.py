@@ -1,5 +1,7 @@
 """Words that one may look for in a patch, and what the engine calls it."""
 
+from engine.patch.limits_of_model import answer_word
+
 JOIN = '[[connection]] joins bodies: a spring, a damper, rigid = true, or kind = "end" for the end of a string'
 END = '[[connection]] with kind = "end" lets the end of a string ride on a body'
 TOUCH = "bridge = { … } of a [[contact]] is one that the string buzzes on"
@@ -40,9 +42,9 @@ def explain_key(section: str, key: str, kinds: list[str]) -> str:
     """What an unknown key is called here, or ""; kinds: of the table it stands in."""
     if section == "connection" and kinds == ["end"] and key in END_KEYS:
         return "an end has none: what holds it is its string"
-    return KEYS.get(section, {}).get(key.lower(), "")
+    return KEYS.get(section, {}).get(key.lower(), "") or answer_word(key)
 
 
 def explain_kind(section: str, kind: str) -> str:
     """What an unknown kind is called here, or ""."""
-    return KINDS.get(section, {}).get(kind.lower(), "")
+    return KINDS.get(section, {}).get(kind.lower(), "") or answer_word(kind)

@@ -16,7 +16,7 @@ from engine.patch.json_schema import patch_schema, resolve_ref, variants
 
 UNITS = (
     *("m", "m³", "kg", "s", "Hz", "N", "dB", "m/s", "m/s²", "m²/s", "m³/s", "1/s", "s/m", "1/√kg"),
-    *("kg/m", "kg/m²", "kg/m³", "kg/s", "N/m", "N·m", "N·m²", "N/m^exponent", "Pa"),
+    *("kg/m", "kg/m²", "kg/m³", "kg/s", "N/m", "N·m", "N·m²", "N/m^exponent", "Pa", "rad"),
 )
 UNIT_PATTERN = re.compile(rf", ({'|'.join(map(re.escape, sorted(UNITS, key=len, reverse=True)))})(?=[;:,]|$)")
 REFERENCE_PREFACE = """# Patches: every key

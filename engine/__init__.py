@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from engine.api.audio_input import AudioInput
     from engine.api.player import Player
     from engine.api.rendering import Rendering, render
-    from engine.faults import BuildError, PatchError
+    from engine.faults import BuildError, PatchError, PatchWarning
     from engine.patch.reader import load
     from engine.patch.scene import Scene
 
@@ -24,6 +24,7 @@ __all__ = [
     "BuildError",
     "ErrorEstimate",
     "PatchError",
+    "PatchWarning",
     "Player",
     "Rendering",
     "Scene",
@@ -38,6 +39,7 @@ _HOME = {
     "ErrorEstimate": "analysis.error_estimate",
     "estimate_error": "analysis.error_estimate",
     "PatchError": "faults",
+    "PatchWarning": "faults",
     "Player": "api.player",
     "Rendering": "api.rendering",
     "Scene": "patch.scene",

@@ -31,6 +31,10 @@ class Fault:
         return f"{place} {self.path}: {message}" if self.path else f"{place}: {message}"
 
 
+class PatchWarning(FutureWarning):
+    """A patch that works, and something in it that is said better otherwise, such as a key with an old name."""
+
+
 class PatchError(ValueError):
     """A patch that cannot be used. Its `faults` list all that is wrong with it, or the first of very many.
 

@@ -31,7 +31,7 @@ def scenes(draw, lossless: bool = False) -> engine.Scene:
         body = {
             "name": f"b{i}",
             "mass": draw(decades(-3, 2)),
-            "damping": draw(damping),
+            "damping_rate": draw(damping),
             "displacement": draw(either(-6, -3)),
             "velocity": draw(either(-3, 1.5)),
             "kind": "mass",
@@ -64,7 +64,13 @@ def scenes(draw, lossless: bool = False) -> engine.Scene:
         spare | {"barrier": 1e5, "loss": 0.0 if lossless else 1.0},
     ]
     bodies.append(
-        {"name": "spare", "kind": "oscillator", "mass": 1.0, "frequency": 100.0, "damping": 0.0 if lossless else 1.0}
+        {
+            "name": "spare",
+            "kind": "oscillator",
+            "mass": 1.0,
+            "frequency": 100.0,
+            "damping_rate": 0.0 if lossless else 1.0,
+        }
     )
     forces = [{"kind": "half_sine", "body": "b0", "amplitude": 1e-9, "duration": 1e-3}]
     if not lossless:

@@ -73,8 +73,8 @@ def tanpuras(strings: int, points: int, exponent: float = 1.0, stiffness: float 
     parts: dict[str, list[Any]] = {"body": [], "contact": [], "force": [], "pickup": []}
     for i in range(strings):
         string = f"string{i}"
-        material = {"length": 1.0, "density": 4.83e-4, "tension": 33.1, "bending": 6.03e-5}
-        loss = {"sigma0": 0.6, "sigma1": 6.5e-3, "sigma3": 5e-6}
+        material = {"length": 1.0, "linear_density": 4.83e-4, "tension": 33.1, "bending_stiffness": 6.03e-5}
+        loss = {"sigma0": 0.6, "sigma_beta": 6.5e-3, "sigma_beta3": 5e-6}
         parts["body"].append({"name": string, "kind": "string", "modes": 80} | material | loss)
         bridge = {"at": 0.01, "width": 2e-3, "points": points, "depth": 1e-5}
         law = {"stiffness": stiffness, "exponent": exponent}

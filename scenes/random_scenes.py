@@ -35,8 +35,8 @@ def scene(seed: int, order: int = 2) -> engine.Scene:
     spare = {"body": "x", "stiffness": 1.0, "exponent": 7.7}
     contacts += [spare | {"on": "y", "gap": 1e5}, spare | {"barrier": 1e5, "loss": 1.0}]
     bodies += [  # these call for every effect, in each scene
-        {"name": "x", "kind": "mass", "mass": 1.0, "damping": 1.0},
-        {"name": "y", "kind": "oscillator", "mass": 1.0, "frequency": 100.0, "damping": 1.0},
+        {"name": "x", "kind": "mass", "mass": 1.0, "damping_rate": 1.0},
+        {"name": "y", "kind": "oscillator", "mass": 1.0, "frequency": 100.0, "damping_rate": 1.0},
     ]
     forces = [{"kind": "half_sine", "body": "x", "amplitude": 1e-9, "duration": 1e-3}]
     if rng.random() < 0.5:
@@ -71,7 +71,7 @@ def _body(rng: np.random.Generator, i: int) -> dict:
         "name": f"b{i}",
         "kind": str(kind),
         "mass": within(rng, 1e-12, 1e9),
-        "damping": damped(rng, 1e-6, 1e6),
+        "damping_rate": damped(rng, 1e-6, 1e6),
         "displacement": signed(rng, 1e-12, 1e3),
         "velocity": signed(rng, 1e-9, 1e4),
     }

@@ -37,7 +37,7 @@ def _hammer(rng: np.random.Generator) -> dict[str, Any]:
 
 def _stop(rng: np.random.Generator) -> dict[str, Any]:
     reed = {"name": "reed", "kind": "oscillator", "mass": 1e-3, "frequency": float(10 ** rng.uniform(1.7, 3))}
-    reed |= {"damping": float(rng.uniform(0.0, 20.0)), "velocity": float(rng.uniform(0.3, 3.0))}
+    reed |= {"damping_rate": float(rng.uniform(0.0, 20.0)), "velocity": float(rng.uniform(0.3, 3.0))}
     stop = {"body": "reed", "barrier": float(rng.uniform(0.0, 3e-4))} | _law(rng, 5.0, 1e-4)
     return {"body": [reed], "contact": [stop], "pickup": [{"body": "reed", "quantity": "velocity"}]}
 

@@ -124,7 +124,7 @@ def tails() -> None:
                         "kind": "oscillator",
                         "frequency": 200.0 + 10 * i,
                         "mass": 1.0,
-                        "damping": 300.0,
+                        "damping_rate": 300.0,
                         "displacement": 1e-3,
                     }
                     for i, n in enumerate(names)

@@ -18,7 +18,14 @@ def scene_of(size: list[float], density: float, rigidity: float, one_way: bool) 
     """A C4 string, struck, that ends on a board."""
     string = {"name": "string", "kind": "string", "length": 0.62, "mass": 3.93e-3, "frequency": PITCH}
     string |= {"inharmonicity": 3.77e-4, "decay": {"kind": "linear", "a": 0.3, "b": 1.5e-3}}
-    board = {"name": "board", "kind": "plate", "size": size, "density": density, "rigidity": rigidity, "modes": 261}
+    board = {
+        "name": "board",
+        "kind": "plate",
+        "size": size,
+        "area_density": density,
+        "flexural_rigidity": rigidity,
+        "modes": 261,
+    }
     board |= {"decay": {"kind": "loss_factor", "eta": 0.02}}
     hammer = {"name": "hammer", "kind": "mass", "mass": 2.97e-3, "displacement": -1e-3, "velocity": 2.5}
     end = {"kind": "end", "body": "string", "at": 1.0, "on": "board", "on_at": [0.36, 0.31], "one_way": one_way}

@@ -40,7 +40,7 @@ def as_single_body(scene: Scene) -> SingleBodyCase | None:
     body, contacts, pickup = scene.body[0], scene.contact, scene.pickup[0]
     if len(scene.body) > 1 or scene.connection or scene.force or scene.event or len(scene.pickup) > 1 or not contacts:
         return None
-    if not isinstance(body, Mass | Oscillator) or body.damping:
+    if not isinstance(body, Mass | Oscillator) or body.damping_rate:
         return None
     if pickup.quantity not in PICKUP_COLUMNS or pickup.gain != 1.0:
         return None

@@ -167,7 +167,7 @@ def _free_flight(
     mass, resting = bodies.get(mover or ""), bodies.get(target or "")
     acted_on = [*(f.body for f in _acting_forces(scene, seconds)), *_struck_bodies(scene, seconds)]
     offset = contact.gap if contact.on else contact.barrier
-    if not isinstance(mass, Mass) or mass.damping or mover in acted_on or target in moving:
+    if not isinstance(mass, Mass) or mass.damping_rate or mover in acted_on or target in moving:
         return None
     if contact.bridge or isinstance(offset, list):
         return None

@@ -167,7 +167,7 @@ class Tube(AirBody):
 
     def has_loss(self) -> bool:
         """Whether the patch gives its losses."""
-        rates = (self.sigma0, self.sigma1, self.sigma3, self.b3)
+        rates = (self.sigma0, self.sigma_beta, self.sigma_beta3, self.b3)
         return self.decay is not None or self.t60 is not None or any(rates)
 
     def natural_decay(self, omega: np.ndarray) -> np.ndarray:

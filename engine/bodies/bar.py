@@ -35,7 +35,7 @@ class Bar(LineBody):
     ends: Literal["free", "clamped", "cantilever"] = Field(
         default="free", description="both ends free, both clamped, or the first clamped"
     )
-    bending: float | None = Field(default=None, gt=0.0, le=1e12, description="bending stiffness EI, N·m²")
+    bending_stiffness: float | None = Field(default=None, gt=0.0, le=1e12, description="bending stiffness EI, N·m²")
     cords: Cords | None = Field(
         default=None, description="what a free bar lies on; soft ones, if neither they nor a support are given"
     )
@@ -47,20 +47,20 @@ class Bar(LineBody):
     )
 
     EXACTLY_ONE_OF: ClassVar[list[tuple[str, ...]]] = [
-        ("density", "mass", "density in kg/m or mass in kg"),
-        ("bending", "frequency", "bending stiffness in N·m² or frequency in Hz"),
+        ("linear_density", "mass", "linear_density in kg/m or mass in kg"),
+        ("bending_stiffness", "frequency", "bending_stiffness in N·m² or frequency in Hz"),
     ]
-    PITCH_POWERS: ClassVar[dict[str, int]] = {"frequency": 1, "bending": 2}
+    PITCH_POWERS: ClassVar[dict[str, int]] = {"frequency": 1, "bending_stiffness": 2}
 
     def free_modes(self, max_omega: float) -> ModeSet:
         """ω = β²·√(EI/μ), where cos(βL)·cosh(βL) = 1 (both ends free, or both clamped) or -1 (cantilever); shapes of
         mean square 1 (Fletcher & Rossing, sec. 2.15 to 2.16; Blevins, Formulas for Natural Frequency and Mode Shape,
         table 8-1)."""
-        density, length = self.linear_density(), self.length
+        density, length = self.mass_per_length(), self.length
         first = float(bar_roots(self.ends, np.array([1.0]))[0])
         speed = 2 * math.pi * (self.frequency or 0.0) * (length / first) ** 2
-        if self.bending:
-            speed = math.sqrt(self.bending / density)
+        if self.bending_stiffness:
+            speed = math.sqrt(self.bending_stiffness / density)
         if self.ratios is not None:
             root = bar_roots(self.ends, np.arange(1.0, len(self.ratios) + 1))
             omega = speed * (first / length) ** 2 * np.array(self.ratios)

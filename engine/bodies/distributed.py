@@ -41,13 +41,13 @@ class Support(Table):
 
     at: Positions = Field(description="where: a place, or a list of places that share it")
     stiffness: float = Field(default=0.0, ge=0.0, le=1e15, description="stiffness, N/m")
-    damping: float = Field(default=0.0, ge=0.0, le=1e9, description="damping, kg/s")
+    damping_coefficient: float = Field(default=0.0, ge=0.0, le=1e9, description="damping coefficient, kg/s")
 
 
 class DistributedBody(BodyTable):
     """A body with many modes. At time 0 it is at rest, or as `displacement` and `velocity` say; gravity acts not on it.
 
-    Its decay rate is σ = sigma0 + sigma1·β + sigma3·β³ + b3·ω² for a mode of wave number β and angular
+    Its decay rate is σ = sigma0 + sigma_beta·β + sigma_beta3·β³ + b3·ω² for a mode of wave number β and angular
     frequency ω; or `t60` or a law of `decay` gives it.
     """
 
@@ -66,8 +66,8 @@ class DistributedBody(BodyTable):
         default=[], max_length=MAX_SUPPORTS, description="springs and dampers that hold it to the ground"
     )
     sigma0: float = Field(default=0.0, ge=0.0, le=1e6, description="decay rate of all modes, 1/s")
-    sigma1: float = Field(default=0.0, ge=0.0, le=1e6, description="decay rate per wave number, m/s")
-    sigma3: float = Field(default=0.0, ge=0.0, le=1e6, description="decay rate per wave number³, m³/s")
+    sigma_beta: float = Field(default=0.0, ge=0.0, le=1e6, description="decay rate per wave number, m/s")
+    sigma_beta3: float = Field(default=0.0, ge=0.0, le=1e6, description="decay rate per wave number³, m³/s")
     b3: float = Field(default=0.0, ge=0.0, le=1.0, description="decay rate per angular frequency², s")
     t60: list[Positive] | None = Field(
         default=None,
@@ -128,19 +128,19 @@ class DistributedBody(BodyTable):
     def decay_rates(self, omega: np.ndarray, wave_number: np.ndarray) -> np.ndarray:
         """σ (1/s) of modes of angular frequency ω (rad/s) and wave number β (1/m), the lowest first.
 
-        By the law of `decay` (engine.bodies.decay), or by `t60`, or σ0 + σ1·β + σ3·β³ + b3·ω².
+        By the law of `decay` (engine.bodies.decay), or by `t60`, or sigma0 + sigma_beta·β + sigma_beta3·β³ + b3·ω².
         """
         if self.decay is not None:
             return self.decay.rates(omega, wave_number)
         if self.t60 is not None:
             return t60_rates(self.t60, self.t60_at, omega)
-        per_wave = self.sigma1 * wave_number + self.sigma3 * wave_number**3
+        per_wave = self.sigma_beta * wave_number + self.sigma_beta3 * wave_number**3
         return np.asarray(self.sigma0 + per_wave + self.b3 * omega**2)
 
     @classmethod
     def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
         """Losses are given in one way, and make no mode grow."""
-        rates = [k for k in ("sigma0", "sigma1", "sigma3", "b3") if table.get(k)]
+        rates = [k for k in ("sigma0", "sigma_beta", "sigma_beta3", "b3") if table.get(k)]
         ways = [k for k in ("decay", "t60") if is_given(table, k)] + rates[:1]
         if len(ways) > 1:
             remedy = "give the losses in one way: decay, t60, or decay rates"
@@ -164,18 +164,18 @@ class LineBody(DistributedBody):
     """A string or a bar."""
 
     length: float = Field(gt=0.0, le=1e4, description="length, m")
-    density: float | None = Field(default=None, gt=0.0, le=1e9, description="mass per length, kg/m")
-    mass: float | None = Field(default=None, gt=0.0, le=1e9, description="mass, kg; instead of the density")
+    linear_density: float | None = Field(default=None, gt=0.0, le=1e9, description="mass per length, kg/m")
+    mass: float | None = Field(default=None, gt=0.0, le=1e9, description="mass, kg; instead of the linear density")
     frequency: float | None = Field(default=None, gt=0.0, le=1e6, description="frequency of the first partial, Hz")
 
     HAS_LENGTH: ClassVar[bool] = True
 
-    def linear_density(self) -> float:
+    def mass_per_length(self) -> float:
         """Mass per length, kg/m."""
-        return self.density if self.density is not None else (self.mass or 0.0) / self.length
+        return self.linear_density if self.linear_density is not None else (self.mass or 0.0) / self.length
 
     def total_mass(self) -> float:
-        return self.linear_density() * self.length
+        return self.mass_per_length() * self.length
 
     def quadrature(self, modes: int, kinks: list[float]) -> Quadrature:
         return line_quadrature(modes + 2, kinks, self.total_mass())

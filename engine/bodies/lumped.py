@@ -14,7 +14,7 @@ class LumpedBody(BodyTable):
     """A body of one mode. It moves as a whole: there are no positions on it."""
 
     mass: float = Field(ge=1e-12, le=1e9, description="mass, kg")
-    damping: float = Field(default=0.0, ge=0.0, le=1e6, description="viscous damping γ, 1/s: force -mass·γ·velocity")
+    damping_rate: float = Field(default=0.0, ge=0.0, le=1e6, description="damping rate γ, 1/s: force -mass·γ·velocity")
     displacement: Displacement = Field(default=0.0, description="displacement at time 0, m")
     velocity: Velocity = Field(default=0.0, description="velocity at time 0, m/s")
 
@@ -30,7 +30,7 @@ class LumpedBody(BodyTable):
         shape = np.array([1 / root])
         return ModalBody(
             omega=np.array([self.angular_frequency()]),
-            sigma=np.array([self.damping / 2]),
+            sigma=np.array([self.damping_rate / 2]),
             shape=lambda position: shape,
             q=np.array([self.displacement * root]),
             p=np.array([self.velocity * root]),

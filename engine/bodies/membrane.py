@@ -26,7 +26,7 @@ class Membrane(TunedSheet):
 
     def tension_for(self, lowest: float) -> float:
         """Tension T, N/m: ω = β·√(T/ρ). lowest: wave number of the first partial, 1/m"""
-        return self.tension or self.density * (2 * math.pi * (self.frequency or 0.0) / lowest) ** 2
+        return self.tension or self.area_density * (2 * math.pi * (self.frequency or 0.0) / lowest) ** 2
 
     def free_modes(self, max_omega: float) -> ModeSet:
         """ω = β·√(T/ρ). On a rectangle as those of a plate without rigidity; on a circle β = j_mn/a, the zeros of J_m,
@@ -34,19 +34,19 @@ class Membrane(TunedSheet):
         if self.size is not None:
             tension = self.tension_for(math.hypot(math.pi / self.size[0], math.pi / self.size[1]))
             limp, modes = PlateStiffness(0.0, 0.0, 0.0, 0.0), self.modes or MAX_SHEET_MODES
-            flat = supported_plate_modes(self.size, limp, self.density, tension, modes, max_omega)
+            flat = supported_plate_modes(self.size, limp, self.area_density, tension, modes, max_omega)
             beta = self.wave_numbers(flat.omega, 0.0, tension)
             return ModeSet(flat.omega, self.decay_rates(flat.omega, beta), flat.shape)
         from scipy.special import jn_zeros, jv
 
         modes = self.modes or MAX_SHEET_MODES
         radius = self.radius or 1.0
-        speed = math.sqrt(self.tension_for(float(jn_zeros(0, 1)[0]) / radius) / self.density)
+        speed = math.sqrt(self.tension_for(float(jn_zeros(0, 1)[0]) / radius) / self.area_density)
         top = min(max_omega * radius / speed, 2 * math.sqrt(modes) + 10)  # Weyl: about z²/4 zeros below z
         zeros = [zero for zero in bessel_zeros(math.ceil(top)) if zero[0] < top]
         zero, order, turn = np.array(zeros[:modes]).reshape(-1, 3).T
         area = math.pi * radius**2 * np.where(order == 0, 1.0, 0.5)
-        scale = 1 / (np.sqrt(self.density * area) * np.abs(jv(order + 1, zero)))
+        scale = 1 / (np.sqrt(self.area_density * area) * np.abs(jv(order + 1, zero)))
 
         def shape(position: Any) -> np.ndarray:
             x, y = np.moveaxis(2 * np.asarray(position) - 1, -1, 0)[..., None]

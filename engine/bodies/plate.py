@@ -31,10 +31,10 @@ class Plate(TunedSheet):
     edges: Literal["supported", "clamped", "free"] = Field(
         default="supported", description="how it is held all round: hinged, clamped, or not at all"
     )
-    rigidity: float | None = Field(default=None, gt=0.0, le=1e15, description="flexural rigidity D, N·m")
+    flexural_rigidity: float | None = Field(default=None, gt=0.0, le=1e15, description="flexural rigidity D, N·m")
     young: Modulus | Annotated[list[Modulus], Field(min_length=2, max_length=2)] | None = Field(
         default=None,
-        description="Young's modulus, Pa, with a thickness, instead of the rigidity; of wood two, along x and y",
+        description="Young's modulus, Pa, with a thickness, instead of flexural_rigidity; of wood two, along x and y",
     )
     thickness: float | None = Field(default=None, gt=0.0, le=1e3, description="thickness, m")
     shear: Modulus | None = Field(
@@ -43,16 +43,27 @@ class Plate(TunedSheet):
     poisson: float | None = Field(
         default=None, ge=0.0, lt=0.5, description="Poisson's ratio, of wood νxy; 0.3 if absent"
     )
-    tension: float | None = Field(default=None, gt=0.0, le=1e9, description="tension beside the rigidity, N/m")
+    tension: float | None = Field(default=None, gt=0.0, le=1e9, description="tension beside the flexural rigidity, N/m")
     cords: Cords | None = Field(
         default=None, description="what a free plate hangs on; soft ones, if neither they nor a support are given"
     )
 
     EXACTLY_ONE_OF: ClassVar[list[tuple[str, ...]]] = [
         *TunedSheet.EXACTLY_ONE_OF,
-        ("rigidity", "frequency", "young", "rigidity in N·m, frequency in Hz, or Young's modulus in Pa"),
+        (
+            "flexural_rigidity",
+            "frequency",
+            "young",
+            "flexural_rigidity in N·m, frequency in Hz, or Young's modulus in Pa",
+        ),
     ]
-    PITCH_POWERS: ClassVar[dict[str, int]] = {"frequency": 1, "rigidity": 2, "young": 2, "shear": 2, "tension": 2}
+    PITCH_POWERS: ClassVar[dict[str, int]] = {
+        "frequency": 1,
+        "flexural_rigidity": 2,
+        "young": 2,
+        "shear": 2,
+        "tension": 2,
+    }
 
     def free_modes(self, max_omega: float) -> ModeSet:
         """Modes of a rectangle (engine.bodies.plate_modes) or a circle (engine.bodies.circular_plate_modes)."""
@@ -85,9 +96,9 @@ class Plate(TunedSheet):
         """The lowest modes; those of a free plate as a whole come first."""
         if self.size is not None:
             a, b = self.size
-            return rectangle_modes((a, b), stiffness, self.density, tension, self.edges, (), count, max_omega)
+            return rectangle_modes((a, b), stiffness, self.area_density, tension, self.edges, (), count, max_omega)
         poisson = 0.3 if self.poisson is None else self.poisson
-        rim = (self.density, tension, self.edges, count, max_omega)
+        rim = (self.area_density, tension, self.edges, count, max_omega)
         return circle_modes(self.radius or 1.0, stiffness.x, poisson, *rim)
 
     def stiffness(self) -> PlateStiffness:
@@ -98,7 +109,7 @@ class Plate(TunedSheet):
         """
         poisson = 0.3 if self.poisson is None else self.poisson
         if self.young is None:
-            return PlateStiffness.isotropic(self.rigidity or 1.0, poisson)
+            return PlateStiffness.isotropic(self.flexural_rigidity or 1.0, poisson)
         along, across = self.young if isinstance(self.young, list) else (self.young, self.young)
         other = poisson * across / along
         bend = (self.thickness or 0.0) ** 3 / 12
@@ -128,7 +139,9 @@ class Plate(TunedSheet):
             yield make_fault((*path, "tension"), table["tension"], "a free plate under tension", "it needs held edges")
         if is_given(table, "tension") and is_given(table, "frequency"):
             message = "tension and frequency given"
-            yield make_fault((*path, "tension"), table["tension"], message, "give a rigidity beside it, or young")
+            yield make_fault(
+                (*path, "tension"), table["tension"], message, "give a flexural_rigidity beside it, or young"
+            )
         if is_given(table, "cords") and edges != "free":
             message = f"cords under a plate that is {edges}"
             yield make_fault((*path, "cords"), table["cords"], message, 'a plate with edges = "free" hangs on cords')

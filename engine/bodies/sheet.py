@@ -115,7 +115,7 @@ class FlatSheet(SheetBody):
 class TunedSheet(FlatSheet):
     """A membrane or a plate: a circle of `radius`, or a rectangle of `size`."""
 
-    density: float = Field(gt=0.0, le=1e9, description="mass per area, kg/m²")
+    area_density: float = Field(gt=0.0, le=1e9, description="mass per area, kg/m²")
     frequency: float | None = Field(default=None, gt=0.0, le=1e6, description="frequency of the first partial, Hz")
     radius: float | None = Field(
         default=None, gt=0.0, le=1e3, description="radius of a circle, m; [x, y] are fractions of the square around it"
@@ -130,7 +130,7 @@ class TunedSheet(FlatSheet):
         return (self.size[0], self.size[1]) if self.size is not None else None
 
     def surface_density(self) -> float:
-        return self.density
+        return self.area_density
 
     def area(self) -> float:
         a, b = self.size or (0.0, 0.0)

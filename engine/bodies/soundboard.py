@@ -83,7 +83,7 @@ class Soundboard(FlatSheet):
             (a, b), stiffness, self.surface_density(), 0.0, self.edges, self.beams(), count, max_omega
         )
         beta = self.wave_numbers(omega, stiffness.mean(), 0.0)
-        rates = (self.sigma0, self.sigma1, self.sigma3, self.b3)
+        rates = (self.sigma0, self.sigma_beta, self.sigma_beta3, self.b3)
         has_loss = self.decay is not None or self.t60 is not None or any(rates)
         law = LossFactorDecay(kind="loss_factor", eta=LOSS_FACTOR)
         return ModeSet(omega, self.decay_rates(omega, beta) if has_loss else law.rates(omega, beta), shape)

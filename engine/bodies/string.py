@@ -15,17 +15,17 @@ class String(LineBody):
 
     kind: Literal["string"]
     tension: float | None = Field(default=None, gt=0.0, le=1e9, description="tension, N")
-    bending: float | None = Field(default=None, ge=0.0, le=1e9, description="bending stiffness EI, N·m²")
+    bending_stiffness: float | None = Field(default=None, ge=0.0, le=1e9, description="bending stiffness EI, N·m²")
     inharmonicity: float | None = Field(
         default=None, ge=0.0, le=10.0, description="B of f_n = n·f0·√(1 + B·n²); instead of the bending stiffness"
     )
 
     EXACTLY_ONE_OF: ClassVar[list[tuple[str, ...]]] = [
-        ("density", "mass", "density in kg/m or mass in kg"),
+        ("linear_density", "mass", "linear_density in kg/m or mass in kg"),
         ("tension", "frequency", "tension in N or frequency in Hz"),
     ]
-    AT_MOST_ONE_OF: ClassVar[list[tuple[str, str]]] = [("bending", "inharmonicity")]
-    PITCH_POWERS: ClassVar[dict[str, int]] = {"frequency": 1, "tension": 2, "bending": 2}
+    AT_MOST_ONE_OF: ClassVar[list[tuple[str, str]]] = [("bending_stiffness", "inharmonicity")]
+    PITCH_POWERS: ClassVar[dict[str, int]] = {"frequency": 1, "tension": 2, "bending_stiffness": 2}
 
     def tension_and_bending(self) -> tuple[float, float]:
         """Tension T (N) and bending stiffness EI (N·m²), from whichever is given: B = π²·EI/(T·L²), and
@@ -34,12 +34,12 @@ class String(LineBody):
         if self.tension is not None:
             if self.inharmonicity is not None:
                 return self.tension, self.inharmonicity * self.tension / beta**2
-            return self.tension, self.bending or 0.0
-        square = self.linear_density() * (2 * math.pi * (self.frequency or 0.0)) ** 2 / beta**2  # T + EI·β²
+            return self.tension, self.bending_stiffness or 0.0
+        square = self.mass_per_length() * (2 * math.pi * (self.frequency or 0.0)) ** 2 / beta**2  # T + EI·β²
         if self.inharmonicity is not None:
             tension = square / (1 + self.inharmonicity)
             return tension, self.inharmonicity * tension / beta**2
-        bending = self.bending or 0.0
+        bending = self.bending_stiffness or 0.0
         return square - bending * beta**2, bending
 
     def end_row(self, omega: np.ndarray, end: float) -> np.ndarray:
@@ -49,7 +49,7 @@ class String(LineBody):
         It follows from the linear shape y·x/L that takes the end along: of mode n it has -μ·φₙ'(L)/β²·y.
         """
         number = np.arange(1.0, omega.size + 1)
-        beta, density = number * math.pi / self.length, self.linear_density()
+        beta, density = number * math.pi / self.length, self.mass_per_length()
         slope = math.sqrt(2 / (density * self.length)) * beta * (np.where(number % 2 == 0, 1.0, -1.0) if end else 1.0)
         return (1.0 if end else -1.0) * omega**2 * density * slope / beta**2
 
@@ -59,7 +59,7 @@ class String(LineBody):
     def free_modes(self, max_omega: float) -> ModeSet:
         """ω² = (T·β² + EI·β⁴)/μ, β = iπ/L; shapes sin βx, with modal mass μL/2 (Fletcher & Rossing, Physics of
         Musical Instruments, sec. 2.18)."""
-        density = self.linear_density()
+        density = self.mass_per_length()
         tension, bending = self.tension_and_bending()
         root = math.pi / self.length
 

@@ -89,7 +89,11 @@ def _find_apart(layout: Layout) -> list[Fault]:
 
 def _find_overdamped(layout: Layout, accuracy: Accuracy, samplerate: float) -> list[Fault]:
     """Dampers that are too strong to act outside of steps back in time."""
-    changed = {e.connection: e.damping for e in layout.scene.event if isinstance(e, ChangeEvent) and e.damping}
+    changed = {
+        e.connection: e.damping_coefficient
+        for e in layout.scene.event
+        if isinstance(e, ChangeEvent) and e.damping_coefficient
+    }
     faults = []
     for coordinates in layout.coordinates:
         for item in coordinates.items:
@@ -99,7 +103,7 @@ def _find_overdamped(layout: Layout, accuracy: Accuracy, samplerate: float) -> l
             if damping > limit:
                 message = f"order {accuracy.order} has steps back in time, in which a damper would create energy"
                 remedy = f"at most {limit:.3g} kg/s here, or order = 2 and substeps"
-                faults.append(Fault(f"{item.path}.damping", f"{message}; {remedy}"))
+                faults.append(Fault(f"{item.path}.damping_coefficient", f"{message}; {remedy}"))
     return faults
 
 

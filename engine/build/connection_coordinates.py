@@ -41,7 +41,7 @@ def used_connections(scene: Scene) -> set[int]:
 
     def joins(c: Connection) -> bool:
         if isinstance(c, SpringConnection):
-            return bool(c.rigid or c.stiffness or c.damping or c.name in changed)
+            return bool(c.rigid or c.stiffness or c.damping_coefficient or c.name in changed)
         return not (isinstance(c, EndConnection) and c.one_way)  # which engine.build.drives has
 
     return {k for k, c in enumerate(scene.connection) if joins(c)}
@@ -140,9 +140,11 @@ def _of_supports(scene: Scene, bodies: Sequence[ModalBody]) -> Iterator[Coordina
     for b, body in enumerate(scene.body):
         for j, support in enumerate(body.support if isinstance(body, DistributedBody) else ()):
             places = body.split_positions(support.at)
-            if support.stiffness or support.damping:
+            if support.stiffness or support.damping_coefficient:
                 for row in _independent_rows(np.array([bodies[b].shape(place) for place in places])):
-                    yield Coordinate(f"body[{b}].support[{j}]", None, {b: row}, support.stiffness, support.damping)
+                    yield Coordinate(
+                        f"body[{b}].support[{j}]", None, {b: row}, support.stiffness, support.damping_coefficient
+                    )
 
 
 def _independent_rows(rows: np.ndarray) -> np.ndarray:
@@ -161,7 +163,7 @@ def _of_springs(scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, in
             if c.on is not None:
                 on = numbers[c.on]
                 parts[on] = parts.get(on, 0.0) - _shape(scene, bodies, on, c.on_at)
-            yield Coordinate(f"connection[{k}]", k, parts, c.stiffness, c.damping, c.rest, c.rigid)
+            yield Coordinate(f"connection[{k}]", k, parts, c.stiffness, c.damping_coefficient, c.rest, c.rigid)
 
 
 def _shape(scene: Scene, bodies: Sequence[ModalBody], number: int, at: Any) -> np.ndarray:

@@ -121,7 +121,7 @@ def _change_connection(layout: Layout, event: ChangeEvent, samplerate: float) ->
             stiffness = None if event.stiffness is None else stiffness_beside(item.excess, event.stiffness)
             for kind, value in (
                 (EventKind.CONNECTION_STIFFNESS, stiffness),
-                (EventKind.CONNECTION_DAMPING, event.damping),
+                (EventKind.CONNECTION_DAMPING, event.damping_coefficient),
                 (EventKind.CONNECTION_REST, event.rest),
             ):
                 if value is not None:

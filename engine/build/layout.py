@@ -223,7 +223,7 @@ class Layout:
     def is_damped(self) -> bool:
         """Whether connections may have dampers."""
         items = [item for coordinates in self.coordinates for item in coordinates.items]
-        changed = any(isinstance(e, ChangeEvent) and e.damping for e in self.scene.event)
+        changed = any(isinstance(e, ChangeEvent) and e.damping_coefficient for e in self.scene.event)
         return changed or bool(self.variable) or any(item.damping for item in items)
 
     def bodies_of_island(self, island: int) -> list[int]:

@@ -51,7 +51,7 @@ def build_modal_bodies(scene: Scene, samplerate: float, scheme: str) -> list[Mod
             faults.append(Fault(path, message))
         if isinstance(body, String) and not faults and body.tension_and_bending()[0] <= 0.0:
             message = f"its bending stiffness alone makes it vibrate faster than {body.frequency:g} Hz"
-            faults.append(Fault(f"{path}.frequency", f"{message}; a higher frequency, or less bending"))
+            faults.append(Fault(f"{path}.frequency", f"{message}; a higher frequency, or less bending_stiffness"))
         bodies.append(modal)
         total += modal.omega.size
         if total > MAX_SCENE_MODES:

@@ -14,7 +14,7 @@ from engine.cli.accuracy_command import add_accuracy_command
 from engine.cli.arguments import CommandParser, Parser
 from engine.cli.inspect_command import add_inspect_command
 from engine.cli.machine_commands import add_machine_commands
-from engine.cli.messages import print_error, print_faults
+from engine.cli.messages import patch_warnings_as_notes, print_error, print_faults
 from engine.cli.patch_commands import add_patch_commands
 from engine.cli.play_command import add_play_command
 from engine.cli.render_command import add_render_command
@@ -72,7 +72,8 @@ def main(words: list[str] | None = None) -> int:
                 return 2
             words = [DEFAULT, *words]
         args = parser.parse_args(words)
-        code: int = args.run(args)
+        with patch_warnings_as_notes():
+            code: int = args.run(args)
         return code
     except BuildError as error:
         from engine.patch.reader import locate_build_faults

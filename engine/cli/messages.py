@@ -1,10 +1,12 @@
 """What the command line says of errors: one line each, on standard error, with the name of the program."""
 
 import sys
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
+import warnings
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
 
-from engine.faults import Fault, PatchError
+from engine.faults import Fault, PatchError, PatchWarning
 from engine.wording import program_name
 
 if TYPE_CHECKING:
@@ -20,6 +22,25 @@ def print_faults(faults: Iterable[Fault]) -> None:
     """Print one line for each fault."""
     for fault in faults:
         print(fault, file=sys.stderr)
+
+
+@contextmanager
+def patch_warnings_as_notes() -> Iterator[None]:
+    """Within it, each PatchWarning is one line on standard error, printed once."""
+    said: set[str] = set()
+
+    def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+        if not issubclass(category, PatchWarning):
+            show_other(message, category, *place, **more)
+        elif (note := str(message)) not in said:
+            said.add(note)
+            print(f"note: {note}", file=sys.stderr)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", PatchWarning)
+        show_other = warnings.showwarning
+        warnings.showwarning = show  # restored by catch_warnings
+        yield
 
 
 def read_patch(path: str) -> "tuple[Scene | None, list[Fault]]":

@@ -9,7 +9,10 @@ from engine.live.player import Player
 from engine.patch.reader import load
 from engine.patch.scene import Scene
 
-LIVE_KEYS = {"contact": ("stiffness", "exponent", "barrier", "gap"), "connection": ("stiffness", "damping", "rest")}
+LIVE_KEYS = {
+    "contact": ("stiffness", "exponent", "barrier", "gap"),
+    "connection": ("stiffness", "damping_coefficient", "rest"),
+}
 
 
 def changed_parameters(old: Scene, new: Scene) -> dict[str, float] | None:

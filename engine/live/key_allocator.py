@@ -14,7 +14,7 @@ from engine.patch.tables import MAX_SECONDS
 
 DAMPER_SECONDS = MAX_SECONDS  # how long a damper stays down if nothing lifts it
 STEAL_DAMPER = 300.0, 0.03  # of a key that another needs: decay rate, 1/s, and how long, s
-CHANGES = ("stiffness", "exponent", "barrier", "gap", "damping", "rest")  # what an event may change
+CHANGES = ("stiffness", "exponent", "barrier", "gap", "damping_coefficient", "rest")  # what an event may change
 DEFAULT_POLYPHONY = 24
 
 

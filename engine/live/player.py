@@ -35,6 +35,7 @@ from engine.offline.statistics import newton_statistics
 from engine.parallel.helpers import start_helpers
 from engine.patch.parameters import live_parameters
 from engine.patch.reader import check_scene
+from engine.patch.renamed_keys import current_parameter
 from engine.patch.scene import Scene
 from engine.patch.tables import (
     MAX_SECONDS,
@@ -227,8 +228,9 @@ class Player:
 
     def set(self, parameter: str, value: float, seconds: float = GLIDE_SECONDS, frame: int = 0) -> None:
         """Set a live parameter: `contact.NAME.stiffness`, `.exponent`, `.barrier` or `.gap`, and of a connection
-        `connection.NAME.stiffness`, `.damping` or `.rest`. The value glides, and what that does to the energy is
-        accounted for, so that it cannot blow up the sound. Raises KeyError if there is no such parameter."""
+        `connection.NAME.stiffness`, `.damping_coefficient` or `.rest`. The value glides, and what that does to the
+        energy is accounted for, so that it cannot blow up the sound. Raises KeyError if there is no such parameter."""
+        parameter = current_parameter(parameter)
         if parameter not in self.live_parameters:
             known = ", ".join(self.live_parameters) or "none: give a contact or a connection a name"
             raise KeyError(f"no knob {parameter}; there are {known}")

@@ -84,9 +84,11 @@ def _check_end(path: KeyPath, table: dict[str, Any], bodies: dict[str, Any]) -> 
 def _check_spring(path: KeyPath, table: dict[str, Any], bodies: dict[str, Any]) -> Faults:
     """A spring holds two places, or a place and the ground, and is stiff, damped or rigid."""
     rigid, on = table.get("rigid") is True, is_given(table, "on")
-    given = [key for key in ("stiffness", "damping") if is_given(table, key) and (table[key] or not rigid)]
+    given = [key for key in ("stiffness", "damping_coefficient") if is_given(table, key) and (table[key] or not rigid)]
     if not rigid and not given:
-        yield make_fault(path, table, "it holds nothing", "give a stiffness in N/m, a damping in kg/s, or rigid = true")
+        yield make_fault(
+            path, table, "it holds nothing", "give a stiffness in N/m, a damping_coefficient in kg/s, or rigid = true"
+        )
     if rigid and given:
         message = f"rigid and {given[0]} given"
         yield make_fault((*path, given[0]), table[given[0]], message, "what is rigid does not give: one of them")
@@ -105,10 +107,10 @@ def check_change_of_connection(path: KeyPath, event: dict[str, Any], connections
     """An event changes what a spring has."""
     for key in ("exponent", "barrier", "gap"):
         if is_given(event, key):
-            remedy = "a connection has a stiffness, a damping and a rest"
+            remedy = "a connection has a stiffness, a damping_coefficient and a rest"
             yield make_fault((*path, key), event[key], f"a connection has no {key}", remedy)
-    if not any(is_given(event, key) for key in ("stiffness", "damping", "rest")):
-        yield make_fault(path, event, "nothing changes", "give a new stiffness, damping or rest")
+    if not any(is_given(event, key) for key in ("stiffness", "damping_coefficient", "rest")):
+        yield make_fault(path, event, "nothing changes", "give a new stiffness, damping_coefficient or rest")
     connection = connections.get(str(event.get("connection")))
     if connection is None:
         message = f"no connection is named {format_value(event.get('connection'))}"

@@ -12,14 +12,16 @@ KEYS: dict[str, dict[str, str]] = {
     | dict.fromkeys(("bridge", "board", "soundboard", "end"), f"{END}; {TOUCH}"),
     "body": dict.fromkeys(("spring", "springs", "glue", "joint", "connection", "damper", "rigid", "attach", "on"), JOIN)
     | dict.fromkeys(("bridge", "board", "soundboard", "end", "termination"), f"{END}; {TOUCH}"),
-    "contact": dict.fromkeys(("glue", "joint", "rigid", "rest", "damping"), f"a contact only pushes; {JOIN}"),
+    "contact": dict.fromkeys(
+        ("glue", "joint", "rigid", "rest", "damping", "damping_coefficient"), f"a contact only pushes; {JOIN}"
+    ),
     "connection": {
         **dict.fromkeys(("gap", "barrier"), "rest, m: how far the body is above the other where no force acts"),
         **dict.fromkeys(("exponent", "loss"), "a connection is linear; a [[contact]] has an exponent and a loss"),
         **dict.fromkeys(("glue", "joint", "fixed"), "rigid = true"),
     },
 }
-END_KEYS = ("stiffness", "damping", "rigid", "rest")  # of connections, but not of ends
+END_KEYS = ("stiffness", "damping", "damping_coefficient", "rigid", "rest")  # of connections, but not of ends
 
 # by section, what a kind may be meant by
 KINDS: dict[str, dict[str, str]] = {
@@ -33,7 +35,7 @@ KINDS: dict[str, dict[str, str]] = {
     "connection": dict.fromkeys(("glue", "rigid", "joint", "fixed", "weld"), 'kind = "spring" with rigid = true')
     | dict.fromkeys(("cavity", "volume", "box"), 'kind = "air"')
     | dict.fromkeys(("drive", "one_way"), 'kind = "end" with one_way = true')
-    | {"damper": 'kind = "spring" with a damping', "dashpot": 'kind = "spring" with a damping'}
+    | {"damper": 'kind = "spring" with a damping_coefficient', "dashpot": 'kind = "spring" with a damping_coefficient'}
     | dict.fromkeys(("bridge", "string_end"), 'kind = "end"'),
 }
 

@@ -47,7 +47,7 @@ def list_parameters(scene: Scene) -> list[Parameter]:
             tables = variants(node, schema)
             for i, table in enumerate(value):
                 name = table.get("name") or i
-                for key in ("gap", "damping", "rest", "stiffness"):  # which are 0 where they are not given
+                for key in ("gap", "damping_coefficient", "rest", "stiffness"):  # which are 0 where they are not given
                     if f"{section}.{name}.{key}" in live:
                         table = {key: 0.0} | table
                 parameters += _table_parameters(
@@ -58,7 +58,7 @@ def list_parameters(scene: Scene) -> list[Parameter]:
 
 def live_parameters(scene: Scene, variable_exponents: bool = False) -> list[str]:
     """Paths of what can be changed while a scene is played: stiffness, and barrier or gap, of each contact that has a
-    name; and stiffness, damping and rest of each spring that has one.
+    name; and stiffness, damping coefficient and rest of each spring that has one.
 
     variable_exponents: also exponents of contacts, if the model was built so
     """
@@ -70,7 +70,7 @@ def live_parameters(scene: Scene, variable_exponents: bool = False) -> list[str]
             paths += [f"contact.{contact.name}.exponent"] if variable_exponents else []
     for connection in scene.connection:
         if isinstance(connection, SpringConnection) and connection.name is not None and not connection.rigid:
-            paths += [f"connection.{connection.name}.{key}" for key in ("stiffness", "damping", "rest")]
+            paths += [f"connection.{connection.name}.{key}" for key in ("stiffness", "damping_coefficient", "rest")]
     return paths
 
 

@@ -11,6 +11,7 @@ from engine.bodies.table import KeyPath
 from engine.faults import Fault, PatchError
 from engine.patch.error_messages import suggestion
 from engine.patch.reader import DOCUMENT, validate_document
+from engine.patch.renamed_keys import current_key
 from engine.patch.scene import Scene
 
 
@@ -61,8 +62,9 @@ def locate(path: str, scene: Scene, data: dict[str, Any]) -> tuple[KeyPath, bool
     node: Any = scene
     key_path: KeyPath = ()
     integer, prefix = False, ""
-    for part in path.split("."):
-        integer, suffix = False, path[len(prefix + part) :]
+    for word in path.split("."):
+        part = _current_part(word, key_path, node)
+        integer, suffix = False, path[len(prefix + word) :]
         if isinstance(node, BaseModel):
             fields = type(node).model_fields
             if part not in fields:
@@ -79,10 +81,19 @@ def locate(path: str, scene: Scene, data: dict[str, Any]) -> tuple[KeyPath, bool
         else:
             fault = "is not in the patch; write it there" if node is None else "has no parts; leave out what follows it"
             raise ValueError(f"{path}: {prefix[:-1]} {fault}")
-        prefix += f"{part}."
+        prefix += f"{word}."
     _refuse_table(path, node)
     _check_in_document(data, key_path, path)
     return key_path, integer
+
+
+def _current_part(part: str, key_path: KeyPath, node: Any) -> str:
+    """A part of a path, with the name that it has now if it is the old one of a key. node: the table that it is of"""
+    if not isinstance(node, BaseModel | dict):
+        return part
+    section = next((key for key in reversed(key_path) if isinstance(key, str)), "")
+    kind = node.get("kind") if isinstance(node, dict) else getattr(node, "kind", None)
+    return current_key(section, kind, part)
 
 
 def _refuse_table(path: str, node: Any) -> None:

@@ -4,14 +4,15 @@ import difflib
 import os
 import re
 import tomllib
+import warnings
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
 from engine.bodies.table import KeyPath
-from engine.faults import Fault, PatchError
+from engine.faults import Fault, PatchError, PatchWarning
 from engine.files import MB, SHIPPED_PATCHES, UnreadableFile, find_patch, is_folder, read_bytes
 from engine.instrument.key_writer import Origins
 from engine.output_files import error_reason
@@ -23,6 +24,7 @@ from engine.patch.error_messages import (
     path_to_blame,
     suggest_key,
 )
+from engine.patch.renamed_keys import RenamedKeys, rename_keys
 from engine.patch.scene import MAX_FAULTS_COLLECTED, Scene
 from engine.patch.toml_lines import NestedTooDeep, locate_keys, nearest_line, split_statements
 from engine.wording import program_name, to_one_line
@@ -67,7 +69,14 @@ def load(path: str | Path | dict[str, Any]) -> Scene:
     data = _parse_toml(str(path), text)
     if not data:
         raise PatchError([Fault("", f"empty; {program_name()} new NAME writes a patch to begin with", str(path))])
-    return validate_document(data, path.parent, str(path), text)
+    renamed = RenamedKeys()
+    try:
+        return validate_document(data, path.parent, str(path), text, renamed)
+    finally:
+        lines = locate_keys(text)
+        for key in renamed.first_of_each():
+            note = Fault(format_path(key.path), str(key), str(path), nearest_line(lines, key.path))
+            warnings.warn(str(note), PatchWarning, stacklevel=2)
 
 
 def check_scene(scene: Any) -> None:
@@ -95,28 +104,40 @@ def read_text(path: Path) -> str:
     return text
 
 
-def validate_document(data: dict[str, Any], folder: Path, file: str, text: str) -> Scene:
+def validate_document(
+    data: dict[str, Any], folder: Path, file: str, text: str, renamed: RenamedKeys | None = None
+) -> Scene:
     """Make a Scene of a document. Raises PatchError.
 
     folder: where the files lie that the document names
     file:   the name of the patch in faults
     text:   the TOML that the document was read from, for the lines of faults; "" if there is none
+    renamed: where to put the old keys that the document has
     """
     origins: Origins = {}
+    old = RenamedKeys() if renamed is None else renamed
     try:
-        return Scene.model_validate(data, context={"folder": folder, "origins": origins})
+        return Scene.model_validate(data, context={"folder": folder, "origins": origins, "renamed": old})
     except ValidationError as error:
-        faults = _make_faults(file, text, error.errors(include_url=False), origins)
+        faults = _make_faults(file, text, error.errors(include_url=False), Paths(origins, old))
         raise PatchError(faults if text else [replace(fault, line=None) for fault in faults]) from None
 
 
 def locate_build_faults(file: str, faults: list[Fault]) -> list[Fault]:
     """Add the file and the lines of a patch to the faults of a BuildError."""
     try:
-        lines = locate_keys(read_text(Path(file)))
+        text, renamed = read_text(Path(file)), RenamedKeys()
+        lines = locate_keys(text)
+        rename_keys(tomllib.loads(text), renamed)
     except (PatchError, ValueError):  # the file was changed since
         return [replace(fault, file=file) for fault in faults]
-    return [replace(fault, file=file, line=nearest_line(lines, _parse_path(fault.path))) for fault in faults]
+    located = []
+    for fault in faults:
+        path = _parse_path(fault.path)
+        own = renamed.path_in_patch(path)
+        named = fault.path if own == path else format_path(own)
+        located.append(replace(fault, path=named, file=file, line=nearest_line(lines, own)))
+    return located
 
 
 def _parse_path(path: str) -> KeyPath:
@@ -153,33 +174,37 @@ def _make_syntax_fault(file: str, text: str, error: tomllib.TOMLDecodeError) -> 
     return Fault("", f"not valid TOML{column} ({message}); {remedy}", file, line)
 
 
-def _path_in_patch(error: Any, origins: Origins) -> tuple[KeyPath, str]:
+class Paths(NamedTuple):
+    """From the paths of a scene to those of its patch."""
+
+    origins: Origins  # of the tables of an instrument that were written out
+    renamed: RenamedKeys
+
+
+def _path_in_patch(error: Any, paths: Paths) -> tuple[KeyPath, str]:
     """The path of the key to blame, and which key of an instrument had the fault; "" if the patch is none."""
     path = path_to_blame(error)
-    if len(path) < 2 or (table := (str(path[0]), path[1])) not in origins:
-        return path, ""
-    origin, name = origins[table]
-    return (*origin, *path[2:]), name
+    if len(path) < 2 or (table := (str(path[0]), path[1])) not in paths.origins:
+        return paths.renamed.path_in_patch(path), ""
+    origin, name = paths.origins[table]
+    return paths.renamed.path_in_patch((*origin, *path[2:])), name
 
 
-def _once_each(errors: list[Any], origins: Origins) -> list[Any]:
+def _once_each(errors: list[Any], paths: Paths) -> list[Any]:
     """The errors without those that other keys of an instrument have alike."""
     seen, kept = set(), []
     for error in errors:
-        path, name = _path_in_patch(error, origins)
+        path, name = _path_in_patch(error, paths)
         if not name or (path, error["type"]) not in seen:
             kept.append(error)
         seen.add((path, error["type"]))
     return kept
 
 
-def _make_faults(file: str, text: str, errors: list[Any], origins: Origins) -> list[Fault]:
-    """The faults of a patch in the order of its lines: the first of them, and how many more there are.
-
-    origins: of the tables of an instrument that were written out
-    """
-    lines, errors = locate_keys(text), _once_each(errors, origins)
-    ordered = sorted(((nearest_line(lines, _path_in_patch(e, origins)[0]), e) for e in errors), key=lambda p: p[0])
+def _make_faults(file: str, text: str, errors: list[Any], paths: Paths) -> list[Fault]:
+    """The faults of a patch in the order of its lines: the first of them, and how many more there are."""
+    lines, errors = locate_keys(text), _once_each(errors, paths)
+    ordered = sorted(((nearest_line(lines, _path_in_patch(e, paths)[0]), e) for e in errors), key=lambda p: p[0])
     unknown: dict[KeyPath, list[Any]] = {}  # by the path of their table
     for _, error in ordered:
         if error["type"] == "extra_forbidden":
@@ -194,7 +219,7 @@ def _make_faults(file: str, text: str, errors: list[Any], origins: Origins) -> l
         misspelt = unknown.get(path[:-1], [])[:MAX_FAULTS_LISTED] if error["type"] == "missing" else []
         if any(suggest_key(other) == path[-1] for other in misspelt):
             continue  # the missing key is there, misspelt
-        blamed, key_name = _path_in_patch(error, origins)
+        blamed, key_name = _path_in_patch(error, paths)
         message = describe_error(error, location) + (f" (key {key_name})" if key_name else "")
         faults.append(Fault(format_path(blamed), message, file, line))
     return faults

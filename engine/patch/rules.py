@@ -246,7 +246,7 @@ def _check_event(
     if of_connection:
         yield from check_change_of_connection(path, event, connections)
         return
-    for key in ("damping", "rest"):
+    for key in ("damping_coefficient", "rest"):
         if is_given(event, key):
             yield make_fault((*path, key), event[key], f"a contact has no {key}", "a connection has")
     yield from _check_exists((*path, "contact"), event.get("contact"), contacts, "contact", "named contacts")

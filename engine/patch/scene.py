@@ -5,6 +5,7 @@
 
 import copy
 import math
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from itertools import islice
 from pathlib import Path
@@ -16,12 +17,14 @@ from pydantic_core import InitErrorDetails
 from engine.bodies import Body
 from engine.bodies.csv_files import read_modes, read_shape
 from engine.bodies.table import KeyPath, Table, make_fault
+from engine.faults import PatchWarning
 from engine.files import check_regular_file
 from engine.instrument.expansion import Expansion, expand, is_instrument
 from engine.instrument.tables import Keyboard, KeyTables, Note, Pedal
 from engine.output_files import error_reason
 from engine.patch.accuracy import Accuracy
 from engine.patch.positions import tables_of
+from engine.patch.renamed_keys import RenamedKeys, rename_keys
 from engine.patch.rules import check_rules
 from engine.patch.tables import MAX_SECONDS, Connection, Contact, Event, Force, Pickup, SampledForce
 from engine.wording import to_one_line
@@ -77,13 +80,20 @@ class Scene(Table):
         scene = None
         context = info.context or {}
         folder, document = Path(context.get("folder", ".")), None
+        if isinstance(data, dict):
+            renamed = context.get("renamed", RenamedKeys())
+            data = rename_keys(data, renamed)
+            faults += renamed.faults
+            if "renamed" not in context:
+                _warn_of_old_names(renamed)
         if is_instrument(data):
             document, expansion = data, context.get("expansion") or expand(_limit_integers(data))
             data = expansion.document
             if "origins" in context:
                 context["origins"].update(expansion.origins)
             if expansion.faults:
-                raise ValidationError.from_exception_data(cls.__name__, expansion.faults[:MAX_FAULTS_COLLECTED])
+                faults += expansion.faults
+                raise ValidationError.from_exception_data(cls.__name__, faults[:MAX_FAULTS_COLLECTED])
         if isinstance(data, dict):
             data, file_faults = _read_body_files(_limit_integers(data), folder)
             faults += [*file_faults, *islice(_check_force_files(data, folder), MAX_FAULTS_COLLECTED)]
@@ -169,6 +179,12 @@ class Scene(Table):
     def channels(self) -> int:
         """How many channels its sound has."""
         return max(2 if p.pan is not None else p.channel for p in self.pickup)
+
+
+def _warn_of_old_names(renamed: RenamedKeys) -> None:
+    """Say once which keys of a document have better names now, where Scene.model_validate is called."""
+    for key in renamed.first_of_each():
+        warnings.warn(f"{'.'.join(map(str, key.path))}: {key}", PatchWarning, stacklevel=4)
 
 
 def connected_bodies(scene: Scene, name: str) -> set[str]:

@@ -84,7 +84,7 @@ class Contact(Table):
     )
     stiffness: Stiffness = Field(description="stiffness kc, N/m^exponent; at 1 mm of compression at most 1e15 N")
     exponent: Exponent = Field(description="exponent α of the power law, at least 1")
-    loss: float = Field(default=0.0, ge=0.0, le=1e9, description="Hunt-Crossley loss μ, s/m")
+    loss: float = Field(default=0.0, ge=0.0, le=1e9, description="Hunt-Crossley damping μ, s/m")
 
 
 # --- connections
@@ -103,7 +103,9 @@ class SpringConnection(_ConnectionTable):
     on: Name | None = Field(default=None, description="the body that it is held to; without it, the ground")
     on_at: Positions = Field(default=None, description="where on that body: a place")
     stiffness: float = Field(default=0.0, ge=0.0, le=MAX_CONNECTION_STIFFNESS, description="stiffness, N/m")
-    damping: float = Field(default=0.0, ge=0.0, le=MAX_CONNECTION_DAMPING, description="damping, kg/s")
+    damping_coefficient: float = Field(
+        default=0.0, ge=0.0, le=MAX_CONNECTION_DAMPING, description="damping coefficient, kg/s"
+    )
     rigid: bool = Field(default=False, description="nothing gives: the two move as one; instead of stiffness")
     rest: Metres = Field(
         default=0.0, description="how far the body is above the other where no force acts, m: body minus other"
@@ -288,8 +290,8 @@ class ChangeEvent(_EventTable):
         default=None, description="new position of its barrier, m; a list moves by as much as its first"
     )
     gap: Metres | None = Field(default=None, description="new gap, m")
-    damping: float | None = Field(
-        default=None, ge=0.0, le=MAX_CONNECTION_DAMPING, description="new damping of a connection, kg/s"
+    damping_coefficient: float | None = Field(
+        default=None, ge=0.0, le=MAX_CONNECTION_DAMPING, description="new damping coefficient of a connection, kg/s"
     )
     rest: Metres | None = Field(default=None, description="new rest of a connection, m")
     duration: float = Field(default=0.005, ge=0.0, le=MAX_SECONDS, description="how long it glides, s")

@@ -20,6 +20,7 @@ from engine.patch.error_messages import format_path
 from engine.patch.one_note import HOLD_SECONDS, TAIL_SECONDS
 from engine.patch.paths import set_value
 from engine.patch.reader import validate_document
+from engine.patch.renamed_keys import RenamedKeys, rename_keys
 from engine.patch.scene import Scene
 from engine.sweep.axes import MAX_GRID_POINTS, SweepAxis, Value, parse_axis
 from engine.sweep.index_csv import check_index, sound_name
@@ -116,7 +117,7 @@ def plan_sweep(
 
     lengths: of notes, by the options hold and seconds; None where they are not given
     """
-    data = tomllib.loads(Path(args.patch).read_text("utf-8-sig"))
+    data = rename_keys(tomllib.loads(Path(args.patch).read_text("utf-8-sig")), RenamedKeys())
     numbers, faults = _parse_numbers(args)
     axes: list[SweepAxis] = []
     for text in args.vary:

@@ -60,7 +60,7 @@ def test_the_horizon_is_where_two_renderings_part():
 
 
 def test_bodies_that_are_damped_too_heavily_for_order_four_have_an_estimate():
-    told = scene([mass(damping=1e6, velocity=1.0)])
+    told = scene([mass(damping_rate=1e6, velocity=1.0)])
     assert engine.estimate_error(told, engine.render(told, seconds=0.01)).finer == {"order": 2, "substeps": 4}
 
 

@@ -152,7 +152,7 @@ def test_a_barrier_that_moves_in_is_heard():
 
 
 def test_what_a_string_does_to_its_end_is_heard_though_nothing_moves_there():
-    string = {"name": "s", "kind": "string", "length": 0.6, "density": 4e-3, "frequency": 200.0}
+    string = {"name": "s", "kind": "string", "length": 0.6, "linear_density": 4e-3, "frequency": 200.0}
     pluck = {"kind": "pluck", "body": "s", "at": 0.2, "amplitude": 1.0, "duration": 2e-3}
     pickup = {"body": "s", "at": 1.0, "quantity": "end_force"}
     scene = Scene.model_validate({"body": [string], "force": [pluck], "pickup": [pickup]})

@@ -51,7 +51,7 @@ def test_what_cannot_be_vouched_for_is_said(newton, energy, finite, why):
 
 def test_the_paper_scheme_is_not_trusted_with_heavy_damping(tmp_path, capsys):
     """It moves a heavily damped mass too far, its energies closing all the same."""
-    heavy = scene([mass(damping=1e5)], gravity=9.81)
+    heavy = scene([mass(damping_rate=1e5)], gravity=9.81)
     fdh, exact = (engine.render(heavy, seconds=0.05, scheme=name) for name in ("fdh", "exact"))
     assert fdh.stats["energy"]["error_max"] <= 1e-12
     assert not fdh.stats["trusted"] and "paper's scheme" in fdh.stats["reasons"][0]
@@ -67,7 +67,7 @@ def test_the_paper_scheme_is_not_trusted_with_heavy_damping(tmp_path, capsys):
 def test_a_damped_mass_on_a_stop_too_hard_for_it_is_not_trusted():
     """Its compression alternates about the static one; substeps mend that."""
     stop = [barrier(stiffness=1e11, exponent=1.0, side="below"), barrier(barrier=1e5, stiffness=1.0, exponent=7.7)]
-    pressed = scene([mass(damping=1e6)], gravity=9.81, contact=stop)
+    pressed = scene([mass(damping_rate=1e6)], gravity=9.81, contact=stop)
     found = [engine.render(pressed, seconds=0.01, substeps=n).stats for n in (1, 64)]
     assert [s["trusted"] for s in found] == [False, True]
     assert "pressed on a stop too hard for it" in found[0]["reasons"][0]

@@ -190,7 +190,7 @@ def test_the_price_of_a_few_samples(seconds):
 
 def test_motion_that_is_lost_at_once_has_a_price():
     """Heavy damping leaves order 2 alone; and where no setting errs, none pays."""
-    body = {"name": "m", "kind": "oscillator", "mass": 1.0, "frequency": 440.0, "velocity": 1.0, "damping": 1e6}
+    body = {"name": "m", "kind": "oscillator", "mass": 1.0, "frequency": 440.0, "velocity": 1.0, "damping_rate": 1e6}
     told = engine.Scene.model_validate({"seconds": 0.01, "body": [body], "contact": [WALL], "pickup": [{"body": "m"}]})
     found = measure_work_precision(told)
     assert all(row["changes"].get("order", 2) == 2 for row in found["rows"])

@@ -57,13 +57,13 @@ def test_measuring_changes_nothing(patch):
 
 def test_absent_effects_are_none(patch):
     """Neither what a patch does not name nor what amounts to nothing is built."""
-    body = oscillator(frequency=100.0, damping=0.0, displacement=1.0)
+    body = oscillator(frequency=100.0, damping_rate=0.0, displacement=1.0)
     model = build(scene([body], gravity=0.0), 44_100).model
     assert model.step.loss is model.step.drag is model.step.contact is model.step.force is None
     assert model.weight is model.force is model.contact is model.events is model.refinement is None
     nothing = build(
         scene(
-            [mass(damping=0.0)],
+            [mass(damping_rate=0.0)],
             contact=[barrier(stiffness=0.0, loss=1.0)],
             force=[{"body": "body", "kind": "constant", "amplitude": 0.0}],
         ),

@@ -103,7 +103,14 @@ def test_two_bodies_that_touch_at_many_points():
     scene = engine.Scene.model_validate(
         {
             "body": [
-                {"name": "string", "kind": "string", "length": 0.6, "density": 5e-3, "tension": 600.0, "modes": 40},
+                {
+                    "name": "string",
+                    "kind": "string",
+                    "length": 0.6,
+                    "linear_density": 5e-3,
+                    "tension": 600.0,
+                    "modes": 40,
+                },
                 {"name": "bar", "kind": "bar", "length": 0.3, "frequency": 200.0, "mass": 0.02, "modes": 6}
                 | {"sigma0": 1.0},
             ],

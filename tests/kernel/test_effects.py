@@ -75,7 +75,7 @@ def kernel(scene: engine.Scene):
 @pytest.mark.parametrize(
     "absence",
     [
-        {"body": [oscillator(frequency=100.0, displacement=1e-3, damping=0.0)]},
+        {"body": [oscillator(frequency=100.0, displacement=1e-3, damping_rate=0.0)]},
         {"gravity": 0.0},
         {"contact": [{"body": "body", "barrier": 0.0, "stiffness": 0.0, "exponent": 1.5}]},
         {"contact": [{"body": "body", "barrier": 1.001e-3, "stiffness": 1e6, "exponent": 1.5}]},
@@ -103,8 +103,8 @@ def test_a_contact_within_reach_is_built():
 def dying(**more) -> engine.Scene:
     """Two oscillators that die away; one of them is struck later."""
     bodies = [
-        {"name": "a", "kind": "oscillator", "mass": 0.01, "frequency": 300.0, "damping": 40.0, "velocity": 1.0},
-        {"name": "b", "kind": "oscillator", "mass": 0.01, "frequency": 200.0, "damping": 40.0, "velocity": 1.0},
+        {"name": "a", "kind": "oscillator", "mass": 0.01, "frequency": 300.0, "damping_rate": 40.0, "velocity": 1.0},
+        {"name": "b", "kind": "oscillator", "mass": 0.01, "frequency": 200.0, "damping_rate": 40.0, "velocity": 1.0},
     ]
     event = [{"kind": "strike", "time": 2.0, "body": "b", "velocity": 0.5}]
     pickups = [{"body": "a"}, {"body": "b", "channel": 2}]

@@ -69,7 +69,7 @@ def test_what_is_heard_is_what_single_steps_give(sigma, gravity):
     """Every quantity and channel, of many modes and of a mass that falls; a trace is made of single steps."""
     told = ringing(300, sigma).model_dump(mode="json", exclude_unset=True)
     told["gravity"] = gravity
-    told["body"].append({"name": "stone", "kind": "mass", "mass": 2.0, "damping": 3.0 * sigma})
+    told["body"].append({"name": "stone", "kind": "mass", "mass": 2.0, "damping_rate": 3.0 * sigma})
     told["body"].append({"name": "reed", "kind": "oscillator", "mass": 1e-3, "frequency": 3.0, "displacement": 1e-2})
     told["pickup"] += [{"body": "stone", "quantity": q, "channel": 4 + n} for n, q in enumerate(QUANTITIES)]
     told["pickup"] += [{"body": "reed", "quantity": q, "channel": 7 + n} for n, q in enumerate(QUANTITIES)]
@@ -135,8 +135,15 @@ def busy() -> engine.Scene:
             "sigma0": 3.0,
         },
         {"name": "hammer", "kind": "mass", "mass": 3e-3, "displacement": -1e-3, "velocity": 2.0},
-        {"name": "reed", "kind": "oscillator", "mass": 1e-3, "frequency": 90.0, "displacement": 1e-4, "damping": 30.0},
-        {"name": "bell", "kind": "oscillator", "mass": 1e-3, "frequency": 700.0, "velocity": 1e-2, "damping": 9.0},
+        {
+            "name": "reed",
+            "kind": "oscillator",
+            "mass": 1e-3,
+            "frequency": 90.0,
+            "displacement": 1e-4,
+            "damping_rate": 30.0,
+        },
+        {"name": "bell", "kind": "oscillator", "mass": 1e-3, "frequency": 700.0, "velocity": 1e-2, "damping_rate": 9.0},
     ]
     contact = [
         {"name": "felt", "body": "hammer", "on": "string", "on_at": 0.12, "stiffness": 4e9, "exponent": 2.5},

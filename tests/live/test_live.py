@@ -418,7 +418,7 @@ def test_coarser_models_run_in_the_kernel_of_the_finest(order):
     parts = {
         "body": [string | {"residual": True}, {"name": "h", "kind": "mass", "mass": 3e-3, "velocity": 2.0}],
         "contact": [{"body": "h", "on": "s", "on_at": 0.12, "stiffness": 4e9, "exponent": 2.5, "loss": 0.02}],
-        "connection": [{"body": "s", "at": 0.3, "damping": 0.01}],
+        "connection": [{"body": "s", "at": 0.3, "damping_coefficient": 0.01}],
         "pickup": [{"body": "s", "at": 0.4}],
     }
     scene = engine.Scene.model_validate(parts)

@@ -16,10 +16,10 @@ from engine.live.voices import retune, sounding_bodies
 from scenes.choirs import struck_choir
 
 BOLT = ROOT / "patches" / "bolt_on_a_string.toml"
-RANGES = {"stiffness": (1e3, 1e7), "damping": (1e-2, 1e2), "rest": (-1e-3, 1e-3)}
+RANGES = {"stiffness": (1e3, 1e7), "damping_coefficient": (1e-2, 1e2), "rest": (-1e-3, 1e-3)}
 
 
-@pytest.mark.parametrize("keys", [["stiffness"], ["damping"], ["rest"], list(RANGES)], ids="+".join)
+@pytest.mark.parametrize("keys", [["stiffness"], ["damping_coefficient"], ["rest"], list(RANGES)], ids="+".join)
 def test_a_sweep_keeps_the_balance_of_energy(keys):
     """Of stiffness and damping over 4 decades, and of the rest over 2 mm; and a replay is the same."""
     player = Player(engine.load(BOLT), gain=1e-4, seconds=math.inf)
@@ -57,7 +57,7 @@ def compare_voices(scene, ratio, play):
 
 
 STRING = {"name": "s", "kind": "string", "length": 0.65, "mass": 4e-3, "frequency": 196.0, "sigma0": 1.0}
-TOP = {"name": "top", "kind": "plate", "size": [0.48, 0.36], "density": 1.6, "frequency": 180.0, "modes": 12}
+TOP = {"name": "top", "kind": "plate", "size": [0.48, 0.36], "area_density": 1.6, "frequency": 180.0, "modes": 12}
 TOP |= {"sigma0": 9.0}
 BOX = {"name": "box", "kind": "air", "size": [0.48, 0.36, 0.1], "hole": {"radius": 0.04}, "sigma0": 10.0}
 END = {"kind": "end", "body": "s", "at": 1, "on": "top", "on_at": [0.4, 0.4]}
@@ -90,14 +90,14 @@ def test_knobs_of_connections_are_listed_and_others_refused():
     with pytest.raises(KeyError, match=r"no knob connection.thread.gap; there are .*connection.thread.rest"):
         player.set("connection.thread.gap", 1.0)
     with pytest.raises(ValueError, match="damping"):
-        player.set("connection.thread.damping", -1.0)
+        player.set("connection.thread.damping_coefficient", -1.0)
 
 
 def test_an_edited_connection_is_turned_and_not_built_anew():
     old = engine.load(BOLT)
     table = old.model_dump(exclude_none=True)
-    table["connection"][0] |= {"stiffness": 1e5, "damping": 2.0}
-    changed = {"connection.thread.stiffness": 1e5, "connection.thread.damping": 2.0}
+    table["connection"][0] |= {"stiffness": 1e5, "damping_coefficient": 2.0}
+    changed = {"connection.thread.stiffness": 1e5, "connection.thread.damping_coefficient": 2.0}
     assert changed_parameters(old, engine.Scene.model_validate(table)) == changed
 
 
@@ -113,7 +113,7 @@ def test_notes_tune_the_strings_and_not_the_board():
 
 def test_a_log_with_a_negative_damping_is_refused():
     player = Player(engine.load(BOLT), seconds=math.inf)
-    player.set("connection.thread.damping", 2.0)
+    player.set("connection.thread.damping_coefficient", 2.0)
     player.render_into(np.zeros((64, player.channels), np.float32))
     record = json.loads(json.dumps(player.log()))
     record["events"][0]["row"][6] = -1.0

@@ -17,7 +17,8 @@ OTHERS = """
 """
 KEYS = """
 at on on_at body kind name barrier gap bridge frets stiffness exponent loss side length density mass tension
-frequency modes sigma0 sigma1 sigma3 b3 t60 t60_at support inharmonicity bending ratios ends radius size rigidity
+frequency modes sigma0 sigma1 sigma_beta sigma_beta3 b3 t60 t60_at support inharmonicity bending ratios ends radius size
+rigidity flexural_rigidity bending_stiffness linear_density area_density damping_rate damping_coefficient envelope band
 file sigma points damping displacement velocity gravity seconds amplitude duration release start time channel gain
 quantity count height width depth order substeps scheme oversample precision tolerance iterations silence
 """

@@ -34,7 +34,7 @@ from engine.report import console
 ODD = sorted((ROOT / "tests" / "patch" / "bad_patches").glob("*.toml"))
 AT_ONCE = 8.0  # s of processor time: most take a hundredth of one
 MASS = '[[body]]\nname = "b"\nkind = "mass"\nmass = 1.0\nvelocity = 1.0\n[[pickup]]\nbody = "b"\n'
-STRING = '[[body]]\nname = "s"\nkind = "string"\nlength = 1.0\ndensity = 1e-3\ntension = 50.0\n'
+STRING = '[[body]]\nname = "s"\nkind = "string"\nlength = 1.0\nlinear_density = 1e-3\ntension = 50.0\n'
 HEARD = '[[pickup]]\nbody = "s"\nat = 0.5\n'
 PUSH = '[[force]]\nbody = "b"\nkind = "file"\namplitude = 1.0\nfile = "{}"\n'
 MEASURED = '[[body]]\nname = "s"\nkind = "modes"\nfile = "{}"\n' + HEARD
@@ -302,7 +302,7 @@ def test_forces_for_which_there_is_no_room_are_refused():
 
 @pytest.mark.parametrize("shape", [{"radius": 0.18}, {"size": [0.3, 0.4]}])
 def test_a_sheet_that_says_nothing_of_its_modes_has_the_lowest_thousand(shape):
-    body = {"name": "s", "kind": "membrane", "density": 0.2, "frequency": 80.0} | shape
+    body = {"name": "s", "kind": "membrane", "area_density": 0.2, "frequency": 80.0} | shape
 
     def modes(**more: int) -> np.ndarray:
         pickup = [{"body": "s", "at": [0.5, 0.5]}]
@@ -314,7 +314,7 @@ def test_a_sheet_that_says_nothing_of_its_modes_has_the_lowest_thousand(shape):
 
 
 def test_a_drum_of_all_its_modes_is_built_soon():
-    body = {"name": "s", "kind": "membrane", "density": 0.2, "frequency": 0.1, "radius": 1.0, "modes": 20_000}
+    body = {"name": "s", "kind": "membrane", "area_density": 0.2, "frequency": 0.1, "radius": 1.0, "modes": 20_000}
     data = {"body": [body | {"name": f"s{i}"} for i in range(4)], "pickup": [{"body": "s0", "at": [0.5, 0.5]}]}
     begin = time.process_time()
     build(engine.Scene.model_validate(data), 44_100)

@@ -69,7 +69,7 @@ def change(old: str, new: str) -> str:
         (change("mass = 1.0", "mass = -1.0"), 7, "body[0].mass", "out of range"),
         (change("mass = 1.0", "mass = nan"), 7, "body[0].mass", "not a finite number"),
         (change("mass = 1.0", "mass = inf"), 7, "body[0].mass", "not a finite number"),
-        (change("mass = 1.0", "mass = 1.0\ndamping = -1"), 8, "body[0].damping", "out of range"),
+        (change("mass = 1.0", "mass = 1.0\ndamping_rate = -1"), 8, "body[0].damping_rate", "out of range"),
         (change('kind = "mass"', 'kind = "ball"'), 6, "body[0].kind", 'unknown kind "ball"'),
         (change('kind = "mass"', ""), 4, "body[0]", "kind missing; one of mass, oscillator"),
         (GOOD + '\n[[body]]\nname = "2nd"\nkind = "mass"\nmass = 2\n', 19, "body[1].name", '"2nd" is not a name'),
@@ -119,14 +119,14 @@ STRING = """[[body]]
 name = "s"
 kind = "string"
 length = 1.0
-density = 1e-3
+linear_density = 1e-3
 tension = 50.0
 
 [[body]]
 name = "drum"
 kind = "membrane"
 radius = 0.2
-density = 0.3
+area_density = 0.3
 frequency = 400.0
 
 [[body]]
@@ -158,7 +158,11 @@ PUSH = '[[force]]\nkind = "constant"\namplitude = 1.0\nbody = "s"\nat = {}\n'
         (STRING.replace("at = 0.9", 'at = "middle"') + AT, "pickup[0].at", '"middle" is no place on "s"'),
         (STRING + AT + PUSH.format("[0.1, 0.2]"), "force[0].at", "several places; give one"),
         (STRING.replace("tension = 50.0", "tension = 0.0") + AT, "body[0].tension", "0.0 is out of range; tension, N"),
-        (STRING.replace("density = 0.3", "density = 0.3\nsize = [0.1]") + AT, "body[1]", "both radius and size"),
+        (
+            STRING.replace("area_density = 0.3", "area_density = 0.3\nsize = [0.1]") + AT,
+            "body[1]",
+            "both radius and size",
+        ),
         (STRING.replace("radius = 0.2", "size = [0.1]") + AT, "body[1].size", "1 in the list, at least 2"),
         (STRING.replace("tension", "t60 = 3.0\ntension") + AT, "body[0].t60", "3.0 is not a list; write t60 = [ … ]"),
         (STRING + "at = -0.1\nbarrier = 0.0\n", "contact[0].at", "-0.1 is no place on a body"),

@@ -74,7 +74,7 @@ def test_free_flight_is_not_refined():
         hammer(),
         pytest.param(
             scene(
-                [oscillator(frequency=3000.0, displacement=-1e-3, velocity=5.0, damping=100.0)],
+                [oscillator(frequency=3000.0, displacement=-1e-3, velocity=5.0, damping_rate=100.0)],
                 contact=[barrier(barrier=2e-4, stiffness=1e7)],
                 gravity=9.81,
             ),
@@ -99,8 +99,8 @@ def test_no_contact_is_overlooked(told):
 EVERYTHING = {
     "gravity": 9.81,
     "body": [
-        oscillator(name="a", frequency=300.0, damping=5.0, velocity=1.0),
-        oscillator(name="b", frequency=170.0, damping=1.0, displacement=1e-4),
+        oscillator(name="a", frequency=300.0, damping_rate=5.0, velocity=1.0),
+        oscillator(name="b", frequency=170.0, damping_rate=1.0, displacement=1e-4),
         mass(name="c", mass=0.02, displacement=5e-4, velocity=-1.0),
     ],
     "contact": [

@@ -23,7 +23,7 @@ TOP = {
     "name": "top",
     "kind": "plate",
     "size": [0.48, 0.36],
-    "density": 1.4,
+    "area_density": 1.4,
     "frequency": 180.0,
     "modes": 12,
     "sigma0": 9.0,
@@ -33,8 +33,8 @@ JOIN = {"kind": "air", "body": "top", "on": "box"}
 
 
 def two_heads(volume: float | None = 0.014, **more) -> engine.Scene:
-    batter = {"name": "top", "kind": "membrane", "radius": 0.178, "density": 0.26, "frequency": 180.0, "modes": 30}
-    snare = batter | {"name": "low", "density": 0.11, "frequency": 250.0}
+    batter = {"name": "top", "kind": "membrane", "radius": 0.178, "area_density": 0.26, "frequency": 180.0, "modes": 30}
+    snare = batter | {"name": "low", "area_density": 0.11, "frequency": 250.0}
     air = [{"kind": "air", "body": "top", "on": "low", "volume": volume}] if volume else []
     return scene([batter, snare], connection=air, pickup=HEARD, **more)
 
@@ -110,7 +110,7 @@ def test_its_energy_is_exact(order):
 
 def test_a_closed_kettle_raises_the_first_mode_of_a_drum():
     """ω² + ρc²/V·(∬Φ dA)² of the first mode, less what the other symmetrical modes give way."""
-    drum = {"name": "top", "kind": "membrane", "radius": 0.3, "density": 0.26, "frequency": 80.0, "modes": 25}
+    drum = {"name": "top", "kind": "membrane", "radius": 0.3, "area_density": 0.26, "frequency": 80.0, "modes": 25}
     told = scene([drum], connection=[{"kind": "air", "body": "top", "volume": 0.14}], pickup=HEARD)
     z = jn_zeros(0, 9)
     omega = 2 * math.pi * 80.0 * z / z[0]
@@ -158,7 +158,7 @@ BAD = [
 
 @pytest.mark.parametrize(("keys", "says"), BAD)
 def test_what_is_wrong_with_air_is_said(keys, says):
-    drum = {"name": "drum", "kind": "membrane", "radius": 0.2, "density": 0.3, "frequency": 100.0}
+    drum = {"name": "drum", "kind": "membrane", "radius": 0.2, "area_density": 0.3, "frequency": 100.0}
     with pytest.raises(ValueError) as error:
         tube = {"name": "tube", "kind": "tube", "length": 0.5, "radius": 0.02}
         bodies = [TOP, BOX, drum, tube, {"name": "hammer", "kind": "mass", "mass": 1.0}]

@@ -32,11 +32,11 @@ def bar(**more) -> Bar:
 
 
 def membrane(**more) -> Membrane:
-    return Membrane(**{"name": "m", "kind": "membrane", "density": 0.3, "frequency": 100.0, "modes": 60} | more)
+    return Membrane(**{"name": "m", "kind": "membrane", "area_density": 0.3, "frequency": 100.0, "modes": 60} | more)
 
 
 def plate(**more) -> Plate:
-    return Plate(**{"name": "p", "kind": "plate", "density": 7.8, "frequency": 80.0, "size": [0.5, 0.3]} | more)
+    return Plate(**{"name": "p", "kind": "plate", "area_density": 7.8, "frequency": 80.0, "size": [0.5, 0.3]} | more)
 
 
 # --- frequencies
@@ -55,11 +55,13 @@ def test_bending_and_inharmonicity_say_the_same():
     """B = π²·EI/(T·L²)."""
     bending = 3.77e-4 * 670.0 * 0.62**2 / math.pi**2
     np.testing.assert_allclose(
-        hertz(string(tension=670.0, bending=bending)), hertz(string(tension=670.0, inharmonicity=3.77e-4)), rtol=1e-13
+        hertz(string(tension=670.0, bending_stiffness=bending)),
+        hertz(string(tension=670.0, inharmonicity=3.77e-4)),
+        rtol=1e-13,
     )
 
 
-@pytest.mark.parametrize("stiff", [{}, {"bending": 0.01}, {"inharmonicity": 8.6e-3}])
+@pytest.mark.parametrize("stiff", [{}, {"bending_stiffness": 0.01}, {"inharmonicity": 8.6e-3}])
 def test_a_string_given_by_frequency_has_it(stiff):
     assert hertz(string(frequency=261.6256, **stiff))[0] == pytest.approx(261.6256, rel=1e-14)
 
@@ -88,7 +90,7 @@ def test_roots_of_bars(ends, roots):
     for n, root in enumerate(bar_roots(ends, np.arange(1.0, 61.0)), 1):
         near = mpmath.findroot(lambda x: mpmath.cos(x) - sign / mpmath.cosh(x), float(root))
         assert root == pytest.approx(float(near), rel=1e-14), n
-    body = Bar(name="b", kind="bar", length=0.4, mass=0.2, bending=5.0, ends=ends)
+    body = Bar(name="b", kind="bar", length=0.4, mass=0.2, bending_stiffness=5.0, ends=ends)
     np.testing.assert_allclose(
         hertz(body)[:4], (np.array(roots) / 0.4) ** 2 * math.sqrt(5.0 / 0.5) / (2 * math.pi), rtol=1e-6
     )
@@ -124,7 +126,7 @@ def test_rectangles():
     f = hertz(membrane(size=[0.5, 0.3]))
     wanted = grid(0.5, 0.3, 0.5)
     np.testing.assert_allclose(f / f[0], wanted[:60] / wanted[0], rtol=1e-12)
-    f = hertz(plate(frequency=None, rigidity=90.0, size=[0.4, 0.4]))
+    f = hertz(plate(frequency=None, flexural_rigidity=90.0, size=[0.4, 0.4]))
     assert f[0] == pytest.approx(math.pi / 2 * math.sqrt(90 / 7.8) * 2 / 0.16, rel=1e-13)
 
 
@@ -208,7 +210,7 @@ def test_shapes_of_rectangles_are_orthonormal(body):
     own = body.modal_body(math.inf)
     x, w = np.polynomial.legendre.leggauss(40)
     shapes = np.array([[own.shape([(1 + a) / 2, (1 + b) / 2]) for b in x] for a in x])
-    mass = body.density * 0.15 * np.outer(w, w) / 4
+    mass = body.area_density * 0.15 * np.outer(w, w) / 4
     np.testing.assert_allclose(np.einsum("abi,abj,ab->ij", shapes, shapes, mass), np.eye(60), atol=1e-12)
 
 
@@ -246,14 +248,14 @@ def test_shapes_of_high_modes(ends, number):
 
 def test_decay_by_wave_number_and_frequency():
     """σ = σ0 + σ1·β + σ3·β³ + b3·ω²."""
-    body = string(frequency=130.81, sigma0=0.6, sigma1=6.5e-3, sigma3=5e-6, b3=1e-9, inharmonicity=1e-4)
+    body = string(frequency=130.81, sigma0=0.6, sigma_beta=6.5e-3, sigma_beta3=5e-6, b3=1e-9, inharmonicity=1e-4)
     own = body.modal_body(HIGHEST)
     beta = np.arange(1, own.omega.size + 1) * math.pi / 0.62
     np.testing.assert_allclose(own.sigma, 0.6 + 6.5e-3 * beta + 5e-6 * beta**3 + 1e-9 * own.omega**2, rtol=1e-13)
-    own = plate(sigma1=0.02).modal_body(HIGHEST)
+    own = plate(sigma_beta=0.02).modal_body(HIGHEST)
     beta = np.sqrt(own.omega / own.omega[0]) * math.pi * math.hypot(1 / 0.5, 1 / 0.3)
     np.testing.assert_allclose(own.sigma, 0.02 * beta, rtol=1e-12)
-    own = membrane(radius=0.2, sigma1=0.02).modal_body(HIGHEST)
+    own = membrane(radius=0.2, sigma_beta=0.02).modal_body(HIGHEST)
     np.testing.assert_allclose(own.sigma, 0.02 * own.omega / own.omega[0] * jn_zeros(0, 1)[0] / 0.2, rtol=1e-12)
 
 
@@ -301,8 +303,16 @@ def rest(body: dict, push: list, listen: list) -> float:
 @pytest.mark.parametrize(
     ("body", "push", "listen"),
     [
-        ({"kind": "string", "length": 0.7, "density": 1e-3, "tension": 50.0, "bending": 1e-3}, 0.3, 0.6),
-        ({"kind": "plate", "size": [0.4, 0.3], "density": 4.0, "rigidity": 20.0}, [0.4, 0.3], [0.7, 0.55]),
+        (
+            {"kind": "string", "length": 0.7, "linear_density": 1e-3, "tension": 50.0, "bending_stiffness": 1e-3},
+            0.3,
+            0.6,
+        ),
+        (
+            {"kind": "plate", "size": [0.4, 0.3], "area_density": 4.0, "flexural_rigidity": 20.0},
+            [0.4, 0.3],
+            [0.7, 0.55],
+        ),
     ],
     ids=["string", "plate"],
 )

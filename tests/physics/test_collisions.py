@@ -39,15 +39,16 @@ gravity = 9.81
 seconds = 0.5
 body = [
     { name = "string", kind = "string", length = 0.62, mass = 3.93e-3, tension = 670.0, inharmonicity = 3.77e-4,
-      modes = 60, sigma0 = 0.5, b3 = 6e-9, support = [{ at = 0.01, stiffness = 1e4, damping = 0.5 }] },
+      modes = 60, sigma0 = 0.5, b3 = 6e-9, support = [{ at = 0.01, stiffness = 1e4, damping_coefficient = 0.5 }] },
     { name = "hammer", kind = "mass", mass = 2.97e-3, displacement = -1e-3, velocity = 4.0 },
     { name = "bar", kind = "bar", length = 0.3, mass = 0.2, frequency = 440.0,
       t60 = [1, 0.5], t60_at = [400, 4e3] },
-    { name = "skin", kind = "membrane", radius = 0.2, density = 0.26, frequency = 90.0, modes = 80, sigma0 = 4.0 },
-    { name = "plate", kind = "plate", size = [0.4, 0.3], density = 8.0, rigidity = 20.0, modes = 60, t60 = [2.0] },
+    { name = "skin", kind = "membrane", radius = 0.2, area_density = 0.26, frequency = 90.0, modes = 80, sigma0 = 4.0 },
+    { name = "plate", kind = "plate", size = [0.4, 0.3], area_density = 8.0, flexural_rigidity = 20.0, modes = 60,
+      t60 = [2.0] },
     { name = "bell", kind = "modes", frequency = [300.0, 810.0], sigma = [1.0, 2.0], points = { rim = [2.0, 1.5] } },
     { name = "ball", kind = "mass", mass = 0.01, displacement = 0.01 },
-    { name = "reed", kind = "oscillator", mass = 1e-3, frequency = 55.0, damping = 2.0, displacement = 3e-3 },
+    { name = "reed", kind = "oscillator", mass = 1e-3, frequency = 55.0, damping_rate = 2.0, displacement = 3e-3 },
 ]
 contact = [
     { name = "felt", body = "hammer", on = "string", on_at = 0.12, stiffness = 4.5e9, exponent = 2.5, loss = 0.1 },
@@ -203,7 +204,14 @@ def test_string_against_an_obstacle_agrees_with_finite_differences():
     """First contact, its impulse, all impulses of 60 ms, and third-octave bands, against another method
     at 16 times the rate."""
     rate, gap, seconds = 44_100, 5e-4, 0.06
-    body = {"name": "string", "kind": "string", "length": 1.0, "density": 2e-3, "frequency": 110.0, "sigma0": 2.0}
+    body = {
+        "name": "string",
+        "kind": "string",
+        "length": 1.0,
+        "linear_density": 2e-3,
+        "frequency": 110.0,
+        "sigma0": 2.0,
+    }
     contact = {"body": "string", "at": 0.5, "barrier": -gap, "side": "below", "stiffness": 1e6, "exponent": 1.5}
     pluck = {"body": "string", "at": 0.2, "kind": "pluck", "amplitude": -4.0, "duration": 0.004}
     scene = build(body=[body], contact=[contact], force=[pluck], pickup=[{"body": "string", "at": 0.3}])
@@ -345,7 +353,7 @@ def test_a_lossless_tanpura_drifts_nowhere(stiffness):
     from scenes.families import tanpuras
 
     scene = tanpuras(1, 30, stiffness=stiffness)
-    bare = scene.body[0].model_copy(update={"sigma0": 0.0, "sigma1": 0.0, "sigma3": 0.0})
+    bare = scene.body[0].model_copy(update={"sigma0": 0.0, "sigma_beta": 0.0, "sigma_beta3": 0.0})
     scene = scene.model_copy(update={"body": [bare]})
     rendering = engine.render(scene, seconds=600_000 / 44_100)
     assert rendering.stats["newton"]["unconverged"] == 0

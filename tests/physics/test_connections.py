@@ -36,7 +36,7 @@ def test_a_spring_on_a_string_has_the_right_pitch(at, stiffness):
 @pytest.mark.parametrize("at", PLACES)
 @pytest.mark.parametrize("damping", DAMPERS)
 def test_a_damper_on_a_string_has_the_right_decay(at, damping):
-    scene = held([{"body": "s", "at": at, "damping": damping}])
+    scene = held([{"body": "s", "at": at, "damping_coefficient": damping}])
     for substeps, part in ((1, 1.0), (2, 0.25)):
         _, decay = errors(scene, substeps=substeps)
         assert decay[:4].max() <= 0.005 * part
@@ -46,7 +46,7 @@ def test_a_damper_on_a_string_has_the_right_decay(at, damping):
 @pytest.mark.parametrize("damping", DAMPERS)
 def test_a_support_is_right_at_any_damping(damping):
     """As -16.1 1/s at 100 kg/s, where the diagonal of the damping matrix would give -16 655."""
-    body = string("s", modes=MODES, support=[{"at": 0.37, "stiffness": 1e3, "damping": damping}])
+    body = string("s", modes=MODES, support=[{"at": 0.37, "stiffness": 1e3, "damping_coefficient": damping}])
     scene = engine.Scene.model_validate({"body": [body], "pickup": [{"body": "s", "at": 0.3}]})
     _, decay = errors(scene)
     assert decay[:4].max() <= 0.005
@@ -55,9 +55,9 @@ def test_a_support_is_right_at_any_damping(damping):
 
 def test_a_support_with_several_places_shares_its_spring_among_them():
     places = [0.1, 0.3, 0.35]
-    body = string("s", modes=MODES, support=[{"at": places, "stiffness": 3e4, "damping": 3.0}])
+    body = string("s", modes=MODES, support=[{"at": places, "stiffness": 3e4, "damping_coefficient": 3.0}])
     one = engine.Scene.model_validate({"body": [body], "pickup": [{"body": "s", "at": 0.3}]})
-    several = held([{"body": "s", "at": at, "stiffness": 1e4, "damping": 1.0} for at in places])
+    several = held([{"body": "s", "at": at, "stiffness": 1e4, "damping_coefficient": 1.0} for at in places])
     assert np.allclose(engine_poles(one), engine_poles(several), rtol=1e-9)
 
 
@@ -150,7 +150,7 @@ def test_what_is_rigid_stays_together():
 )
 def test_the_pass_where_nothing_touches_does_what_any_step_does(contacts):
     """One pass over the modes, with and without contacts in reach of the scene: the same map."""
-    connections = [spring(1e4, at=0.3), {"body": "s", "at": 0.5, "damping": 2.0}, spring(3e3, at=0.8)]
+    connections = [spring(1e4, at=0.3), {"body": "s", "at": 0.5, "damping_coefficient": 2.0}, spring(3e3, at=0.8)]
     plain = step_map(held(connections[:2]))
     assert np.allclose(
         step_map(held(connections[:2], contact=contacts)), plain, rtol=0, atol=1e-12 * np.abs(plain).max()
@@ -173,7 +173,7 @@ def test_a_hammer_on_a_held_string_moves_as_integrated():
                 {"name": "b", "kind": "oscillator", "mass": m, "frequency": 410.0},
                 lumped("hammer", mass=mass, displacement=-1e-4, velocity=1.0),
             ],
-            "connection": [{"body": "a", "on": "b", "stiffness": k, "damping": r, "rest": 1e-4}],
+            "connection": [{"body": "a", "on": "b", "stiffness": k, "damping_coefficient": r, "rest": 1e-4}],
             "contact": [{"body": "hammer", "on": "a", "stiffness": kc, "exponent": alpha}],
             "pickup": [
                 {"body": name, "quantity": "displacement", "channel": n + 1}
@@ -202,7 +202,7 @@ def test_a_hammer_on_a_held_string_moves_as_integrated():
 @pytest.mark.parametrize(
     "connection",
     [spring(1e3, at=0.63), spring(1e6, at=0.63), spring(1e9, at=0.63), spring("rigid", at=0.63)]
-    + [{"body": "s", "at": 0.63, "damping": d} for d in (0.1, 100.0)],
+    + [{"body": "s", "at": 0.63, "damping_coefficient": d} for d in (0.1, 100.0)],
     ids=str,
 )
 def test_the_ledger_of_a_held_string_closes(connection, lossless):
@@ -213,7 +213,7 @@ def test_the_ledger_of_a_held_string_closes(connection, lossless):
     stats = engine.render(scene, 10.0).stats
     assert stats.energy.supplied > 1e-4
     assert stats.energy.error_max <= 1e-12
-    assert ("damping" in connection) or not lossless or stats.energy.dissipated == 0.0
+    assert ("damping_coefficient" in connection) or not lossless or stats.energy.dissipated == 0.0
 
 
 @pytest.mark.parametrize("stiffness", [1e3, 1e5, 1e7])
@@ -244,17 +244,19 @@ def test_errors_fall_as_the_order_says(order, least):
 
 def test_a_damper_outside_steps_back_in_time():
     """At order 4 a weak damper acts in half-steps outside; a strong one is refused, with what would be right."""
-    weak = held([{"body": "s", "at": 0.5, "damping": 0.02}])
+    weak = held([{"body": "s", "at": 0.5, "damping_coefficient": 0.02}])
     _, decay = errors(weak, order=4)
     assert decay[:4].max() <= 0.005
     assert (
         engine.render(
-            held([{"body": "s", "at": 0.5, "damping": 0.02}], force=PLUCK), 1.0, order=4
+            held([{"body": "s", "at": 0.5, "damping_coefficient": 0.02}], force=PLUCK), 1.0, order=4
         ).stats.energy.error_max
         <= 1e-13
     )
-    with pytest.raises(BuildError, match=r"connection\[0\].damping: order 4 has steps back in time.*order = 2"):
-        build(held([{"body": "s", "at": 0.5, "damping": 1.0}]), SAMPLERATE, weak.accuracy.replace(order=4))
+    with pytest.raises(
+        BuildError, match=r"connection\[0\].damping_coefficient: order 4 has steps back in time.*order = 2"
+    ):
+        build(held([{"body": "s", "at": 0.5, "damping_coefficient": 1.0}]), SAMPLERATE, weak.accuracy.replace(order=4))
 
 
 # --- changes
@@ -262,9 +264,9 @@ def test_a_damper_outside_steps_back_in_time():
 
 CHANGES = [
     {"time": 0.1, "kind": "change", "connection": "c", "stiffness": 3e5, "duration": 0.05},
-    {"time": 0.2, "kind": "change", "connection": "c", "damping": 5.0, "duration": 0.05},
+    {"time": 0.2, "kind": "change", "connection": "c", "damping_coefficient": 5.0, "duration": 0.05},
     {"time": 0.3, "kind": "change", "connection": "c", "rest": 2e-3, "duration": 0.1},
-    {"time": 0.5, "kind": "change", "connection": "c", "stiffness": 0.0, "damping": 0.0},
+    {"time": 0.5, "kind": "change", "connection": "c", "stiffness": 0.0, "damping_coefficient": 0.0},
 ]
 
 
@@ -276,7 +278,9 @@ def test_what_changes_is_accounted_for():
 
 
 @pytest.mark.parametrize(
-    "before, after", [({"stiffness": 2e4}, {"stiffness": 5e4}), ({"damping": 0.5}, {"damping": 2.0})], ids=str
+    "before, after",
+    [({"stiffness": 2e4}, {"stiffness": 5e4}), ({"damping_coefficient": 0.5}, {"damping_coefficient": 2.0})],
+    ids=str,
 )
 def test_after_a_change_the_string_is_as_one_that_was_always_so(before, after):
     """Factors that the kernel makes again are those of a scene that is built with the new values."""
@@ -330,7 +334,7 @@ def test_a_weight_on_a_spring_comes_to_rest():
         {
             "gravity": 9.81,
             "body": [lumped("a")],
-            "connection": [{"body": "a", "stiffness": 1e3, "damping": 1.0}],
+            "connection": [{"body": "a", "stiffness": 1e3, "damping_coefficient": 1.0}],
             "pickup": [{"body": "a", "quantity": "displacement"}],
         }
     )
@@ -344,7 +348,7 @@ def test_connected_bodies_still_touch_when_they_should():
     scene = engine.Scene.model_validate(
         {
             "body": [lumped("ball", displacement=5e-3, velocity=-0.5), lumped("plate", mass=0.1)],
-            "connection": [{"body": "plate", "stiffness": 1e4, "damping": 1.0}],
+            "connection": [{"body": "plate", "stiffness": 1e4, "damping_coefficient": 1.0}],
             "contact": [{"body": "ball", "on": "plate", "side": "below", "stiffness": 1e7, "exponent": 1.5}],
             "pickup": [{"body": "plate", "quantity": "force"}],
         }

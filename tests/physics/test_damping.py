@@ -50,7 +50,7 @@ def test_a_damped_mass_moves_as_the_closed_form(gamma, samplerate, substeps):
         ({}, 1e-300, push, lambda a, c: 3.0 * c),
     ]
     for begin, gravity, force, expected in cases:
-        trace = traced(mass(damping=gamma, **begin), samplerate, gravity=gravity, force=[force], **options)
+        trace = traced(mass(damping_rate=gamma, **begin), samplerate, gravity=gravity, force=[force], **options)
         wanted = expected(*moved(gamma, trace["time"]))
         assert np.max(np.abs(trace["displacement"][:, 0] - wanted)) <= 1e-9 * np.max(np.abs(wanted))
 
@@ -64,7 +64,7 @@ def test_a_damped_mass_rests_on_a_stop_as_its_weight_says(gamma, samplerate):
     k = 0.1 / float(moved(gamma, np.array([h]))[1][0])
     stop = {"barrier": 0.0, "side": "below", "stiffness": k, "exponent": 1.0}
     far = {"barrier": 1e5, "stiffness": 1.0, "exponent": 7.7}
-    body, contacts = mass(damping=gamma), [barrier(**stop), barrier(**far)]
+    body, contacts = mass(damping_rate=gamma), [barrier(**stop), barrier(**far)]
     rendering = engine.render(
         scene([body], gravity=9.81, contact=contacts),
         seconds=max(20 / gamma, 20 * gamma / k),
@@ -88,7 +88,7 @@ def test_a_damped_oscillator_moves_as_the_closed_form(frequency, sigma, samplera
     """Released from rest, under- and overdamped: within 5e-3 where loss is apart from the core, else to 1e-9."""
     omega, t = 2 * math.pi * frequency, np.arange(round(SECONDS * samplerate)) / samplerate
     far = {"barrier": 1e5, "stiffness": 1.0, "exponent": 7.7}
-    body = oscillator(frequency=frequency, damping=2 * sigma, displacement=1e-3)
+    body = oscillator(frequency=frequency, damping_rate=2 * sigma, displacement=1e-3)
     idle = {"body": "body", "kind": "constant", "amplitude": 3.0, "start": 1.0}
     trace = traced(body, samplerate, contact=[barrier(**far)], gravity=1e-300, force=[idle])
     slow = np.sqrt(complex(sigma**2 - omega**2))
@@ -101,7 +101,7 @@ def test_a_damped_oscillator_moves_as_the_closed_form(frequency, sigma, samplera
 
 def test_heavy_damping_is_refused_where_steps_go_back_in_time():
     with pytest.raises(BuildError, match=r"decay rates up to 6615 1/s \(1e\+04 here\)"):
-        engine.render(scene([mass(damping=2e4)]), seconds=0.01, order=4)
+        engine.render(scene([mass(damping_rate=2e4)]), seconds=0.01, order=4)
 
 
 @pytest.mark.parametrize("frequency, sigma", [(262.0, 10.0), (262.0, 1e3), (2620.0, 1e3), (262.0, 1e4)])
@@ -111,7 +111,7 @@ def test_a_damper_of_the_score_damps_as_a_loss_of_the_body(frequency, sigma):
     omega, errors = 2 * math.pi * frequency, []
     damper = {"time": 0.0, "kind": "damp", "body": "body", "sigma": sigma}
     for own, score in ((2 * sigma, []), (0.0, [damper])):
-        body = oscillator(frequency=frequency, displacement=1e-3, damping=own)
+        body = oscillator(frequency=frequency, displacement=1e-3, damping_rate=own)
         rendering = engine.render(scene([body], event=score), seconds=0.02, trace=True)
         slow, t = np.sqrt(complex(sigma**2 - omega**2)), rendering.trace["time"]
         late, fast = omega**2 / (sigma + slow), sigma + slow

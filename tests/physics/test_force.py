@@ -26,7 +26,7 @@ def test_constant_force_gives_a_parabola():
 
 def test_a_constant_force_stretches_a_spring():
     """An oscillator settles at f/k, whatever the scheme."""
-    body = oscillator(stiffness=500.0, damping=60.0)
+    body = oscillator(stiffness=500.0, damping_rate=60.0)
     assert pushed(4.0, body, kind="constant").trace["displacement"][-1, 0] == pytest.approx(3 / 500, rel=1e-12)
 
 
@@ -95,7 +95,7 @@ def test_a_ramp_is_the_integral_of_its_straight_lines(start):
 
 def test_a_sine_drives_an_oscillator_as_it_should():
     """Steady state: F/(k - mω² + imγω), F the mean over a step."""
-    body = oscillator(mass=0.01, stiffness=400.0, damping=200.0)
+    body = oscillator(mass=0.01, stiffness=400.0, damping_rate=200.0)
     rendering = pushed(1.0, body, kind="sine", frequency=60.0, phase=0.3, duration=2.0, fade=0.1)
     time, displacement = rendering.trace["time"], rendering.trace["displacement"][:, 0]
     omega = 2 * np.pi * 60.0

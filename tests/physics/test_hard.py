@@ -283,7 +283,7 @@ def test_a_mode_at_the_nyquist_frequency(scheme, frequency):
 
 
 def test_overdamped():
-    body = oscillator(frequency=100.0, damping=1e5, displacement=-1e-3, velocity=1e3)
+    body = oscillator(frequency=100.0, damping_rate=1e5, displacement=-1e-3, velocity=1e3)
     stats(scene([body], contact=[barrier()]), seconds=0.2)
 
 
@@ -317,7 +317,7 @@ def test_tiny_and_huge_motion(velocity):
 @pytest.mark.parametrize("alpha", mostly_hard(EXPONENTS, 1.3, 12.0))
 def test_decay_into_subnormal_numbers(alpha):
     """Contact at compressions whose force and energy underflow."""
-    body = oscillator(frequency=100.0, damping=400.0, displacement=-1e-3)
+    body = oscillator(frequency=100.0, damping_rate=400.0, displacement=-1e-3)
     model, state, _ = build(scene([body], contact=[barrier(exponent=alpha, loss=0.1)]), RATE)
     out = np.zeros((8 * RATE, 1))
     Simulation(model, state).render_block(out)

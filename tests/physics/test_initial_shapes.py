@@ -88,9 +88,9 @@ def test_a_file_of_points_is_linear_between_them(tmp_path):
 
 
 SHEETS = {
-    "circle": Membrane(name="m", kind="membrane", density=0.3, frequency=100.0, radius=0.2, modes=600),
-    "rectangle": Membrane(name="m", kind="membrane", density=0.3, frequency=100.0, size=[0.4, 0.3], modes=600),
-    "plate": Plate(name="p", kind="plate", density=7.8, frequency=80.0, size=[0.5, 0.3], modes=600),
+    "circle": Membrane(name="m", kind="membrane", area_density=0.3, frequency=100.0, radius=0.2, modes=600),
+    "rectangle": Membrane(name="m", kind="membrane", area_density=0.3, frequency=100.0, size=[0.4, 0.3], modes=600),
+    "plate": Plate(name="p", kind="plate", area_density=7.8, frequency=80.0, size=[0.5, 0.3], modes=600),
 }
 
 
@@ -160,7 +160,7 @@ def test_a_mode_is_as_large_as_asked_where_it_is_largest():
     bar = {"name": "b", "kind": "bar", "length": 0.4, "mass": 0.2, "frequency": 100.0, "modes": 5}
     body = Bar(**bar | {"displacement": {"kind": "mode", "number": 2, "amplitude": 1e-3}})
     assert abs(displacement_at(body, 0.0)) == pytest.approx(1e-3, rel=1e-9)
-    disc = Plate(name="p", kind="plate", density=7.8, frequency=80.0, radius=0.2, edges="free", modes=8,
+    disc = Plate(name="p", kind="plate", area_density=7.8, frequency=80.0, radius=0.2, edges="free", modes=8,
                  displacement={"kind": "mode", "amplitude": 1e-3})  # fmt: skip
     rim = max(
         abs(displacement_at(disc, [0.5 + 0.5 * math.cos(t), 0.5 + 0.5 * math.sin(t)])) for t in np.linspace(0, 7, 200)

@@ -21,7 +21,7 @@ def small_scene(seed: int, substeps: int = 16) -> dict:
             "name": name,
             "kind": str(rng.choice(["mass", "oscillator"])),
             "mass": float(10 ** rng.uniform(-2, 0)),
-            "damping": float(rng.choice([0.0, 10 ** rng.uniform(0, 3.5)])),
+            "damping_rate": float(rng.choice([0.0, 10 ** rng.uniform(0, 3.5)])),
             "displacement": float(rng.uniform(-1e-3, 1e-3)),
             "velocity": float(rng.uniform(-1, 1)),
         }
@@ -58,7 +58,7 @@ def integrated(scene: dict, times: np.ndarray) -> np.ndarray:
     kc·s^α·max(0, 1 + μ·ṡ)."""
     bodies, contacts = scene["body"], scene["contact"][:-1]
     number = {"a": 0, "b": 1}
-    mass, damping = (np.array([b[key] for b in bodies]) for key in ("mass", "damping"))
+    mass, damping = (np.array([b[key] for b in bodies]) for key in ("mass", "damping_rate"))
     omega = 2 * math.pi * np.array([b.get("frequency", 0.0) for b in bodies])
 
     def slope(t: float, state: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ STRING = {
     "modes": 40,
 }
 PULLED = STRING | {"displacement": {"kind": "triangle", "at": 0.2, "amplitude": 1e-3}}
-BOARD = {"name": "b", "kind": "plate", "size": [0.8, 0.5], "frequency": 70.0, "density": 4.0, "modes": 50}
+BOARD = {"name": "b", "kind": "plate", "size": [0.8, 0.5], "frequency": 70.0, "area_density": 4.0, "modes": 50}
 BOARD |= {"decay": {"kind": "loss_factor", "eta": 0.02}}
 END = {"kind": "end", "body": "s", "at": 1.0, "on": "b", "on_at": [0.3, 0.4], "one_way": True}
 SPRING = {"body": "b", "at": [0.1, 0.1], "on": "t", "on_at": 0.4, "stiffness": 1e3}
@@ -60,7 +60,7 @@ def test_a_heavy_board_hardly_acts_back():
     """The heavier the board, the nearer to the string that rides on it; by its mass."""
     errors = []
     for factor in (10.0, 100.0):
-        board = BOARD | {"density": 4.0 * factor}
+        board = BOARD | {"area_density": 4.0 * factor}
         both = engine.render(driven([PULLED, board], [END | {"one_way": False}], seconds=0.2)).audio[:, 0]
         one = engine.render(driven([PULLED, board], [END], seconds=0.2)).audio[:, 0]
         errors.append(np.linalg.norm(one[1:] - both[:-1]) / np.linalg.norm(both))

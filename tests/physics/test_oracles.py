@@ -113,7 +113,7 @@ def roots(rendering: engine.Rendering) -> np.ndarray:
 @pytest.mark.parametrize(("frequency", "damping"), [(440.0, 0.0), (440.0, 8.0), (1900.0, 300.0), (100.0, 50.0)])
 def test_free_vibration_is_in_tune_at_any_rate(frequency, damping, rate):
     """With `exact`, frequency and decay of a mode are its own, to 1e-9."""
-    body = oscillator(frequency=frequency, damping=damping, displacement=1e-3)
+    body = oscillator(frequency=frequency, damping_rate=damping, displacement=1e-3)
     z = roots(engine.render(scene([body]), seconds=0.05, samplerate=rate, trace=True))[0]
     omega, sigma = 2 * math.pi * frequency, damping / 2
     assert abs(np.angle(z)) * rate == pytest.approx(math.sqrt(omega**2 - sigma**2), rel=1e-9)
@@ -121,7 +121,7 @@ def test_free_vibration_is_in_tune_at_any_rate(frequency, damping, rate):
 
 
 def test_overdamped_vibration_decays_at_both_its_rates():
-    body = oscillator(frequency=10.0, damping=400.0, displacement=1e-3)
+    body = oscillator(frequency=10.0, damping_rate=400.0, displacement=1e-3)
     z = roots(engine.render(scene([body]), seconds=0.05, samplerate=8000, trace=True))
     omega, sigma = 2 * math.pi * 10, 200.0
     slow = math.sqrt(sigma**2 - omega**2)
@@ -140,7 +140,7 @@ def test_fdh_detunes_by_the_bilinear_law(frequency):
 
 def test_a_damped_mass_coasts_exactly():
     """v(t) = v0·exp(-γt), x(t) = v0·(1 - exp(-γt))/γ, at any rate."""
-    rendering = engine.render(scene([mass(damping=30.0, velocity=2.0)]), seconds=0.1, samplerate=8000, trace=True)
+    rendering = engine.render(scene([mass(damping_rate=30.0, velocity=2.0)]), seconds=0.1, samplerate=8000, trace=True)
     time = rendering.trace["time"]
     np.testing.assert_allclose(rendering.trace["velocity"][:, 0], 2 * np.exp(-30 * time), rtol=1e-12)
     np.testing.assert_allclose(

@@ -9,8 +9,16 @@ from scipy.special import jn_zeros
 import engine
 from scenes.small import scene
 
-DRUM = {"name": "d", "kind": "membrane", "density": 0.3, "frequency": 100.0, "radius": 0.2, "modes": 60, "sigma0": 2.0}
-PLATE = {"name": "d", "kind": "plate", "density": 7.8, "frequency": 80.0, "size": [0.5, 0.3], "modes": 40}
+DRUM = {
+    "name": "d",
+    "kind": "membrane",
+    "area_density": 0.3,
+    "frequency": 100.0,
+    "radius": 0.2,
+    "modes": 60,
+    "sigma0": 2.0,
+}
+PLATE = {"name": "d", "kind": "plate", "area_density": 7.8, "frequency": 80.0, "size": [0.5, 0.3], "modes": 40}
 STRING = {"name": "d", "kind": "string", "length": 0.6, "mass": 4e-3, "frequency": 200.0, "modes": 30}
 HIT = {"kind": "half_sine", "body": "d", "at": [0.6, 0.45], "amplitude": 20.0, "duration": 1e-3}
 

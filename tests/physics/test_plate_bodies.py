@@ -9,7 +9,7 @@ import engine
 from engine.bodies import Membrane, Plate
 from scenes.small import scene
 
-STEEL = {"young": 2.0e11, "poisson": 0.3, "thickness": 1e-3, "density": 7.85}
+STEEL = {"young": 2.0e11, "poisson": 0.3, "thickness": 1e-3, "area_density": 7.85}
 D = 2.0e11 * 1e-9 / (12 * (1 - 0.09))  # N·m
 
 
@@ -38,7 +38,7 @@ def test_the_first_mode_of_a_circle(edges, number):
 @pytest.mark.parametrize("edges", ["supported", "clamped", "free"])
 @pytest.mark.parametrize("form", [{"size": [0.4, 0.25]}, {"radius": 0.2}], ids=["rectangle", "circle"])
 def test_a_frequency_tunes_the_first_mode(edges, form):
-    f = hertz(plate(frequency=93.0, edges=edges, density=7.85, modes=12, **form))
+    f = hertz(plate(frequency=93.0, edges=edges, area_density=7.85, modes=12, **form))
     assert f[0] == pytest.approx(93.0, rel=1e-6)
     stiff = hertz(plate(edges=edges, modes=12, **STEEL, **form))
     np.testing.assert_allclose(f[:12] / f[0], stiff[:12] / stiff[0], rtol=1e-6)
@@ -47,7 +47,7 @@ def test_a_frequency_tunes_the_first_mode(edges, form):
 def test_retuning_moves_all_partials_alike():
     for body in (
         plate(size=[0.4, 0.25], edges="clamped", modes=20, **STEEL),
-        plate(size=[0.4, 0.3], frequency=50.0, density=3),
+        plate(size=[0.4, 0.3], frequency=50.0, area_density=3),
     ):
         np.testing.assert_allclose(hertz(body.retuned(1.5)), 1.5 * body.modal_body(5_000.0 / 1.5).omega / 2 / math.pi)
 
@@ -57,15 +57,15 @@ def test_a_tight_plate_is_nearly_a_membrane_and_a_slack_one_nearly_a_plate():
     beta2 = math.pi**2 * (1 / 0.16 + 1 / 0.0625)
     f = hertz(plate(size=[0.4, 0.25], tension=2e3, **STEEL))
     assert f[0] == pytest.approx(math.sqrt((D * beta2**2 + 2e3 * beta2) / 7.85) / (2 * math.pi), rel=1e-12)
-    tight = plate(radius=0.2, edges="clamped", density=0.3, rigidity=1e-6, tension=2e3, modes=5)
-    drum = Membrane(name="m", kind="membrane", radius=0.2, density=0.3, tension=2e3, modes=5)
+    tight = plate(radius=0.2, edges="clamped", area_density=0.3, flexural_rigidity=1e-6, tension=2e3, modes=5)
+    drum = Membrane(name="m", kind="membrane", radius=0.2, area_density=0.3, tension=2e3, modes=5)
     np.testing.assert_allclose(hertz(tight), hertz(drum), rtol=3e-4)
 
 
 def test_wood_is_stiff_along_its_grain():
     """Hinged, with Huber's shear modulus: ρω² = Dx·kx⁴ + 2·H·kx²·ky² + Dy·ky⁴, H = D1 + 2·Dk."""
     ex, ey, nu, h = 1.1e10, 8.6e8, 0.37, 8e-3
-    f = hertz(plate(size=[1.2, 0.8], young=[ex, ey], poisson=nu, thickness=h, density=3.2, modes=30))
+    f = hertz(plate(size=[1.2, 0.8], young=[ex, ey], poisson=nu, thickness=h, area_density=3.2, modes=30))
     nu_yx = nu * ey / ex
     dx, dy = (e * h**3 / 12 / (1 - nu * nu_yx) for e in (ex, ey))
     g = math.sqrt(ex * ey) / 2 / (1 + math.sqrt(nu * nu_yx))
@@ -97,19 +97,19 @@ def test_a_free_plate_bounces_on_its_cords():
 
 BAD = [
     ({"size": [0.4, 0.3], "young": 2e11}, "no thickness given; young in Pa and thickness in m go together"),
-    ({"size": [0.4, 0.3], "rigidity": 20.0, "shear": 1e9}, "a shear modulus without two of Young's"),
+    ({"size": [0.4, 0.3], "flexural_rigidity": 20.0, "shear": 1e9}, "a shear modulus without two of Young's"),
     ({"radius": 0.3, "young": [1e10, 1e9], "thickness": 1e-3}, "a circle of wood; one modulus, or a rectangle"),
     ({"size": [0.4, 0.3], "young": [1e9, 2e10], "thickness": 1e-3}, "with it νxy·νyx is 1.8; below 1"),
-    ({"size": [0.4, 0.3], "rigidity": 20.0, "tension": 5.0, "edges": "free"}, "a free plate under tension"),
+    ({"size": [0.4, 0.3], "flexural_rigidity": 20.0, "tension": 5.0, "edges": "free"}, "a free plate under tension"),
     ({"size": [0.4, 0.3], "frequency": 20.0, "tension": 5.0}, "tension and frequency given"),
-    ({"size": [0.4, 0.3], "rigidity": 20.0, "cords": {}}, "cords under a plate that is supported"),
-    ({"size": [0.4, 0.3], "rigidity": 20.0, "frequency": 5.0}, "both rigidity and frequency given"),
-    ({"size": [0.4, 0.3]}, "neither rigidity nor frequency nor young given"),
+    ({"size": [0.4, 0.3], "flexural_rigidity": 20.0, "cords": {}}, "cords under a plate that is supported"),
+    ({"size": [0.4, 0.3], "flexural_rigidity": 20.0, "frequency": 5.0}, "both flexural_rigidity and frequency given"),
+    ({"size": [0.4, 0.3]}, "neither flexural_rigidity nor frequency nor young given"),
 ]
 
 
 @pytest.mark.parametrize(("keys", "says"), BAD)
 def test_what_is_wrong_with_a_plate_is_said(keys, says):
     with pytest.raises(ValueError) as error:
-        scene([{"name": "p", "kind": "plate", "density": 3.0} | keys], pickup=[{"body": "p", "at": [0.1, 0.2]}])
+        scene([{"name": "p", "kind": "plate", "area_density": 3.0} | keys], pickup=[{"body": "p", "at": [0.1, 0.2]}])
     assert says in str(error.value)

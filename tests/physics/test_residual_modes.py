@@ -65,7 +65,7 @@ BODIES = {
     "string": (String(**C7), 0.0625),
     "few": (String(**C7 | {"modes": 3}), 0.3),
     "bar": (Bar(name="s", kind="bar", length=0.2, mass=0.1, frequency=4000.0, residual=True), 0.1),
-    "plate": (Plate(name="s", kind="plate", size=[0.1, 0.07], frequency=3000.0, density=7.8, modes=4), [0.3, 0.4]),
+    "plate": (Plate(name="s", kind="plate", size=[0.1, 0.07], frequency=3000.0, area_density=7.8, modes=4), [0.3, 0.4]),
 }
 
 
@@ -107,7 +107,7 @@ def test_a_string_with_residual_modes_rides_on_a_board_as_without():
         "kind": "plate",
         "size": [0.8, 0.5],
         "frequency": 60.0,
-        "density": 7.0,
+        "area_density": 7.0,
         "modes": 40,
         "sigma0": 9.0,
     }

@@ -73,7 +73,7 @@ def test_the_force_on_the_end_of_a_pulled_string_is_its_share():
     fixed = engine.Scene.model_validate({"body": [body], "force": pull, "pickup": pickups})
     forces = engine.render(fixed, 0.2, samplerate=768_000).audio[-1]
     assert forces == pytest.approx([1.4, 0.6], rel=5e-3)
-    stand = {"name": "o", "kind": "oscillator", "mass": 0.02, "stiffness": 5e3, "damping": 500.0}
+    stand = {"name": "o", "kind": "oscillator", "mass": 0.02, "stiffness": 5e3, "damping_rate": 500.0}
     moving = {
         "body": [body, stand],
         "connection": [{"kind": "end", "body": "s", "at": 1.0, "on": "o"}],

@@ -16,7 +16,7 @@ DUE = (7056, 7497, 7938, 8379)  # notes 5 ms apart
 HARP = engine.Scene.model_validate(
     {
         "body": [
-            {"name": "tine", "kind": "oscillator", "mass": 0.01, "frequency": 330.0, "damping": 4.0},
+            {"name": "tine", "kind": "oscillator", "mass": 0.01, "frequency": 330.0, "damping_rate": 4.0},
             {"name": "hammer", "kind": "mass", "mass": 0.01, "displacement": -0.001, "velocity": 1.0},
         ],
         "contact": [{"body": "hammer", "on": "tine", "stiffness": 1e6, "exponent": 1.5}],

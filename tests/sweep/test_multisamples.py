@@ -35,7 +35,7 @@ hard = 1.0
 name = "string"
 kind = "string"
 length = "= length"
-density = 2e-3
+linear_density = 2e-3
 frequency = "= f"
 t60 = [2.0, 0.5]
 t60_at = [100.0, 3000.0]

@@ -13,6 +13,7 @@ from typing import Any
 from engine.bodies.decay import DECAY_LAWS
 from engine.bodies.initial_shape import INITIAL_SHAPES
 from engine.patch.json_schema import patch_schema, resolve_ref, variants
+from engine.patch.renamed_keys import RENAMED
 
 UNITS = (
     *("m", "m³", "kg", "s", "Hz", "N", "dB", "m/s", "m/s²", "m²/s", "m³/s", "1/s", "s/m", "1/√kg"),
@@ -84,7 +85,18 @@ def reference_page() -> str:
             lines += _table_section(table)
         for title, model in inner.items():
             lines += [f"### `{title}`", "", *_table_section(schema["definitions"][model])]
+    lines += ["", *_renamed_section()]
     return re.sub(r"\n{3,}", "\n\n", "\n".join(lines)).rstrip() + "\n"
+
+
+def _renamed_section() -> list[str]:
+    """Lines that list the old names of keys."""
+    lines = ["## Old names", "", "They work, in patches and in paths, and a note says the new name.", ""]
+    lines += ["| table | old | new | |", "| --- | --- | --- | --- |"]
+    for section, names in RENAMED.items():
+        for old, new in names.items():
+            lines += [f"| {section} | `{old}` | `{name}` | {meaning} |" for name, meaning in new.items()]
+    return lines
 
 
 def top_level(schema: dict[str, Any]) -> dict[str, Any]:

@@ -62,7 +62,7 @@ def _initial_connections(layout: Layout, counts: dict[Axis, int], q: np.ndarray)
         rest=rest,
         extension=np.where(rigid, 0.0, np.array(extension) - rest),
         lowest_energy=lowest_energies(layout),
-        near=allocate(NearContacts, counts, is_near=np.ones(counts[Axis.CONTACT], np.int64)),
+        near=allocate(NearContacts, counts),
     )
     return state
 

@@ -19,6 +19,7 @@ from engine.kernel.energy import island_energy
 from engine.kernel.motion_bounds import bound_modal_displacements
 from engine.kernel.scalar_contact_solver import loss_rate_of
 
+FOUND = 2  # of NearContacts.is_far: near, but what it pushes is still taken for bounded
 UNBOUNDED = 1e290  # √kg·m: of a mode that a contact pushes
 
 
@@ -32,9 +33,6 @@ def find_near_contacts(model, contact, connection, h, is_disturbed, state, frame
     read_far_contacts(contact, state)
     if connection.is_plain[0] != 0:
         select_contacts(model, contact, connection, is_disturbed, state)
-    else:
-        for k in range(near.is_near.shape[0]):
-            near.is_near[k] = 1
     gather_coefficients(contact, h, state)
     near.until[0] = frame + FLIGHT_FRAMES
 
@@ -43,11 +41,11 @@ def find_near_contacts(model, contact, connection, h, is_disturbed, state, frame
 def read_far_contacts(contact, state):
     """Read the compressions that were not kept from the modes; all are kept now."""
     near = state.connection.near
-    for k in range(near.is_near.shape[0]):
-        if near.is_near[k] == 0:
+    for k in range(near.is_far.shape[0]):
+        if near.is_far[k] != 0:
             state.compression[k] = min(compression_from_modes(contact, contact.other_rows, state, k), 0.0)
             state.compression_compensation[k] = state.contact_force[k] = 0.0
-            near.is_near[k] = 1
+            near.is_far[k] = 0
     near.until[0] = 0
 
 
@@ -66,18 +64,18 @@ def select_contacts(model, contact, connection, is_disturbed, state):
     per_speed, per_weight = flight.bound_per_speed, flight.bound_per_weight
     bound_modal_displacements(model.omega_squared, model.weight, per_speed, per_weight, state.q, state.p, bound)
     amplitude = math.sqrt(max(0.0, 2.0 * island_energy(model, state)))
-    for k in range(near.is_near.shape[0]):
-        near.is_near[k] = 0
+    for k in range(near.is_far.shape[0]):
+        near.is_far[k] = 1
     more = True
     while more:
         more = False
-        for k in range(near.is_near.shape[0]):
-            if near.is_near[k] == 0 and may_close(contact, connection, amplitude, is_disturbed, k, state):
-                near.is_near[k] = 2
+        for k in range(near.is_far.shape[0]):
+            if near.is_far[k] == 1 and may_close(contact, connection, amplitude, is_disturbed, k, state):
+                near.is_far[k] = FOUND
                 more = True
-        for k in range(near.is_near.shape[0]):
-            if near.is_near[k] == 2:
-                near.is_near[k] = 1
+        for k in range(near.is_far.shape[0]):
+            if near.is_far[k] == FOUND:
+                near.is_far[k] = 0
                 forget_bounds(contact.rows, k, bound)
                 if contact.other_rows is not None:
                     forget_bounds(contact.other_rows, k, bound)
@@ -107,7 +105,7 @@ def gather_coefficients(contact, h, state):
     """Gather what does not change from step to step."""
     near, n, total = state.connection.near, INT64_0, state.compression.shape[0]
     for k in range(total):
-        if near.is_near[k] != 0:
+        if near.is_far[k] == 0:
             near.contact[n] = k
             near.potential_coefficient[n], near.exponent[n] = state.potential_coefficient[k], state.exponent[k]
             near.loss_rate[n] = loss_rate_of(h.contact.loss_rate, k)

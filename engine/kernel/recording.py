@@ -46,17 +46,17 @@ def traced_compression(contact, joined, state, k, frame):
     """Compression k, m; where a contact is known to stay open it is read from the modes, for it is not kept.
     joined: ConnectionState or None"""
     if contact is not None:
-        if frame < state.contact_free_until[0] or is_far(joined, k):
+        if frame < state.contact_free_until[0] or is_left_out(joined, k):
             return compression_from_modes(contact, contact.other_rows, state, k)
     return state.compression[k]
 
 
 @inline
-def is_far(joined, k):
+def is_left_out(joined, k):
     """Whether contact k is left out of steps, for it cannot close."""
     if joined is None:
         return False
-    return joined.near.is_near[k] == 0
+    return joined.near.is_far[k] != 0
 
 
 @inline

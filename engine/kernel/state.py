@@ -58,7 +58,7 @@ class NearContacts(NamedTuple):
 
     until: PerIslandInt  # before this frame, no other contact can close
     size: PerIslandInt  # how many they are
-    is_near: PerContactInt  # 1 or 0
+    is_far: PerContactInt  # 1 for the others, whose compressions are not kept
     contact: PerContactInt  # their numbers
     compression: PerContact  # m
     free_displacement: PerContact  # m

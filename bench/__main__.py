@@ -21,7 +21,7 @@ MEASUREMENTS = {  # in this order
     "paper": ["newton", "figures"],
     "rivals": ["peers"],
     "ruler": ["ruler", "slope"],
-    "publish": ["gallery", "api"],
+    "publish": ["signs", "gallery", "api"],
 }
 PACKAGE = {name: package for package, names in MEASUREMENTS.items() for name in names}
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from engine.bodies import String
 from engine.bodies.distributed import LineBody
 from engine.build.build import build
 from engine.kernel.codes import FlightFrame
@@ -37,9 +38,11 @@ class StringShape:
 
 
 def first_moving_string(scene: Scene, rendering: "Rendering") -> tuple[int, int] | None:
-    """The number of the string or bar that moves first, of those that move at least a tenth as far as any, and the
-    sample of the trace at which it swings; None if there is none."""
-    lines = [number for number, body in enumerate(scene.body) if isinstance(body, LineBody)]
+    """The number of the string that moves first, of those that move at least a tenth as far as any, and the sample of
+    the trace at which it swings; without strings, the same of the bars that are heard. None if there is none."""
+    heard = {pickup.body for pickup in scene.pickup}
+    lines = [number for number, body in enumerate(scene.body) if isinstance(body, String)]
+    lines = lines or [n for n, body in enumerate(scene.body) if isinstance(body, LineBody) and body.name in heard]
     if rendering.trace is None or not lines:
         return None
     peaks = np.abs(rendering.trace["displacement"][:, lines]).max(axis=0)

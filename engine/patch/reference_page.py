@@ -59,6 +59,10 @@ SECTIONS: dict[str, tuple[str, dict[str, str]]] = {
     "accuracy": ("Accuracy: `[accuracy]`", {}),
 }
 
+PICTURES = {  # below the tables of some sections
+    "contact": "![Displacements are positive upwards; at, side, barrier and gap of a contact](contact_signs.png)"
+}
+
 
 @dataclass(frozen=True)
 class KeyRow:
@@ -83,6 +87,7 @@ def reference_page() -> str:
         for kind, table in tables.items():
             lines += [f'### `kind = "{kind}"`', ""] if kind else []
             lines += _table_section(table)
+        lines += [PICTURES[name], ""] if name in PICTURES else []
         for title, model in inner.items():
             lines += [f"### `{title}`", "", *_table_section(schema["definitions"][model])]
     lines += ["", *_renamed_section()]

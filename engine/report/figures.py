@@ -7,6 +7,7 @@ print and by those who do not see colours.
 
 import io
 import math
+import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +16,8 @@ from typing import Any
 LEVEL_MAP = "magma_r"  # perceptually uniform, from light to dark: of levels, where nothing is light
 SIGNED_MAP = "cividis"  # perceptually uniform, from dark to light: of displacements, where zero is the middle
 BLUE, ORANGE, GREEN = "#0072b2", "#d55e00", "#009e73"  # of Okabe and Ito, which everyone can tell apart
+TITLE_WIDTH = 1000  # characters times their size in points: what fits into 8 inches
+MAX_TITLE_LINES = 3
 GREY = "#7b7f86"  # legible on white and on black
 TINTED_ITEMS = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color")
 PAGE_STYLE: dict[Any, Any] = dict.fromkeys(TINTED_ITEMS, GREY)
@@ -100,6 +103,8 @@ def put_colour_bar(axes: Any, mesh: Any, label: str) -> None:
     axes.figure.colorbar(mesh, cax=axes.inset_axes((1.015, 0.0, 0.02, 1.0)), label=label)
 
 
-def set_title(axes: Any, title: str) -> None:
-    """Put a title over axes, as it is: a dollar sign begins no formula, and a long one has several lines."""
-    axes.set_title(title, wrap=True, parse_math=False)
+def set_title(axes: Any, title: str, size: int = 12) -> None:
+    """Put a title over axes, as it is: a dollar sign begins no formula, and a long one has several lines. size: points,
+    for axes of 8 inches"""
+    lines = textwrap.wrap(title, TITLE_WIDTH // size, max_lines=MAX_TITLE_LINES, placeholder=" …")
+    axes.set_title("\n".join(lines), size=size, parse_math=False)

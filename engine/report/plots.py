@@ -70,6 +70,7 @@ def plot_rendering(rendering: "Rendering", title: str, path: Path, shape: "Strin
                 axes[name].set_xlabel("")
         for name, draw in details.items():
             draw(axes[name])
+        figure.get_layout_engine().set(wspace=0.04)
         figure.align_ylabels([axes[name] for name in heights])
         set_title(axes["waveform"], title)
 
@@ -132,7 +133,7 @@ def spectrogram(audio: np.ndarray, samplerate: int) -> tuple[np.ndarray, np.ndar
     if len(audio) < 2 * size:
         size = max(16, 1 << int(math.log2(max(16, len(audio) // 8))))
     hop = max(1, len(audio) // PLOT_COLUMNS, size // 8)
-    padded = np.pad(audio, ((size // 2, size), (0, 0)))
+    padded = np.pad(audio, ((size // 2, size), (0, 0)), mode="edge")  # a step would sound at all frequencies
     begins = np.arange(0, len(audio), hop)
     window = np.hanning(size)[:, None]
     power = np.array([np.sum(np.abs(np.fft.rfft(padded[b : b + size] * window, axis=0)) ** 2, 1) for b in begins])

@@ -28,8 +28,7 @@ LABEL_MARGIN = 1.5  # pixels between two labels
 def plot_work_precision(study: "WorkPrecisionStudy", title: str, path: Path) -> None:
     """Write a plot of error against time as a PNG (engine.analysis.work_precision)."""
     with open_figure(path, 9.0, 6.0) as axes:
-        axes.title.set_size(9)
-        set_title(axes, f"{title}: {study['verdict']}")
+        set_title(axes, f"{title}: {study['verdict']}", size=9)
         draw_work_precision(axes, study)
 
 
@@ -67,15 +66,15 @@ def _label_settings(axes: Any, rows: "list[SettingResult]", key: str) -> None:
     """Write the name of each setting beside its point: where it lies within the axes, and on no other name or point."""
     figure = axes.figure
     figure.draw_without_rendering()  # a layout is made, and sizes of texts are known
-    renderer, inside = figure.canvas.get_renderer(), axes.get_window_extent()
+    inside = axes.get_window_extent()
     points = axes.transData.transform([(row["ns_per_sample"], row[key]) for row in rows])
     legend = axes.get_legend()
-    taken = [] if legend is None else [legend.get_window_extent(renderer)]
+    taken = [] if legend is None else [legend.get_window_extent()]
 
     def place(label: Any, offset: tuple[int, int]) -> Any:
         dx, dy = offset
         label.set(position=offset, ha=_align(dx, "left", "right"), va=_align(dy, "bottom", "top"))
-        return label.get_window_extent(renderer).padded(LABEL_MARGIN)
+        return label.get_window_extent().padded(LABEL_MARGIN)
 
     def badness(box: Any) -> int:
         is_inside = inside.x0 <= box.x0 and box.x1 <= inside.x1 and inside.y0 <= box.y0 and box.y1 <= inside.y1

@@ -1,0 +1,149 @@
+"""Pictures of a rendering: what they show, and that nothing in them is cut, covered or lost in print."""
+
+import itertools
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from matplotlib import colormaps
+from matplotlib.figure import Figure
+from matplotlib.image import imread
+
+import engine
+from engine.analysis.string_shape import StringShape
+from engine.report import detail_plots, figures, plots, work_precision_plot
+from engine.report.trace_signals import first_contact
+
+BALL = ROOT / "patches" / "bouncing_ball.toml"
+OFFENDING_TITLE = "Costs $5 to $6 x^{ and is a long title " * 4
+
+
+@pytest.fixture(scope="module")
+def ball():
+    return engine.render(engine.load(BALL), seconds=0.5, trace=True)
+
+
+def drawn(draw, subject):
+    """The axes of a figure on which a panel is drawn, with its layout made."""
+    figure = Figure((10.0, 2.5), layout="constrained")
+    axes = figure.subplots()
+    draw(axes, subject)
+    figure.draw_without_rendering()
+    return axes
+
+
+@pytest.mark.parametrize("name", [figures.LEVEL_MAP, figures.SIGNED_MAP])
+def test_maps_can_be_read_in_greyscale(name):
+    """Lightness rises or falls along the whole map."""
+    lightness = colormaps[name](np.linspace(0.0, 1.0, 64))[:, :3] @ [0.299, 0.587, 0.114]
+    steps = np.diff(lightness)
+    assert np.all(steps > 0.0) or np.all(steps < 0.0)
+    assert abs(lightness[-1] - lightness[0]) > 0.6
+
+
+def test_every_channel_has_a_lane_of_its_own(ball):
+    """And its place on the axis is that of its samples."""
+    sound = np.sin(np.arange(4410) / 10.0)[:, None] * [1.0, 0.5, 2.0]
+    silent = {"time": np.zeros(4410), "force": np.zeros((4410, 0))}
+    axes = drawn(plots.plot_waveform, SimpleNamespace(audio=sound, samplerate=44_100, trace=silent))
+    lanes = [lane.get_paths()[0].get_extents() for lane in axes.collections]
+    assert len(lanes) == 3
+    for upper, lower in itertools.pairwise(lanes):
+        assert lower.y1 < upper.y0
+    assert [lane.height for lane in lanes] == pytest.approx([2.0, 1.0, 4.0], rel=1e-2)
+    low, high = axes.get_ylim()
+    assert low < lanes[2].y0 and lanes[0].y1 < high
+    assert [text.get_text() for text in axes.texts] == ["channel 1", "channel 2", "channel 3"]
+
+
+def test_legends_and_colour_bars_stand_beside_the_axes(ball):
+    for draw in (plots.plot_energies, plots.plot_spectrogram):
+        axes = drawn(draw, ball)
+        inside, whole = axes.get_window_extent(), axes.figure.bbox
+        legend = axes.get_legend()
+        beside = [legend.get_window_extent()] if legend is not None else []
+        beside += [bar.get_tightbbox() for bar in axes.child_axes]
+        assert beside
+        for box in beside:
+            assert not box.overlaps(inside)
+            assert whole.x0 <= box.x0 and box.x1 <= whole.x1 + 1.0 and box.y1 <= whole.y1 + 1.0
+
+
+def test_a_spectrogram_has_a_tone_at_its_frequency_and_level():
+    time = np.arange(44_100) / 44_100
+    sound = np.stack([np.sin(2 * np.pi * 1000 * time), 0.1 * np.sin(2 * np.pi * 8000 * time)], 1)
+    begins, frequency, level = plots.spectrogram(sound, 44_100)
+    middle = level[len(begins) // 2]
+    assert frequency[middle.argmax()] == pytest.approx(1000, rel=0.02)
+    assert middle.max() == pytest.approx(0.0, abs=0.5)
+    near = np.abs(frequency / 8000 - 1) < 0.02
+    assert middle[near].max() == pytest.approx(-20.0, abs=0.5)
+    assert middle[np.abs(frequency / 4000 - 1) < 0.05].max() < -60.0
+
+
+def test_the_first_contact_is_that_of_the_trace(ball):
+    """The ball lands at √(2·0.2/9.81) = 0.2019 s; its force is kc·s^α."""
+    contact = first_contact(ball)
+    assert contact.begin == pytest.approx(0.2019, abs=1e-3)
+    assert contact.force.max() == ball.trace["force"].max()
+    assert contact.time[0] < 0.0 and contact.compression[0] < 0.0
+    touching = contact.force > 0.0
+    assert np.all(contact.compression[touching][2:-2] > 0.0) and not touching[0] and not touching[-1]
+    axes = drawn(detail_plots.plot_first_contact, contact)
+    (other,) = [panel for panel in axes.figure.axes if panel is not axes]
+    zero = [panel.transData.transform((0.0, 0.0))[1] for panel in (axes, other)]
+    assert zero[0] == pytest.approx(zero[1], abs=0.01)
+    assert "force, kN" in axes.get_ylabel() and "compression, mm" in other.get_ylabel()
+
+
+def test_of_contacts_that_begin_together_the_strongest_is_the_first():
+    force = np.zeros((100, 3))
+    force[20:40, 0], force[21:40, 1], force[50:60, 2] = 1.0, 5.0, 9.0
+    trace = {"time": np.arange(100) / 1e4, "force": force, "compression": force - 0.1}
+    contact = first_contact(SimpleNamespace(trace=trace, audio=np.zeros((100, 1)), samplerate=10_000))
+    assert contact.force.max() == 5.0 and contact.begin == pytest.approx(21e-4)
+    trace["force"] = np.zeros((100, 3))
+    assert first_contact(SimpleNamespace(trace=trace, audio=np.zeros((100, 1)), samplerate=10_000)) is None
+
+
+def test_zero_is_the_middle_of_the_colours_of_a_shape():
+    time, places = np.arange(50) / 1000, np.linspace(0.0, 1.0, 11)
+    shape = StringShape("c4", time, places, 1e-3 * np.sin(np.pi * places) * (1.0 + np.sin(time * 100))[:, None])
+    axes = drawn(detail_plots.plot_string_shape, shape)
+    (mesh,) = axes.collections
+    assert mesh.norm(0.0) == pytest.approx(0.5)
+    assert mesh.get_array().shape == (11, 50)
+    assert axes.child_axes[0].get_ylabel() == "displacement, mm" and '"c4"' in axes.get_ylabel()
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.04, "40 mJ"), (999.0, "999 J"), (1e3, "1 kJ"), (1e-6, "1 µJ"), (2.5e-9, "2.5 nJ"), (0.0, "0 J")],
+)
+def test_units_have_prefixes(value, text):
+    assert figures.si_text(value, "J") == text
+
+
+def test_a_whole_picture_is_written_whatever_its_title(ball, tmp_path):
+    plots.plot_rendering(ball, OFFENDING_TITLE, tmp_path / "ball.png")
+    image = imread(tmp_path / "ball.png")[:, :, :3]
+    edges = [image[:3], image[-3:], image[:, :3], image[:, -3:]]
+    assert all((edge == 1.0).all() for edge in edges), "something is cut"
+
+
+def test_names_of_settings_cover_no_other_and_are_not_cut():
+    """Eight settings, some of them at nearly the same place, one in a corner."""
+    places = [(10, 1e-1), (10.5, 1.1e-1), (10.7, 9e-2), (12, 1e-1), (20, 1e-2), (21, 1e-2), (300, 1e-6), (295, 1.1e-6)]
+    rows = [
+        {"setting": f"order 2, {n} ×", "ns_per_sample": x, "error": y, "front": n % 2 == 0, "bands_db": 0.0}
+        for n, (x, y) in enumerate(places)
+    ]
+    axes = drawn(work_precision_plot.draw_work_precision, {"rows": rows, "others": []})
+    labels = [text.get_window_extent() for text in axes.texts]
+    inside = axes.get_window_extent()
+    assert len(labels) == 8
+    for a, b in itertools.combinations(labels, 2):
+        assert not a.overlaps(b)
+    for label in labels:
+        assert inside.x0 <= label.x0 and label.x1 <= inside.x1 and inside.y0 <= label.y0 and label.y1 <= inside.y1

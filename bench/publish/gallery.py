@@ -15,6 +15,7 @@ import engine
 from bench.publish.pieces import PIECES
 from bench.publish.report import ROOT, publish, stamp
 from engine.analysis.features import features
+from engine.analysis.string_shape import string_shape
 from engine.instrument.expansion import expand_for_score
 from engine.output_files import apply_gain
 from engine.patch.paths import locate
@@ -70,7 +71,7 @@ def exhibit(path: Path, words: dict[str, Any]) -> tuple[list[str], str]:
     rendering = engine.render(scene, trace=True)
     found = features(rendering.audio, rendering.samplerate)
     hear(rendering, SOUNDS / f"{path.stem}.ogg")
-    see(rendering, scene.title, PICTURES / f"{path.stem}.png")
+    see(scene, rendering, PICTURES / f"{path.stem}.png")
     energy = rendering.stats["energy"]["error_max"]
     numbers = [cell(found[key]) for key in ("fundamental_hz", "t60_s", "centroid_hz")]
     link = f"[{path.stem}](#{path.stem})"
@@ -150,11 +151,11 @@ def hear(rendering: engine.Rendering, path: Path) -> None:
             file.write(audio[begin : begin + 4096])
 
 
-def see(rendering: engine.Rendering, title: str, path: Path) -> None:
+def see(scene: engine.Scene, rendering: engine.Rendering, path: Path) -> None:
     """A small picture of the render."""
     from PIL import Image
 
-    plots.plot_rendering(rendering, title, path)
+    plots.plot_rendering(rendering, scene.title, path, string_shape(scene, rendering))
     with Image.open(path) as drawn:
         small = drawn.convert("RGB").quantize(COLOURS)
     small.save(path, optimize=True)

@@ -5,12 +5,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from engine.report.figures import BLUE, ORANGE, SIGNED_MAP, put_colour_bar, put_legend_above, si_scale, si_text
+from engine.wording import format_value
 
 if TYPE_CHECKING:
     from engine.analysis.string_shape import StringShape
     from engine.report.trace_signals import FirstContact
 
 MAX_MARKED_SAMPLES = 60  # of which each has a dot
+MAX_NAME = 20  # characters of a name beside an axis
 APART = 0.3  # of the largest compression: how much of the way before and after is shown
 
 
@@ -56,4 +58,7 @@ def plot_string_shape(axes: Any, shape: "StringShape") -> None:
         rasterized=True,
     )
     put_colour_bar(axes, mesh, f"displacement, {unit}")
-    axes.set(xlabel=f"time after {si_text(shape.time[0], 's')}, {time_unit}", ylabel=f'place on "{shape.body}"')
+    axes.set(
+        xlabel=f"time after {si_text(shape.time[0], 's')}, {time_unit}",
+        ylabel=f"place on {format_value(shape.body, MAX_NAME)}",
+    )

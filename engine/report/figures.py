@@ -63,7 +63,7 @@ def panel_png(plot_panel: Callable[[Any, Any], None], subject: Any, height: floa
     """
     from matplotlib import rc_context
 
-    edges = {"left": 0.125, "right": 0.87, "bottom": 0.54 / height, "top": 1 - 0.3 / height}
+    edges = {"left": 0.125, "right": 0.85, "bottom": 0.54 / height, "top": 1 - 0.3 / height}
     picture = io.BytesIO()
     with rc_context(PAGE_STYLE), open_figure(picture, 6.4, height, 180, layout=None, gridspec_kw=edges) as axes:
         plot_panel(axes, subject)

@@ -20,6 +20,7 @@ from engine.report.figures import (
     put_legend_above,
     set_title,
     si_scale,
+    si_text,
 )
 from engine.report.trace_signals import (
     PLOT_COLUMNS,
@@ -118,7 +119,7 @@ def plot_spectrogram(axes: Any, rendering: "Rendering") -> None:
     )
     put_colour_bar(axes, mesh, "level, dB")
     axes.set(ylabel="frequency, Hz", yscale="log", ylim=(frequency[0], frequency[-1]))
-    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_major_formatter(lambda x, _: si_text(x, "").replace(" ", ""))
     axes.yaxis.set_minor_formatter("")
     axes.set(xlabel="time, s", xlim=(0.0, _seconds(rendering)))
 

@@ -13,9 +13,11 @@ if TYPE_CHECKING:
     from engine.api.audio_input import AudioInput
     from engine.api.player import Player
     from engine.api.rendering import Rendering, render
+    from engine.api.sweeping import run_sweep
     from engine.faults import BuildError, PatchError, PatchWarning
     from engine.patch.reader import load
     from engine.patch.scene import Scene
+    from engine.sweep.dataset import read_sweep
 
     __version__: str
 
@@ -30,7 +32,9 @@ __all__ = [
     "Scene",
     "estimate_error",
     "load",
+    "read_sweep",
     "render",
+    "run_sweep",
 ]
 
 _HOME = {
@@ -44,7 +48,9 @@ _HOME = {
     "Rendering": "api.rendering",
     "Scene": "patch.scene",
     "load": "patch.reader",
+    "read_sweep": "sweep.dataset",
     "render": "api.rendering",
+    "run_sweep": "api.sweeping",
 }
 _FROM_SOURCE = "0+source"  # the version of what is not installed
 

@@ -18,7 +18,7 @@ numbers are in SI units. Importing the engine takes a moment, for what a name ne
 
 ```sh
 pip install ".[plot]"             # Rendering.plot draws with matplotlib
-pip install ".[sweep]"            # read_sweep gives an xarray.Dataset
+pip install ".[sweep]"            # run_sweep and read_sweep give an xarray.Dataset
 ```
 """
 PLAYING = "read", "start", "wait", "close", "stop", "cross_fade_to", "render_into", "fetch_recording"
@@ -35,6 +35,8 @@ NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "estimate_error": ("engine", ()),
     "ErrorEstimate": ("engine", ()),
     "features": ("engine.analysis.features", ()),
+    "run_sweep": ("engine", ()),
+    "read_sweep": ("engine", ()),
     "Player": ("engine", (*PLAYING, *EVENTS, *READINGS)),
     "AudioInput": ("engine", ()),
     "PatchError": ("engine", ()),

@@ -1,7 +1,7 @@
 """Renderings as they are used from Python: drawn, saved, and shown in a notebook."""
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from html import escape
 from io import BytesIO
@@ -229,14 +229,19 @@ def render(
     TypeError: 'bouncing_ball' is the name of a patch, not a scene; give engine.load('bouncing_ball')
     """
     check_scene(scene)
-    for name in accuracy:
-        if name not in Accuracy.model_fields:
-            raise TypeError(f"render has no argument {name!r}; {suggestion(name, [*Accuracy.model_fields])}")
+    check_accuracy_names(accuracy, "render")
     given = None if seconds is None else checked_number("seconds", seconds)
     rate = checked_integer("samplerate", samplerate)
     used_cores = None if cores is None else checked_integer("cores", cores)
     rendering = offline.render(scene, given, rate, bool(trace), used_cores, progress, kernel, trace_shapes, **accuracy)
     return Rendering(**vars(rendering), scene=scene)
+
+
+def check_accuracy_names(accuracy: Mapping[str, Any], caller: str) -> None:
+    """Raise TypeError for a keyword that is no key of [accuracy]. caller: the function that was given it"""
+    for name in accuracy:
+        if name not in Accuracy.model_fields:
+            raise TypeError(f"{caller} has no argument {name!r}; {suggestion(name, [*Accuracy.model_fields])}")
 
 
 def _checked_path(path: Any) -> Path:

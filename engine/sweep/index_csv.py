@@ -45,11 +45,11 @@ def sound_name(number: int) -> str:
     return f"{number:04d}.wav"
 
 
-def read_index(path: Path, name_of: Callable[[int], str] = sound_name) -> dict[int, IndexRow]:
+def read_index(path: Path, name_of: Callable[[int], str] | None = sound_name) -> dict[int, IndexRow]:
     """Rows of an index by the number of their point; all cells are text.
 
     Left out are lines that are no row of a sweep, or were half-written when one was killed, and rows whose file is not
-    named as `name_of` names that of their number.
+    named as `name_of` names that of their number; if it is None, files may have any names.
     """
     if not path.is_file():
         return {}
@@ -61,7 +61,9 @@ def read_index(path: Path, name_of: Callable[[int], str] = sound_name) -> dict[i
             if cells is None or len(cells) != len(header):
                 continue
             row = dict(zip(header, cells, strict=True))
-            if POINT_NUMBER.fullmatch(row["number"]) and row["file"] in ("", name_of(int(row["number"]))):
+            if not POINT_NUMBER.fullmatch(row["number"]):
+                continue
+            if name_of is None or row["file"] in ("", name_of(int(row["number"]))):
                 rows[int(row["number"])] = row
     return rows
 

@@ -1,0 +1,117 @@
+"""Sweeps from Python: a scene at many values, as a labelled data set."""
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from engine.api.rendering import check_accuracy_names
+from engine.argument_checks import checked_integer, checked_number
+from engine.faults import Fault, PatchError
+from engine.patch.paths import locate
+from engine.patch.reader import DOCUMENT, check_scene
+from engine.patch.scene import Scene
+from engine.sweep.axes import MAX_GRID_POINTS, SweepAxis, parse_axis
+from engine.sweep.dataset import load_xarray, read_sweep
+from engine.sweep.local_workers import run_local
+from engine.sweep.plan import SweepPlan, check_axes, grid_points
+from engine.sweep.sweep import Renderer
+from engine.sweep.sweep import run_sweep as sweep_to_folder
+from engine.sweep.task import RenderTask, Results, render_task
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+
+def run_sweep(
+    scene: Scene,
+    vary: Mapping[str, Sequence[Any] | np.ndarray | str],
+    folder: str | Path | None = None,
+    sounds: bool = False,
+    cores: int = 1,
+    **settings: Any,
+) -> "Dataset":
+    """Render a scene at every point of a grid, and return features and statistics as an xarray.Dataset; see
+    `read_sweep`.
+
+    vary:     values by their paths (`Scene.parameters`): a list, an array, or a range as `--vary` takes it:
+              "1e7..1e10:log:4"
+    folder:   where the sounds and index.csv are kept, as `fdh sweep` keeps them: what is there already is not rendered
+              again. If None, they are not kept
+    sounds:   put the sounds into the data set, in SI units
+    cores:    processes; with more than one, a script needs `if __name__ == "__main__":` around it
+    settings: seconds, samplerate and accuracy, as of `render`
+
+    A point that fails is NaN, and `status` says why. Raises TypeError if an argument is of the wrong kind, PatchError
+    if a path leads nowhere or a value is out of range, ImportError without xarray.
+
+    >>> import engine
+    >>> scene = engine.load("bouncing_ball").replace("seconds", 1.0)
+    >>> varied = {"body.ball.mass": [0.1, 0.2], "contact.0.stiffness": "1e6..1e8:log:3"}
+    >>> found = engine.run_sweep(scene, varied)
+    >>> dict(found.sizes)
+    {'body.ball.mass': 2, 'contact.0.stiffness': 3}
+    >>> found.peak.sel({"body.ball.mass": 0.1}).dims, found.contact.attrs["units"]
+    (('contact.0.stiffness',), '1')
+    """
+    check_scene(scene)
+    load_xarray()
+    cores, rate = checked_integer("cores", cores), checked_integer("samplerate", settings.pop("samplerate", 44_100))
+    seconds = settings.pop("seconds", None)
+    options = {"seconds": None if seconds is None else checked_number("seconds", seconds), "samplerate": rate}
+    check_accuracy_names(settings, "run_sweep")
+    options |= scene.accuracy.replace(**settings).model_dump(include={*settings})
+    plan = plan_grid(scene, vary)
+    renderer: Renderer = render_here if cores == 1 else partial(run_local, cores=cores)
+    if folder is not None:
+        sweep_to_folder(plan, Path(folder), renderer, options)
+        return read_sweep(folder, scene, sounds)
+    with tempfile.TemporaryDirectory() as place:
+        sweep_to_folder(plan, Path(place), renderer, options)
+        return read_sweep(place, scene, sounds).drop_vars("file").drop_attrs(deep=False)
+
+
+def plan_grid(scene: Scene, vary: Any) -> SweepPlan:
+    """The grid of a scene at some values. Raises TypeError, PatchError."""
+    if not isinstance(vary, Mapping) or not vary:
+        example = '{"contact.felt.stiffness": [1e8, 1e9]}'
+        raise TypeError(f"vary = {vary!r} is no dict of values by their paths; give one, such as {example}")
+    data, axes, faults = scene.document, list[SweepAxis](), list[Fault]()
+    for path, values in vary.items():
+        try:
+            axes.append(_axis(path, values, scene, data))
+        except ValueError as error:
+            faults.append(Fault(path, str(error).removeprefix(f"{path}: "), DOCUMENT))
+    if (
+        not faults
+        and (count := int(np.prod([float(axis.count or len(axis.bounds)) for axis in axes]))) > MAX_GRID_POINTS
+    ):
+        faults.append(Fault("", f"{count} points; at most {MAX_GRID_POINTS}", DOCUMENT))
+    if not faults:
+        plan = SweepPlan(str(scene.folder / "scene.toml"), data, axes, grid_points(axes))
+        faults = [Fault("", fault.message, DOCUMENT) for fault in check_axes(plan)]
+    if faults:
+        raise PatchError(faults)
+    return plan
+
+
+def _axis(path: str, values: Any, scene: Scene, data: dict[str, Any]) -> SweepAxis:
+    """The axis of some values. Raises ValueError, TypeError."""
+    if isinstance(values, str):
+        return parse_axis(f"{path}={values}", scene, data)
+    try:
+        listed = np.asarray(values).tolist() if isinstance(values, np.ndarray) else list(values)
+    except TypeError:
+        raise TypeError(f'{path}: {values!r} is no list of values; give one, or a range such as "1..2:5"') from None
+    if not listed:
+        raise ValueError(f"{path}: no values; give at least one")
+    return SweepAxis(path, locate(path, scene, data)[0], tuple(listed))
+
+
+def render_here(tasks: list[RenderTask]) -> Results:
+    """Results of this process, one after the other."""
+    for task in tasks:
+        yield task.number, render_task(task)

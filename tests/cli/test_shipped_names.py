@@ -94,5 +94,5 @@ def test_public_names_come_when_they_are_used():
     code = "import sys, engine; engine.__version__; print({'numba', 'numpy', 'pydantic'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout == "set()\n"
-    assert engine.Player.__module__ == "engine.live.player"
+    assert engine.Player.__module__ == "engine.api.player"
     assert (ROOT / "engine" / "py.typed").exists()

@@ -45,17 +45,28 @@ def difference(levels: np.ndarray, recorded: np.ndarray) -> tuple[float, float]:
 
     The gain is the one that makes the root mean square least. Counted is where either is above the floor.
     """
+    off, counted = differences(levels, recorded)
+    return root_mean_square(off[counted]), float(np.mean(np.abs(off[counted])))
 
-    def differences(gain: float) -> np.ndarray:
+
+def differences(levels: np.ndarray, recorded: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Differences of levels from recorded ones, dB, at that gain, and which of them count. Levels: [frames, bands]"""
+
+    def at_gain(gain: float) -> tuple[np.ndarray, np.ndarray]:
         a, b = (np.maximum(x, -FLOOR_DB) for x in (levels + gain, recorded))
-        return np.asarray((a - b)[(a > -FLOOR_DB) | (b > -FLOOR_DB)])
+        return a - b, (a > -FLOOR_DB) | (b > -FLOOR_DB)
 
     def rms(gain: float) -> float:
-        return float(np.sqrt(np.mean(differences(gain) ** 2)))
+        off, counted = at_gain(gain)
+        return root_mean_square(off[counted])
 
     best = min(np.arange(-GAIN_RANGE_DB, GAIN_RANGE_DB + 1), key=rms)
-    best = min(best + np.arange(-1, 1.001, 0.05), key=rms)
-    return rms(best), float(np.mean(np.abs(differences(best))))
+    return at_gain(min(best + np.arange(-1, 1.001, 0.05), key=rms))
+
+
+def root_mean_square(values: np.ndarray) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def knock_level(audio: np.ndarray, rate: float, fundamental: float) -> float:

@@ -11,9 +11,9 @@ TUNED = (21, 30, 39, 48, 57, 66, 75, 84, 93, 102)  # every third of the keys rec
 HELD_LONGER = 1.0  # s, than is heard
 
 
-def render_note(key: int, velocity: int, seconds: float) -> Sound | None:
-    """Sound of a key, struck once at one of 16 velocities and held; None if there is no such key."""
-    scene = scene_of_note(load_piano(), key, min(127, 8 * velocity - 2), seconds + HELD_LONGER, seconds)
+def render_note(key: int, velocity: int, seconds: float, piano: engine.Scene | None = None) -> Sound:
+    """Sound of a key, struck once at one of 16 velocities and held; of the shipped piano if none is given."""
+    scene = scene_of_note(piano or load_piano(), key, min(127, 8 * velocity - 2), seconds + HELD_LONGER, seconds)
     return engine.render(scene, seconds, RATE).audio, RATE
 
 

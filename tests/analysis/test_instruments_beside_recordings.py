@@ -1,11 +1,16 @@
 """An instrument beside recordings of one: keyboards of which it is known how far they are from each other."""
 
+import tomllib
+
 import numpy as np
 import pytest
+from conftest import ROOT
 
-from bench.recordings import command
-from bench.recordings.instrument import VELOCITY, compare_keys, slope_factor
+import engine
+from bench.recordings import command, tune
+from bench.recordings.instrument import VELOCITY, compare_keys, seconds_needed, slope_factor
 from bench.recordings.keys import key_frequency
+from bench.recordings.piano import render_note
 from bench.recordings.tables import TARGETS, key_row, met, summary_rows
 
 RATE = 44_100
@@ -90,3 +95,19 @@ def test_tuning_on_more_than_one_key_in_three_is_refused(monkeypatch, capsys):
     monkeypatch.setattr(command.piano, "TUNED", (48, 51))
     assert command.compare_piano(set(KEYS), keyboard()) == 2
     assert "one in three" in capsys.readouterr().err
+
+
+def test_a_number_is_fitted_to_recorded_notes(monkeypatch):
+    """Hammers of twice the speed of those recorded are slower once it is fitted; a board has no lid."""
+    document = tomllib.loads((ROOT / "patches" / "templates" / "piano.toml").read_text("utf-8"))
+    monkeypatch.setattr(tune, "ROUNDS", 1)
+    (path,) = tune.find_numbers(document, ["speed"])
+    its = engine.Scene.model_validate(document)
+    recorded = tune.read_recorded(60, lambda key, velocity: render_note(key, velocity, seconds_needed(velocity), its))
+    fast = tune.change_numbers(document, [path], np.log([2.0]))
+    (fitted,) = tune.fit(fast, [path], [recorded])
+    assert tune.value_at(fitted, path) == pytest.approx(tune.value_at(document, path), rel=0.3)
+    with pytest.raises(ValueError, match="no shared body lid"):
+        tune.find_numbers(document, ["lid.density"])
+    with pytest.raises(ValueError, match="no positive number"):
+        tune.find_numbers(document, ["nothing"])

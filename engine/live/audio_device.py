@@ -101,6 +101,8 @@ def open_stream(
 def open_duplex_stream(player: Any, device: str | None, frames: int, latency: str | float | None) -> Any:
     """A stream, not yet started, that plays and listens to the default input, whose first channel goes to the player's
     `play_block`. Arguments and errors as of `open_stream`."""
+    import numpy as np
+
     sounddevice = load_sounddevice()
     number, name, _, _ = find_output(device)
 
@@ -108,7 +110,7 @@ def open_duplex_stream(player: Any, device: str | None, frames: int, latency: st
         if player.finished:
             out[:] = 0.0
             raise sounddevice.CallbackStop
-        player.play_block(out, heard[:, 0])
+        player.play_block(out, np.clip(np.nan_to_num(heard[:, 0]), -1.0, 1.0))  # some drivers give what is in memory
 
     options = {"samplerate": player.samplerate, "blocksize": frames, "latency": latency, "dtype": "float32"}
     try:

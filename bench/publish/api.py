@@ -41,6 +41,7 @@ NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "AudioInput": ("engine", ()),
     "PatchError": ("engine", ()),
     "BuildError": ("engine", ()),
+    "PatchWarning": ("engine", ()),
 }
 ARGUMENT = re.compile(r"([\w.]+(?:, [\w.]+)*): +(\S.*)")
 

@@ -12,7 +12,7 @@ import engine
 
 OSCILLATOR = {
     "seconds": 1.0,
-    "body": [{"name": "reed", "kind": "oscillator", "mass": 1e-3, "frequency": 440.0, "damping": 40.0}],
+    "body": [{"name": "reed", "kind": "oscillator", "mass": 1e-3, "frequency": 440.0, "damping_rate": 40.0}],
     "pickup": [{"body": "reed", "quantity": "velocity"}],
 }
 REED = engine.Scene.model_validate(OSCILLATOR)

@@ -37,11 +37,11 @@ def test_several_values_are_replaced_at_once():
 
 def test_an_instrument_has_the_value_on_every_key():
     kalimba = engine.load("kalimba_keys")
-    lighter = kalimba.replace("key.body.0.density", 0.03)
-    tongues = [body.density for body in lighter.body if body.kind == "bar"]
+    lighter = kalimba.replace("key.body.0.linear_density", 0.03)
+    tongues = [body.linear_density for body in lighter.body if body.kind == "bar"]
     assert len(tongues) > 1 and set(tongues) == {0.03}
     with pytest.raises(engine.PatchError, match="change what is under key"):
-        kalimba.replace(f"body.{next(b.name for b in kalimba.body if b.kind == 'bar')}.density", 0.03)
+        kalimba.replace(f"body.{next(b.name for b in kalimba.body if b.kind == 'bar')}.linear_density", 0.03)
 
 
 def test_numbers_of_numpy_are_numbers():

@@ -28,7 +28,7 @@ PICTURES, SOUNDS = ROOT / "docs" / "gallery", ROOT / "docs" / "audio"
 TAIL = 2.0  # s, after a piece
 FADE = 0.01  # s, at the end of a sound that is cut off
 LIMIT = 9e6  # bytes of all sounds
-COLOURS = 96  # of a picture
+COLOURS = 160  # of a picture
 HEADER = ["patch", "s", "fundamental, Hz", "decay T60, s", "centroid, Hz", "peak, SI units", "energy error", "made of"]
 INTRODUCTION = """# Gallery
 

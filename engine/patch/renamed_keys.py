@@ -88,6 +88,16 @@ def current_key(section: str, kind: Any, key: str) -> str:
     return next((new for new in names if new in table.model_fields), key)
 
 
+def old_keys() -> dict[str, dict[str, str]]:
+    """The new key of each old one, by the name of the model that has it."""
+    keys: dict[str, dict[str, str]] = {}
+    for section, names in RENAMED.items():
+        for kind, model in _KINDS[section].items():
+            renamed = {old: current_key(section, kind, old) for old in names}
+            keys[model.__name__] = {old: new for old, new in renamed.items() if new != old}
+    return keys
+
+
 def current_parameter(path: str) -> str:
     """The path of a live parameter, such as connection.bridge.damping, with the name that its key has now."""
     section, _, rest = path.partition(".")

@@ -6,13 +6,15 @@ import json
 import tomllib
 import warnings
 
+import jsonschema
 import numpy as np
 import pytest
-from conftest import PATCHES
+from conftest import ROOT
 
 import engine
 from engine.cli import main
 from engine.live.player import Player
+from engine.patch.editor_schema import editor_schema
 from engine.patch.renamed_keys import RENAMED, RenamedKeys, rename_keys
 
 OLD = """seconds = 0.05
@@ -135,10 +137,28 @@ def test_old_keys_make_the_same_scene_and_a_dump_has_the_new(patches):
     assert not set(dumped) & set(RENAMED["body"])
 
 
-@pytest.mark.parametrize("path", sorted(PATCHES.rglob("*.toml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted((ROOT / "patches").rglob("*.toml")), ids=lambda path: path.stem)
 def test_shipped_patches_have_the_new_keys(path):
     document, renamed = tomllib.loads(path.read_text("utf-8")), RenamedKeys()
     assert rename_keys(document, renamed) == document and not renamed.by_path
+
+
+def test_editors_know_the_old_keys_but_not_beside_the_new():
+    check = jsonschema.Draft7Validator(editor_schema())
+    for text in (OLD, new(), KEYBOARD):
+        assert not list(check.iter_errors(tomllib.loads(text)))
+    renamed = RenamedKeys()
+    rename_keys(tomllib.loads(OLD), renamed)
+    assert len(renamed.by_path) == len(SWAPS)
+    for key in renamed.by_path.values():
+        document = tomllib.loads(OLD)
+        table = document
+        for part in key.path[:-1]:
+            table = table[part]
+        table[key.new] = table[key.path[-1]]
+        assert list(check.iter_errors(document)), key
+        with pytest.raises(ValueError, match="which are the same"):
+            engine.Scene.model_validate(document)
 
 
 def test_a_note_names_the_new_key_once_for_each_old_one(patches, capsys):

@@ -97,7 +97,9 @@ def _moving_bodies(scene: Scene, seconds: float) -> list[str]:
                 names.append(body.name)
         elif getattr(body, "displacement", None) or getattr(body, "velocity", None):
             names.append(body.name)
-    changed = {e.contact or e.connection for e in scene.event if isinstance(e, ChangeEvent) and e.time < seconds}
+    changed = {e.contact or e.connection for e in scene.event if isinstance(e, ChangeEvent) and e.time < seconds} - {
+        None
+    }
     # what changes may push both its bodies
     joining = [c for c in [*scene.contact, *scene.connection] if c.name in changed]
     joining += [c for c in scene.connection if getattr(c, "rest", 0.0) != 0.0 and not getattr(c, "rigid", False)]

@@ -26,6 +26,7 @@ from engine.analysis.other_methods import TIMED_RUNS, MethodResult, compare_meth
 from engine.analysis.silence import explain_silence
 from engine.bodies import Mass, Oscillator
 from engine.build.build import build
+from engine.build.table_changes import scored_exchanges
 from engine.faults import BuildError
 from engine.kernel.codes import EventKind
 from engine.kernel.model import Model
@@ -321,10 +322,11 @@ def _run(
     scene: Scene, seconds: float, samplerate: int, accuracy: Accuracy, columns: tuple[int, int], perturbation: float
 ) -> Run:
     """Run a scene with probes, whose columns are given."""
-    model, state, _ = build(scene, samplerate * accuracy.oversample, accuracy, seconds)
+    model, state, _ = built = build(scene, samplerate * accuracy.oversample, accuracy, seconds)
     if perturbation:
         _perturb(model, state, perturbation)
-    simulation = Simulation(model, state)
+    exchanges = scored_exchanges(scene, built, accuracy=accuracy, seconds=seconds)
+    simulation = Simulation(model, state, exchanges=exchanges)
     frames = max(1, round(seconds * samplerate))
     fine = frames * accuracy.oversample
     out = np.zeros((fine + decimation_tail(accuracy.oversample), scene.channels))

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from engine.bodies.body import ModalBody
 from engine.build import limits
 from engine.build.body_point import NOWHERE, BodyPoint
 from engine.build.connection_checks import check_connections
@@ -28,6 +29,7 @@ from engine.build.mode_coefficients import (
     damped_coefficients,
     is_heavily_damped,
 )
+from engine.build.mode_counts import fit_modes
 from engine.build.mode_shape_rows import mode_shape_rows
 from engine.build.reachability import contacts_to_build
 from engine.build.refinement_tables import build_refinement, end_loss
@@ -64,6 +66,7 @@ def build(
     one_partition_per_island: bool = False,
     event_capacity: int = 0,
     variable_exponents: bool = False,
+    like: Sequence[ModalBody] | None = None,
 ) -> BuildResult:
     """Model, State and Layout of a scene at a sample rate (Hz).
 
@@ -72,11 +75,13 @@ def build(
     one_partition_per_island: also where islands are small (engine.analysis.profile measures them)
     event_capacity:     for how many events that the scene does not name there are slots (engine.live.player)
     variable_exponents: exponents will be changed, beyond what the score says
+    like:               the modes of another build of the scene, to have as many of each body
     Raises BuildError if a body vibrates too fast for the sample rate, if the accuracy asked for has steps back in time
     and modes are heavily damped, or if there is no memory for so much (engine.build.limits).
     """
     accuracy = accuracy or scene.accuracy
-    layout = check_and_layout(scene, samplerate, accuracy, seconds, live=event_capacity > 0)
+    live = event_capacity > 0 or any(getattr(event, "parameter", None) for event in scene.event)
+    layout = check_and_layout(scene, samplerate, accuracy, seconds, live, like)
     check_connections(layout, accuracy, samplerate)
     modes = mode_coefficients(layout, samplerate, accuracy)
     events, event_begins = event_table(layout, nominal_stiffness(layout), samplerate, event_capacity)
@@ -112,13 +117,24 @@ def build(
     return BuildResult(align_to_cache_lines(model), align_to_cache_lines(state), layout)
 
 
-def check_and_layout(scene: Scene, samplerate: float, accuracy: Accuracy, seconds: float, live: bool) -> Layout:
+def check_and_layout(
+    scene: Scene,
+    samplerate: float,
+    accuracy: Accuracy,
+    seconds: float,
+    live: bool,
+    like: Sequence[ModalBody] | None = None,
+) -> Layout:
     """The layout of a scene that can be built. Raises BuildError.
 
     live: events may come that the score does not name
+    like: as of `build`
     """
     modal_bodies = limits.build_modal_bodies(scene, samplerate, accuracy.scheme)
-    modal_bodies = with_residual_modes(scene, modal_bodies, samplerate)
+    if like is None:
+        modal_bodies = with_residual_modes(scene, modal_bodies, samplerate)
+    else:
+        modal_bodies = fit_modes(scene, modal_bodies, samplerate, like)
     limits.check_sizes(scene, modal_bodies)
     limits.check_forces(scene, samplerate, seconds)
     names = {c.name for c in scene.connection if c.name is not None} if live else changed_connections(scene)

@@ -213,8 +213,8 @@ class _StringEnds:
 def end_row(string: Any, modal: ModalBody, end: float) -> np.ndarray:
     """String.end_row, of a string whose residual modes do not move its end [modes], N/(√kg·m)."""
     assert isinstance(string, String)
-    count = modal.omega.size - modal.residual
-    return np.pad(string.end_row(modal.omega[:count], end), (0, modal.residual))
+    count = modal.omega.size - modal.residual - modal.silent
+    return np.pad(string.end_row(modal.omega[:count], end), (0, modal.residual + modal.silent))
 
 
 def end_stiffness(string: Any, modal: ModalBody, a: float, b: float) -> float:

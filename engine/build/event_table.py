@@ -41,12 +41,12 @@ def event_table(
 
 
 def event_rows(layout: Layout, event: Event, stiffness: np.ndarray, samplerate: float) -> list[EventRow]:
-    """An event as rows of the score; none for a pluck, which is an external force."""
+    """An event as rows of the score; none for a pluck, which is an external force, or for a change of tables."""
     if isinstance(event, StrikeEvent):
         return [_strike(layout, event, samplerate)]
     if isinstance(event, DampEvent):
         return [_damp(layout, event, samplerate)]
-    if isinstance(event, ChangeEvent):
+    if isinstance(event, ChangeEvent) and event.parameter is None:
         of_connection = event.connection is not None
         return (
             _change_connection(layout, event, samplerate)

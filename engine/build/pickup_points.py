@@ -55,11 +55,11 @@ def heard_points(
 ) -> Iterator[HeardPoint]:
     """All that a pickup hears. bodies, numbers: modes of the scene's bodies, and their numbers by name"""
     for point in _points(scene, bodies, numbers, pickup):
-        for channel, gain in _channels(pickup):
+        for channel, gain in channel_gains(pickup):
             yield HeardPoint(pickup, point, QUANTITIES[pickup.quantity or "velocity"], channel, gain)
 
 
-def _channels(pickup: Pickup | DrivePickup) -> list[tuple[int, float]]:
+def channel_gains(pickup: Pickup | DrivePickup) -> list[tuple[int, float]]:
     """The channels of a pickup, from 0, with its gain on each; a pan shares its power between two."""
     if isinstance(pickup, DrivePickup):
         return [(-1 - pickup.point, 1.0)]

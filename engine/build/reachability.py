@@ -33,7 +33,7 @@ def initial_reach(layout: Layout, contacts: Iterable[int]) -> dict[int, float]:
     for k in contacts:
         contacts_of.setdefault(island_of[layout.body_index[scene.contact[k].body]], []).append(k)
     driven = {f.body for f in acting_forces(scene)} | {e.body for e in scene.event if isinstance(e, StrikeEvent)}
-    changed = {e.contact or e.connection for e in scene.event if isinstance(e, ChangeEvent)}
+    changed = {e.contact or e.connection for e in scene.event if isinstance(e, ChangeEvent)} - {None}
     reach: dict[int, float] = {}
     for island, inside in contacts_of.items():
         bodies, names = (

@@ -17,6 +17,7 @@ import numpy as np
 
 from engine.analysis.silence import is_inaudible
 from engine.audio_formats import explain_unsupported_format
+from engine.cli.live_inputs import Inputs, open_inputs
 from engine.cli.messages import describe_leftover, print_error
 from engine.cli.option_checks import voice_count
 from engine.cli.play_command import parse_latency
@@ -25,9 +26,11 @@ from engine.cli.terminal import format_meter, read_keyboard, show_meter
 from engine.compiler import background
 from engine.faults import PatchError
 from engine.live import audio_device, midi, midi_notes, recovery
+from engine.live.controls import Controls
 from engine.live.hot_reload import PatchWatcher
 from engine.live.instrument_notes import scene_of_file
 from engine.live.key_allocator import live_scene
+from engine.live.osc import OscError
 from engine.live.player import HEADROOM, Player
 from engine.live.recording import NoRecording, Recording
 from engine.live.shared_memory import Gauge
@@ -123,7 +126,7 @@ class PlayerFactory:
         seconds = None if args.seconds is None else float(args.seconds)
         if scene.instrument and self.is_port:
             many["waiting"] = True
-        elif args.midi and not scene.instrument:
+        elif args.midi and not scene.instrument and midi.has_notes(scene, args.midi):
             many |= {"voices": voice_count(args), "lowest": midi.lowest_ratio(args.midi, scene)}
         if (args.midi or args.watch) and seconds is None:
             seconds = math.inf
@@ -167,16 +170,20 @@ def play_patch(args: argparse.Namespace, scene: Scene, gain: float | None, accur
             compiled, wait = args.callback != "python", parse_latency(args.latency)
             stream = audio_device.open_stream(player, args.device, int(args.block_size), wait, compiled)
             allocator = midi.make_allocator(player, args.midi) if args.midi else None
-            notes = midi.open_source(args.midi, allocator) if allocator else None
-        except (audio_device.DeviceError, midi_notes.MidiError, TooSlow) as error:
+            controls = Controls(scene, player)
+            source = open_inputs(args, allocator, controls)
+        except (audio_device.DeviceError, midi_notes.MidiError, OscError, TooSlow) as error:
             print_error(error)
             return 1
         announcement = f"{scene.title or path.stem}, on {name} at {samplerate} Hz, blocks of {args.block_size}"
         print(announcement, file=sys.stderr if args.json else sys.stdout, flush=True)
-        watch = PatchWatcher(path, scene, player, factory.make_quickly, factory.prepare) if args.watch else None
+        making = path, scene, player, factory.make_quickly, factory.prepare, controls.use
+        watch = PatchWatcher(*making) if args.watch else None
         with background.postponed():
-            wish, code = play_to_end(args, player, stream, name, watch, notes)
+            wish, code = play_to_end(args, player, stream, name, watch, source)
         stream.close()
+        for line in [*controls.remarks(), *source.close()]:
+            print(line, file=sys.stderr)
         background.compile_beside((watch.player if watch is not None else player).memory.missing_kernels)
         print_live_summary(watch.player if watch is not None else player, args, allocator)
         if wish != "next" or code:
@@ -191,17 +198,17 @@ def play_to_end(
     stream: Any,
     name: str,
     watch: PatchWatcher | None,
-    notes: midi.Source | None,
+    inputs: Inputs,
 ) -> tuple[str, int]:
     """Play to the end, and keep what is to be kept; returns how it ended, and the exit code. name: of the device."""
     log = absolute_path(Path(args.event_log)) if args.event_log else None
     with catch_signals() as interrupted:
         with (
             open_recording(args, player) as recording,
-            read_keyboard(bool(args.record or args.event_log or args.midi)) as keys,
+            read_keyboard(bool(args.record or args.event_log or inputs.is_open)) as keys,
             show_meter(int(args.block_size)) as show,
         ):
-            wish = run_session(player, stream, recording.write, keys, show, watch, notes, interrupted)
+            wish = run_session(player, stream, recording.write, keys, show, watch, inputs, interrupted)
         write_log(player, log, recording)
     code = report_end(wish, name, recording, interrupted)
     if wish == "vanished":
@@ -232,15 +239,15 @@ def run_session(
     keys: Any,
     show: Any,
     watch: PatchWatcher | None,
-    notes: midi.Source | None,
+    inputs: Inputs,
     interrupted: list[int],
 ) -> str:
     """Start the stream; keys, notes, meter and recording while the driver plays; returns how it ended."""
     wish, deadline, player, shown = "over", math.inf, first, -math.inf
     audio_device.start_stream(stream)
     while True:
-        pressed = keys(POLL_INTERVAL if notes is not None else IDLE_INTERVAL if watch is None else WATCH_INTERVAL)
-        if notes is not None and notes():
+        pressed = keys(POLL_INTERVAL if inputs.is_open else IDLE_INTERVAL if watch is None else WATCH_INTERVAL)
+        if inputs.poll():
             player.stop()
         if time.monotonic() - shown >= IDLE_INTERVAL:
             shown = time.monotonic()

@@ -15,6 +15,7 @@ from engine.cli.option_checks import (
     samplerate_of,
 )
 from engine.faults import Fault
+from engine.live.osc import parse_address
 from engine.output_files import check_audio_format, error_reason
 
 BLOCK_SIZE = "256"  # frames, unless told otherwise
@@ -38,6 +39,8 @@ def add_play_command(commands: "arguments.Commands") -> None:
     arguments.add_kernel(parser)
     parser.add_argument("--midi", metavar="PORT|FILE", help="play the notes of a file, or those of a port")
     arguments.add_voices(parser)
+    text = "receive Open Sound Control at this UDP port, from this machine alone unless a HOST is given"
+    parser.add_argument("--osc", metavar="[HOST:]PORT", help=text)
     parser.add_argument("--watch", action="store_true", help="switch to what is saved to the patch while it plays")
     parser.add_argument("--record", metavar="OUT.wav", help="also write what is played")
     arguments.add_sound_format(parser)
@@ -93,6 +96,10 @@ def check_play_options(args: argparse.Namespace) -> list[Fault]:
         faults.append(Fault("--latency", f'"{args.latency}" is no latency; low, high, or seconds'))
     if args.callback not in CALLBACKS:
         faults.append(Fault("--callback", f'unknown callback "{args.callback}"; {", ".join(CALLBACKS)}'))
+    try:
+        parse_address(args.osc or "0")
+    except ValueError:
+        faults.append(Fault("--osc", f'"{args.osc}" is no port; 1 to 65535, or HOST:PORT such as 0.0.0.0:9000'))
     for option, text in (("--midi", args.midi), ("--event-log", args.event_log)):
         if args.watch and text:
             faults.append(Fault("--watch", f"cannot be combined with {option}; one of them"))

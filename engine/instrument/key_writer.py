@@ -124,7 +124,19 @@ class KeyWriter:
             for name in EVENT_REFERENCES:
                 if isinstance(written.get(name), str) and self.has_name(name, written[name]):
                     written[name] = name_of_copy(key, written[name], copy)
+            if isinstance(written.get("parameter"), str):
+                written["parameter"] = self._parameter_of_copy(key, written["parameter"], copy)
         return {name: value for name, value in written.items() if value is not None}
+
+    def _parameter_of_copy(self, key: int, parameter: str, copy: int | None) -> str:
+        """The path of a parameter of what a key has."""
+        section, _, rest = parameter.partition(".")
+        name, _, keys = rest.partition(".")
+        if not self.has_name(section, name):
+            return parameter
+        if section == "body":
+            copy = None if self.copies[key].get(name) is None else copy
+        return f"{section}.{name_of_copy(key, name, copy)}.{keys}"
 
     def has_name(self, section: str, name: str) -> bool:
         """Whether each key has a contact or a connection of a name."""

@@ -7,14 +7,14 @@ import numpy as np
 
 from engine.build.build import BuildResult
 from engine.build.refinement_tables import build_refinement
-from engine.compiler.kinds import INT
 from engine.compiler.struct_handle import StructHandle
 from engine.kernel.axes import align_to_cache_lines
 from engine.kernel.model import Model
-from engine.live import kernels
-from engine.live.shared_memory import VALUES_PER_EVENT, EventSlot, Gauge, Slot
+from engine.live.shared_memory import Gauge, Slot
+from engine.parallel.event_slots import VALUES_PER_EVENT, EventSlot
+from engine.parallel.exchange import INSERT_EVENT, INSERT_USE
 from engine.parallel.job_memory import RENDER_USE, JobMemory
-from engine.parallel.kernel_choice import Use, prepare
+from engine.parallel.kernel_choice import prepare
 from engine.patch.accuracy import Accuracy
 
 FADE_SECONDS = 0.005
@@ -23,7 +23,6 @@ QUEUE_SIZE = 1024  # events
 LOAD_COUNT = 8192  # blocks whose loads are kept
 RECORD_SECONDS = 20.0  # of what was played, until it is fetched
 LOAD_HIGH, LOAD_LOW = 0.8, 0.4  # of its deadline: a block above lowers the quality, one below is at ease
-INSERT_USE = Use(kernels.INSERT_EVENT, (INT, INT, INT))
 MAX_FRAMES = 1 << 40  # that are played if a scene goes on and on
 
 
@@ -33,6 +32,7 @@ class AudioMemory:
     seconds: until it fades out; `math.inf`: until it is stopped
     gain:    factor on SI units
     kernel:  which is to run (engine.parallel.kernel_choice); `kernel` says which does
+    models:  what is played, and coarser ones
     """
 
     def __init__(
@@ -53,8 +53,8 @@ class AudioMemory:
         self.record = np.zeros((round(RECORD_SECONDS * samplerate), channels), np.float32)
         self.loads = np.zeros(LOAD_COUNT)  # of the last blocks, as shares of their deadlines
         self._buffers = _allocate_buffers(channels)
-        models, uses = [model, *coarser_models(built, accuracy)], [RENDER_USE, INSERT_USE]
-        prepared = prepare(models, built.state, uses, kernel)
+        self.models, uses = [model, *coarser_models(built, accuracy)], [RENDER_USE, INSERT_USE]
+        prepared = prepare(self.models, built.state, uses, kernel)
         self.kernel, self.missing_kernels = prepared.name, prepared.missing
         self._models, self._state = [*map(StructHandle, prepared.models)], StructHandle(prepared.state)
         self.job_memory = JobMemory(self._models[0], self._state, (RENDERED_AT_ONCE, channels))
@@ -67,7 +67,7 @@ class AudioMemory:
         self._addresses = np.array([handle.address for handle in self._models], np.int64)
         values = {
             Slot.JOB: self.job_memory.address,
-            Slot.INSERT_EVENT: kernels.INSERT_EVENT.address(*(handle.kind for handle in handles), *INSERT_USE.others),
+            Slot.INSERT_EVENT: INSERT_EVENT.address(*(handle.kind for handle in handles), *INSERT_USE.others),
             Slot.MODEL: handles[0].address,
             Slot.STATE: handles[1].address,
             Slot.CHANNELS: self.channels,

@@ -16,7 +16,8 @@ from engine.compiler.intrinsics import (
     store_release,
 )
 from engine.kernel.codes import EventKind
-from engine.live.shared_memory import VALUES_PER_EVENT, EventSlot, Gauge, Slot
+from engine.live.shared_memory import Gauge, Slot
+from engine.parallel.event_slots import VALUES_PER_EVENT, EventSlot
 from engine.parallel.jobs import Job
 from engine.parallel.partitions import JOB_SLOTS, render_partitions
 

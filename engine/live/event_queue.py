@@ -9,10 +9,16 @@ from engine.argument_checks import checked_integer
 from engine.kernel.codes import EventKind
 from engine.live import kernels
 from engine.live.audio_memory import MAX_FRAMES, QUEUE_SIZE, AudioMemory
-from engine.live.shared_memory import DROPPED, EventSlot, Slot
+from engine.live.shared_memory import Slot
+from engine.parallel.event_slots import DROPPED, EventSlot
+from engine.patch.scene import Scene
 from engine.patch.tables import ChangeEvent, DampEvent, StrikeEvent
 
 QueuedEvent = tuple[int, int, int, int, int, int, float, float]  # the slots of an event but TAKEN_AT; its values
+EVENTS_PER_ISLAND = 64  # at a time, or …
+EVENTS_PER_BODY = 4  # … so many for each body, if that is more: all dampers may move at once
+DROPPED_WHY = "dropped: too many at once"
+NO_ROW = [0, 0, 0, 0, 0, 0, 0.0, 0.0]
 E = TypeVar("E", StrikeEvent, DampEvent, ChangeEvent)
 
 
@@ -37,13 +43,18 @@ class EventQueue:
             if kernels.enqueue()(shared.ctypes.data, *row):
                 self._pending.append((index, {"why": description, "row": [*map(int, row[:6]), *row[6:]]}))
             else:
-                self._log.append({"frame": None, "why": [*description, "dropped: too many at once"], "row": list(row)})
+                self._log.append({"frame": None, "why": [*description, DROPPED_WHY], "row": list(row)})
             self._drain()
 
     def put_unlogged(self, row: QueuedEvent) -> bool:
         """Put an event into the queue that is in no log. Returns whether there was room."""
         with self._lock:
             return bool(kernels.enqueue()(self._memory.shared.ctypes.data, *row))
+
+    def refuse(self, description: list[Any]) -> None:
+        """Note that an event was not put in, as there is no room for it."""
+        with self._lock:
+            self._log.append({"frame": None, "why": [*description, DROPPED_WHY], "row": NO_ROW})
 
     def entries(self) -> list[dict[str, Any]]:
         """The log up to now: events that were taken or dropped, and changes of quality, in the order in which they were
@@ -98,3 +109,8 @@ def checked_frame(value: int) -> int:
     if not 0 <= frame <= MAX_FRAMES:
         raise ValueError(f"frame is out of range; 0, which is at once, to {MAX_FRAMES}")
     return frame
+
+
+def event_capacity(scene: Scene, is_instrument: bool) -> int:
+    """How many events there is room for at a time, in each subsystem."""
+    return max(EVENTS_PER_ISLAND, EVENTS_PER_BODY * len(scene.body) if is_instrument else 0)

@@ -1,35 +1,30 @@
 """A patch that is edited while it is played: values glide, a changed structure takes over, faults change nothing."""
 
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from engine.faults import PatchError
 from engine.live.player import Player
+from engine.patch.live_parameters import live_paths, value_at, with_value
 from engine.patch.reader import load
 from engine.patch.scene import Scene
 
-LIVE_KEYS = {
-    "contact": ("stiffness", "exponent", "barrier", "gap"),
-    "connection": ("stiffness", "damping_coefficient", "rest"),
-}
-
 
 def changed_parameters(old: Scene, new: Scene) -> dict[str, float] | None:
-    """The knobs that make the old scene the new one, and their values; None if no knobs can."""
-    before, after = old.model_dump(exclude_none=True), new.model_dump(exclude_none=True)
-    changed: dict[str, float] = {}
-    for section, keys in LIVE_KEYS.items():
-        if len(before[section]) != len(after[section]):
+    """The live parameters that make the old scene the new one, and their values; None if none can."""
+    paths, new_paths = live_paths(old, True), live_paths(new, True)
+    changed, scene = dict[str, float](), old
+    for name, path in paths.items():
+        if new_paths.get(name) != path:
             continue
-        for was, now in zip(before[section], after[section], strict=True):
-            for key in keys:
-                plain = isinstance(was.get(key), float) and isinstance(now.get(key), float)
-                may_vanish = section == "connection" or (plain and was[key] * now[key] != 0.0)
-                if plain and may_vanish and was[key] != now[key] and "name" in was:
-                    changed[f"{section}.{was['name']}.{key}"] = now[key]
-                    was[key] = now[key]
-    return changed if before == after else None
+        before, after = value_at(old, path), value_at(new, path)
+        may_vanish = path.section != "contact" or before * after != 0.0
+        if before != after and may_vanish:
+            changed[name] = after
+            scene = with_value(scene, path, name, after)
+    return changed if scene.model_dump(exclude_none=True) == new.model_dump(exclude_none=True) else None
 
 
 class PatchWatcher:
@@ -37,11 +32,19 @@ class PatchWatcher:
 
     make:    builds a Player of a scene
     with_accuracy: gives a scene its accuracy
+    follow:  called with each new scene and player
     """
 
     def __init__(
-        self, path: Path, scene: Scene, player: Player, make: Any, with_accuracy: Any = lambda scene: scene
+        self,
+        path: Path,
+        scene: Scene,
+        player: Player,
+        make: Any,
+        with_accuracy: Any = lambda scene: scene,
+        follow: Callable[[Scene, Player], None] = lambda scene, player: None,
     ) -> None:
+        self._follow = follow
         self.path, self.scene, self.player, self._make, self._with_accuracy = path, scene, player, make, with_accuracy
         self._seen = self._stamp()
         self._made: list[Any] = []
@@ -68,10 +71,14 @@ class PatchWatcher:
             return [*map(str, error.faults), "the old sound goes on"]
         parameters = changed_parameters(self.scene, scene)
         if parameters is not None and set(parameters) <= set(self.player.live_parameters):
-            for path, value in parameters.items():
-                self.player.set(path, value)
-            self.scene = scene
-            return [f"{path} → {value:g}" for path, value in parameters.items()]
+            try:
+                for path, value in parameters.items():
+                    self.player.set(path, value)
+            except ValueError:  # it takes other tables than those that sound
+                pass
+            else:
+                self.scene = scene
+                return [f"{path} → {value:g}" for path, value in parameters.items()]
         self._thread = threading.Thread(target=self._prepare, args=(scene,), daemon=True)
         self._thread.start()
         return []
@@ -92,4 +99,5 @@ class PatchWatcher:
         except ValueError as error:
             return [f"{error}; the old sound goes on"]
         self.scene, self.player = scene, player
+        self._follow(scene, player)
         return [f"{scene.title or self.path.stem}: took over"]

@@ -27,7 +27,7 @@ def scene_of_file(scene: Scene, path: Path) -> PlayedFile:
     document = scene.instrument
     if document is None:
         raise MidiError("not an instrument; one has a [keyboard]")
-    notes, ignored = read_notes(path)
+    notes, ignored, _ = read_notes(path, scene.midi)
     bends = sum(note.kind == "bend" for note in notes)
     if bends:
         ignored = ignored | {"pitch bend": bends}

@@ -8,7 +8,6 @@ from engine.compiler.kernels import Kernel
 from engine.compiler.kinds import FLOAT, INT, Kind
 
 AUDIO_THREAD = "engine.live.audio_thread"
-INSERT_EVENT = Kernel("engine.live.event_insertion", "insert_event_at")
 ENQUEUE = Kernel(AUDIO_THREAD, "enqueue")
 PLAY_INTO = Kernel(AUDIO_THREAD, "play_into")
 RECORD_LOAD = Kernel(AUDIO_THREAD, "record_load_py")

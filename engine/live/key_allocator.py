@@ -3,11 +3,12 @@
 from typing import Any
 
 from engine.instrument.expansion import expand_keys, keys_of
-from engine.instrument.key_names import note_name
+from engine.instrument.key_names import note_name, plain_note_name
 from engine.instrument.key_writer import KeyWriter
 from engine.instrument.score import Score
 from engine.instrument.score_events import FULL_VELOCITY, PEDAL_STEPS, SOSTENUTO_HALF, events_of_key
-from engine.live.midi_notes import UNKNOWN_RELEASE, Note
+from engine.live.controls import Targets, targets_of_all
+from engine.live.midi_notes import UNKNOWN_RELEASE, Move, Note
 from engine.live.player import Player
 from engine.patch.scene import Scene
 from engine.patch.tables import MAX_SECONDS
@@ -15,6 +16,7 @@ from engine.patch.tables import MAX_SECONDS
 DAMPER_SECONDS = MAX_SECONDS  # how long a damper stays down if nothing lifts it
 STEAL_DAMPER = 300.0, 0.03  # of a key that another needs: decay rate, 1/s, and how long, s
 CHANGES = ("stiffness", "exponent", "barrier", "gap", "damping_coefficient", "rest")  # what an event may change
+CHANGE_SECONDS = 0.005  # that a change glides
 DEFAULT_POLYPHONY = 24
 
 
@@ -49,6 +51,7 @@ class KeyAllocator:
         self._sounding: list[int] = []  # keys whose notes the dampers have not ended, the oldest first
         self._pedals = {"sustain": 0.0, "soft": 0.0, "sostenuto": 0.0}
         self._played: dict[int, int] = {}
+        self._on_channel: dict[int, int] = {}  # of an MPE zone: the key pressed last
 
     def played_notes(self) -> dict[str, str]:
         """How often each key was played."""
@@ -65,14 +68,26 @@ class KeyAllocator:
         elif note.number not in self._keys:
             self.refused += 1
         else:
+            self._on_channel[note.channels.channel] = note.number
             self._press(note.number, note.value / FULL_VELOCITY, frame)
+
+    def targets(self, move: Move, is_of_one_note: bool) -> Targets | None:
+        """What a move of a controller changes, if it is of some notes alone: what their keys have."""
+        if not is_of_one_note and move.kind != "poly_pressure":
+            return None
+        key = move.number if move.kind == "poly_pressure" else self._on_channel.get(move.channel)
+        name = None if key is None else plain_note_name(key)
+        return lambda player, path: [
+            one
+            for one in targets_of_all(player, path)
+            if one.split(".")[1:2] and one.split(".")[1].startswith(f"{name}_")
+        ]
 
     # --- keys
 
     def _has_bodies(self, key: int) -> bool:
         """Whether the scene was written out with a key."""
-        name = note_name(key).replace("#", "s").replace("-", "m")
-        return any(body.startswith(f"{name}_") for body in self.player.layout.body_index)
+        return any(body.startswith(f"{plain_note_name(key)}_") for body in self.player.layout.body_index)
 
     def _press(self, key: int, v: float, frame: int) -> None:
         self._make_room(key, frame)
@@ -163,11 +178,13 @@ class KeyAllocator:
                 self.player.pluck(event["body"], event["amplitude"] / full, frame)
         elif kind == "damp":
             self.player.damp(event["body"], event["sigma"], event.get("duration", DAMPER_SECONDS), frame)
+        elif kind == "change" and event.get("parameter") is not None:
+            self.player.set(event["parameter"], event["value"], event.get("duration", CHANGE_SECONDS), frame)
         elif kind == "change":
             section = "contact" if event.get("contact") else "connection"
             for name in CHANGES:
                 if event.get(name) is not None:
-                    glide = event.get("duration", 0.005)
+                    glide = event.get("duration", CHANGE_SECONDS)
                     self.player.set(f"{section}.{event[section]}.{name}", event[name], glide, frame)
 
     def _full_amplitude(self, key: int, body: str) -> float:

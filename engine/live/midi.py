@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from engine.live.controls import Controls, takes_move
 from engine.live.key_allocator import KeyAllocator
-from engine.live.midi_notes import MidiError, Note, open_port, parse_message, read_notes
+from engine.live.midi_notes import MidiError, MidiNotes, open_port, parse_message, parse_move, read_notes
+from engine.live.mpe import LOWER_MASTER, UPPER_MASTER, MpeZones
 from engine.live.player import Player
 from engine.live.shared_memory import Slot
 from engine.live.voice_allocator import VoiceAllocator, nearest_body, pitched_bodies
@@ -18,6 +20,7 @@ from engine.patch.tables import MAX_SECONDS
 LEAD_IN = 0.05  # s before the first note of a file that is played live: what comes first fades in
 TAIL_SECONDS = 3.0  # s after the last
 LOOKAHEAD = 0.2  # s, by which notes of a file are told before they sound
+CONTROL_SECONDS = 0.005  # blocks of a file that moves controls
 RENDER_GAIN = 1e-6  # gain of a render: single precision is as exact at any, and no limiter is to act
 
 Allocator = VoiceAllocator | KeyAllocator
@@ -25,11 +28,12 @@ Source = Callable[[], bool]  # tells what has to be told, and whether all is ove
 
 
 class MidiFilePlayer:
-    """The notes of a file, told to keys as their time comes near."""
+    """The notes of a file, and the moves that its controls take, told as their time comes near."""
 
-    def __init__(self, keys: Allocator, notes: list[Note], lead: float = 0.0) -> None:
-        self.keys, self._next = keys, 0
-        self.notes = [note._replace(seconds=note.seconds + lead) for note in notes]
+    def __init__(self, keys: Allocator, file: MidiNotes, lead: float = 0.0, controls: Controls | None = None) -> None:
+        self.keys, self._next, self._next_move, self._controls = keys, 0, 0, controls
+        self.notes = [note._replace(seconds=note.seconds + lead) for note in file.notes]
+        self._moves = [timed._replace(seconds=timed.seconds + lead) for timed in file.moves]
 
     @property
     def end(self) -> float:
@@ -37,12 +41,17 @@ class MidiFilePlayer:
         return self.notes[-1].seconds + TAIL_SECONDS
 
     def poll(self) -> bool:
-        """Tell the notes of the next moments; returns whether all is over."""
+        """Tell the notes of the next moments, and the moves up to now; returns whether all is over."""
         rate, now = self.keys.player.samplerate, self.keys.player.frame
         while self._next < len(self.notes) and self.notes[self._next].seconds * rate < now + LOOKAHEAD * rate:
             note = self.notes[self._next]
             self.keys.play(note, round(note.seconds * rate))
             self._next += 1
+        while self._next_move < len(self._moves) and self._moves[self._next_move].seconds * rate <= now:
+            _, move, is_of_one_note = self._moves[self._next_move]
+            if self._controls is not None:
+                self._controls.move(move, self.keys.targets(move, is_of_one_note))
+            self._next_move += 1
         return now > self.end * rate
 
 
@@ -52,36 +61,71 @@ def is_file(text: str) -> bool:
 
 
 def make_allocator(player: Player, text: str) -> Allocator | None:
-    """What gives the notes of a file or a port to a player; None if the score of its scene has them already."""
-    if player.patch.instrument is None:
-        return VoiceAllocator(player)
-    return None if is_file(text) else KeyAllocator(player)
+    """What gives the notes of a file or a port to a player; None if the score of its scene has them already, or if a
+    port only moves its controls. Raises MidiError."""
+    if player.patch.instrument is not None:
+        return None if is_file(text) else KeyAllocator(player)
+    return VoiceAllocator(player) if player.voices else None
 
 
-def open_source(text: str, keys: Allocator) -> Source:
-    """What has to be called often for the notes of a file or a port to be played. Raises MidiError."""
+def has_notes(scene: Scene, text: str) -> bool:
+    """Whether a patch without a keyboard plays notes: it need not, if a port moves its controls. Raises MidiError."""
+    try:
+        pitched_bodies(scene)
+    except MidiError:
+        if is_file(text) or all(control.kind == "osc" for control in scene.control):
+            raise
+        return False
+    return True
+
+
+def open_source(text: str, keys: Allocator | None, controls: Controls) -> Source | None:
+    """What has to be called often for the notes of a file or a port to be played, and for a port to move controls;
+    None if there is nothing to call. Raises MidiError."""
     if is_file(text):
-        return MidiFilePlayer(keys, read_notes(Path(text)).notes, LEAD_IN).poll
-    midi_port = open_port(text)
+        return None if keys is None else MidiFilePlayer(keys, read_for(controls.scene, text), LEAD_IN, controls).poll
+    midi_port, zones = open_port(text), MpeZones(controls.scene.midi)
 
     def poll() -> bool:
         for message in midi_port.iter_pending():
-            if note := parse_message(message, 0.0):
-                keys.play(note)
+            if not zones.feed(message):
+                take_message(message, zones, keys, controls)
         return False
 
     return poll
+
+
+def take_message(message: Any, zones: MpeZones, keys: Allocator | None, controls: Controls) -> None:
+    """Play the note of a message, or move the controls that it is for."""
+    move = parse_move(message)
+    if is_taken := move is not None and controls.takes(move):
+        assert move is not None
+        targets = None if keys is None else keys.targets(move, zones.is_of_one_note(move.channel))
+        controls.move(move, targets)
+    note = parse_message(message, 0.0, zones)
+    if note and keys is not None and not (is_taken and note.kind == "bend"):
+        keys.play(note)
+
+
+def read_for(scene: Scene, text: str) -> MidiNotes:
+    """The notes of a file, and the moves that a scene has controls for. Raises MidiError."""
+    return read_notes(Path(text), scene.midi, lambda move: any(takes_move(control, move) for control in scene.control))
 
 
 def lowest_ratio(text: str, scene: Scene) -> float:
     """Ratio of the lowest pitch that will be played: that of a file's lowest note; for a port, two octaves down."""
     if is_file(text):
         bodies = pitched_bodies(scene)
-        notes = read_notes(Path(text)).notes
-        bend = min((note.value for note in notes if note.kind == "bend"), default=0.0)
+        notes = read_for(scene, text).notes
+        bends: dict[int, float] = {}
+        for note in notes:
+            if note.kind == "bend":
+                bends[note.channels.channel] = min(note.value, bends.get(note.channels.channel, 0.0))
+        masters = [bends.pop(channel, 0.0) for channel in (LOWER_MASTER, UPPER_MASTER)]
+        bend = min(bends.values(), default=0.0) + min(masters)
         keys = {note.number for note in notes if note.kind == "on"}
         lowest = min(1.0, *(nearest_body(bodies, key).ratio(key) for key in keys))
-        return float(lowest * 2.0 ** (min(bend, 0.0) / 1200.0))
+        return float(lowest * 2.0 ** (bend / 1200.0))
     return 0.25
 
 
@@ -90,20 +134,23 @@ def render_notes(
 ) -> tuple[np.ndarray, Player, VoiceAllocator]:
     """What the notes of a file sound like, in SI units [frames, channels]; the player and what gave the notes to its
     voices, for what they can tell. Raises MidiError."""
-    notes, ignored = read_notes(Path(text))
+    file = read_for(scene, text)
     player = Player(scene, samplerate, math.inf, RENDER_GAIN, voices, lowest_ratio(text, scene))
     player.shared[Slot.FADE_IN_FRAMES] = 0  # a file begins with its first note
     keys = VoiceAllocator(player)
-    keys.ignored |= ignored
-    sequencer = MidiFilePlayer(keys, notes)
+    keys.ignored |= file.ignored
+    controls = Controls(scene, player)
+    sequencer = MidiFilePlayer(keys, file, controls=controls)
     if seconds is None and sequencer.end > MAX_SECONDS:
         raise MidiError(
             f"{text} lasts {sequencer.end:.0f} s; at most {MAX_SECONDS:g}, such as --seconds {MAX_SECONDS:g} of it"
         )
     frames = round((seconds or sequencer.end) * samplerate)
-    out, block = np.zeros((frames, player.channels), np.float32), round(LOOKAHEAD * samplerate / 2)
+    seconds_of_block = CONTROL_SECONDS if file.moves else LOOKAHEAD / 2
+    out, block = np.zeros((frames, player.channels), np.float32), round(seconds_of_block * samplerate)
     for begin in range(0, frames, block):
         sequencer.poll()
+        controls.poll()
         player.render_into(out[begin : begin + block])
         if progress is not None:
             progress(min(1.0, (begin + block) / frames))

@@ -105,14 +105,16 @@ def _played(log: Log, progress: Callable[[float], None]) -> np.ndarray:
             player.render_into(out[piece : min(end, piece + PIECE_FRAMES)])
 
     for event in log.events:
-        if event.frame is None or event.frame >= len(out):
-            continue
+        if event.frame is None or event.frame >= len(out) or event.why[:1] == ["score"]:
+            continue  # what the score says, the scene says
         if event.frame < at:
             raise ValueError("its events are not in the order of their frames")
         render_pieces(at, event.frame)
         at = event.frame
         if event.why[:1] == ["tune"] and len(event.why) in (3, 4):
             player.tune(int(event.why[1]), float(event.why[2]), body=event.why[3] if event.why[3:] else None)
+        elif event.why[:1] == ["set"] and len(event.why) == 3:
+            player.set(str(event.why[1]), float(event.why[2]), seconds=0.0)
         else:
             kernels.enqueue()(player.shared.ctypes.data, *validated_row(player, event.row))
     render_pieces(at, len(out))

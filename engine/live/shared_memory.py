@@ -1,7 +1,7 @@
 """What Python and the audio thread share: whole numbers and addresses, gauges, and events in a queue.
 
 Everything that the audio thread needs is found by addresses in one array of whole numbers: the kernel of the scene, its
-Model, State and outputs, a queue of events, a ring of what was played.
+Model, State and outputs, a queue of events (engine.parallel.event_slots), a ring of what was played.
 """
 
 from enum import IntEnum
@@ -65,19 +65,3 @@ class Gauge(IntEnum):
     SECONDS_USED = 4
     LOAD_HIGH = 5  # a block with a higher load lowers the quality
     LOAD_LOW = 6  # one with a lower load is at ease
-
-
-class EventSlot(IntEnum):
-    """Whole numbers of an event."""
-
-    KIND = 0  # engine.kernel.codes.EventKind
-    ISLAND = 1
-    TARGET_BEGIN = 2
-    TARGET_END = 3
-    START = 4  # frame at which it begins, at the earliest
-    LENGTH = 5  # frames
-    TAKEN_AT = 6  # frame at which the audio thread took it
-
-
-VALUES_PER_EVENT = 2
-DROPPED = -1  # instead of the frame at which an event was taken

@@ -13,7 +13,9 @@ import numpy as np
 from engine.bodies import Body, Mass
 from engine.bodies.distributed import DistributedBody
 from engine.instrument.key_names import note_frequency, note_name
-from engine.live.midi_notes import MidiError, Note
+from engine.live.controls import Targets, targets_of_voice
+from engine.live.midi_notes import MidiError, Move, Note
+from engine.live.mpe import NoteChannels
 from engine.live.player import Player
 from engine.live.voices import plucks, sounding_bodies, striker_velocities, strikers
 from engine.patch.scene import Scene, connected_bodies
@@ -23,6 +25,18 @@ VELOCITY_EXPONENT = 1.5  # … and how their speed goes with it
 RELEASE_DAMPER = 25.0, 0.5  # damper of a key let go: decay rate, 1/s, and how long, s
 STEAL_DAMPER = 1500.0, 0.006  # damper of a voice that another note needs
 AUDIBLE_ENERGY = 1e-8  # of the largest energy a voice has had: with more, it still sounds
+
+
+class Key(NamedTuple):
+    """A key that is pressed, or was."""
+
+    number: int
+    channels: NoteChannels  # that it follows
+
+    def follows(self, move: Move, is_of_one_note: bool) -> bool:
+        """Whether a move on a channel of one note, or of one key, is of it."""
+        mine = move.channel == self.channels.channel
+        return (mine or not is_of_one_note) and (move.kind != "poly_pressure" or move.number == self.number)
 
 
 class PitchedBody(NamedTuple):
@@ -82,17 +96,18 @@ class VoiceAllocator:
         self.played: dict[int, PitchedBody] = {}  # by key
         self.stolen = self.refused = 0
         self.ignored: dict[str, int] = {}  # messages, by what they are
-        self._bend = 1.0  # ratio by which the pitch wheel bends all
-        self._note: list[int | None] = [None] * player.voices  # that a voice has
+        self._bends: dict[int, float] = {}  # cents, by channel
+        self._note: list[Key | None] = [None] * player.voices  # that a voice has
         self._since = [-1] * player.voices  # frame
-        self._down: set[int] = set()  # keys
+        self._down: set[Key] = set()
         self._pedal = False
         self._most = [0.0] * player.voices
 
     def play(self, note: Note, frame: int = 0) -> None:
         """Do what a note says, at a frame."""
+        key = Key(note.number, note.channels)
         if note.kind == "bend":
-            self._bend_pitch(2.0 ** (note.value / 1200.0), frame)
+            self._bend_pitch(note.channels.channel, note.value, frame)
         elif note.kind in ("soft", "sostenuto"):
             self.ignored[f"{note.kind} pedal"] = self.ignored.get(f"{note.kind} pedal", 0) + 1
         elif note.kind == "sustain":
@@ -102,11 +117,18 @@ class VoiceAllocator:
                     if number is not None and number not in self._down:
                         self._damp(voice, RELEASE_DAMPER, frame)
         elif note.kind == "off":
-            self._down.discard(note.number)
-            if note.number in self._note and not self._pedal:
-                self._damp(self._note.index(note.number), RELEASE_DAMPER, frame)
+            self._down.discard(key)
+            if key in self._note and not self._pedal:
+                self._damp(self._note.index(key), RELEASE_DAMPER, frame)
         else:
-            self._strike(note, frame)
+            self._strike(note, key, frame)
+
+    def targets(self, move: Move, is_of_one_note: bool) -> Targets | None:
+        """What a move of a controller changes, if it is of some notes alone: the copies in their voices."""
+        if not is_of_one_note and move.kind != "poly_pressure":
+            return None
+        voices = [n for n, key in enumerate(self._note) if key is not None and key.follows(move, is_of_one_note)]
+        return lambda player, path: [one for n in voices for one in targets_of_voice(player, path, n)]
 
     def played_notes(self) -> dict[str, str]:
         """Which notes each body has played: those in its own octave by name, with how far they are from its pitch."""
@@ -117,22 +139,22 @@ class VoiceAllocator:
             names.setdefault(body.body, []).append(note_name(number) + away)
         return {body: ", ".join(notes) for body, notes in names.items()}
 
-    def _strike(self, note: Note, frame: int) -> None:
-        voice, body = self._voice(note.number), nearest_body(self.bodies, note.number)
+    def _strike(self, note: Note, key: Key, frame: int) -> None:
+        voice, body = self._voice(key), nearest_body(self.bodies, note.number)
         frame = max(frame, self.player.frame)
-        if self._note[voice] != note.number:
+        if self._note[voice] != key:
             if self._energy(voice) > AUDIBLE_ENERGY * self._most[voice] > 0.0:
                 self.stolen += self._note[voice] in self._down
                 begin = max(self.player.frame, frame - self._samples(STEAL_DAMPER))
                 frame = begin + self._samples(STEAL_DAMPER)
                 self._damp(voice, STEAL_DAMPER, begin)
             try:
-                self.player.tune(voice, body.ratio(note.number) * self._bend, frame, body=body.body)
+                self.player.tune(voice, body.ratio(note.number) * self._bend(key), frame, body=body.body)
             except ValueError:  # above what the sample rate carries, or below what there is room for
                 self.refused += 1
                 return
-        self._note[voice], self._since[voice] = note.number, frame
-        self._down.add(note.number)
+        self._note[voice], self._since[voice] = key, frame
+        self._down.add(key)
         self.played[note.number] = body
         share = (note.value / NOMINAL_VELOCITY) ** VELOCITY_EXPONENT
         for hammer in body.hammers:
@@ -140,22 +162,27 @@ class VoiceAllocator:
         if body.plucked:
             self.player.pluck(f"{body.body}_{voice}", share, frame)
 
-    def _bend_pitch(self, ratio: float, frame: int) -> None:
-        """Tune all voices that have a note. A pitch beyond what they can have is refused, and they stay as they are."""
-        self._bend = ratio
-        for voice, number in enumerate(self._note):
-            if number is not None:
-                body = self.played[number]
+    def _bend(self, key: Key) -> float:
+        """The ratio by which a note is bent, on its channel and on the master of its zone."""
+        return float(2.0 ** (sum(self._bends.get(channel, 0.0) for channel in set(key.channels)) / 1200.0))
+
+    def _bend_pitch(self, channel: int, cents: float, frame: int) -> None:
+        """Tune all voices with a note that follows a channel. A pitch beyond what they can have is refused, and they
+        stay as they are."""
+        self._bends[channel] = cents
+        for voice, key in enumerate(self._note):
+            if key is not None and channel in key.channels:
+                body = self.played[key.number]
                 try:
-                    self.player.tune(voice, body.ratio(number) * ratio, frame, body=body.body)
+                    self.player.tune(voice, body.ratio(key.number) * self._bend(key), frame, body=body.body)
                 except ValueError:
                     self.refused += 1
 
-    def _voice(self, number: int) -> int:
+    def _voice(self, key: Key) -> int:
         """The voice for a note: the one that has it; else of those whose keys are up, or of all, the quieter ones among
         the older."""
-        if number in self._note:
-            return self._note.index(number)
+        if key in self._note:
+            return self._note.index(key)
         voices = range(self.player.voices)
         free = [v for v in voices if self._note[v] not in self._down] or list(voices)
         older = sorted(free, key=lambda v: self._since[v])[: (len(free) + 1) // 2]

@@ -58,11 +58,10 @@ def replicate(scene: Scene, voices: int) -> Scene:
     for n in range(voices):
         for body in scene.body:
             parts["body"].append(at_rest(body).model_copy(update={"name": f"{body.name}_{n}"}))
-        for section in ("contact", "connection"):
+        for section in ("contact", "connection", "pickup"):
             for joined in getattr(scene, section):
-                names = {key: f"{name}_{n}" for key in ("name", "body", "on") if (name := getattr(joined, key))}
+                names = {key: f"{name}_{n}" for key in ("name", "body", "on") if (name := getattr(joined, key, None))}
                 parts[section].append(joined.model_copy(update=names))
-        parts["pickup"] += [p.model_copy(update={"body": f"{p.body}_{n}"}) for p in scene.pickup]
         parts["force"] += [f.model_copy(update={"body": f"{f.body}_{n}"}) for f in waiting]
     return scene.model_copy(update=parts | {"event": []})
 

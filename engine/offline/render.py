@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from engine.build.build import build
+from engine.build.table_changes import scored_exchanges
 from engine.kernel.state import Trace
 from engine.offline.decimation import decimate, decimation_tail
 from engine.offline.shape_snapshots import ShapeSnapshots
@@ -69,8 +70,9 @@ def render(
     _check_arguments(seconds, samplerate, cores)
     used = scene.accuracy.replace(**accuracy)
     fine = samplerate * used.oversample
-    model, state, layout = build(scene, fine, used, seconds)
-    simulation = Simulation(model, state, cores or os.cpu_count() or 1, kernel=kernel)
+    model, state, layout = built = build(scene, fine, used, seconds)
+    exchanges = scored_exchanges(scene, built, accuracy=used, seconds=seconds)
+    simulation = Simulation(model, state, cores or os.cpu_count() or 1, kernel=kernel, exchanges=exchanges)
     frames = max(1, round(seconds * samplerate)) * used.oversample
     audio = np.zeros((frames + decimation_tail(used.oversample), scene.channels))
     kept = allocate_trace(model, len(audio)) if trace or trace_shapes else None

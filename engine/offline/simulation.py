@@ -6,12 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from engine.build.table_changes import ScoredExchanges
 from engine.compiler.background import compile_beside
 from engine.compiler.struct_handle import StructHandle
 from engine.kernel.codes import BALANCE_SIZE
 from engine.kernel.model import Model
 from engine.kernel.state import State, Trace
 from engine.offline.energy_statistics import EnergyStatistics, energy_statistics
+from engine.offline.trace import trace_rows
+from engine.parallel.exchange import INSERT_USE, exchange_tables
 from engine.parallel.helpers import start_helpers
 from engine.parallel.job_memory import RENDER_USE, JobMemory
 from engine.parallel.kernel_choice import prepare
@@ -24,17 +27,25 @@ class Simulation:
 
     cores:          how many to use; more than the scene has partitions are of no use
     measure_energy: of every sample
+    exchanges:      of tables, as a score asks for them
     kernel:         which is to run (engine.parallel.kernel_choice); `kernel` says which does
     """
 
     def __init__(
-        self, model: Model, state: State, cores: int = 1, measure_energy: bool = True, kernel: str | None = None
+        self,
+        model: Model,
+        state: State,
+        cores: int = 1,
+        measure_energy: bool = True,
+        kernel: str | None = None,
+        exchanges: ScoredExchanges | None = None,
     ) -> None:
+        self._exchanges, self._frame = exchanges, 0
         self.model, self.state, self.measure_energy = model, state, measure_energy
         self.partitions = model.islands.partition.size - 1
         self.cores = min(cores, self.partitions)
         self._balance = np.zeros(BALANCE_SIZE)
-        prepared = prepare([model], state, [RENDER_USE], kernel)
+        prepared = prepare([model], state, [RENDER_USE, *([INSERT_USE] if exchanges else [])], kernel)
         compile_beside(prepared.missing)
         self.kernel = prepared.name
         self._handles = StructHandle(prepared.models[0]), StructHandle(prepared.state)
@@ -43,6 +54,24 @@ class Simulation:
 
     def render_block(self, audio: np.ndarray, trace: Trace | None = None) -> None:
         """Render len(audio) samples into audio [frames, channels]; a trace is filled by one core."""
+        begin, frames = 0, len(audio)
+        while True:
+            end = min(frames, begin + self._frames_until_exchange(frames - begin))
+            self._render(audio[begin:end], None if trace is None else trace_rows(trace, begin, end))
+            begin, self._frame = end, self._frame + end - begin
+            if begin == frames:
+                return
+
+    def _frames_until_exchange(self, frames: int) -> int:
+        """Do the exchanges that are due now. Returns for how many frames there are no more, or `frames`."""
+        if self._exchanges is None or frames == 0:
+            return frames
+        for exchange in self._exchanges.due(self._frame):
+            exchange_tables(*self._handles, exchange, self._frame)
+        following = self._exchanges.next_frame
+        return frames if following is None else following - self._frame
+
+    def _render(self, audio: np.ndarray, trace: Trace | None) -> None:
         frames, memory = len(audio), self.memory(*audio.shape)
         if trace is None:
             memory.render(frames)

@@ -6,9 +6,17 @@ from typing import Any
 
 from engine.bodies.table import is_number
 from engine.patch.json_schema import patch_schema, resolve_ref, variants
+from engine.patch.live_parameters import live_parameters
 from engine.patch.reference_page import SECTIONS, format_range, split_unit, top_level
 from engine.patch.scene import Scene
-from engine.patch.tables import SpringConnection
+
+LIVE_DEFAULTS = {
+    "gap": 0.0,
+    "damping_coefficient": 0.0,
+    "rest": 0.0,
+    "stiffness": 0.0,
+    "gain": 1.0,
+}  # where they are not given
 
 
 @dataclass(frozen=True)
@@ -47,31 +55,13 @@ def list_parameters(scene: Scene) -> list[Parameter]:
             tables = variants(node, schema)
             for i, table in enumerate(value):
                 name = table.get("name") or i
-                for key in ("gap", "damping_coefficient", "rest", "stiffness"):  # which are 0 where they are not given
+                for key, default in LIVE_DEFAULTS.items():
                     if f"{section}.{name}.{key}" in live:
-                        table = {key: 0.0} | table
+                        table = {key: default} | table
                 parameters += _table_parameters(
                     f"{section}.{name}.", table, tables[table.get("kind") or next(iter(tables))], schema
                 )
     return [replace(p, live=p.path in live) for p in parameters]
-
-
-def live_parameters(scene: Scene, variable_exponents: bool = False) -> list[str]:
-    """Paths of what can be changed while a scene is played: stiffness, and barrier or gap, of each contact that has a
-    name; and stiffness, damping coefficient and rest of each spring that has one.
-
-    variable_exponents: also exponents of contacts, if the model was built so
-    """
-    paths = []
-    for contact in scene.contact:
-        if contact.name is not None and contact.stiffness > 0.0:
-            paths.append(f"contact.{contact.name}.stiffness")
-            paths.append(f"contact.{contact.name}.{'gap' if contact.on else 'barrier'}")
-            paths += [f"contact.{contact.name}.exponent"] if variable_exponents else []
-    for connection in scene.connection:
-        if isinstance(connection, SpringConnection) and connection.name is not None and not connection.rigid:
-            paths += [f"connection.{connection.name}.{key}" for key in ("stiffness", "damping_coefficient", "rest")]
-    return paths
 
 
 def _table_parameters(

@@ -52,6 +52,8 @@ SECTIONS: dict[str, tuple[str, dict[str, str]]] = {
     "force": ("Forces: `[[force]]`", {}),
     "event": ("Events: `[[event]]`", {}),
     "pickup": ("Pickups: `[[pickup]]`", {}),
+    "control": ("Controls: `[[control]]`", {}),
+    "midi": ("MIDI: `[midi]`", {}),
     "keyboard": ("The keys of an instrument: `[keyboard]`", {}),
     "key": ("What each key has: `[[key.body]]` and others", {}),
     "note": ("Notes of an instrument: `[[note]]`", {}),

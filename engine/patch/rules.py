@@ -23,6 +23,7 @@ BODY_KEYS = (
     *(("contact", "body"), ("contact", "on"), ("connection", "body"), ("connection", "on")),
     *(("force", "body"), ("event", "body"), ("pickup", "body")),
 )
+CHANGED_KEYS = ("stiffness", "exponent", "barrier", "gap", "damping_coefficient", "rest")
 
 
 def check_rules(data: dict[str, Any]) -> Faults:
@@ -32,7 +33,7 @@ def check_rules(data: dict[str, Any]) -> Faults:
         {c["name"]: c for _, c in tables_of(data, section) if isinstance(c.get("name"), str)}
         for section in ("contact", "connection")
     )
-    for section in ("body", "contact", "connection"):
+    for section in ("body", "contact", "connection", "pickup"):
         yield from _check_unique(data, section)
     for i, body in tables_of(data, "body"):
         yield from _check_body(("body", i), body)
@@ -238,10 +239,19 @@ def _check_event(
         yield make_fault((*path, "body"), event["body"], message, remedy)
     if kind != "change":
         return
-    of_contact, of_connection = is_given(event, "contact"), is_given(event, "connection")
-    if of_contact == of_connection:
-        message = "both contact and connection given" if of_contact else "neither contact nor connection given"
+    of_connection = is_given(event, "connection")
+    given = [key for key in ("contact", "connection", "parameter") if is_given(event, key)]
+    if len(given) != 1:
+        message = f"both {' and '.join(given[:2])} given" if given else "neither contact nor connection given"
         yield make_fault(path, event, message, "name the one that changes")
+        return
+    if is_given(event, "parameter") != is_given(event, "value"):
+        message, remedy = ("no value given", "what it glides to") if given == ["parameter"] else ("value given", "")
+        yield make_fault(path, event, message, remedy or f"a {given[0]} has a stiffness, or others")
+    if given == ["parameter"]:
+        for key in CHANGED_KEYS:
+            if is_given(event, key):
+                yield make_fault((*path, key), event[key], f"parameter and {key} given", "the new one is its value")
         return
     if of_connection:
         yield from check_change_of_connection(path, event, connections)

@@ -23,10 +23,13 @@ from engine.instrument.expansion import Expansion, expand, is_instrument
 from engine.instrument.tables import Keyboard, KeyTables, Note, Pedal
 from engine.output_files import error_reason
 from engine.patch.accuracy import Accuracy
+from engine.patch.control_rules import as_plain_change, check_changes, check_controls
+from engine.patch.control_tables import Control, Midi
+from engine.patch.live_parameters import live_paths
 from engine.patch.positions import tables_of
 from engine.patch.renamed_keys import RenamedKeys, rename_keys
 from engine.patch.rules import check_rules
-from engine.patch.tables import MAX_SECONDS, Connection, Contact, Event, Force, Pickup, SampledForce
+from engine.patch.tables import MAX_GRAVITY, MAX_SECONDS, Connection, Contact, Event, Force, Pickup, SampledForce
 from engine.wording import to_one_line
 
 if TYPE_CHECKING:
@@ -36,6 +39,7 @@ SAMPLE_RATE_RANGE = (4_000, 768_000)  # Hz
 MAX_TABLES = 5_000  # of one section
 MAX_EVENTS = 100_000
 MAX_NOTES = 20_000
+MAX_CONTROLS = 500
 MAX_FAULTS_COLLECTED = 2_000  # beyond, no more are looked for
 MAX_PATH_CHARACTERS = 200  # of a file's name, or of why it cannot be read, in a message
 MAX_FORCE_SAMPLES = 1 << 25  # of a force file, all channels together
@@ -48,8 +52,8 @@ class Scene(Table):
     seconds: float = Field(default=2.0, gt=0.0, le=MAX_SECONDS, description="how long it sounds, s")
     gravity: float = Field(
         default=0.0,
-        ge=-1e4,
-        le=1e4,
+        ge=-MAX_GRAVITY,
+        le=MAX_GRAVITY,
         description="downward acceleration of masses and oscillators, m/s²: with 9.81 their weight is -9.81 N/kg",
     )
     accuracy: Accuracy = Field(default=Accuracy(), description="how exactly it is computed")
@@ -61,6 +65,10 @@ class Scene(Table):
     force: list[Force] = Field(default=[], max_length=MAX_TABLES, description="external forces")
     event: list[Event] = Field(default=[], max_length=MAX_EVENTS, description="the score: what happens when")
     pickup: list[Pickup] = Field(min_length=1, max_length=MAX_TABLES, description="what is heard")
+    control: list[Control] = Field(
+        default=[], max_length=MAX_CONTROLS, description="which moves of a controller change which numbers"
+    )
+    midi: Midi = Field(default=Midi(), description="how MIDI is understood")
     keyboard: Keyboard | None = Field(default=None, exclude=True, description="of an instrument: its keys")
     key: KeyTables | None = Field(default=None, exclude=True, description="of an instrument: what each key has")
     note: list[Note] = Field(default=[], max_length=MAX_NOTES, exclude=True, description="of an instrument: its score")
@@ -104,12 +112,17 @@ class Scene(Table):
             faults += [_repeat_error(e, data) for e in errors]
         if isinstance(data, dict):
             faults += islice(check_rules(data), MAX_FAULTS_COLLECTED)
+        if scene is not None and not faults:
+            faults += [*check_controls(scene), *check_changes(scene)]
         if faults or scene is None:
             raise ValidationError.from_exception_data(cls.__name__, faults[:MAX_FAULTS_COLLECTED])
         kinds = {body.name: type(body) for body in scene.body}
         pickups = [p if p.quantity else p.model_copy(update={"quantity": kinds[p.body].HEARD}) for p in scene.pickup]
         forces = [_with_absolute_file(f, folder) for f in scene.force]
         scene = scene.model_copy(update={"pickup": pickups, "force": forces})
+        if any(getattr(event, "parameter", None) for event in scene.event):
+            paths = live_paths(scene, True)
+            scene = scene.model_copy(update={"event": [as_plain_change(event, paths) for event in scene.event]})
         if document is not None:
             scene._document, scene._folder = document, folder
         return scene

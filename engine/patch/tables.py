@@ -11,6 +11,7 @@ from engine.bodies.table import Displacement, Fraction, Metres, Name, Offsets, P
 
 MAX_SECONDS = 3_600.0  # of a rendering
 MAX_CHANNELS = 16
+MAX_GRAVITY = 1e4  # m/s²
 MAX_CONTACT_POINTS = 256  # of a bridge, or of frets
 MAX_EXPONENT = 12.0
 MAX_CONNECTION_STIFFNESS = 1e15  # N/m
@@ -279,11 +280,17 @@ class DampEvent(_EventTable):
 
 class ChangeEvent(_EventTable):
     """What a contact or a connection is like glides to a new value: a stiffness, an exponent, the place of a barrier; a
-    damping, or a rest."""
+    damping, or a rest. Or any number that can change while it sounds does, by its path."""
 
     kind: Literal["change"]
-    contact: Name | None = Field(default=None, description="the contact; or give a connection")
+    contact: Name | None = Field(default=None, description="the contact; or give a connection, or a parameter")
     connection: Name | None = Field(default=None, description="the connection, a spring")
+    parameter: str | None = Field(
+        default=None,
+        min_length=1,
+        description="a number that `fdh params` marks as live, such as `body.string.tension`; it glides to the value",
+    )
+    value: float | None = Field(default=None, description="new value of the parameter")
     stiffness: Stiffness | None = Field(default=None, description="new stiffness, N/m^exponent; of a connection N/m")
     exponent: Exponent | None = Field(default=None, description="new exponent")
     barrier: Metres | None = Field(
@@ -303,6 +310,7 @@ Event = Annotated[StrikeEvent | PluckEvent | DampEvent | ChangeEvent, Field(disc
 class Pickup(Table):
     """What is heard."""
 
+    name: Name | None = Field(default=None, description="name, by which controls and changes refer to it")
     body: Name = Field(description="the body that is heard")
     at: Positions = Field(
         default=None,

@@ -15,9 +15,9 @@ from engine.compiler.decorators import kernel
 from engine.compiler.struct_handle import StructHandle
 from engine.compiler.struct_types import load_struct
 from engine.kernel.codes import Sleep
-from engine.live.event_insertion import make_island_ready
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import newton_statistics
+from engine.parallel.event_insertion import make_island_ready
 from engine.patch.accuracy import Accuracy
 from scenes.drawn import decades, either, scenes
 

@@ -3,7 +3,16 @@
 from engine.compiler.decorators import inline, kernel
 from engine.compiler.intrinsics import float64_view, int64_view
 from engine.compiler.struct_types import load_struct
-from engine.kernel.codes import UNUSED_SLOT, DampedModes, EnergyTotal, EventCursor, EventKind, Sleep, SleepMonitor
+from engine.kernel.codes import (
+    UNUSED_SLOT,
+    DampedModes,
+    EnergyTotal,
+    EventCursor,
+    EventKind,
+    Quantity,
+    Sleep,
+    SleepMonitor,
+)
 from engine.kernel.connections import reset_extensions
 from engine.kernel.contacts import compression_from_modes, resync_open_contacts
 from engine.kernel.energy import accumulate, island_energy
@@ -11,7 +20,8 @@ from engine.kernel.events import move_event, next_due
 from engine.kernel.free_flight import end_flight
 from engine.kernel.island_view import island_bounds, island_model, island_state
 from engine.kernel.recording import keep_energies
-from engine.live.shared_memory import DROPPED, VALUES_PER_EVENT, EventSlot
+from engine.kernel.rows import project
+from engine.parallel.event_slots import DROPPED, VALUES_PER_EVENT, EventSlot
 
 EVENT_SLOTS = len(EventSlot)
 
@@ -92,6 +102,7 @@ def book_island_energy(model, state, n, sign):
     if sign > 0:
         reset_compressions(part.contact, part_state)
         reset_extensions(part.connection, part_state)
+        reset_velocities(part.pickups, part_state)
     accumulate(part_state.energy_totals, EnergyTotal.SUPPLIED, sign * island_energy(part, part_state))
 
 
@@ -102,6 +113,14 @@ def reset_compressions(contact, state):
         for k in range(state.compression.shape[0]):
             state.compression[k] = compression_from_modes(contact, contact.other_rows, state, k)
             state.compression_compensation[k] = 0.0
+
+
+@inline
+def reset_velocities(pickups, state):
+    """Let accelerations go on from the velocities that the pickups hear now: a pickup that was moved hears no step."""
+    for n in range(pickups.quantity.shape[0]):
+        if pickups.quantity[n] == Quantity.ACCELERATION:
+            state.previous_velocity[n] = project(pickups.rows, n, state.p)
 
 
 @inline

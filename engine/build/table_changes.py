@@ -1,0 +1,181 @@
+"""Live parameters that tables are made of, such as the pitch of a body: each change is built beside the sound, and the
+tables are exchanged between two samples."""
+
+import heapq
+import math
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from engine.build.build import BuildResult, build
+from engine.build.pickup_points import channel_gains
+from engine.build.table_exchange import Copies, collect_copies, make_copies
+from engine.kernel.model import Model
+from engine.patch.live_parameters import LivePath, live_paths, value_at, with_value
+from engine.patch.scene import Scene
+from engine.patch.tables import ChangeEvent
+
+STEP_SECONDS = 0.005  # the shortest step in which tables glide …
+LEVEL_STEP_SECONDS = 0.0005  # … and levels of pickups …
+MAX_STEPS = 64  # … and how many steps there are at most
+
+
+class Exchange(NamedTuple):
+    """Tables to be exchanged at a frame."""
+
+    value: float  # of the parameter
+    copies: Copies
+    island: int  # the first whose energy is counted anew …
+    islands: int  # … and how many there are
+    due: int  # frame
+
+
+class TableChanges:
+    """Makes the tables of live parameters anew.
+
+    scene, built: what is rendered, and what `build` made of it
+    models:       the Models at work, the coarser ones too, whose arrays are written to
+    coarser:      makes the coarser ones of a build
+    options:      of `build`
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        built: BuildResult,
+        models: Sequence[Model] = (),
+        coarser: Callable[[BuildResult], list[Model]] = lambda built: [],
+        **options: Any,
+    ) -> None:
+        self._scene, self._state, self._layout = scene, built.state, built.layout
+        self._targets, self._coarser, self._options = list(models) or [built.model], coarser, options
+        self._known: list[Model] | None = None  # the numbers that the targets have, or are to have
+        self._busy_until: dict[int, int] = {}  # frame, by island: changes of one follow each other
+        self._kept: list[Exchange] = []  # what may still be read
+        self.lock = threading.Lock()
+
+    def value(self, path: LivePath) -> float:
+        """The value that a parameter has, or glides to."""
+        return value_at(self._scene, path)
+
+    def steps(self, path: LivePath, parameter: str, value: float, seconds: float, frame: int) -> list[Exchange]:
+        """The steps in which a parameter glides to a value, from a frame on or when its subsystem's last change is
+        over. Raises ValueError (BuildError, CannotExchange) if it cannot have that value; nothing has changed then."""
+        samplerate = self._targets[0].samplerate
+        first, count = self._islands(path)
+        frame = max([frame, *(self._busy_until.get(n, 0) for n in range(first, first + max(1, count)))])
+        shortest = LEVEL_STEP_SECONDS if path.is_level else STEP_SECONDS
+        before, number = self.value(path), max(1, min(MAX_STEPS, math.ceil(seconds / shortest)))
+        scene, known, steps = self._scene, self._known, list[Exchange]()
+        for n in range(1, number + 1):
+            now = glide_between(before, value, n / number)
+            scene = with_value(scene, path, parameter, now)
+            due = frame + round((n if number > 1 else 0) * seconds / number * samplerate)
+            if path.is_level:
+                copies = self._copy_levels(scene, path)
+            else:
+                known, copies = self._copy_tables(scene, known)
+            steps.append(Exchange(now, copies, first, count, due))
+        self._scene, self._known = scene, known
+        for n in range(first, first + max(1, count)):
+            self._busy_until[n] = steps[-1].due
+        self._kept += steps
+        return steps
+
+    def forget(self) -> None:
+        """Forget what has been read; the audio thread must not wait for any."""
+        self._kept.clear()
+
+    def _copy_tables(self, scene: Scene, known: list[Model] | None) -> tuple[list[Model], Copies]:
+        """The Models of a scene, and what makes the targets such. known: the numbers that these have"""
+        known = self._build(self._scene) if known is None else known
+        after = self._build(scene)
+        return after, make_copies(self._targets, self._state, known, after)
+
+    def _build(self, scene: Scene) -> list[Model]:
+        rate = self._targets[0].samplerate
+        built = build(scene, rate, like=self._layout.modal_bodies, **self._options)
+        return [built.model, *self._coarser(built)]
+
+    def _copy_levels(self, scene: Scene, path: LivePath) -> Copies:
+        """The gains of a pickup on its channels."""
+        gains, pairs = dict(channel_gains(scene.pickup[path.number])), list[tuple[np.ndarray, np.ndarray]]()
+        original = self._layout.scene.pickup[path.number]
+        for n, heard in enumerate(self._layout.heard_points):
+            if heard.pickup is original:
+                new = np.array([gains[heard.channel]])
+                pairs += [(model.pickups.gain[n : n + 1], new) for model in self._targets[:1]]
+        return collect_copies(pairs)
+
+    def _islands(self, path: LivePath) -> tuple[int, int]:
+        """The first island whose energy a parameter changes, and how many there are."""
+        layout, scene = self._layout, self._scene
+        if path.section == "":
+            return 0, max(layout.island_of_body) + 1
+        table = getattr(scene, path.section)[path.number]
+        name = table.name if path.section == "body" else table.body
+        return layout.island_of_body[layout.body_index[name]], 0 if path.is_level else 1
+
+
+class ScoredChange(NamedTuple):
+    """A change of tables in the score."""
+
+    frame: int
+    path: LivePath
+    parameter: str
+    value: float
+    seconds: float  # that it glides
+
+
+def scored_changes(scene: Scene, samplerate: float) -> list[ScoredChange]:
+    """The changes of tables in the score of a scene, in their order."""
+    events = [e for e in scene.event if isinstance(e, ChangeEvent) and e.parameter is not None]
+    paths, changes = live_paths(scene, True) if events else {}, list[ScoredChange]()
+    for event in events:
+        name, value = event.parameter or "", event.value or 0.0
+        changes.append(ScoredChange(round(event.time * samplerate), paths[name], name, value, event.duration))
+    return sorted(changes, key=lambda change: change.frame)
+
+
+class ScoredExchanges:
+    """The exchanges that a score asks for, made when their time comes."""
+
+    def __init__(self, tables: TableChanges, changes: Sequence[ScoredChange]) -> None:
+        self._tables, self._changes = tables, deque(changes)
+        self._steps: list[tuple[int, int, Exchange]] = []  # a heap: frame, number
+        self._made = 0
+
+    @property
+    def next_frame(self) -> int | None:
+        """The frame before which something has to be done; None if nothing has."""
+        frames = [change.frame for change in list(self._changes)[:1]] + [step[0] for step in self._steps[:1]]
+        return min(frames, default=None)
+
+    def due(self, frame: int) -> Iterator[Exchange]:
+        """The exchanges that are due at a frame. Raises ValueError (BuildError, CannotExchange)."""
+        while self._changes and self._changes[0].frame <= frame:
+            change = self._changes.popleft()
+            for step in self._tables.steps(*change[1:], change.frame):
+                heapq.heappush(self._steps, (step.due, self._made, step))
+                self._made += 1
+            self._tables.forget()
+        while self._steps and self._steps[0][0] <= frame:
+            yield heapq.heappop(self._steps)[2]
+
+
+def scored_exchanges(scene: Scene, built: BuildResult, **options: Any) -> ScoredExchanges | None:
+    """The exchanges that the score of a scene asks for; None if it asks for none. options: as of TableChanges"""
+    changes = scored_changes(scene, built.model.samplerate)
+    return ScoredExchanges(TableChanges(scene, built, **options), changes) if changes else None
+
+
+def glide_between(before: float, after: float, share: float) -> float:
+    """Where a value is on its way from one to another: at equal ratios if both have one sign, else at equal steps."""
+    if share >= 1.0:
+        return after
+    if before * after > 0.0:
+        return float(before * (after / before) ** share)
+    return before + (after - before) * share

@@ -1,0 +1,107 @@
+"""Numbers of Open Sound Control, received over UDP. python-osc is imported when asked for."""
+
+import math
+import socket
+import threading
+from collections.abc import Callable
+from typing import Any
+
+LOOPBACK = "127.0.0.1"
+MAX_PACKET_BYTES = 65_536
+RECEIVE_BUFFER_BYTES = 1 << 21  # some thousands of packets, while Python does something else
+POLL_SECONDS = 0.1  # between two looks at whether to end
+MAX_PORT = 65_535
+
+
+class OscError(RuntimeError):
+    """What stands against receiving OSC, and what would be right."""
+
+
+def parse_address(text: str) -> tuple[str, int]:
+    """Host and port of `PORT` or `HOST:PORT`; this machine alone unless a host is given. Raises ValueError."""
+    host, _, port = text.rpartition(":")
+    if not port.isdecimal() or int(port) > MAX_PORT:
+        raise ValueError(text)
+    return host.strip("[]") or LOOPBACK, int(port)
+
+
+def load_packet_parser() -> Any:
+    """The module that reads packets. Raises OscError."""
+    try:
+        from pythonosc import osc_packet
+    except ImportError:
+        raise OscError("OSC needs python-osc; uv sync --extra osc, or pip install python-osc") from None
+    return osc_packet
+
+
+class OscServer:
+    """Receives packets in a thread, and hands their numbers on.
+
+    receive:   called with the address and the number of each message
+    messages:  how many were handed on
+    malformed: packets that are none of OSC, and messages without a number
+    port:      that it listens at
+    Raises OscError.
+    """
+
+    def __init__(self, address: tuple[str, int], receive: Callable[[str, float], None]) -> None:
+        self._parser, self._receive = load_packet_parser(), receive
+        self.messages = self.malformed = 0
+        family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        try:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+            self._socket.bind(address)
+        except (OSError, OverflowError) as error:
+            self._socket.close()
+            reason = getattr(error, "strerror", None) or error
+            raise OscError(f"cannot listen at {address[0]}:{address[1]} ({reason}); another --osc PORT") from None
+        self._socket.settimeout(POLL_SECONDS)
+        self.port = int(self._socket.getsockname()[1])
+        self._ended = False
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._ended = True
+        self._thread.join()
+        self._socket.close()
+
+    def remarks(self) -> list[str]:
+        """What there is to be said at the end."""
+        return [f"OSC: {self.malformed} malformed packets or messages passed over"] if self.malformed else []
+
+    def _serve(self) -> None:
+        while not self._ended:
+            try:
+                data = self._socket.recv(MAX_PACKET_BYTES)
+            except OSError:  # nothing came; or on Windows, that a packet of ours was refused
+                continue
+            self._take(data)
+
+    def _take(self, data: bytes) -> None:
+        """Hand on what is in a packet; what is malformed is counted. Bundles are done at once, whatever their time."""
+        try:
+            messages = [timed.message for timed in self._parser.OscPacket(data).messages]
+        except Exception:  # whatever it stumbles over
+            self.malformed += 1
+            return
+        for message in messages:
+            value = number_in(message.params)
+            if value is None:
+                self.malformed += 1
+                continue
+            self.messages += 1
+            self._receive(message.address, value)
+
+
+def number_in(arguments: list[Any]) -> float | None:
+    """The number that the arguments of a message are; None if they are no finite one."""
+    if len(arguments) != 1 or not isinstance(arguments[0], int | float):
+        return None
+    try:
+        value = float(arguments[0])
+    except OverflowError:
+        return None
+    return value if math.isfinite(value) else None

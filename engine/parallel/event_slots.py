@@ -1,0 +1,19 @@
+"""An event as whole numbers and values: how it is handed to a scene that is being rendered."""
+
+from enum import IntEnum
+
+
+class EventSlot(IntEnum):
+    """Whole numbers of an event."""
+
+    KIND = 0  # engine.kernel.codes.EventKind
+    ISLAND = 1
+    TARGET_BEGIN = 2
+    TARGET_END = 3
+    START = 4  # frame at which it begins, at the earliest
+    LENGTH = 5  # frames
+    TAKEN_AT = 6  # frame at which the audio thread took it
+
+
+VALUES_PER_EVENT = 2
+DROPPED = -1  # instead of the frame at which an event was taken

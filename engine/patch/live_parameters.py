@@ -1,0 +1,168 @@
+"""The numbers of a patch that can change while it sounds. Events of the score, `[[control]]`, Python and `--watch` all
+go by this one list.
+
+There are two sorts. What the audio thread holds as a number of its own, such as the stiffness of a contact, *glides*
+there, sample by sample. All else is part of tables that are made when a scene is built, such as the pitch of a body;
+these are made anew and exchanged, in steps (engine.build.table_exchange).
+"""
+
+from collections.abc import Container, Iterator, Sequence
+from difflib import get_close_matches
+from typing import Any, NamedTuple
+
+from pydantic import BaseModel, ValidationError
+
+from engine.patch.renamed_keys import RENAMED
+from engine.patch.tables import MAX_GRAVITY, SpringConnection
+
+GLIDED_KEYS = {
+    "contact": ("stiffness", "barrier", "gap", "exponent"),
+    "connection": ("stiffness", "damping_coefficient", "rest"),
+}
+TABLE_KEYS = {"contact": ("loss", "at", "on_at"), "connection": ("at", "on_at"), "force": ("amplitude", "at")}
+PICKUP_KEYS = ("gain", "pan", "distance", "at")
+LEVEL_KEYS = ("gain", "pan")  # of pickups: nothing has to be built for these
+FIRST_KEYS = ("displacement", "velocity")  # of bodies: what they begin with, which nothing changes later
+MAX_NAMES = 12  # in a message
+SECTIONS = ("body", "contact", "connection", "force", "pickup")
+
+
+class LivePath(NamedTuple):
+    """Where a live parameter is: `contact.felt.stiffness`, `body.string.tension`, `pickup.0.gain`, `gravity`."""
+
+    section: str  # "" of the whole patch
+    number: int  # of the table in its section
+    keys: tuple[str | int, ...]  # within the table: of a list or a table in it there are several
+    name: str | None = None  # of the table
+
+    @property
+    def is_glided(self) -> bool:
+        """Whether the audio thread glides it, sample by sample."""
+        return self.keys[0] in GLIDED_KEYS.get(self.section, ())
+
+    @property
+    def is_level(self) -> bool:
+        """Whether it is a level of a pickup."""
+        return self.section == "pickup" and self.keys[0] in LEVEL_KEYS
+
+
+def live_paths(scene: Any, variable_exponents: bool = False) -> dict[str, LivePath]:
+    """What can be changed while a scene is played, by the paths that `fdh params` shows. A table is named by its name,
+    or by its number from 0.
+
+    variable_exponents: also exponents of contacts, if the model was built so
+    """
+    paths: dict[str, LivePath] = {}
+    for section, index, table in _tables(scene):
+        name = getattr(table, "name", None)
+        prefix = f"{section}.{index if name is None else name}."
+        for key in _glided(section, table, variable_exponents):
+            paths[prefix + key] = LivePath(section, index, (key,), name)
+        for keys in _tabled(section, table):
+            paths.setdefault(prefix + ".".join(map(str, keys)), LivePath(section, index, keys, name))
+    if scene.gravity != 0.0:
+        paths["gravity"] = LivePath("", 0, ("gravity",))
+    return paths
+
+
+def live_parameters(scene: Any, variable_exponents: bool = False) -> list[str]:
+    """The paths of `live_paths`."""
+    return list(live_paths(scene, variable_exponents))
+
+
+def _tables(scene: Any) -> Iterator[tuple[str, int, Any]]:
+    for section in SECTIONS:
+        yield from ((section, i, table) for i, table in enumerate(getattr(scene, section)))
+
+
+def _glided(section: str, table: Any, variable_exponents: bool) -> Iterator[str]:
+    """The keys of a table that the audio thread glides; those of tables without a name are left alone."""
+    if table.__class__ is SpringConnection and table.name is not None and not table.rigid:
+        yield from GLIDED_KEYS["connection"]
+    if section == "contact" and table.name is not None and table.stiffness > 0.0:
+        yield "stiffness"
+        yield "gap" if table.on else "barrier"
+        if variable_exponents:
+            yield "exponent"
+
+
+def _tabled(section: str, table: Any) -> Iterator[tuple[str | int, ...]]:
+    """Where in a table the numbers are that tables are made of."""
+    values = table.model_dump(exclude_unset=True)
+    if section == "pickup":
+        chosen = {"gain": table.gain} | {key: values[key] for key in PICKUP_KEYS if values.get(key) is not None}
+    elif section == "body":
+        chosen = {key: value for key, value in values.items() if key not in FIRST_KEYS}
+    elif section == "connection" and table.__class__ is not SpringConnection:
+        return
+    else:
+        chosen = {key: values[key] for key in TABLE_KEYS[section] if values.get(key) is not None}
+    yield from _numbers_within(chosen)
+
+
+def _numbers_within(value: Any) -> Iterator[tuple[str | int, ...]]:
+    """The keys of all numbers within a value; integers count things, and stay."""
+    if isinstance(value, float):
+        yield ()
+    elif isinstance(value, list | dict):
+        for key, inner in enumerate(value) if isinstance(value, list) else value.items():
+            yield from ((key, *keys) for keys in _numbers_within(inner))
+
+
+def names_of(parameter: str) -> list[str]:
+    """The path of a parameter, and those that it has now if its key is an old one (engine.patch.renamed_keys)."""
+    table, _, key = parameter.rpartition(".")
+    renamed = RENAMED.get(parameter.partition(".")[0], {}).get(key, {})
+    return [parameter, *(f"{table}.{new}" for new in renamed)]
+
+
+def current_path(known: Container[str], parameter: str) -> str:
+    """The path of a parameter with the name that its key has now."""
+    return next((name for name in names_of(parameter) if name in known), parameter)
+
+
+def explain_unknown(parameter: str, known: Sequence[str]) -> str:
+    """That there is no such live parameter, and which there are: of the same table, or else with like names."""
+    table = parameter.rpartition(".")[0]
+    near = [path for path in known if path.rpartition(".")[0] == table] or get_close_matches(parameter, known, n=5)
+    shown = ", ".join((near or list(known))[:MAX_NAMES]) or "none: give a contact or a connection a name"
+    return f"no live parameter {parameter}; there are {shown}"
+
+
+def value_at(scene: Any, path: LivePath) -> float:
+    """The value that a patch gives a live parameter; a list of offsets moves by its first."""
+    value: Any = getattr(scene, path.section)[path.number] if path.section else scene
+    for key in path.keys:
+        value = getattr(value, str(key)) if isinstance(value, BaseModel) else value[key]
+        if isinstance(value, list) and key in ("barrier", "gap"):
+            value = value[0]
+    return float(value or 0.0)
+
+
+def with_value(scene: Any, path: LivePath, parameter: str, value: float) -> Any:
+    """The scene with another value of a live parameter. Raises ValueError if that is out of range.
+
+    parameter: its path as one writes it
+    """
+    if not path.section:
+        if not abs(value) <= MAX_GRAVITY:
+            raise ValueError(f"{parameter} = {value:g} is out of range; at most {MAX_GRAVITY:g} m/s² either way")
+        return scene.model_copy(update={"gravity": value})
+    table = getattr(scene, path.section)[path.number]
+    data = table.model_dump(exclude_unset=True)
+    _put(data, path.keys, value)
+    try:
+        changed = type(table).model_validate(data)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        raise ValueError(f"{parameter} = {value:g} is out of range; {fault['msg']}") from None
+    tables = [*getattr(scene, path.section)]
+    tables[path.number] = changed
+    return scene.model_copy(update={path.section: tables})
+
+
+def _put(node: Any, keys: tuple[str | int, ...], value: float) -> None:
+    """Write a value into lists and tables within each other."""
+    for key in keys[:-1]:
+        node = node[key]
+    node[keys[-1]] = value

@@ -266,8 +266,7 @@ class Player:
         """Put the changes of tables that the score asks for into the queue; they wait there for their frames."""
         changes, count = [] if self.voices else scored_changes(self.scene, self.samplerate), 0
         for change in changes:
-            steps = self._tables.steps(*change[1:], change.frame)
-            count += len(steps)
+            count += len(steps := self._tables.steps(*change[1:], change.frame))
             if count > QUEUE_SIZE - 2 * MAX_STEPS:
                 message = f"its changes of {change.parameter} and others are too many to play live"
                 raise BuildError(Fault("event", f"{message}; render it, or shorter durations"))

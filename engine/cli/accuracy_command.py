@@ -23,6 +23,7 @@ from engine.wording import json_safe
 # the sound of a report is rendered as the patch says it
 AS_THE_PATCH_SAYS = {
     "trace": None,
+    "trace_shapes": None,
     "target_error": None,
     "subtype": None,
     "gain": None,

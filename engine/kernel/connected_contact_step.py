@@ -37,7 +37,7 @@ def try_connected_step(model, contact, connection, h, state, frame):
     find_forces(connection, model.weight, h, state)
     if frame >= state.connection.near.until[0]:
         find_near_contacts(model, contact, connection, h, is_damping(model.events, state), state, frame)
-    find_closing(contact, model.weight, h, state)
+    find_closing(contact, contact.other_rows, model.weight, h, state)
     if not is_any_closing(state):
         open_contacts(state)
         lost = move_all(connection, model.weight, None, h, state)
@@ -56,7 +56,7 @@ def try_connected_step(model, contact, connection, h, state, frame):
 
 
 @inline
-def find_closing(contact, weight, h, state):
+def find_closing(contact, other_rows, weight, h, state):
     """How the coming drift changes the compression of each contact that is near, with the forces of connections and
     without those of contacts."""
     near, f = state.connection.near, state.connection.force
@@ -65,8 +65,8 @@ def find_closing(contact, weight, h, state):
         k = near.contact[n]
         near.compression[n] = state.compression[k]
         g[n] = coming_move_at_row(contact.rows, h.contact.rows, weight, h, k, state)
-        if contact.other_rows is not None:
-            g[n] += coming_move_at_row(contact.other_rows, h.contact.other_rows, weight, h, k, state)
+        if other_rows is not None:
+            g[n] += coming_move_at_row(other_rows, h.contact.other_rows, weight, h, k, state)
     for i in range(f.shape[0]):
         for n in range(count):
             g[n] -= near.moves[i * count + n] * f[i]

@@ -77,8 +77,7 @@ def select_contacts(model, contact, connection, is_disturbed, state):
             if near.is_far[k] == FOUND:
                 near.is_far[k] = 0
                 forget_bounds(contact.rows, k, bound)
-                if contact.other_rows is not None:
-                    forget_bounds(contact.other_rows, k, bound)
+                forget_bounds(contact.other_rows, k, bound)
 
 
 @inline
@@ -92,9 +91,10 @@ def may_close(contact, connection, amplitude, is_disturbed, k, state):
 
 @inline
 def forget_bounds(rows, k, bound):
-    """Nothing bounds the modes of row k but their energy."""
-    for m in range(rows.mode_begin[k], rows.mode_end[k]):
-        bound[m] = UNBOUNDED
+    """Nothing bounds the modes of row k but their energy. rows: None of a fixed obstacle"""
+    if rows is not None:
+        for m in range(rows.mode_begin[k], rows.mode_end[k]):
+            bound[m] = UNBOUNDED
 
 
 # --- what a solve of the near ones needs

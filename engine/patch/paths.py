@@ -113,9 +113,9 @@ def _item_index(part: str, items: list[Any], prefix: str, path: str) -> int:
     section = prefix[:-1]
     if part.isdecimal() and int(part) < len(items):
         return int(part)
-    names = [getattr(item, "name", None) or getattr(item, "body", None) for item in items]
-    if all(hasattr(item, "name") for item in items):  # contacts without a name have an index only
-        names = [item.name for item in items]
+    names = [getattr(item, "name", None) for item in items]
+    if section in ("pickup", "force"):  # contacts without a name have an index only
+        names = [name or item.body for name, item in zip(names, items, strict=True)]
     indices = [n for n, name in enumerate(names) if name == part]
     if len(indices) == 1:
         return indices[0]

@@ -18,7 +18,7 @@ from scenes.small import mass, oscillator, scene
 
 SUBSETS = [s for n in range(len(EFFECTS) + 1) for s in itertools.combinations(EFFECTS, n)]
 SUBSETS = [s for s in SUBSETS if "contact loss" not in s or "contact" in s]
-FEW = [(), ("loss", "contact")]  # each needs a kernel of its own
+FEW = [("loss", "contact")]  # each needs a kernel of its own
 
 
 def absent_is_as_nothing(present: tuple[str, ...]) -> None:

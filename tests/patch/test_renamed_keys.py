@@ -222,7 +222,7 @@ def test_a_path_of_a_sweep_may_have_either_name(patches):
     levels = []
     for patch, key in (("old", "damping"), ("old", "damping_rate"), ("new", "damping")):
         axis = f"body.reed.{key}"
-        more = ["--vary", "connection.post.damping=0.2,0.4", "-o", f"{patch}_{key}"]
+        more = ["--vary", "connection.post.damping=0.2,0.4", "--cores", "1", "-o", f"{patch}_{key}"]
         assert main.main(["sweep", f"{patch}.toml", "--vary", f"{axis}=1,1000", *more]) == 0
         with open(f"{patch}_{key}/index.csv", newline="", encoding="utf-8") as file:
             rows = list(csv.DictReader(file))

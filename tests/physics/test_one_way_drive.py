@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from conftest import mostly_hard
 
 import engine
 from engine.bodies import Plate, String
@@ -99,10 +100,10 @@ SETS = {
 }
 
 
-@pytest.mark.parametrize(("bodies", "ends"), SETS.values(), ids=SETS)
-def test_blocks_and_kernels_make_no_difference(bodies, ends):
+@pytest.mark.parametrize("name", mostly_hard(list(SETS), "one"))
+def test_blocks_and_kernels_make_no_difference(name):
     """Special and general kernel, one core and two, blocks of any size: the same samples."""
-    told = driven(bodies, ends, seconds=0.1)
+    told = driven(*SETS[name], seconds=0.1)
     first = engine.render(told, kernel="special", cores=1).audio
     assert np.abs(first).max() > 0.0
     np.testing.assert_array_equal(engine.render(told, kernel="general", cores=2).audio, first)

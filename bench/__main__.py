@@ -16,6 +16,7 @@ from bench.recordings import command
 MEASUREMENTS = {  # in this order
     "performance": [
         *("realtime", "instruments", "keyboards", "scaling", "connections", "effects", "start", "tricks", "live"),
+        "endurance",
     ],
     "accuracy": ["price", "jvari", "metric", "hard", "one_way"],
     "paper": ["newton", "figures"],

@@ -23,10 +23,18 @@ LEVEL_STEP_SECONDS = 0.0005  # … and levels of pickups …
 MAX_STEPS = 64  # … and how many steps there are at most
 
 
+class NewValue(NamedTuple):
+    """What a parameter is to be. parameter: its path as one writes it"""
+
+    path: LivePath
+    parameter: str
+    value: float
+
+
 class Exchange(NamedTuple):
     """Tables to be exchanged at a frame."""
 
-    value: float  # of the parameter
+    values: tuple[NewValue, ...]
     copies: Copies
     island: int  # the first whose energy is counted anew …
     islands: int  # … and how many there are
@@ -57,28 +65,36 @@ class TableChanges:
         self._kept: list[Exchange] = []  # what may still be read
         self.lock = threading.Lock()
 
+    @property
+    def samplerate(self) -> float:
+        """Of the tables, Hz."""
+        return self._targets[0].samplerate
+
     def value(self, path: LivePath) -> float:
         """The value that a parameter has, or glides to."""
         return value_at(self._scene, path)
 
-    def steps(self, path: LivePath, parameter: str, value: float, seconds: float, frame: int) -> list[Exchange]:
-        """The steps in which a parameter glides to a value, from a frame on or when its subsystem's last change is
-        over. Raises ValueError (BuildError, CannotExchange) if it cannot have that value; nothing has changed then."""
-        samplerate = self._targets[0].samplerate
-        first, count = self._islands(path)
+    def steps(self, values: Sequence[NewValue], seconds: float, frame: int) -> list[Exchange]:
+        """The steps in which parameters glide to values, from a frame on or when the last changes of their subsystems
+        are over. Raises ValueError (BuildError, CannotExchange) if they cannot have these; nothing has changed then."""
+        only_levels = all(new.path.is_level for new in values)
+        first, count = self._islands([new.path for new in values])
         frame = max([frame, *(self._busy_until.get(n, 0) for n in range(first, first + max(1, count)))])
-        shortest = LEVEL_STEP_SECONDS if path.is_level else STEP_SECONDS
-        before, number = self.value(path), max(1, min(MAX_STEPS, math.ceil(seconds / shortest)))
+        shortest = LEVEL_STEP_SECONDS if only_levels else STEP_SECONDS
+        before = [self.value(new.path) for new in values]
+        number = max(1, min(MAX_STEPS, math.ceil(seconds / shortest)))
         scene, known, steps = self._scene, self._known, list[Exchange]()
         for n in range(1, number + 1):
-            now = glide_between(before, value, n / number)
-            scene = with_value(scene, path, parameter, now)
-            due = frame + round((n if number > 1 else 0) * seconds / number * samplerate)
-            if path.is_level:
-                copies = self._copy_levels(scene, path)
+            glided = [glide_between(v, new.value, n / number) for v, new in zip(before, values, strict=True)]
+            now = [new._replace(value=value) for new, value in zip(values, glided, strict=True)]
+            for path, parameter, value in now:
+                scene = with_value(scene, path, parameter, value)
+            due = frame + round((n if number > 1 else 0) * seconds / number * self.samplerate)
+            if only_levels:
+                copies = collect_copies([pair for new in now for pair in self._level_pairs(scene, new.path)])
             else:
                 known, copies = self._copy_tables(scene, known)
-            steps.append(Exchange(now, copies, first, count, due))
+            steps.append(Exchange(tuple(now), copies, first, count, due))
         self._scene, self._known = scene, known
         for n in range(first, first + max(1, count)):
             self._busy_until[n] = steps[-1].due
@@ -96,48 +112,48 @@ class TableChanges:
         return after, make_copies(self._targets, self._state, known, after)
 
     def _build(self, scene: Scene) -> list[Model]:
-        rate = self._targets[0].samplerate
-        built = build(scene, rate, like=self._layout.modal_bodies, **self._options)
+        built = build(scene, self.samplerate, like=self._layout.modal_bodies, **self._options)
         return [built.model, *self._coarser(built)]
 
-    def _copy_levels(self, scene: Scene, path: LivePath) -> Copies:
-        """The gains of a pickup on its channels."""
+    def _level_pairs(self, scene: Scene, path: LivePath) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The gains of a pickup on its channels: to write to, and to read from."""
         gains, pairs = dict(channel_gains(scene.pickup[path.number])), list[tuple[np.ndarray, np.ndarray]]()
         original = self._layout.scene.pickup[path.number]
         for n, heard in enumerate(self._layout.heard_points):
             if heard.pickup is original:
                 new = np.array([gains[heard.channel]])
                 pairs += [(model.pickups.gain[n : n + 1], new) for model in self._targets[:1]]
-        return collect_copies(pairs)
+        return pairs
 
-    def _islands(self, path: LivePath) -> tuple[int, int]:
-        """The first island whose energy a parameter changes, and how many there are."""
+    def _islands(self, paths: Sequence[LivePath]) -> tuple[int, int]:
+        """The first island whose energy parameters change, and how many there are up to the last."""
         layout, scene = self._layout, self._scene
-        if path.section == "":
+        if any(path.section == "" for path in paths):
             return 0, max(layout.island_of_body) + 1
-        table = getattr(scene, path.section)[path.number]
-        name = table.name if path.section == "body" else table.body
-        return layout.island_of_body[layout.body_index[name]], 0 if path.is_level else 1
+        tables = [(path, getattr(scene, path.section)[path.number]) for path in paths]
+        names = [table.name if path.section == "body" else table.body for path, table in tables]
+        islands = [layout.island_of_body[layout.body_index[name]] for name in names]
+        only_levels = all(path.is_level for path in paths)
+        return min(islands), 0 if only_levels else max(islands) - min(islands) + 1
 
 
 class ScoredChange(NamedTuple):
-    """A change of tables in the score."""
+    """What changes of tables at one time of the score."""
 
     frame: int
-    path: LivePath
-    parameter: str
-    value: float
     seconds: float  # that it glides
+    values: tuple[NewValue, ...]
 
 
 def scored_changes(scene: Scene, samplerate: float) -> list[ScoredChange]:
-    """The changes of tables in the score of a scene, in their order."""
+    """The changes of tables in the score of a scene, in their order; those of one time are made together."""
     events = [e for e in scene.event if isinstance(e, ChangeEvent) and e.parameter is not None]
-    paths, changes = live_paths(scene, True) if events else {}, list[ScoredChange]()
+    paths, together = live_paths(scene, True) if events else {}, dict[tuple[int, float], list[NewValue]]()
     for event in events:
         name, value = event.parameter or "", event.value or 0.0
-        changes.append(ScoredChange(round(event.time * samplerate), paths[name], name, value, event.duration))
-    return sorted(changes, key=lambda change: change.frame)
+        new = NewValue(paths[name], name, value)
+        together.setdefault((round(event.time * samplerate), event.duration), []).append(new)
+    return [ScoredChange(*when, tuple(together[when])) for when in sorted(together)]
 
 
 class ScoredExchanges:
@@ -158,7 +174,7 @@ class ScoredExchanges:
         """The exchanges that are due at a frame. Raises ValueError (BuildError, CannotExchange)."""
         while self._changes and self._changes[0].frame <= frame:
             change = self._changes.popleft()
-            for step in self._tables.steps(*change[1:], change.frame):
+            for step in self._tables.steps(change.values, change.seconds, change.frame):
                 heapq.heappush(self._steps, (step.due, self._made, step))
                 self._made += 1
             self._tables.forget()

@@ -8,6 +8,7 @@ from pydantic import ValidationError
 from engine.instrument.expansion import expand_for_score, keys_of
 from engine.instrument.key_names import note_name
 from engine.instrument.score import PedalMove, PlayedNote, Score, make_score
+from engine.live.key_bends import KeyBends, bend_events, bent_parameters
 from engine.live.midi_notes import MidiError, Note, read_notes
 from engine.patch.scene import Scene
 from engine.patch.tables import MAX_SECONDS
@@ -28,9 +29,6 @@ def scene_of_file(scene: Scene, path: Path) -> PlayedFile:
     if document is None:
         raise MidiError("not an instrument; one has a [keyboard]")
     notes, ignored, _ = read_notes(path, scene.midi)
-    bends = sum(note.kind == "bend" for note in notes)
-    if bends:
-        ignored = ignored | {"pitch bend": bends}
     score, known = score_of_notes(notes), set(keys_of(document["keyboard"]))
     refused = sorted({note.key for note in score.notes} - known)
     score = make_score([note for note in score.notes if note.key in known], score.pedals)
@@ -39,7 +37,12 @@ def scene_of_file(scene: Scene, path: Path) -> PlayedFile:
     if score.end > MAX_SECONDS:
         raise MidiError(f"{path} lasts {score.end:.0f} s; at most {MAX_SECONDS:g}")
     try:
-        played = scene.with_expansion(expand_for_score(document | {"seconds": None}, score))
+        expansion = expand_for_score(document | {"seconds": None}, score)
+        if count := sum(note.kind == "bend" for note in notes):
+            bends = KeyBends(list(bent_parameters(expansion.document["body"], known)))
+            expansion.document["event"] = [*expansion.document.get("event", []), *bend_events(bends, notes)]
+            ignored = ignored if bends.parameters else ignored | {"pitch bend": count}
+        played = scene.with_expansion(expansion)
     except ValidationError as error:
         raise MidiError(f"{path} cannot be played ({error.errors()[0]['msg']})") from None
     return PlayedFile(played, score, [note_name(key) for key in refused], ignored)

@@ -8,6 +8,7 @@ from engine.instrument.key_writer import KeyWriter
 from engine.instrument.score import Score
 from engine.instrument.score_events import FULL_VELOCITY, PEDAL_STEPS, SOSTENUTO_HALF, events_of_key
 from engine.live.controls import Targets, targets_of_all
+from engine.live.key_bends import KeyBends, bent_parameters
 from engine.live.midi_notes import UNKNOWN_RELEASE, Move, Note
 from engine.live.player import Player
 from engine.patch.scene import Scene
@@ -52,6 +53,9 @@ class KeyAllocator:
         self._pedals = {"sustain": 0.0, "soft": 0.0, "sostenuto": 0.0}
         self._played: dict[int, int] = {}
         self._on_channel: dict[int, int] = {}  # of an MPE zone: the key pressed last
+        bodies = [body.model_dump(exclude_unset=True) for body in player.scene.body]
+        bent = [one for one in bent_parameters(bodies, self._keys) if one.path in player.live_paths]
+        self._bends, self._bent = KeyBends(bent), {one.path: one.value for one in bent}
 
     def played_notes(self) -> dict[str, str]:
         """How often each key was played."""
@@ -59,8 +63,10 @@ class KeyAllocator:
 
     def play(self, note: Note, frame: int = 0) -> None:
         """Do what a message says, at a frame."""
+        self._bends.follow(note)
         if note.kind == "bend":
-            self.ignored["pitch bend"] = self.ignored.get("pitch bend", 0) + 1
+            if not self._bent:
+                self.ignored["pitch bend"] = self.ignored.get("pitch bend", 0) + 1
         elif note.kind in self._pedals:
             self._move_pedal(note.kind, note.value / FULL_VELOCITY, frame)
         elif note.kind == "off":
@@ -70,6 +76,17 @@ class KeyAllocator:
         else:
             self._on_channel[note.channels.channel] = note.number
             self._press(note.number, note.value / FULL_VELOCITY, frame)
+
+    def poll(self) -> None:
+        """Bend the keys as far as the wheel says by now. The tables for that take a while: call it beside `play`."""
+        values = self._bends.values()
+        changed = {path: value for path, value in values.items() if value != self._bent[path]}
+        if changed:
+            self._bent = values
+            try:
+                self.player.set(changed, seconds=0.0)
+            except ValueError:  # beyond what the sample rate carries
+                self.refused += 1
 
     def targets(self, move: Move, is_of_one_note: bool) -> Targets | None:
         """What a move of a controller changes, if it is of some notes alone: what their keys have."""

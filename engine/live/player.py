@@ -12,6 +12,7 @@ gives the same samples, bit for bit.
 
 import json
 import math
+from collections.abc import Mapping
 from functools import cached_property, partial
 from typing import Any
 
@@ -21,21 +22,22 @@ from engine.argument_checks import checked_integer, checked_number
 from engine.bodies import Mass, Oscillator
 from engine.build.build import build, nominal_stiffness
 from engine.build.event_table import event_rows
-from engine.build.table_changes import MAX_STEPS, Exchange, TableChanges, scored_changes
+from engine.build.table_changes import TableChanges
 from engine.faults import BuildError, Fault
 from engine.kernel.codes import NO_END, UNUSED_SLOT, EventKind, Sleep
 from engine.kernel.laws import Power
 from engine.live import kernels
-from engine.live.audio_memory import QUEUE_SIZE, AudioMemory, coarser_models
+from engine.live.audio_memory import AudioMemory, coarser_models
 from engine.live.event_queue import EventQueue, QueuedEvent, checked_frame, event_capacity, make_event
 from engine.live.meter import MeterReading
+from engine.live.parameter_queue import ParameterQueue
 from engine.live.retuning import VoiceTuning
 from engine.live.shared_memory import Gauge, Slot
 from engine.live.voices import replicate, retune, striker_velocities
 from engine.offline.energy_statistics import energy_statistics
 from engine.offline.statistics import newton_statistics
 from engine.parallel.helpers import start_helpers
-from engine.patch.live_parameters import LivePath, current_path, explain_unknown, live_paths, value_at
+from engine.patch.live_parameters import LivePath, live_paths
 from engine.patch.reader import check_scene
 from engine.patch.scene import Scene
 from engine.patch.tables import (
@@ -110,9 +112,10 @@ class Player:
         self._tuning = VoiceTuning(self.patch, voices, lowest, scene.accuracy, general)
         options = {"event_capacity": capacity, "variable_exponents": general}
         coarser = partial(coarser_models, accuracy=scene.accuracy)
-        self._tables = TableChanges(scene, built, self.memory.models, coarser, **options)
-        self._put_score()
-        self._values: dict[str, float] = {}  # that live parameters have been given
+        tables = TableChanges(scene, built, self.memory.models, coarser, **options)
+        self._parameters = ParameterQueue(self.live_paths, tables, self._queue, self.memory)
+        if not voices:
+            self._parameters.put_score(scene)
         self._fetched = self.lost_frames = 0
         self._successor: Player | None = None
 
@@ -230,59 +233,30 @@ class Player:
             event = make_event(DampEvent, kind="damp", body=name, sigma=sigma, duration=duration)
             self._put_event(["damp", name], event, frame)
 
-    def set(self, parameter: str, value: float, seconds: float = GLIDE_SECONDS, frame: int = 0) -> None:
+    def set(
+        self, parameter: str | Mapping[str, float], value: float = 0.0, seconds: float = GLIDE_SECONDS, frame: int = 0
+    ) -> None:
         """Set a live parameter: one of `live_parameters`, such as `contact.NAME.stiffness`, `body.NAME.tension` or
         `pickup.0.gain`. The value glides, and what that does to the energy is accounted for, so that it cannot blow up
         the sound. What tables have to be made for takes some milliseconds, and glides when these are ready.
 
+        parameter: or several and their values, as {parameter: value}; their tables are made together
         Raises KeyError if there is no such parameter, ValueError (BuildError) if it cannot have that value."""
-        parameter = current_path(self.live_paths, parameter)
-        if parameter not in self.live_paths:
-            raise KeyError(explain_unknown(parameter, self.live_parameters))
-        path = self.live_paths[parameter]
-        value, duration = checked_number(parameter, value), checked_number("seconds", seconds)
-        if not path.is_glided:
-            self._set_tables(path, parameter, value, duration, checked_frame(frame))
-            return
-        keys = {path.section: path.name, str(path.keys[0]): value}
-        event = make_event(ChangeEvent, parameter, kind="change", duration=duration, **keys)
-        self._put_event([parameter, value], event, frame)
-        self._values[parameter] = value
-
-    def _set_tables(self, path: LivePath, parameter: str, value: float, seconds: float, frame: int) -> None:
-        """Set a live parameter that tables are made of."""
-        if not (0.0 <= seconds <= MAX_SECONDS and math.isfinite(value)):
-            raise ValueError(f"{parameter} = {value:g} in {seconds:g} s is out of range; 0 to {MAX_SECONDS:g} s")
-        with self._tables.lock:
-            if self._queue.pending() + int(self.shared[Slot.WAITING_TUNINGS]) > QUEUE_SIZE - 2 * MAX_STEPS:
-                self._queue.refuse([parameter, value])
-                return
-            if self.shared[Slot.READ_INDEX] == self.shared[Slot.WRITE_INDEX] and not self.shared[Slot.WAITING_TUNINGS]:
-                self._tables.forget()
-            for step in self._tables.steps(path, parameter, value, seconds, max(frame, self.frame)):
-                self._put_exchange(["set", parameter, step.value], step)
-
-    def _put_score(self) -> None:
-        """Put the changes of tables that the score asks for into the queue; they wait there for their frames."""
-        changes, count = [] if self.voices else scored_changes(self.scene, self.samplerate), 0
-        for change in changes:
-            count += len(steps := self._tables.steps(*change[1:], change.frame))
-            if count > QUEUE_SIZE - 2 * MAX_STEPS:
-                message = f"its changes of {change.parameter} and others are too many to play live"
-                raise BuildError(Fault("event", f"{message}; render it, or shorter durations"))
-            for step in steps:
-                self._put_exchange(["score", change.parameter, step.value], step)
-
-    def _put_exchange(self, description: list[Any], step: Exchange) -> None:
-        """Let the audio thread do an exchange."""
-        table = step.copies.table
-        row = (EventKind.TUNE, step.island, len(table), step.islands, table.ctypes.data, step.due, 0.0, 0.0)
-        self._queue.put(description, row)
+        values = dict(parameter) if isinstance(parameter, Mapping) else {parameter: value}
+        chosen = [self._parameters.checked_value(name, one) for name, one in values.items()]
+        duration, frame = checked_number("seconds", seconds), checked_frame(frame)
+        for path, name, one in chosen:
+            if path.is_glided:
+                keys = {path.section: path.name, str(path.keys[0]): one}
+                event = make_event(ChangeEvent, name, kind="change", duration=duration, **keys)
+                self._put_event([name, one], event, frame)
+                self._parameters.keep(name, one)
+        if tabled := [new for new in chosen if not new.path.is_glided]:
+            self._parameters.put(tabled, duration, frame)
 
     def value(self, parameter: str) -> float:
         """The value of a live parameter: where it glides to. Raises KeyError if there is no such parameter."""
-        path = self.live_paths[parameter]
-        return self._values.get(parameter, value_at(self.scene, path)) if path.is_glided else self._tables.value(path)
+        return self._parameters.value(parameter)
 
     def tune(self, voice: int, ratio: float, frame: int = 0, seconds: float = 0.0, body: str | None = None) -> None:
         """Give a voice another pitch at a frame, at once or gliding there in steps; what that does to its energy is

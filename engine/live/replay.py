@@ -115,6 +115,8 @@ def _played(log: Log, progress: Callable[[float], None]) -> np.ndarray:
             player.tune(int(event.why[1]), float(event.why[2]), body=event.why[3] if event.why[3:] else None)
         elif event.why[:1] == ["set"] and len(event.why) == 3:
             player.set(str(event.why[1]), float(event.why[2]), seconds=0.0)
+        elif event.why[:1] == ["set"] and len(event.why) == 2:
+            player.set({str(name): float(value) for name, value in dict(event.why[1]).items()}, seconds=0.0)
         else:
             kernels.enqueue()(player.shared.ctypes.data, *validated_row(player, event.row))
     render_pieces(at, len(out))

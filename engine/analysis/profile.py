@@ -29,18 +29,18 @@ TIMED_CHUNK_FRAMES = 4096
 SOLVER_NAMES = {0: "none", 1: "scalar"}  # by contact points of an island; more have a vector solver
 REASONS_LEFT_OUT = {
     "loss": "no body loses energy",
-    "heavy damping": "no body loses much within a step",
+    "heavy damping": "no body is heavily damped",
     "restoring force": "no body has one",
-    "gravity": "there is none, or it moves nothing",
-    "external force": "no force of any strength acts",
-    "one-way drive": "no string drives a body one way",
-    "contact": "there is no contact that could close",
+    "gravity": "there is no gravity, or it acts on no body",
+    "external force": "there is no external force",
+    "one-way drive": "no string drives a body in one direction only",
+    "contact": "no contact can close",
     "contact between bodies": "no two bodies can touch",
-    "contact loss": "no contact loses energy",
-    "coupled contacts": "no island has several points of contact",
-    "connections": "nothing joins bodies both ways",
-    "refinement": "a sample is one step",
-    "events": "the score is empty",
+    "contact loss": "no contact has damping",
+    "coupled contacts": "no island has several contact points",
+    "connections": "no bodies are connected",
+    "refinement": "each sample is one step",
+    "events": "there are no events",
 }
 
 

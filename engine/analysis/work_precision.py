@@ -224,18 +224,18 @@ def summarise(study: WorkPrecisionStudy) -> str:
     best = min(rows, key=lambda row: row.error)
     horizon, predictable = study.horizon or 0.0, study.predictable or 0.0
     if predictable == 0.0:
-        return "nothing pays: the motion is chaotic from the start, and all settings are equally right"
+        return "nothing pays: the motion is chaotic from the start, and all settings are equally valid"
     if horizon == 0.0:
-        return "cannot be told: contact is so stiff that the finest references disagree from the start"
+        return "unknown: contact is so stiff that the finest references disagree from the start"
     if best.error * SIGNIFICANT_RATIO >= plain.error:
-        return "nothing pays: every setting errs about as much (stiff contact, or none)"
+        return "nothing pays: every setting has about the same error (stiff contact, or none)"
     cost = best.ns_per_sample / plain.ns_per_sample
-    gain = f"{plain.error / best.error:.3g} times less" if best.error > 0.0 else "not at all, and so less"
+    gain = f"{plain.error / best.error:.3g} times smaller" if best.error > 0.0 else "of zero, smaller"
     limit = ""
     if horizon < study.seconds:
         reason = "the motion is chaotic" if predictable < study.seconds else "the references disagree"
-        limit = f" up to {horizon * 1e3:.0f} ms; beyond, {reason} and nothing can be told"
-    return f"{best.setting} errs {gain} than one plain step, for {cost:.2g} times its time{limit}"
+        limit = f" up to {horizon * 1e3:.0f} ms; after that, {reason} and errors cannot be measured"
+    return f"{best.setting} has an error {gain} than that of one step per sample, at {cost:.2g} times its cost{limit}"
 
 
 def cheapest_within(study: WorkPrecisionStudy, error: float, decibels: bool) -> tuple[SettingResult, bool]:

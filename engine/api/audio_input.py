@@ -84,7 +84,7 @@ def as_samples(signal: Any, frames: int) -> np.ndarray:
     try:
         samples = np.asarray(signal, float)
     except (TypeError, ValueError):
-        raise TypeError("the input is no array of numbers; give one of [frames] or [frames, channels]") from None
+        raise TypeError("the input is not an array of numbers; give one of [frames] or [frames, channels]") from None
     samples = samples[:, 0] if samples.ndim == 2 and samples.shape[1] > 0 else samples
     if samples.shape != (frames,):
         raise ValueError(f"the input has shape {np.shape(signal)}; give [{frames}] or [{frames}, channels]")

@@ -75,7 +75,7 @@ class Player(player.Player):
         self._input: InputForce | None = None
         if input is not None and not isinstance(input, AudioInput):
             raise TypeError(
-                f'{input!r} is no input; give one, such as engine.AudioInput("string", newtons=1.0, at=0.3)'
+                f'{input!r} is not an input; give one, such as engine.AudioInput("string", newtons=1.0, at=0.3)'
             )
         if input is not None and options.get("voices"):
             raise ValueError("a player of voices takes no audio input; leave out voices, or the input")

@@ -238,7 +238,7 @@ def render(
 
 
 def check_accuracy_names(accuracy: Mapping[str, Any], caller: str) -> None:
-    """Raise TypeError for a keyword that is no key of [accuracy]. caller: the function that was given it"""
+    """Raise TypeError for a keyword that is not a key of [accuracy]. caller: the function that was given it"""
     for name in accuracy:
         if name not in Accuracy.model_fields:
             raise TypeError(f"{caller} has no argument {name!r}; {suggestion(name, [*Accuracy.model_fields])}")
@@ -247,7 +247,7 @@ def check_accuracy_names(accuracy: Mapping[str, Any], caller: str) -> None:
 def _checked_path(path: Any) -> Path:
     """A path. Raises TypeError if it is none."""
     if not isinstance(path, str | Path):
-        raise TypeError(f'{path!r} is no path; give the name of a file, such as "sound.wav"')
+        raise TypeError(f'{path!r} is not a path; give the name of a file, such as "sound.wav"')
     return Path(path)
 
 

@@ -78,7 +78,7 @@ def plan_grid(scene: Scene, vary: Any) -> SweepPlan:
     """The grid of a scene at some values. Raises TypeError, PatchError."""
     if not isinstance(vary, Mapping) or not vary:
         example = '{"contact.felt.stiffness": [1e8, 1e9]}'
-        raise TypeError(f"vary = {vary!r} is no dict of values by their paths; give one, such as {example}")
+        raise TypeError(f"vary = {vary!r} is not a dict of values by their paths; give one, such as {example}")
     data, axes, faults = scene.document, list[SweepAxis](), list[Fault]()
     for path, values in vary.items():
         try:
@@ -105,7 +105,7 @@ def _axis(path: str, values: Any, scene: Scene, data: dict[str, Any]) -> SweepAx
     try:
         listed = np.asarray(values).tolist() if isinstance(values, np.ndarray) else list(values)
     except TypeError:
-        raise TypeError(f'{path}: {values!r} is no list of values; give one, or a range such as "1..2:5"') from None
+        raise TypeError(f'{path}: {values!r} is not a list of values; give one, or a range such as "1..2:5"') from None
     if not listed:
         raise ValueError(f"{path}: no values; give at least one")
     return SweepAxis(path, locate(path, scene, data)[0], tuple(listed))

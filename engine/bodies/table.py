@@ -62,7 +62,7 @@ def validate_positions(value: Any) -> Any:
     items = [x for item in items for x in (item if isinstance(item, list) else [item])]
     if not items or not all(isinstance(x, str) or (is_number(x) and 0.0 <= x <= 1.0) for x in items):
         message = (
-            "{value} is no place on a body; a fraction of its length from 0 to 1, [x, y] fractions, a point's name, "
+            "{value} is not a position on a body; give a fraction of its length, [x, y] fractions, a point's name, "
         )
         raise PydanticCustomError("scene", message + "or a list of these", {"value": format_value(value)})
     return value
@@ -77,7 +77,7 @@ def validate_metres(value: Any) -> Any:
         sizes = {"count": len(items), "most": MAX_POSITIONS}
         raise PydanticCustomError("scene", "{count} positions; at most {most}", sizes)
     if not items or not all(is_number(x) and abs(x) <= 1e6 for x in items):
-        message = "{value} is no position; a number in m, or a list of them"
+        message = "{value} is not a position; give a number in m, or a list of numbers"
         raise PydanticCustomError("scene", message, {"value": format_value(value)})
     return value
 

@@ -34,13 +34,14 @@ AS_THE_PATCH_SAYS = {
 
 def add_accuracy_command(commands: "arguments.Commands") -> None:
     """Add `accuracy` and its options."""
-    what = "errors and costs at a ladder of settings"
-    parser = commands.add_parser("accuracy", help=what, description=f"Tell {what} of a patch.")
+    summary = "compare the errors and costs of accuracy settings"
+    description = f"{summary.capitalize()} for a patch."
+    parser = commands.add_parser("accuracy", help=summary, description=description)
     arguments.add_patch(parser)
     arguments.add_length_and_rate(parser)
-    arguments.add_plot(parser, "error against time")
-    arguments.add_report(parser, "of the comparison and of a rendering, which is written too")
-    output_help = "the sound of the --report (default: the patch's name, here)"
+    arguments.add_plot(parser, "error against computation time")
+    arguments.add_report(parser, "the comparison and a rendering, whose sound is also written")
+    output_help = "sound file of the --report (default: PATCH.wav in this folder)"
     parser.add_argument("-o", "--output", metavar="OUT.wav", help=output_help)
     arguments.add_json(parser, "the comparison")
     parser.set_defaults(run=accuracy_command, kernel=None, **AS_THE_PATCH_SAYS)
@@ -61,7 +62,7 @@ def accuracy_command(args: argparse.Namespace) -> int:
             channels = scene.channels
             option_faults += check_rate_and_channels("--output", sound, samplerate_of(numbers), channels)
     elif args.output is not None:
-        option_faults.append(Fault("--output", "for --report; give that too"))
+        option_faults.append(Fault("--output", "requires --report; give that too"))
     faults += option_faults
     if scene is None or faults:
         print_faults(faults)

@@ -55,7 +55,7 @@ class Parser(argparse.ArgumentParser):
         """Name the option that was meant by an unknown one, or where options are listed."""
         words = {option.lstrip("-"): option for option in self._option_string_actions}  # all dashes are alike
         near = difflib.get_close_matches(unknown.lstrip("-"), words, 1, 0.5)
-        return f"did you mean {words[near[0]]}?" if near else f"{self.prog} --help tells all"
+        return f"did you mean {words[near[0]]}?" if near else f"{self.prog} --help lists all options"
 
 
 class CommandParser(Parser):
@@ -84,10 +84,10 @@ class CommandParser(Parser):
             return ""
         program = self.prog.rpartition(" ")[0]
         if option in MOVED:
-            return f"{option} is a command now: {program} {MOVED[option]}"
+            return f"{option} is now a command: {program} {MOVED[option]}"
         if option in RENAMED:
             new = RENAMED[option]
-            return f"{option} is called {new} now" + ("" if new in self._option_string_actions else self.owners(new))
+            return f"{option} is now called {new}" + ("" if new in self._option_string_actions else self.owners(new))
         return ""
 
     def owners(self, option: str) -> str:
@@ -118,8 +118,8 @@ def add_patch(parser: CommandParser, **settings: Any) -> None:
 
 def add_length_and_rate(parser: CommandParser, rate: str = "44100") -> None:
     """Add length and sample rate."""
-    parser.add_argument("--seconds", metavar="S", help="length, s (default: what the patch says)")
-    parser.add_argument("--samplerate", metavar="HZ", help=f"sample rate, Hz (default: {rate})")
+    parser.add_argument("--seconds", metavar="S", help="length in seconds (default: that of the patch)")
+    parser.add_argument("--samplerate", metavar="HZ", help=f"sample rate in Hz (default: {rate})")
 
 
 def add_sound_format(parser: CommandParser) -> None:
@@ -130,36 +130,40 @@ def add_sound_format(parser: CommandParser) -> None:
 def add_gain(parser: CommandParser) -> None:
     """Add the gain of the sound."""
     parser.add_argument(
-        "--gain", metavar="DB", help=f"fixed gain, dB, on SI units (default: peak at {NORMALISED_PEAK_DBFS:g} dBFS)"
+        "--gain",
+        metavar="DB",
+        help=f"gain in dB, applied to SI units (default: normalise to {NORMALISED_PEAK_DBFS:g} dBFS)",
     )
 
 
 def add_cores(parser: CommandParser) -> None:
     """Add how many processor cores may be used."""
-    help_text = "how many may share the work (default: all; the samples are the same)"
+    help_text = "number of processor cores to use (default: all; the samples do not depend on it)"
     parser.add_argument("--cores", metavar="N", help=help_text)
 
 
 def add_kernel(parser: CommandParser) -> None:
     """Add which kernel runs."""
-    help_text = "special: compiled for this scene; general: for any; auto (default): what is there (same samples)"
+    help_text = "special: compiled for this scene; general: for any scene; auto (default): whichever is ready"
     parser.add_argument("--kernel", metavar="NAME", help=help_text)
 
 
 def add_voices(parser: CommandParser) -> None:
     """Add the number of voices, for notes."""
-    parser.add_argument("--voices", metavar="N", help=f"notes at a time, with --midi (default: {VOICES})")
+    parser.add_argument(
+        "--voices", metavar="N", help=f"maximum number of notes at a time, with --midi (default: {VOICES})"
+    )
 
 
 def add_plot(parser: CommandParser, contents: str) -> None:
     """Add a picture, of something."""
-    help_text = f"draw {contents} (default: beside the sound)"
+    help_text = f"plot {contents} (default: next to the sound file)"
     parser.add_argument("--plot", metavar="OUT.png", nargs="?", const="", help=help_text)
 
 
 def add_report(parser: CommandParser, contents: str) -> None:
     """Add a page, of something."""
-    help_text = f"also write a page {contents}, all in one file (default: beside the sound)"
+    help_text = f"also write an HTML page with {contents} (default: next to the sound file)"
     parser.add_argument("--report", metavar="OUT.html", nargs="?", const="", help=help_text)
 
 
@@ -170,22 +174,24 @@ def add_json(parser: CommandParser, contents: str = "the statistics") -> None:
 
 def add_verbose(parser: CommandParser) -> None:
     """Add the switch to all that a rendering has to tell."""
-    text = "print iterations, energies and effects too (--json has all of it)"
+    text = "also print iterations, energies and effects (--json prints everything)"
     parser.add_argument("--verbose", action="store_true", help=text)
 
 
 def add_accuracy_options(parser: CommandParser) -> None:
     """Add the options that take the place of [accuracy] in a patch."""
-    group = parser.add_argument_group("accuracy (default: what the patch says under [accuracy])")
-    group.add_argument("--scheme", metavar="NAME", help="exact: free vibration in tune; fdh: the paper's")
-    group.add_argument("--order", metavar="N", help="of a step: 2, 4 or 6")
+    group = parser.add_argument_group("accuracy (default: the [accuracy] table of the patch)")
+    group.add_argument(
+        "--scheme", metavar="NAME", help="exact: linear motion is exact; fdh: the finite differences of the paper"
+    )
+    group.add_argument("--order", metavar="N", help="order of accuracy: 2, 4 or 6")
     group.add_argument("--substeps", metavar="N", help="steps per sample where contact is possible")
-    group.add_argument("--tolerance", metavar="T", help="relative error left in a compression")
-    group.add_argument("--oversample", metavar="N", help="compute all at a multiple of the sample rate")
-    group.add_argument("--precision", metavar="TYPE", help="of the modes: float64 or float32")
+    group.add_argument("--tolerance", metavar="T", help="relative tolerance of the contact solve")
+    group.add_argument("--oversample", metavar="N", help="compute everything at N times the sample rate, then decimate")
+    group.add_argument("--precision", metavar="TYPE", help="precision of the modes: float64 or float32")
 
 
 def add_key(parser: CommandParser, help_text: str) -> None:
     """Add the key of an instrument, and how fast it is pressed."""
     parser.add_argument("--key", metavar="KEY", help=help_text)
-    parser.add_argument("--velocity", metavar="V", help="of --key: how fast it is pressed, 1 to 127 (default: 80)")
+    parser.add_argument("--velocity", metavar="V", help="MIDI velocity of --key, 1 to 127 (default: 80)")

@@ -16,13 +16,15 @@ if TYPE_CHECKING:
 
 def add_inspect_command(commands: "arguments.Commands") -> None:
     """Add `inspect` and its options."""
-    contents = "what is built and left out, and what each island costs"
-    parser = commands.add_parser("inspect", help=contents, description=f"Tell {contents}. No file is written.")
+    summary = "show the coupled subsystems and effects of a scene, and their costs"
+    description = f"{summary.capitalize()}. No file is written. An island is a coupled subsystem: bodies that are"
+    description += " joined, directly or through others, by contacts and connections, and are solved together."
+    parser = commands.add_parser("inspect", help=summary, description=description)
     arguments.add_patch(parser)
     arguments.add_length_and_rate(parser)
     arguments.add_accuracy_options(parser)
-    arguments.add_key(parser, "print every number of a key of an instrument instead")
-    arguments.add_json(parser, "the same")
+    arguments.add_key(parser, "instead, print every number of one key of an instrument")
+    arguments.add_json(parser, "the result")
     parser.set_defaults(run=profile_command)
 
 

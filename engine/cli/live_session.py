@@ -136,7 +136,7 @@ class PlayerFactory:
             )
         if speed < 1.0 and not args.ignore_speed:
             raise TooSlow(
-                f"too heavy for real time: {speed:.2f} × at its busiest; fewer modes or points of contact, a lower"
+                f"too slow for real time: {speed:.2f} × in the worst case; use fewer modes or contact points, a lower"
                 " --samplerate, or --ignore-speed"
             )
         silent = peak == 0.0 or is_inaudible(scene)
@@ -222,7 +222,7 @@ def play_to_end(
 def report_end(wish: str, name: str, recording: Recording | NoRecording, interrupted: list[int]) -> int:
     """Say how it ended; returns the exit code. name: of the device."""
     if wish == "vanished":
-        print_error(f"{name} is gone; what was recorded is kept")
+        print_error(f"{name} was disconnected; the recording is kept")
     elif wish == "interrupted" and interrupted[0] != signal.SIGINT:
         print_error(f"ended by {signal.Signals(interrupted[0]).name}")
     for line in recording.lines:
@@ -332,8 +332,8 @@ def print_live_summary(player: Player, args: argparse.Namespace, allocator: midi
     print(format_meter(replace(now, peak=0.0), int(args.block_size)).replace("  silent  ", "  "))
     remarks = {
         "dropouts": f"dropouts: try --block-size {2 * int(args.block_size)}, or --latency high",
-        "limited": "samples held back by the limiter; a lower --gain",
-        "not_finite": "samples that were no numbers, and silenced: a fault of the engine; please report the patch",
+        "limited": "samples reduced by the limiter; give a lower --gain",
+        "not_finite": "samples were not numbers and were muted: this is a bug of the engine; please report the patch",
         "dropped": "events dropped: too many at once",
         "lost": "samples of the recording lost: the disk was too slow",
     }

@@ -14,23 +14,23 @@ from engine.wording import json_safe
 
 def add_machine_commands(commands: "arguments.Commands") -> None:
     """Add the commands of this file and their options."""
-    summary = "list what can be played on"
+    summary = "list the audio output devices"
     devices = commands.add_parser("devices", help=summary, description=f"{summary.capitalize()}.")
     devices.set_defaults(run=list_devices)
 
-    summary = "where compiled kernels are kept, and how large they are"
-    cache = commands.add_parser("cache", help=summary, description=f"Tell {summary}.")
-    cache.add_argument("--clear", action="store_true", help="delete them; a render compiles again what it needs")
-    arguments.add_json(cache, "the same")
+    summary = "show where compiled kernels are stored, and their size"
+    cache = commands.add_parser("cache", help=summary, description=f"{summary.capitalize()}.")
+    cache.add_argument("--clear", action="store_true", help="delete them; later renders compile what they need again")
+    arguments.add_json(cache, "the result")
     cache.set_defaults(run=cache_command)
 
     recover = commands.add_parser(
         "recover",
-        help="keep recordings that were broken off",
-        description="Keep recordings that were broken off, as files that can be played; delete what else was left for"
-        " a week.",
+        help="recover interrupted recordings",
+        description="Recover interrupted recordings as playable files, and delete other unfinished files that are older"
+        " than a week.",
     )
-    folder_help = "where they were made (default: here)"
+    folder_help = "folder of the recordings (default: this folder)"
     recover.add_argument("folder", metavar="FOLDER", nargs="?", default=".", help=folder_help)
     recover.set_defaults(run=recover_recordings)
 
@@ -47,7 +47,7 @@ def list_devices(args: argparse.Namespace) -> int:
     for number, name, channels, rate in devices:
         print(f"{number:>3}  {name}: {channels} channels, {rate} Hz")
     if not devices:
-        print("no output device; rendering to a file needs none", file=sys.stderr)
+        print("there is no output device; rendering to a file needs none", file=sys.stderr)
     return 0 if devices else 1
 
 
@@ -62,7 +62,7 @@ def cache_command(args: argparse.Namespace) -> int:
         print_error(error)
         return 2
     except OSError as error:
-        print_error(f"compiled kernels are not kept ({error})")
+        print_error(f"compiled kernels are not stored ({error})")
         return 1
     before = cache_files.files(base)
     left = cache_files.clear(base) if args.clear else before
@@ -101,13 +101,13 @@ def recover_recordings(args: argparse.Namespace) -> int:
                 target = unused_path(folder / name)
                 os.replace(path, target)
                 count += 1
-                print(f"{target}: {frames} frames, of {path.name}")
+                print(f"{target}: {frames} frames, recovered from {path.name}")
     except OSError as error:
         print_error(f"cannot recover {folder} ({error_reason(error)})")
         return 1
     deleted = recovery.delete_unusable([(path, name) for path, name in leftovers if path.exists()])
     if deleted:
-        print(f"{deleted} other half-written files, older than a week, deleted")
+        print(f"{deleted} other unfinished files, older than a week, deleted")
     if not count:
-        print(f"{folder}: no recording was broken off")
+        print(f"{folder}: there is no interrupted recording")
     return 0

@@ -40,7 +40,8 @@ DEFAULT = "render"  # what is done to a patch, where no command is given
 OF_THE_PROGRAM = ("-h", "--help", "--version")
 COMMAND_WORD = re.compile(r"[\w-]{1,40}")  # what may be a misspelt command or shipped patch: no path
 EXAMPLE = "tanpura"
-EPILOG = """{program} PATCH … is {program} render PATCH …, and {program} COMMAND --help tells the options of a command.
+EPILOG = """{program} PATCH … is short for {program} render PATCH …
+{program} COMMAND --help lists the options of a command.
 PATCH is a file, or the name of a shipped patch:
 {shipped}
 
@@ -90,7 +91,7 @@ def build_parser() -> tuple[Parser, dict[str, CommandParser]]:
     name = program_name()
     parser = Parser(
         prog=name,
-        description="Sound synthesis in which things really collide: patches become sound files, or are played live.",
+        description="Synthesise the sound of colliding bodies: render patches to sound files, or play them live.",
         epilog=EPILOG.format(program=name, shipped=list_shipped(), example=EXAMPLE),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -61,12 +61,12 @@ def describe_leftover(unknown_keys: list[str], ignored: dict[str, int], stolen: 
     """
     lines = []
     if unknown_keys:
-        lines.append(f"notes left out, for the instrument has no such keys: {', '.join(unknown_keys)}")
+        lines.append(f"notes ignored because the instrument does not have these keys: {', '.join(unknown_keys)}")
     if ignored:
         what = ", ".join(f"{kind} ({count})" for kind, count in sorted(ignored.items()))
         lines.append(f"MIDI messages ignored: {what}")
     if stolen:
-        lines.append(f"{stolen} notes ended early to make room for others; more --voices")
+        lines.append(f"{stolen} notes ended early to free a voice for others; give more --voices")
     if refused:
-        lines.append(f"{refused} notes or bends refused: beyond the pitches or keys that there are")
+        lines.append(f"{refused} notes or bends refused: they are beyond the pitches or keys of the patch")
     return lines

@@ -60,9 +60,13 @@ def numeric_options(args: argparse.Namespace) -> tuple[NumericOptions, list[Faul
         try:
             parse_error_target(text)
         except ValueError:
-            faults.append(Fault("--target-error", f'"{text}" is no error; a share as 1e-4, or decibels as 0.1dB'))
+            faults.append(
+                Fault(
+                    "--target-error", f'"{text}" is not an error; give a ratio such as 1e-4, or decibels such as 0.1dB'
+                )
+            )
     if (text := options.get("voices")) is not None and not (text.isdecimal() and 1 <= int(text) <= MAX_VOICES):
-        faults.append(Fault("--voices", f'"{text}" is no number of voices; 1 to {MAX_VOICES}'))
+        faults.append(Fault("--voices", f'"{text}" is not a number of voices; give 1 to {MAX_VOICES}'))
     for name in ("plot", "report"):
         if options.get(name) is not None and find_spec("matplotlib") is None:
             faults.append(Fault(f"--{name}", "needs matplotlib; uv sync --extra plot, or pip install matplotlib"))
@@ -146,7 +150,7 @@ def check_paths(targets: dict[str, Path | None]) -> list[Fault]:
     for name, path in paths.items():
         noun, endings = FILE_KINDS.get(name, ("", ()))
         if endings and path.suffix.lower() not in endings:
-            faults.append(Fault(name, f'"{path.name}" names no {noun}; end it in {endings[0]}'))
+            faults.append(Fault(name, f'"{path.name}" is not the name of a {noun}; end it in {endings[0]}'))
         elif not is_folder(path.parent):
             faults.append(Fault(name, f"no such folder: {path.parent}; make it, or write elsewhere"))
         elif is_folder(path):
@@ -155,7 +159,7 @@ def check_paths(targets: dict[str, Path | None]) -> list[Fault]:
             where = "the folder you are in" if path.parent == Path() else path.parent
             faults.append(Fault(name, f"{where} cannot be written to; write elsewhere: {name} FOLDER/{path.name}"))
         if sum(absolute_path(path) == absolute_path(other) for other in paths.values()) > 1:
-            faults.append(Fault(name, f"{path} is to be written twice; give two names"))
+            faults.append(Fault(name, f"{path} would be written twice; give two different names"))
     return faults
 
 
@@ -172,9 +176,9 @@ def scene_of_key(scene: "Scene | None", args: argparse.Namespace) -> tuple["Scen
 
     velocity = args.velocity
     if velocity is not None and not (velocity.isdecimal() and 1 <= int(velocity) <= 127):
-        return scene, [Fault("--velocity", f'"{velocity}" is no velocity; a whole number from 1 to 127')]
+        return scene, [Fault("--velocity", f'"{velocity}" is not a velocity; give a whole number from 1 to 127')]
     if args.key is None:
-        return scene, [Fault("--velocity", "for --key; give that too")] if velocity is not None else []
+        return scene, [Fault("--velocity", "requires --key; give that too")] if velocity is not None else []
     if getattr(args, "midi", None):
         return scene, [Fault("--key", "cannot be combined with --midi")]
     if scene is None:

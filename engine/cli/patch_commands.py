@@ -33,7 +33,7 @@ def add_patch_commands(commands: "arguments.Commands") -> None:
     arguments.add_patch(check, nargs="+")
     check.set_defaults(run=check_patches)
 
-    summary = "list the numbers of a patch, by their paths"
+    summary = "list the numbers of a patch and their paths"
     params = commands.add_parser("params", help=summary, description=f"{summary.capitalize()}.")
     arguments.add_patch(params)
     arguments.add_json(params, "them")
@@ -49,15 +49,17 @@ def add_patch_commands(commands: "arguments.Commands") -> None:
         epilog=f"templates:\n{listed}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    new.add_argument("name", metavar="NAME", help="the patch to write, NAME.toml")
+    new.add_argument("name", metavar="NAME", help="name of the patch; the file is NAME.toml")
     new.add_argument("--like", metavar="TEMPLATE", help=f"{', '.join(templates)} (default: {FIRST_TEMPLATE})")
     new.set_defaults(run=start_patch)
 
-    summary = "Print the JSON Schema of a patch, by which editors complete and check."
-    schema = commands.add_parser("schema", help="the JSON Schema of a patch, for editors", description=summary)
+    summary = "Print the JSON Schema of patches, with which editors complete and check keys."
+    schema = commands.add_parser("schema", help="print the JSON Schema of patches, for editors", description=summary)
     schema.set_defaults(run=print_schema)
-    summary = "Print every key of a patch, as Markdown: docs/patches.md."
-    reference = commands.add_parser("reference", help="every key of a patch, as Markdown", description=summary)
+    summary = "Print a description of every patch key as Markdown (docs/patches.md)."
+    reference = commands.add_parser(
+        "reference", help="print a description of every patch key, as Markdown", description=summary
+    )
     reference.set_defaults(run=print_reference)
 
 
@@ -129,7 +131,7 @@ def print_parameters(args: argparse.Namespace) -> int:
         print(json.dumps(json_safe({"patch": args.patch, "params": [asdict(p) for p in parameters]})))
         return 0
     rows: list[tuple[str, ...]] = [("path", "value", "unit", "range", "live", "meaning")]
-    rows += [(p.path, format_number(p.value), p.unit, p.range, "knob" if p.live else "", p.meaning) for p in parameters]
+    rows += [(p.path, format_number(p.value), p.unit, p.range, "live" if p.live else "", p.meaning) for p in parameters]
     print_table(rows)
     return 0
 
@@ -143,14 +145,14 @@ def start_patch(args: argparse.Namespace) -> int:
     path = path if path.suffix == ".toml" or not path.name else path.with_name(path.name + ".toml")
     faults = []
     if args.name in ("", "..") or not Path(args.name).name or "\0" in args.name:
-        faults.append(Fault("NAME", f'"{args.name}" names no file; a word, such as mine'))
+        faults.append(Fault("NAME", f'"{args.name}" is not the name of a file; give a word, such as mine'))
         path = Path("none.toml")
     if like not in templates:
         near = difflib.get_close_matches(like, templates, 1, 0.5)
         meant = f'did you mean "{near[0]}"? There are ' if near else ""
         faults.append(Fault("--like", f'no template "{like}"; {meant}{", ".join(templates)}'))
     if path_exists(path):
-        faults.append(Fault("", "exists; give another NAME", str(path)))
+        faults.append(Fault("", "already exists; give another NAME", str(path)))
     elif not is_folder(path.parent):
         faults.append(Fault("", f"no such folder: {path.parent}; make it, or write elsewhere", str(path)))
     if faults:
@@ -162,7 +164,10 @@ def start_patch(args: argparse.Namespace) -> int:
     except OSError as error:
         print_error(f"cannot write {to_one_line(str(path), LONGEST_PATH)} ({error_reason(error)})")
         return 1
-    print(f"{path}: like {like}" + ("" if args.like else f"; --like also knows {other_templates(templates, like)}"))
+    print(
+        f"{path}: written from the template {like}"
+        + ("" if args.like else f"; other templates for --like: {other_templates(templates, like)}")
+    )
     print(f"  {start_command()} check {path}\n  {start_command()} render {path}")
     return 0
 

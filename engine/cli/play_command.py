@@ -29,30 +29,34 @@ def add_play_command(commands: "arguments.Commands") -> None:
     text = "Play a patch live; Ctrl-C or q ends it."
     parser = commands.add_parser("play", help="play a patch live", description=text)
     arguments.add_patch(parser)
-    parser.add_argument("--device", metavar="NAME", help="a device's number, or part of its name (see devices)")
-    text = "frames the driver asks for at a time (default: %(default)s)"
+    parser.add_argument(
+        "--device", metavar="NAME", help="number of the output device, or part of its name (see the command devices)"
+    )
+    text = "frames per audio block (default: %(default)s)"
     parser.add_argument("--block-size", metavar="N", default=BLOCK_SIZE, help=text)
-    parser.add_argument("--latency", metavar="L", help="low, high, or seconds (default: the device's)")
-    arguments.add_length_and_rate(parser, "the device's own")
+    parser.add_argument("--latency", metavar="L", help="low, high, or seconds (default: that of the device)")
+    arguments.add_length_and_rate(parser, "that of the device")
     arguments.add_gain(parser)
     arguments.add_cores(parser)
     arguments.add_kernel(parser)
-    parser.add_argument("--midi", metavar="PORT|FILE", help="play the notes of a file, or those of a port")
+    parser.add_argument("--midi", metavar="PORT|FILE", help="play the notes of a MIDI file, or of a MIDI port")
     arguments.add_voices(parser)
-    text = "receive Open Sound Control at this UDP port, from this machine alone unless a HOST is given"
+    text = "receive Open Sound Control on this UDP port; only from this machine unless HOST is given"
     parser.add_argument("--osc", metavar="[HOST:]PORT", help=text)
-    parser.add_argument("--watch", action="store_true", help="switch to what is saved to the patch while it plays")
-    parser.add_argument("--record", metavar="OUT.wav", help="also write what is played")
+    parser.add_argument("--watch", action="store_true", help="reload the patch whenever it is saved")
+    parser.add_argument("--record", metavar="OUT.wav", help="also record the sound to this file")
     arguments.add_sound_format(parser)
-    parser.add_argument("--event-log", metavar="LOG.json", help="also write what was done, for replay")
-    text = "play even what is too heavy for real time"
+    parser.add_argument(
+        "--event-log", metavar="LOG.json", help="also write a log of all events, for the command replay"
+    )
+    text = "play even if the patch is too slow for real time"
     parser.add_argument("--ignore-speed", action="store_true", help=text)
-    text = "compiled (default), or python to compare"
+    text = "compiled (default), or python, for comparison"
     parser.add_argument("--callback", metavar="KIND", default=CALLBACKS[0], help=text)
     arguments.add_accuracy_options(parser)
     arguments.add_json(parser)
     parser.set_defaults(run=live_command)
-    parser.instead = dict.fromkeys(("-o", "--output"), "--record OUT.wav keeps what is played")
+    parser.instead = dict.fromkeys(("-o", "--output"), "--record OUT.wav records the sound")
 
 
 def live_command(args: argparse.Namespace) -> int:
@@ -80,7 +84,7 @@ def live_command(args: argparse.Namespace) -> int:
         print_error(error)
         return 1
     except OSError as error:
-        print_error(f"cannot write what was played ({error_reason(error)})")
+        print_error(f"cannot write the recording ({error_reason(error)})")
         return 1
 
 
@@ -88,23 +92,23 @@ def check_play_options(args: argparse.Namespace) -> list[Fault]:
     """What is wrong with the options of live sound."""
     faults: list[Fault] = []
     if not args.block_size.isdecimal() or not 1 <= int(args.block_size) <= MAX_BLOCK_SIZE:
-        what = f'"{args.block_size}" is no size of a block; 1 to {MAX_BLOCK_SIZE} frames'
+        what = f'"{args.block_size}" is not a size of a block; 1 to {MAX_BLOCK_SIZE} frames'
         faults.append(Fault("--block-size", what))
     try:
         parse_latency(args.latency)
     except ValueError:
-        faults.append(Fault("--latency", f'"{args.latency}" is no latency; low, high, or seconds'))
+        faults.append(Fault("--latency", f'"{args.latency}" is not a latency; low, high, or seconds'))
     if args.callback not in CALLBACKS:
         faults.append(Fault("--callback", f'unknown callback "{args.callback}"; {", ".join(CALLBACKS)}'))
     try:
         parse_address(args.osc or "0")
     except ValueError:
-        faults.append(Fault("--osc", f'"{args.osc}" is no port; 1 to 65535, or HOST:PORT such as 0.0.0.0:9000'))
+        faults.append(Fault("--osc", f'"{args.osc}" is not a port; 1 to 65535, or HOST:PORT such as 0.0.0.0:9000'))
     for option, text in (("--midi", args.midi), ("--event-log", args.event_log)):
         if args.watch and text:
-            faults.append(Fault("--watch", f"cannot be combined with {option}; one of them"))
+            faults.append(Fault("--watch", f"cannot be combined with {option}; give one of them"))
     if args.voices is not None and not args.midi:
-        faults.append(Fault("--voices", "for --midi; give that too"))
+        faults.append(Fault("--voices", "requires --midi; give that too"))
     return faults
 
 

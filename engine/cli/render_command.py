@@ -48,7 +48,7 @@ def add_render_command(commands: "arguments.Commands") -> None:
         "render", help="render a patch to a sound file", description="Render a patch to a sound file."
     )
     arguments.add_patch(parser)
-    help_text = "the file to write (default: the patch's name, here)"
+    help_text = "sound file to write (default: PATCH.wav in this folder)"
     parser.add_argument("-o", "--output", metavar="OUT.wav", help=help_text)
     arguments.add_length_and_rate(parser)
     arguments.add_sound_format(parser)
@@ -56,19 +56,21 @@ def add_render_command(commands: "arguments.Commands") -> None:
     arguments.add_cores(parser)
     arguments.add_kernel(parser)
     arguments.add_accuracy_options(parser)
-    help_text = "render at the cheapest setting that errs less: 1e-4, or 0.1dB of a band"
+    help_text = "choose the cheapest setting with a smaller error: 1e-4, or 0.1dB in any band"
     parser.add_argument("--target-error", metavar="E", help=help_text)
-    help_text = "estimate the error of the motion, by a second rendering that is several times finer"
+    help_text = "estimate the error of the motion with a second, several times finer rendering"
     parser.add_argument("--error-estimate", action="store_true", default=None, help=help_text)
-    parser.add_argument("--midi", metavar="FILE.mid", help="play the notes of a file")
-    arguments.add_key(parser, "play one note of an instrument: C4, F#3")
+    parser.add_argument("--midi", metavar="FILE.mid", help="play the notes of a MIDI file")
+    arguments.add_key(parser, "play one note of an instrument, such as C4 or F#3")
     arguments.add_voices(parser)
-    help_text = "also write every sample's displacements, forces, energies"
+    help_text = "also write the displacements, forces and energies of every sample"
     parser.add_argument("--trace", metavar="OUT.npz", help=help_text)
-    help_text = "with --trace: also shapes of strings, bars and sheets, 4000 of each at most and 64 MB in all"
+    help_text = (
+        "with --trace: also write shapes of strings, bars, membranes and plates (at most 4000 each, 64 MB in all)"
+    )
     parser.add_argument("--trace-shapes", action="store_true", default=None, help=help_text)
     arguments.add_plot(parser, "waveform, spectrogram, energies and contacts")
-    arguments.add_report(parser, "to listen to and look at")
+    arguments.add_report(parser, "the sound, plots and statistics")
     arguments.add_json(parser)
     arguments.add_verbose(parser)
     parser.set_defaults(run=render_command)
@@ -84,7 +86,7 @@ def render_command(args: argparse.Namespace) -> int:
     option_faults += check_audio_format(output, args.subtype, "--output")
     scene, note_faults = scene_of_key(scene, args)
     if args.trace_shapes and args.trace is None:
-        option_faults.append(Fault("--trace-shapes", "for --trace; give that too, with the name of a file"))
+        option_faults.append(Fault("--trace-shapes", "requires --trace; give that too, with the name of a file"))
     option_faults += ignored_options(scene, args) + check_kernel(args) + note_faults
     if scene is not None and not option_faults:
         channels = scene.channels
@@ -101,7 +103,7 @@ def render_command(args: argparse.Namespace) -> int:
 def ignored_options(scene: "Scene | None", args: argparse.Namespace) -> list[Fault]:
     """Options that would do nothing, given what else is asked for."""
     if not args.midi:
-        return [Fault("--voices", "for --midi; give that too")] if args.voices is not None else []
+        return [Fault("--voices", "requires --midi; give that too")] if args.voices is not None else []
     if scene is None or scene.instrument:
         message = "every key of an instrument has its own bodies; leave it out"
         return [Fault("--voices", message)] if scene is not None and args.voices is not None else []

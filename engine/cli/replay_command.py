@@ -15,11 +15,11 @@ def add_replay_command(commands: "arguments.Commands") -> None:
     """Add `replay` and its options."""
     parser = commands.add_parser(
         "replay",
-        help="render what was played live, from its log",
-        description="Render what was played live, bit for bit, from the log that play --event-log wrote.",
+        help="render a live performance from its log",
+        description="Render a live performance bit for bit from the log that play --event-log wrote.",
     )
-    parser.add_argument("log", metavar="LOG.json", help="a log that play --event-log wrote")
-    text = "the file to write (default: LOG_replay.wav, here)"
+    parser.add_argument("log", metavar="LOG.json", help="log that play --event-log wrote")
+    text = "sound file to write (default: LOG_replay.wav in this folder)"
     parser.add_argument("-o", "--output", metavar="OUT.wav", help=text)
     arguments.add_sound_format(parser)
     arguments.add_json(parser, "name and length of the file")
@@ -42,7 +42,7 @@ def replay_command(args: argparse.Namespace) -> int:
                 audio = replay(log, progress)
     except (OSError, ValueError, RecursionError, MemoryError) as error:
         reason = error_reason(error).splitlines()[0] if str(error) else "too long"
-        faults.append(Fault("", f"cannot be read as a log ({reason}); one that play --event-log wrote", args.log))
+        faults.append(Fault("", f"cannot be read as a log ({reason}); give one that play --event-log wrote", args.log))
     if faults:
         print_faults(faults)
         return 2

@@ -12,16 +12,18 @@ from engine.wording import json_safe
 
 def add_score_command(commands: "arguments.Commands") -> None:
     """Add `score` and its options."""
-    what = "how far a trajectory is from the reference of a problem of collision"
+    summary = "measure the error of a trajectory against the reference of a collision problem"
     parser = commands.add_parser(
-        "score", help=what, description=f"Tell {what}; without a PROBLEM, list the problems (docs/ruler.md)."
+        "score",
+        help=summary,
+        description=f"{summary.capitalize()}. Without PROBLEM, list the problems (docs/ruler.md).",
     )
-    parser.add_argument("problem", metavar="PROBLEM", nargs="?", help="its name")
+    parser.add_argument("problem", metavar="PROBLEM", nargs="?", help="name of the problem")
     parser.add_argument(
         "trajectory", metavar="TRAJECTORY.npz", nargs="?", help="displacement, force, and q and p or energy"
     )
     parser.add_argument("-o", "--output", metavar="PROBLEM.npz", help="write the arrays of the problem to this file")
-    arguments.add_json(parser, "the same")
+    arguments.add_json(parser, "the result")
     parser.set_defaults(run=score_command)
 
 
@@ -52,11 +54,11 @@ def explain_output(args: argparse.Namespace) -> str:
     if args.output is None:
         return ""
     if args.problem is None:
-        return "which problem? give its name"
+        return "no problem is given; give its name"
     if args.trajectory is not None:
         return "the arrays of a problem are written without a trajectory"
     if not args.output.lower().endswith(".npz"):
-        return f'"{args.output}" names no file of arrays; end it in .npz'
+        return f'"{args.output}" is not the name of an .npz file; end it in .npz'
     return ""
 
 

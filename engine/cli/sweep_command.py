@@ -14,8 +14,8 @@ def add_sweep_command(commands: "arguments.Commands") -> None:
     """Add `sweep` and its options."""
     parser = commands.add_parser(
         "sweep",
-        help="render a patch at many values of its keys, or many notes of it",
-        description="Render a patch at many values of its keys, or many notes of it, into a folder, with an index.csv.",
+        help="render a patch for many parameter values, or many notes",
+        description="Render a patch for many parameter values, or many notes, into a folder with an index.csv.",
     )
     arguments.add_patch(parser)
     parser.add_argument(
@@ -23,25 +23,25 @@ def add_sweep_command(commands: "arguments.Commands") -> None:
         metavar="PATH=RANGE",
         action="append",
         default=[],
-        help="contact.felt.stiffness=1e8..1e10:log:16, or PATH=A..B:N, PATH=A,B,C; several make a grid",
+        help="contact.felt.stiffness=1e8..1e10:log:16, or PATH=A..B:N, PATH=A,B,C; several options make a grid",
     )
-    parser.add_argument("--random", metavar="N", help="as many points at random instead of the grid")
-    parser.add_argument("--seed", metavar="S", help="of these points (default: 0)")
-    text = "many notes: A0..C8, every third key of them A0..C8/3, or C2,F#3,A4"
+    parser.add_argument("--random", metavar="N", help="render N random points instead of the grid")
+    parser.add_argument("--seed", metavar="S", help="random seed for --random (default: 0)")
+    text = "render notes: A0..C8, every third key A0..C8/3, or C2,F#3,A4"
     parser.add_argument("--notes", metavar="KEYS", help=text)
-    text = "of each note: so many, the last 127; or 40,80,127 (default: 80)"
+    text = "velocities of each note: a number of layers up to 127, or a list 40,80,127 (default: 80)"
     parser.add_argument("--velocities", metavar="N", help=text)
-    parser.add_argument("--hold", metavar="S", help="how long the keys of notes are down, s (default: 4)")
-    parser.add_argument("--sfz", action="store_true", help="write PATCH.sfz beside the notes, for samplers")
-    text = "the folder to write (default: the patch's name, here)"
+    parser.add_argument("--hold", metavar="S", help="time for which keys are held, in seconds (default: 4)")
+    parser.add_argument("--sfz", action="store_true", help="also write PATCH.sfz, for samplers")
+    text = "folder to write (default: PATCH in this folder)"
     parser.add_argument("-o", "--output", metavar="FOLDER", help=text)
     arguments.add_length_and_rate(parser)
     arguments.add_sound_format(parser)
     arguments.add_gain(parser)
     arguments.add_cores(parser)
-    parser.add_argument("--cluster", metavar="ADDRESS", help="let the workers of a Dask scheduler render")
+    parser.add_argument("--cluster", metavar="ADDRESS", help="render on the workers of a Dask scheduler")
     arguments.add_accuracy_options(parser)
-    arguments.add_json(parser, "how it went")
+    arguments.add_json(parser, "the result")
     parser.set_defaults(run=sweep_command)
 
 

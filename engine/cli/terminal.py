@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from engine.live.meter import MeterReading
 
-KEYS = "keys: space strike, 1 to 9 softer to harder, m mute, n next patch, q quit"
+KEYS = "keys: space to strike, 1 to 9 softer to harder, m to mute, n for the next patch, q to quit"
 
 
 @contextmanager
@@ -26,7 +26,7 @@ def read_keyboard(alone: bool) -> Iterator[Any]:
     if sys.stdin is None or not sys.stdin.isatty():
         yield none
         return
-    print(KEYS.replace("n next patch, ", "") if alone else KEYS, file=sys.stderr)
+    print(KEYS.replace("n for the next patch, ", "") if alone else KEYS, file=sys.stderr)
     unused = "n" if alone else ""
     if sys.platform == "win32":
         import msvcrt
@@ -94,10 +94,16 @@ def format_meter(now: "MeterReading", block: int) -> str:
         f"dropouts {now.dropouts}" + (f" (try --block-size {2 * block})" if now.dropouts else ""),
         f"Newton {now.newton.mean:.2f}/{now.newton.max}",
         f"energy {now.energy_error:.0e}",
-        f"awake {now.awake}/{now.islands}",
+        f"active {now.awake}/{now.islands}",
     ]
     if now.voices:
         parts.append(f"voices {now.sounding}/{now.voices}")
     if now.quality_steps:
-        parts.append(f"quality {now.quality}, {now.quality_steps} steps")
-    return "  ".join(parts) + (f"  limited {now.limited}" if now.limited else "")
+        parts.append(_describe_quality(now))
+    return "  ".join(parts) + (f"  limiter samples {now.limited}" if now.limited else "")
+
+
+def _describe_quality(now: "MeterReading") -> str:
+    """Whether the quality is reduced, and how often it has changed."""
+    changes = f"{now.quality_steps} change{'s' if now.quality_steps != 1 else ''}"
+    return f"{f'reduced quality ({now.quality})' if now.quality else 'full quality'}, {changes}"

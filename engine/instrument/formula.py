@@ -26,7 +26,7 @@ def cents(x: float) -> float:
 def pick(i: float, *values: float) -> float:
     """Value number i of some, from 1; the last beyond. Raises FormulaError if i is below 1."""
     if i < 1 or not values:
-        raise FormulaError(f"pick({i:g}, …) has no such value; they count from 1")
+        raise FormulaError(f"pick({i:g}, …) has no such value; values count from 1")
     return values[min(int(i), len(values)) - 1]
 
 
@@ -76,7 +76,7 @@ def evaluate(formula: str, names: Mapping[str, float]) -> float:
     if isinstance(value, bool):
         return float(value)
     if not isinstance(value, int | float):
-        raise FormulaError("it is no number")
+        raise FormulaError("it is not a number")
     if not math.isfinite(value):
         raise FormulaError(f"it is {value}")
     return int(value) if value == int(value) and abs(value) < MAX_WHOLE else float(value)
@@ -90,7 +90,7 @@ def _parse(text: str) -> Any:
     try:
         return SimpleEval.parse(text)
     except Exception:
-        raise FormulaError("it is no arithmetic; numbers, names, + - * / ** and functions") from None
+        raise FormulaError("it is not an arithmetic expression; use numbers, names, + - * / ** and functions") from None
 
 
 def _describe(error: Exception, names: Mapping[str, float]) -> str:

@@ -29,12 +29,12 @@ def parse_key(text: str) -> int:
     """The number of a key by its name. Raises ValueError."""
     match = KEY_PATTERN.fullmatch(text.strip())
     if match is None:
-        raise ValueError(f'"{text}" is no key; {KEY_HELP}')
+        raise ValueError(f'"{text}" is not a key; {KEY_HELP}')
     letter, accidental, octave = match.groups()
     shift = {"": 0, "#": 1, "♯": 1, "b": -1, "♭": -1}[accidental]
     key = PITCH_CLASSES.index(letter.upper()) + shift + 12 * (int(octave) + 1)
     if not LOWEST_KEY <= key <= HIGHEST_KEY:
-        raise ValueError(f'"{text}" is beyond what MIDI has; C-1 to G9')
+        raise ValueError(f'"{text}" is outside the MIDI range; give C-1 to G9')
     return key
 
 
@@ -44,7 +44,7 @@ def parse_keys(text: str) -> range:
     first = parse_key(low)
     last = parse_key(high) if separator else first
     if last < first:
-        raise ValueError(f'"{text}" goes downwards; the lower key first')
+        raise ValueError(f'"{text}" goes downwards; give the lower key first')
     return range(first, last + 1)
 
 

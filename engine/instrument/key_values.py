@@ -68,7 +68,9 @@ def _read_key_table(table: dict[str, Any], key: int, names: Mapping[str, float],
         for name, value in table.items():
             if key in parse_keys(name):
                 return value_at_key(value, key, names, (*path, name))
-        raise KeyValueError(path, table, f"no range has key {note_name(key)}", "ranges for all keys of the instrument")
+        raise KeyValueError(
+            path, table, f"no range contains key {note_name(key)}", "ranges for all keys of the instrument"
+        )
     points = sorted((parse_key(name), value_at_key(value, key, names, (*path, name))) for name, value in table.items())
     if key <= points[0][0]:
         return points[0][1]
@@ -89,4 +91,6 @@ def _interpolate(below: Any, above: Any, share: float, path: KeyPath, table: Any
         numbers = [*below, *above]
         if all(is_number(x) for x in numbers):
             return [(1 - share) * a + share * b for a, b in zip(below, above, strict=True)]
-    raise KeyValueError(path, table, "nothing lies between these values", "numbers, or a table by ranges of keys")
+    raise KeyValueError(
+        path, table, "these values cannot be interpolated", "give numbers, or a table by ranges of keys"
+    )

@@ -36,7 +36,7 @@ class KeyWriter:
             if is_number(number):
                 names[name] = float(number)
             else:
-                self.add_fault(("keyboard", "values", name), value, "no number", "a number at every key")
+                self.add_fault(("keyboard", "values", name), value, "not a number", "give a number at every key")
         return names
 
     def read(self, value: Any, key: int, names: dict[str, float], path: KeyPath) -> Any:
@@ -60,7 +60,7 @@ class KeyWriter:
                 texts = table.get("keys", self.keyboard["keys"])
                 keys = {k for text in ([texts] if isinstance(texts, str) else texts) for k in parse_keys(text)}
             except (ValueError, AttributeError, TypeError):
-                self.add_fault((*path, "keys"), table["keys"], "no range of keys", 'such as "A0..E6", or a list')
+                self.add_fault((*path, "keys"), table["keys"], "not a range of keys", 'such as "A0..E6", or a list')
                 continue
             if key in keys:
                 yield path, {name: value for name, value in table.items() if name != "keys"}
@@ -83,7 +83,7 @@ class KeyWriter:
             return None
         count: Any = self.read(table["copies"], key, self.names(key), (*path, "copies"))
         if not is_number(count) or not 0 <= round(count) <= MAX_COPIES:
-            self.add_fault((*path, "copies"), table["copies"], "no number of copies", f"0 to {MAX_COPIES}")
+            self.add_fault((*path, "copies"), table["copies"], "not a number of copies", f"0 to {MAX_COPIES}")
             return 1
         copies: int = round(count)
         return copies

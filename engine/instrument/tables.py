@@ -29,7 +29,7 @@ def _check_keys(value: Any) -> Any:
         raise PydanticCustomError("scene", 'no key; text such as "A0..C8", or a list of keys')
     for item in items:
         if not isinstance(item, str):
-            message = '{value} is no range of keys; text such as "A0..C8", or a list of keys'
+            message = '{value} is not a range of keys; text such as "A0..C8", or a list of keys'
             raise PydanticCustomError("scene", message, {"value": format_value(item)})
         try:
             parse_keys(item)

@@ -44,7 +44,7 @@ def find_output(device: str | None) -> tuple[int, str, int, int]:
     """The output device of a number or a part of a name; the default one if None. Raises DeviceError."""
     devices = output_devices()
     if not devices:
-        raise DeviceError("no output device; rendering to a file needs none")
+        raise DeviceError("there is no output device; rendering to a file needs none")
     if device is None:
         number = load_sounddevice().default.device[1]
         return next((d for d in devices if d[0] == number), devices[0])
@@ -53,7 +53,7 @@ def find_output(device: str | None) -> tuple[int, str, int, int]:
     if len(numbered or matching) != 1:
         listing = "\n".join(f"  {number}  {name}" for number, name, _, _ in devices)
         message = "several devices match" if matching else "no device is called"
-        raise DeviceError(f'{message} "{device}"; there are\n{listing}')
+        raise DeviceError(f'{message} "{device}"; the devices are\n{listing}')
     return (numbered or matching)[0]
 
 
@@ -91,9 +91,9 @@ def open_stream(
         number = error.args[1] if len(error.args) > 1 else 0
         asked, needed = player.samplerate, player.channels
         message = {
-            DEVICE_UNAVAILABLE: "is busy; end the program that plays on it, or choose another with --device",
-            INVALID_SAMPLE_RATE: f"does not play at {asked} Hz; its own rate is {rate}: --samplerate {rate}",
-            INVALID_CHANNELS: f"has {channels} channels, and the patch {needed}: `channel` of its pickups",
+            DEVICE_UNAVAILABLE: "is busy; end the program that is using it, or choose another device with --device",
+            INVALID_SAMPLE_RATE: f"does not support {asked} Hz; its default rate is {rate}: give --samplerate {rate}",
+            INVALID_CHANNELS: f"has {channels} channels, and the patch needs {needed}; change `channel` of its pickups",
         }.get(number, f"cannot be opened ({error.args[0]})")
         raise DeviceError(f"{name} {message}") from error
 

@@ -104,7 +104,7 @@ class Controls:
     def _aim(self, number: int, paths: list[str], target: float) -> None:
         if not paths:
             control = self.scene.control[number]
-            self.refused.setdefault(control.parameter, "it cannot change while this is played")
+            self.refused.setdefault(control.parameter, "it cannot change while the patch plays")
             return
         with self._lock:
             key = number, tuple(paths)

@@ -68,7 +68,7 @@ class PatchWatcher:
         try:
             scene = self._with_accuracy(load(str(self.path)))
         except PatchError as error:
-            return [*map(str, error.faults), "the old sound goes on"]
+            return [*map(str, error.faults), "the previous version keeps playing"]
         parameters = changed_parameters(self.scene, scene)
         if parameters is not None and set(parameters) <= set(self.player.live_parameters):
             try:
@@ -93,11 +93,11 @@ class PatchWatcher:
     def _take_over(self, prepared: tuple[Scene, Any]) -> list[str]:
         scene, player = prepared
         if isinstance(player, Exception):
-            return [f"{player}; the old sound goes on"]
+            return [f"{player}; the previous version keeps playing"]
         try:
             self.player.cross_fade_to(player)
         except ValueError as error:
-            return [f"{error}; the old sound goes on"]
+            return [f"{error}; the previous version keeps playing"]
         self.scene, self.player = scene, player
         self._follow(scene, player)
-        return [f"{scene.title or self.path.stem}: took over"]
+        return [f"{scene.title or self.path.stem}: switched to the new version"]

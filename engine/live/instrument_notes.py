@@ -27,13 +27,13 @@ def scene_of_file(scene: Scene, path: Path) -> PlayedFile:
     """An instrument that plays a MIDI file. Raises MidiError, ValidationError."""
     document = scene.instrument
     if document is None:
-        raise MidiError("not an instrument; one has a [keyboard]")
+        raise MidiError("the patch is not an instrument: it has no [keyboard]")
     notes, ignored, _ = read_notes(path, scene.midi)
     score, known = score_of_notes(notes), set(keys_of(document["keyboard"]))
     refused = sorted({note.key for note in score.notes} - known)
     score = make_score([note for note in score.notes if note.key in known], score.pedals)
     if not score.notes:
-        raise MidiError(f"{path} has no note that the instrument has a key for")
+        raise MidiError(f"{path} has no note for any key of the instrument")
     if score.end > MAX_SECONDS:
         raise MidiError(f"{path} lasts {score.end:.0f} s; at most {MAX_SECONDS:g}")
     try:

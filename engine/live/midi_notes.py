@@ -141,9 +141,9 @@ def open_midi_file(path: Path) -> Any:
     except Exception as error:
         raise unreadable_file(path, error) from error
     if file.type not in (0, 1):
-        raise MidiError(f"{path} is of type {file.type}, whose tracks are pieces of their own; save it as type 0 or 1")
+        raise MidiError(f"{path} is of type {file.type}, whose tracks are independent; save it as type 0 or 1")
     if file.ticks_per_beat <= 0:
-        how = "counts frames of film (SMPTE)" if file.ticks_per_beat < 0 else "has 0 ticks a beat"
+        how = "uses SMPTE time" if file.ticks_per_beat < 0 else "has 0 ticks a beat"
         raise MidiError(f"{path} {how}; save it with ticks per beat, such as 480")
     if (count := sum(map(len, file.tracks))) > MAX_MESSAGES:
         raise MidiError(f"{path} has {count} messages; at most {MAX_MESSAGES}")
@@ -166,5 +166,7 @@ def open_port(name: str) -> Any:
     chosen = [n for n in names if name.lower() in n.lower()]
     if len(chosen) != 1:
         what = "several MIDI ports match" if chosen else "no MIDI port is called"
-        raise MidiError(f'{what} "{name}"; there are {", ".join(names) or "none"}; or give a .mid file')
+        raise MidiError(
+            f'{what} "{name}"; the ports are {", ".join(names) or "none"}; give one of these, or a .mid file'
+        )
     return mido.open_input(chosen[0])

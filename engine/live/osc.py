@@ -55,7 +55,7 @@ class OscServer:
         except (OSError, OverflowError) as error:
             self._socket.close()
             reason = getattr(error, "strerror", None) or error
-            raise OscError(f"cannot listen at {address[0]}:{address[1]} ({reason}); another --osc PORT") from None
+            raise OscError(f"cannot listen at {address[0]}:{address[1]} ({reason}); give another --osc PORT") from None
         self._socket.settimeout(POLL_SECONDS)
         self.port = int(self._socket.getsockname()[1])
         self._ended = False
@@ -70,7 +70,7 @@ class OscServer:
 
     def remarks(self) -> list[str]:
         """What there is to be said at the end."""
-        return [f"OSC: {self.malformed} malformed packets or messages passed over"] if self.malformed else []
+        return [f"OSC: {self.malformed} malformed packets or messages were ignored"] if self.malformed else []
 
     def _serve(self) -> None:
         while not self._ended:

@@ -123,7 +123,10 @@ class Recording:
     def _break_off(self, reason: str) -> None:
         self.is_complete = False
         message = f"{self.target}: recording ended after {self.frames / self.samplerate:.1f} s ({reason})"
-        print(f"{program_name()}: {message}; the sound goes on, and what was written is kept", file=sys.stderr)
+        print(
+            f"{program_name()}: {message}; playing continues, and the file keeps what was recorded so far",
+            file=sys.stderr,
+        )
 
     def close(self, wanted: bool = True) -> None:
         """Give the file its name; wanted: also if nothing was recorded."""
@@ -169,10 +172,12 @@ class Recording:
             except (OSError, ValueError):
                 continue
             self.is_complete = self.is_complete and place == self.target
-            self.lines.append(f"{self.target.parent} was removed meanwhile; the recording is kept as {place}")
+            self.lines.append(
+                f"{self.target.parent} was removed during the recording; the recording is kept as {place}"
+            )
             return
         self.is_complete = False
-        self.lines.append(f"{self.target.parent} was removed meanwhile; the recording is lost")
+        self.lines.append(f"{self.target.parent} was removed during the recording; the recording is lost")
 
 
 def readable_frames(path: Path) -> int:

@@ -60,4 +60,4 @@ def describe_leftovers(folder: Path) -> str:
     listing = ", ".join(names[:MAX_LISTED]) + (
         f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
     )
-    return f"recordings were broken off: {listing}; keep them with {program_name()} recover {folder}"
+    return f"there are interrupted recordings: {listing}; recover them with {program_name()} recover {folder}"

@@ -72,7 +72,7 @@ def read_log(path: Path) -> Log:
 
 
 def _none(name: str) -> Any:
-    raise ValueError(f"{name} is no number of JSON")
+    raise ValueError(f"{name} is not a valid JSON number")
 
 
 def replay(record: dict[str, Any] | Log, progress: Callable[[float], None] | None = None) -> np.ndarray:
@@ -87,7 +87,7 @@ def replay(record: dict[str, Any] | Log, progress: Callable[[float], None] | Non
     try:
         return _played(log, progress or (lambda share: None))
     except (LookupError, ArithmeticError, TypeError, RecursionError) as error:
-        raise ValueError(f"it tells of what cannot be: {error}") from error
+        raise ValueError(f"it describes an impossible state: {error}") from error
 
 
 def _played(log: Log, progress: Callable[[float], None]) -> np.ndarray:
@@ -108,7 +108,7 @@ def _played(log: Log, progress: Callable[[float], None]) -> np.ndarray:
         if event.frame is None or event.frame >= len(out) or event.why[:1] == ["score"]:
             continue  # what the score says, the scene says
         if event.frame < at:
-            raise ValueError("its events are not in the order of their frames")
+            raise ValueError("its events are not sorted by frame")
         render_pieces(at, event.frame)
         at = event.frame
         if event.why[:1] == ["tune"] and len(event.why) in (3, 4):
@@ -146,5 +146,5 @@ def validated_row(player: Player, row: list[int | float]) -> tuple[Any, ...]:
         good = good and 1.0 <= row[6] <= MAX_EXPONENT
     good = good and all(abs(number) <= 1 << 62 for number in row[:6])
     if not good or not all(math.isfinite(number) for number in row) or not 0 <= start <= MAX_FRAMES:
-        raise ValueError(f"it has an event that cannot be: {row}")
+        raise ValueError(f"it has an impossible event: {row}")
     return kind, island, first, last, start, max(0, length), float(row[6]), float(row[7])

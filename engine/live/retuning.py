@@ -84,7 +84,7 @@ def tuning_copies(target: tuple[Model, Layout], source: tuple[Model, Layout], vo
     rate carries, are made such that nothing moves or hears them."""
     pairs = [(a, b) for a, b in _pairs(target, source, voice) if b.size]
     if any(a.size < b.size for a, b in pairs):
-        raise ValueError("a voice has no room for what another pitch needs")
+        raise ValueError("this pitch needs more modes or contacts than a voice has room for")
     rows = [(a.ctypes.data, b.ctypes.data, b.size) for a, b in pairs]
     return np.array(rows, np.int64).reshape(-1, 3)
 

@@ -68,8 +68,8 @@ def pitched_bodies(scene: Scene) -> list[PitchedBody]:
     if not bodies:
         first = scene.pickup[0].body
         if next(b for b in scene.body if b.name == first).kind == "mass":
-            raise MidiError(f"{first} has no pitch that could be tuned; notes need a body that vibrates")
-        raise MidiError("nothing that vibrates is struck or plucked; notes need a thrown hammer or a pluck")
+            raise MidiError(f"{first} has no pitch to tune; notes need a vibrating body")
+        raise MidiError("no vibrating body is struck or plucked; notes need a hammer with a velocity, or a pluck")
     return bodies
 
 

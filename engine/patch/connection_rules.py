@@ -74,7 +74,7 @@ def _check_end(path: KeyPath, table: dict[str, Any], bodies: dict[str, Any]) -> 
         message = f"{format_value(table['body'])} is a {string.get('kind')}, which has no ends"
         yield make_fault((*path, "body"), table["body"], message, 'a string has; kind = "spring" joins other bodies')
     if is_number(at) and at not in (0, 1):
-        yield make_fault((*path, "at"), at, f"{format_value(at)} is no end", "0 or 1")
+        yield make_fault((*path, "at"), at, f"{format_value(at)} is not an end", "0 or 1")
     if is_given(table, "on") and table["on"] == table.get("body"):
         yield make_fault((*path, "on"), table["on"], "a string cannot carry its own end", "name another body")
         return

@@ -20,11 +20,12 @@ def scene_of_note(
     key:     its name, such as "C4", or its MIDI number
     hold:    how long the key is down, s
     seconds: how long it sounds; a second more than it is held if None
-    Raises ValueError if the scene is no instrument or has no such key, PatchError if the patch has a fault at that key.
+    Raises ValueError if the scene is not an instrument or has no such key, PatchError if the patch has an error
+    at that key.
     """
     document = scene.instrument
     if document is None:
-        raise ValueError("the patch is no instrument; one has a [keyboard]")
+        raise ValueError("the patch is not an instrument; one has a [keyboard]")
     number = parse_key_of(document, str(key))
     length = hold + TAIL_SECONDS if seconds is None else seconds
     score = make_score([PlayedNote(0.0, number, velocity, hold, UNKNOWN_RELEASE)])

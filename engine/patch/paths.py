@@ -22,7 +22,7 @@ def replace_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
     faults = []
     for path, value in values.items():
         if not isinstance(path, str):
-            raise TypeError(f"{path!r} is no path; give text, such as {_example(scene)}")
+            raise TypeError(f"{path!r} is not a path; give text, such as {_example(scene)}")
         try:
             key_path, _ = locate(path, scene, data)
         except ValueError as error:

@@ -45,5 +45,5 @@ def _check_end(path: KeyPath, pickup: dict[str, Any], body: dict[str, Any] | Non
         message = f"{format_value(pickup['body'])} is a {body.get('kind')}, which has no ends"
         yield make_fault((*path, "quantity"), pickup["quantity"], message, "a string has")
     elif isinstance(at, bool) or at not in (0, 1):
-        message = "no end given" if at is None else f"{format_value(at)} is no end"
+        message = "no end given" if at is None else f"{format_value(at)} is not an end"
         yield make_fault((*path, "at") if at is not None else path, at, message, "give at = 0 or 1")

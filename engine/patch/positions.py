@@ -51,7 +51,7 @@ def check_positions(path: KeyPath, table: dict[str, Any], body: dict[str, Any] |
         yield make_fault(path, at, "several places", f"give one: {remedy}")
     for position in positions:
         if not kind.has_position(body, position):
-            message = f"{format_value(position)} is no place on {format_value(body['name'])}"
+            message = f"{format_value(position)} is not a position on {format_value(body['name'])}"
             yield make_fault(path, at, message, remedy)
             return
         if outside := kind.explain_outside(body, position):

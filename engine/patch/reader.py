@@ -32,7 +32,7 @@ from engine.wording import program_name, to_one_line
 MAX_PATCH_BYTES = 1 * MB  # a larger patch takes seconds to read
 MAX_FAULTS_LISTED = 50
 DOCUMENT = "scene"  # what faults call a patch that was read from no file
-MAX_SHOWN_CHARACTERS = 60  # of what is no scene or path
+MAX_SHOWN_CHARACTERS = 60  # of what is not a scene or path
 MAX_NUMBER_DIGITS = 4_000  # Python reads some more
 
 # what Python's TOML reader says, and what would be right
@@ -62,7 +62,7 @@ def load(path: str | Path | dict[str, Any]) -> Scene:
         return validate_document(path, Path(), DOCUMENT, "")
     if not isinstance(path, str | Path):
         raise TypeError(
-            f'{to_one_line(repr(path), 60)} is no path; give one, or a shipped name: engine.load("tanpura")'
+            f'{to_one_line(repr(path), 60)} is not a path; give one, or a shipped name: engine.load("tanpura")'
         )
     path = find_patch(path)
     text = read_text(path)
@@ -88,7 +88,7 @@ def check_scene(scene: Any) -> None:
         raise TypeError(f"{shown} is the name of a patch, not a scene; give engine.load({shown})")
     if isinstance(scene, dict):
         raise TypeError(f"{shown} is a document, not a scene; give engine.load of it")
-    raise TypeError(f'{shown} is no scene; give one, such as engine.load("tanpura")')
+    raise TypeError(f'{shown} is not a scene; give one, such as engine.load("tanpura")')
 
 
 def read_text(path: Path) -> str:

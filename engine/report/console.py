@@ -2,6 +2,7 @@
 
 import math
 import sys
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from engine.output_files import SILENT_PEAK, largest_safe_gain
@@ -11,6 +12,7 @@ if TYPE_CHECKING:
     from engine.analysis.work_precision import WorkPrecisionStudy
 
 MAX_LISTED_ISLANDS = 32
+BRANCH_NAMES = {"capped": "iteration limit reached"}  # of solves, where they differ from those of `--json`
 REAL_TIME_MARGIN = 0.8  # of the time there is, that a scene should take
 
 
@@ -34,7 +36,7 @@ def print_rows(rows: dict[str, str]) -> None:
 def print_notes_summary(stats: dict[str, Any], voices: int, verbose: bool = False) -> None:
     """Print the same of the notes of a MIDI file, rendered by the voices of a patch. stats: as `--json` prints them"""
     rows = {name: f"plays {notes}" for name, notes in stats["notes"].items()} if verbose else {}
-    rows |= {"energy error": f"{stats['live']['energy_error']:.1e} of the largest energy held"} if verbose else {}
+    rows |= {"energy error": f"{stats['live']['energy_error']:.1e} of the maximum stored energy"} if verbose else {}
     slow = {"TOO SLOW": "for real time with so many voices; give fewer --voices"}
     rows |= {} if stats["trusted"] else {"NOT TO BE TRUSTED": "; ".join(stats["reasons"])}
     print_rows(_headline_rows(stats, f", {voices} voices") | rows | (slow if stats["real_time_factor"] < 1.0 else {}))
@@ -82,18 +84,20 @@ def _detail_rows(stats: dict[str, Any]) -> dict[str, str]:
     iterations = f"mean {newton['mean']:.2f}, p99 {newton['p99']}, max {newton['max']}; "
     iterations += ", ".join(f"{n}: {count}" for n, count in enumerate(newton["histogram"]) if count)
     samples = max(1, sum(outcomes.values()))
-    shares = ", ".join(f"{name.replace('_', ' ')} {n / samples:.2%}" for name, n in outcomes.items() if n)
+    shares = ", ".join(
+        f"{BRANCH_NAMES.get(name, name.replace('_', ' '))} {n / samples:.2%}" for name, n in outcomes.items() if n
+    )
     return {
         "cost": f"{stats['ns_per_sample']:.1f} ns per sample",
-        "Newton iterations": iterations if newton["solves"] else "none needed",
-        "solved": shares or "no contacts",
-        "energy error": f"{energy['error_max']:.1e} of the largest energy held,"
+        "Newton iterations": iterations if newton["solves"] else "none",
+        "solver branches": shares or "no contacts",
+        "energy error": f"{energy['error_max']:.1e} of the maximum stored energy,"
         f" {energy['error_per_step_max']:.1e} per step",
-        "energy": f"{energy['initial']:.4g} J at first, {energy['supplied']:.4g} supplied,"
-        f" {energy['dissipated']:.4g} dissipated, {energy['final']:.4g} left",
-        "compiled in": ", ".join(stats["effects"]["compiled"]) or "none",
-        "left out": ", ".join(stats["effects"]["left_out"]) or "none",
-        "time": f"{activity['free']:.1%} free, {activity['contact']:.1%} in contact, {activity['asleep']:.1%} asleep",
+        "energy": f"{energy['initial']:.4g} J initial, {energy['supplied']:.4g} supplied,"
+        f" {energy['dissipated']:.4g} dissipated, {energy['final']:.4g} final",
+        "enabled": ", ".join(stats["effects"]["compiled"]) or "none",
+        "disabled": ", ".join(stats["effects"]["left_out"]) or "none",
+        "time": f"{activity['free']:.1%} free, {activity['contact']:.1%} in contact, {activity['asleep']:.1%} inactive",
     }
 
 
@@ -116,14 +120,16 @@ def _error_estimate_rows(estimate: dict[str, Any] | None) -> dict[str, str]:
     if estimate is None:
         return {}
     if math.isnan(estimate["motion"]):
-        return {"error, about": "cannot be told: no setting is finer"}
+        return {"estimated error": "unknown: there is no finer setting"}
     text = f"{estimate['motion']:.1g} of the sound"
     if estimate["horizon"] == 0.0:
-        text += ": from the start on, another motion than that of a finer rendering"
+        text += "; it differs from a finer rendering from the start"
     elif estimate["horizon"] < estimate["seconds"]:
-        text += f" up to {estimate['horizon']:.3g} s; after that, another motion than that of a finer rendering"
+        text += f" up to {estimate['horizon']:.3g} s; after that, it differs from a finer rendering"
     finer = f"order {estimate['finer']['order']}, {estimate['finer']['substeps']} ×"
-    return {"error, about": f"{text} ({finer}, in {estimate['time_factor']:.2g} times its time)"}
+    return {
+        "estimated error": f"{text} (compared with {finer}, which took {estimate['time_factor']:.2g} times as long)"
+    }
 
 
 def _chosen_setting_rows(chosen: dict[str, Any] | None) -> dict[str, str]:
@@ -131,13 +137,15 @@ def _chosen_setting_rows(chosen: dict[str, Any] | None) -> dict[str, str]:
     if not chosen:
         return {}
     if chosen["unmeasured"]:
-        return {"error asked for": f"{chosen['asked']}: nothing can be measured ({chosen['unmeasured']})"}
-    verdict = "the cheapest that does" if chosen["met"] else "NO SETTING DOES; this errs least"
+        return {"target error": f"{chosen['asked']}: nothing can be measured ({chosen['unmeasured']})"}
+    verdict = (
+        "the cheapest setting that meets it" if chosen["met"] else "NO SETTING MEETS IT; this has the smallest error"
+    )
     measured = (
-        f"{chosen['error']:.1e} over the first {chosen['horizon'] * 1e3:.0f} ms, {chosen['bands_db']:.2f} dB of the"
+        f"{chosen['error']:.1e} over the first {chosen['horizon'] * 1e3:.0f} ms, {chosen['bands_db']:.2f} dB in the"
         f" worst band, {chosen['ns_per_sample']:.0f} ns per sample"
     )
-    return {"error asked for": f"{chosen['asked']}: {chosen['setting']}, {verdict}", "error measured": measured}
+    return {"target error": f"{chosen['asked']}: {chosen['setting']}, {verdict}", "measured error": measured}
 
 
 def format_factor(factor: float) -> str:
@@ -150,32 +158,41 @@ def explain_too_slow(stats: dict[str, Any]) -> str:
     points of contact (engine.build.layout)."""
     largest, islands, factor = stats["islands"]["largest"], stats["islands"]["count"], stats["real_time_factor"]
     modes, contacts, bodies = largest["modes"], largest["contacts"], largest["bodies"]
-    reason = f"for real time: the island of {', '.join(bodies[:4])}{' …' if len(bodies) > 4 else ''} has"
-    reason += f" {modes} modes and {contacts} points of contact"
-    reason += f", the most of {islands} islands" if islands > 1 else ""
+    reason = f"for real time: the coupled subsystem of {', '.join(bodies[:4])}{' …' if len(bodies) > 4 else ''} has"
+    reason += f" {modes} modes and {contacts} contact points"
+    reason += f", the largest of {islands} subsystems" if islands > 1 else ""
     goal = REAL_TIME_MARGIN * factor
     if islands > 1:
-        return f"{reason}; as a whole it has to cost {goal:.2g} of what it does: inspect tells what each island costs"
+        reason += f"; the total cost must fall to {goal:.2g} of this"
+        return f"{reason}: the command inspect shows the cost of each subsystem"
     if modes * (1 + contacts / 4) >= contacts**2:
-        return f"{reason}; about {max(1, int(modes * goal))} modes would do"
-    return f"{reason}; about {max(1, int(contacts * math.sqrt(goal)))} points of contact would do"
+        return f"{reason}; about {max(1, int(modes * goal))} modes would be fast enough"
+    return f"{reason}; about {max(1, int(contacts * math.sqrt(goal)))} contact points would be fast enough"
 
 
 def print_profile(profile: "Profile", seconds: float) -> None:
     """Print islands, effects and costs (engine.analysis.profile) of the first seconds of a scene."""
-    print(f"kernel {profile['kernel']}; costs in ns per sample on one core, energies measured, over {seconds:g} s")
+    print(
+        f"kernel {profile['kernel']}; costs in ns per sample on one core, with the energy balance, over {seconds:g} s"
+    )
     print_table(island_rows(profile))
     if len(profile["islands"]) > MAX_LISTED_ISLANDS:
-        print(f"… {len(profile['islands'])} islands in all; --json lists every one")
-    for name, remark in profile["effects"].items():
+        print(f"… {len(profile['islands'])} islands in total; --json lists all of them")
+    for name, remark in effect_rows(profile):
         print(f"{name:<24} {remark}")
+
+
+def effect_rows(profile: "Profile") -> Iterator[tuple[str, str]]:
+    """The effects and contacts of a profile with whether they are enabled. `--json` has older words, which stay."""
+    for name, remark in profile["effects"].items():
+        yield name, remark.replace("compiled in", "enabled").replace("left out", "disabled", 1)
     for remark in profile["contacts_left_out"]:
-        print(f"{'contact left out':<24} {remark}")
+        yield "disabled contact", remark
 
 
 def island_rows(profile: "Profile") -> list[tuple[str, ...]]:
     """The first islands of a profile as rows of cells, their heads first."""
-    heads = "island|modes|dropped|residual|contacts|solver|energy, J|expected|mean|busiest|free/contact/asleep"
+    heads = "island|modes|dropped|residual|contacts|solver|energy, J|estimated|mean|worst case|free/contact/inactive"
     rows: list[tuple[str, ...]] = [tuple(heads.split("|"))]
     for island in profile["islands"][:MAX_LISTED_ISLANDS]:
         names = ", ".join(island["bodies"][:3]) + (" …" if len(island["bodies"]) > 3 else "")
@@ -200,15 +217,15 @@ def print_work_precision(study: "WorkPrecisionStudy") -> None:
         return
     print(reference_note(study))
     print_table(work_precision_rows(study))
-    print("* nothing else is both nearer and faster")
+    print("* Pareto-optimal: no other setting is both more accurate and faster")
     print(study["verdict"])
 
 
 def reference_note(study: "WorkPrecisionStudy") -> str:
     """What the errors are measured against, and how far they can be believed."""
     return (
-        f"error over the first {study['horizon'] * 1e3:.0f} ms against {study['reference']}, which is sure to"
-        f" {study['disagreement']:.0e}; bands within {study['spread_db']:.2g} dB are chance"
+        f"error over the first {study['horizon'] * 1e3:.0f} ms against {study['reference']}, which is converged to"
+        f" {study['disagreement']:.0e}; the spread of the bands is {study['spread_db']:.2g} dB"
     )
 
 
@@ -246,16 +263,19 @@ def work_precision_rows(study: "WorkPrecisionStudy") -> list[tuple[str, ...]]:
 def print_sweep(outcome: dict[str, Any]) -> None:
     """Print how a sweep went, and where its sounds are (engine.sweep.sweep)."""
     done, points, failed = outcome["done"], outcome["points"], outcome["failed"]
-    before = f", {outcome['before']} of them before" if outcome["before"] else ""
+    before = f", {outcome['before']} of them earlier" if outcome["before"] else ""
     if outcome["replaced"]:
-        print(f"{outcome['replaced']} sounds of other settings were replaced", file=sys.stderr)
+        print(f"{outcome['replaced']} sounds with other settings were replaced", file=sys.stderr)
     if outcome["interrupted"]:
-        print(f"interrupted; {done} of {points} done; run the same command to go on", file=sys.stderr)
+        print(f"interrupted; {done} of {points} done; run the same command to continue", file=sys.stderr)
         return
     if outcome["gone"]:
-        print(f"{outcome['gone']} sounds are gone again; run the same command for them", file=sys.stderr)
+        print(
+            f"{outcome['gone']} sounds have been removed since; run the same command to render them again",
+            file=sys.stderr,
+        )
     if failed:
-        print(f"{failed} of {points} failed; the column status of {outcome['index']} says why", file=sys.stderr)
+        print(f"{failed} of {points} failed; see the column status of {outcome['index']}", file=sys.stderr)
     gain = f", all at {outcome['gain_db']:+.1f} dB" if "gain_db" in outcome else ""
     print(f"{done} of {points} done{before}{gain}\n{outcome['index']}")
     if "sfz" in outcome:

@@ -36,7 +36,7 @@ def plot_first_contact(axes: Any, contact: "FirstContact") -> None:
         if top > 0.0:
             panel.set_ylim(-APART * top, 1.1 * top)
     axes.axhline(0.0, lw=0.6, color="0.6", zorder=0)
-    axes.set(xlabel=f"time after the first touch ({si_text(contact.begin, 's')}), {time_unit}")
+    axes.set(xlabel=f"time after first contact ({si_text(contact.begin, 's')}), {time_unit}")
     axes.margins(x=0.0)
     put_legend_above(other, lines)
 
@@ -60,5 +60,5 @@ def plot_string_shape(axes: Any, shape: "StringShape") -> None:
     put_colour_bar(axes, mesh, f"displacement, {unit}")
     axes.set(
         xlabel=f"time after {si_text(shape.time[0], 's')}, {time_unit}",
-        ylabel=f"place on {format_value(shape.body, MAX_NAME)}",
+        ylabel=f"position on {format_value(shape.body, MAX_NAME)}",
     )

@@ -105,11 +105,11 @@ def compose_page(
         *detail_figures(rendering, shape),
         "<h2>What was rendered</h2>",
         *table_element(console.detailed_rows(stats).items()),
-        "<p class=soft>This speed is that of a render which keeps a trace of every sample, for the pictures, on one"
-        " core.</p>",
+        "<p class=soft>This render kept a trace of every sample for the figures and ran on one core; its speed is lower"
+        " than without a trace.</p>",
         *profile_section(profile),
         *(work_precision_section(study) if study else ()),
-        "<h2>All numbers</h2><details><summary>By the names of <code>--json</code>; SI units</summary>",
+        "<h2>All numbers</h2><details><summary>With the names of <code>--json</code>, in SI units</summary>",
         *table_element((name, json.dumps(value, ensure_ascii=False)) for name, value in flatten(json_safe(stats))),
         f"</details><h2>The patch</h2><pre tabindex=0><code>{escape(text)}</code></pre></main>",
         *page_footer(),
@@ -132,10 +132,10 @@ def audio_element(title: str, audio: np.ndarray, samplerate: int, output: str) -
     data, mime_type = encode_for_browser(audio / max(1.0, peak), samplerate)
     yield f'<audio controls preload="metadata" aria-label="{escape(title)}" src="{data_uri(data, mime_type)}"></audio>'
     encoding = "FLAC, 16 bits" if mime_type == "audio/flac" else "Ogg Vorbis"
-    changes = f", its {audio.shape[1]} channels on two" if audio.shape[1] > 2 else ""
-    changes += f", {20 * np.log10(peak):.0f} dB softer" if peak > 1.0 else ""
+    changes = f", {audio.shape[1]} channels mixed to two" if audio.shape[1] > 2 else ""
+    changes += f", attenuated by {20 * np.log10(peak):.0f} dB" if peak > 1.0 else ""
     size = f"{max(1, round(len(data) / 1e3))} kB"
-    yield f"<p class=soft>Here as {encoding}{changes}, {size}; in full in {escape(Path(output).name)}.</p>"
+    yield f"<p class=soft>Preview: {encoding}{changes}, {size}; full quality in {escape(Path(output).name)}.</p>"
 
 
 def encode_for_browser(audio: np.ndarray, samplerate: int) -> tuple[bytes, str]:
@@ -180,15 +180,15 @@ def time_figures(rendering: "Rendering", stats: dict[str, Any]) -> Iterator[str]
     yield "<h2>Over time</h2>"
     energy, newton = stats["energy"], stats["newton"]
     has_contact = first_contact(rendering) is not None
-    contact_note = "contact is shaded" if has_contact else "nothing touches"
+    contact_note = "contact is shaded" if has_contact else "there is no contact"
     figures = {  # height in inches, and caption
         "waveform": (plots.waveform_height(rendering), f"Waveform in SI units, before any gain; {contact_note}."),
-        "spectrogram": (2.7, f"Spectrogram, to {plots.SPECTROGRAM_DEPTH_DB:.0f} dB below the loudest."),
+        "spectrogram": (2.7, f"Spectrogram, to {plots.SPECTROGRAM_DEPTH_DB:.0f} dB below its maximum."),
         "energies": (
             2.7,
-            f"Energy: {energy['initial']:.4g} J at first, {energy['supplied']:.4g} supplied,"
-            f" {energy['dissipated']:.4g} dissipated, {energy['final']:.4g} left; the balance keeps to"
-            f" {energy['error_max']:.2g} of the largest held.",
+            f"Energy: {energy['initial']:.4g} J initial, {energy['supplied']:.4g} supplied,"
+            f" {energy['dissipated']:.4g} dissipated, {energy['final']:.4g} final; the error of the"
+            f" balance is {energy['error_max']:.2g} of the maximum stored energy.",
         ),
         "iterations": (2.3, f"Newton iterations of each sample, at most {newton['max']}; {contact_note}."),
     }
@@ -200,20 +200,19 @@ def detail_figures(rendering: "Rendering", shape: "StringShape | None") -> Itera
     """The first contact and the shape of a string, if there are such."""
     contact = first_contact(rendering)
     if contact is not None:
-        caption = "The first contact: its force, and the compression of what touches, negative while it is apart."
+        caption = "The first contact: its force and its compression, which is negative while the bodies are apart."
         yield figure_element(panel_png(plot_first_contact, contact, 2.7), caption)
     if shape is not None:
-        caption = f"The shape of {shape.body} over its first two periods: displacement by time and place."
+        caption = f"The shape of {shape.body} over its first two periods: displacement over time and position."
         yield figure_element(panel_png(plot_string_shape, shape, 3.2), caption)
 
 
 def profile_section(profile: "Profile") -> Iterator[str]:
     """Effects, islands and their costs."""
-    yield "<h2>What was built, and what was left out</h2>"
-    yield from table_element(profile["effects"].items())
-    yield from table_element(("contact left out", contact) for contact in profile["contacts_left_out"])
-    islands = f"Kernel {profile['kernel']}, islands: {len(profile['islands'])}"
-    yield f"<p class=soft>{islands}; costs in ns per sample on one core, energies measured, no trace kept.</p>"
+    yield "<h2>Effects and coupled subsystems</h2>"
+    yield from table_element(console.effect_rows(profile))
+    islands = f"Kernel {profile['kernel']}, coupled subsystems (islands): {len(profile['islands'])}"
+    yield f"<p class=soft>{islands}. Costs are in ns per sample on one core, with the energy balance and no trace.</p>"
     yield from table_element(console.island_rows(profile), has_head=True)
 
 
@@ -223,9 +222,9 @@ def work_precision_section(study: "WorkPrecisionStudy") -> Iterator[str]:
     if study["unmeasured"]:
         return
     png = panel_png(draw_work_precision, study, 5.0)
-    yield figure_element(png, "Error against time per sample: this engine and other methods.")
+    yield figure_element(png, "Error against computation time per sample: this engine and other methods.")
     note = escape(_capitalise(console.reference_note(study)))
-    yield f"<p class=soft>{note}. A star: nothing else beats it in both.</p>"
+    yield f"<p class=soft>{note}. A star marks a Pareto-optimal setting.</p>"
     rows = console.work_precision_rows(study)
     yield from table_element(((f"{setting} {star}", *cells) for star, setting, *cells in rows), has_head=True)
 

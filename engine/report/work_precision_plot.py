@@ -44,7 +44,7 @@ def draw_work_precision(axes: Any, study: "WorkPrecisionStudy") -> None:
     if has_errors:
         _draw_methods(axes, study["others"])
         front = sorted((r["ns_per_sample"], r["error"]) for r in study["rows"] if r["front"])
-        axes.plot(*zip(*front, strict=True), color=BLUE, lw=1.5, label="this engine, where nothing of it is better")
+        axes.plot(*zip(*front, strict=True), color=BLUE, lw=1.5, label="this engine, Pareto-optimal settings")
     for row in study["rows"]:
         colour = BLUE if row["front"] else GREY
         axes.plot(row["ns_per_sample"], row[key], "o", color=colour, zorder=3)

@@ -63,7 +63,7 @@ def parse_axis(text: str, scene: Scene, data: dict[str, Any], is_random: bool = 
     """
     path, equals, values = (part.strip() for part in text.partition("="))
     if not equals or not path or not values:
-        raise ValueError(f'"{text}" is no variation; {AXIS_FORMS}')
+        raise ValueError(f'"{text}" is not a variation; {AXIS_FORMS}')
     key_path, integer = locate(path, scene, data)
     try:
         if ".." not in values or "/" in values:  # ../bell.csv is a file
@@ -76,7 +76,7 @@ def parse_axis(text: str, scene: Scene, data: dict[str, Any], is_random: bool = 
     except ValueError:
         raise ValueError(f'{path}: "{values}" is neither a range nor a list; {AXIS_FORMS}') from None
     if len(count) > 1 or not all(map(math.isfinite, bounds)) or bounds[0] == bounds[1]:
-        raise ValueError(f'{path}: "{values}" is no range; {AXIS_FORMS}')
+        raise ValueError(f'{path}: "{values}" is not a range; {AXIS_FORMS}')
     if log and min(bounds) <= 0.0:
         raise ValueError(f'{path}: "{values}" reaches to 0 or below, where there is no logarithm; A..B:N')
     if not count and not is_random:

@@ -54,7 +54,7 @@ def read_sweep(folder: str | Path, scene: Scene | None = None, sounds: bool = Fa
     """
     xarray = load_xarray()
     if not isinstance(folder, str | Path):
-        raise TypeError(f"{folder!r} is no path; give the folder of a sweep")
+        raise TypeError(f"{folder!r} is not a path; give the folder of a sweep")
     folder = Path(folder)
     rows = [row for _, row in sorted(read_index(folder / "index.csv", None).items())]
     if not rows or not {"number", "file", "status", *MEASURES} <= set(rows[0]):

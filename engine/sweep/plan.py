@@ -146,7 +146,7 @@ def _note_axes(args: argparse.Namespace, scene: Scene) -> tuple[list[SweepAxis],
     axes, faults = list[SweepAxis](), list[Fault]()
     if args.notes is None:
         given = [f"--{option}" for option in ("velocities", "hold", "sfz") if getattr(args, option)]
-        faults += [Fault(option, f"for --notes; give that too: {NOTE_FORMS}") for option in given]
+        faults += [Fault(option, f"requires --notes; give that too: {NOTE_FORMS}") for option in given]
         if not args.vary and not given:
             faults.append(Fault("--vary", "nothing varies; give --vary PATH=RANGE, or --notes A0..C8"))
         return axes, faults
@@ -175,7 +175,7 @@ def _parse_numbers(args: argparse.Namespace) -> tuple[dict[str, int | None], lis
             faults.append(Fault(f"--{name}", f'"{text}" is not a whole number; {least} to 1000000000'))
         numbers[name] = int(text) if text is not None and text.isdecimal() else None
     if args.seed is not None and args.random is None:
-        faults.append(Fault("--seed", "for --random; give that too"))
+        faults.append(Fault("--seed", "requires --random; give that too"))
     return numbers, faults
 
 

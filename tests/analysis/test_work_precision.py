@@ -146,7 +146,7 @@ def test_price_and_error_on_the_command_line(tmp_path, monkeypatch, capsys):
     words = ["accuracy", str(PATCH), "--seconds", "0.02", "--plot", "price.png"]
     assert main.main(words) == 0
     told = capsys.readouterr().out
-    assert "order 4, 4 ×" in told and "times less than one plain step" in told
+    assert "order 4, 4 ×" in told and "times smaller than that of one step per sample" in told
     assert (tmp_path / "price.png").read_bytes().startswith(b"\x89PNG")
     assert [p.name for p in tmp_path.iterdir()] == ["price.png"]
     assert main.main([str(PATCH), "--target-error", "1e-3", "--seconds", "0.1", "-o", "out.wav", "--json"]) == 0
@@ -154,7 +154,7 @@ def test_price_and_error_on_the_command_line(tmp_path, monkeypatch, capsys):
     assert stats["chosen"]["met"] and stats["chosen"]["error"] <= 1e-3
     assert stats["accuracy"]["order"] == 4
     assert main.main([str(PATCH), "--target-error", "1e-40", "--seconds", "0.1", "-o", "out.wav"]) == 0
-    assert "NO SETTING DOES" in capsys.readouterr().out
+    assert "NO SETTING MEETS IT" in capsys.readouterr().out
     assert main.main([str(PATCH), "--target-error", "loud", "-o", "out.wav"]) == 2
     assert '"loud" is no error; a share as 1e-4, or decibels as 0.1dB' in capsys.readouterr().err
 

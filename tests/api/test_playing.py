@@ -94,13 +94,13 @@ def test_a_pluck_leaves_the_input_alone():
 @pytest.mark.parametrize(
     ("call", "kind", "says"),
     [
-        (lambda p: p.read("many"), TypeError, "frames = 'many' is no whole number"),
+        (lambda p: p.read("many"), TypeError, "frames = 'many' is not a whole number"),
         (lambda p: p.read(-1), ValueError, "frames = -1 is out of range; 0 or more"),
         (lambda p: p.read(10, np.zeros(9)), ValueError, "the input has shape (9,); give [10] or [10, channels]"),
-        (lambda p: p.read(2, ["a", "b"]), TypeError, "the input is no array of numbers"),
+        (lambda p: p.read(2, ["a", "b"]), TypeError, "the input is not an array of numbers"),
         (lambda p: p.read(2, [math.nan, 0.0]), ValueError, "not finite; give numbers, full scale = 1"),
         (lambda p: engine.Player(REED, gain=1.0).read(1, [0.0]), ValueError, "has no input; Player(scene, input="),
-        (lambda p: engine.Player(REED, input="mic"), TypeError, "'mic' is no input; give one, such as engine.Aud"),
+        (lambda p: engine.Player(REED, input="mic"), TypeError, "'mic' is not an input; give one, such as engine.Aud"),
         (lambda p: engine.Player(REED, input=engine.AudioInput("red")), engine.PatchError, '"red"'),
         (lambda p: engine.Player(REED, voices=2, input=engine.AudioInput("reed")), ValueError, "leave out voices"),
         (lambda p: p.log(), RuntimeError, "audio input is in no log"),

@@ -80,7 +80,7 @@ def test_what_cannot_be_written_is_refused_and_nothing_is_lost(plain, tmp_path):
         plain.save(tmp_path / "a.wav", subtype="PCM_12")
     with pytest.raises(OSError):
         plain.save(tmp_path / "none" / "a.wav")
-    with pytest.raises(TypeError, match="3 is no path; give the name of a file, such as"):
+    with pytest.raises(TypeError, match="3 is not a path; give the name of a file, such as"):
         plain.save(3)
     assert [p.name for p in tmp_path.iterdir()] == ["a.wav"] and (tmp_path / "a.wav").read_text() == "old"
 
@@ -100,22 +100,22 @@ def test_a_notebook_shows_sound_picture_and_numbers(pyplot, plain):
 @pytest.mark.parametrize(
     ("call", "kind", "says"),
     [
-        (lambda: engine.render(None), TypeError, 'None is no scene; give one, such as engine.load("tanpura")'),
+        (lambda: engine.render(None), TypeError, 'None is not a scene; give one, such as engine.load("tanpura")'),
         (lambda: engine.render("tanpura"), TypeError, "not a scene; give engine.load('tanpura')"),
         (lambda: engine.render({"body": []}), TypeError, "give engine.load of it"),
-        (lambda: engine.render(BALL, "long"), TypeError, "seconds = 'long' is no number; give one, such as 1.0"),
-        (lambda: engine.render(BALL, samplerate=44.1e3), TypeError, "samplerate = 44100.0 is no whole number"),
+        (lambda: engine.render(BALL, "long"), TypeError, "seconds = 'long' is not a number; give one, such as 1.0"),
+        (lambda: engine.render(BALL, samplerate=44.1e3), TypeError, "samplerate = 44100.0 is not a whole number"),
         (lambda: engine.render(BALL, samplerate=44), ValueError, "samplerate = 44 is out of range; 4000 to 768000 Hz"),
         (lambda: engine.render(BALL, seconds=-1), ValueError, "seconds = -1 is out of range"),
-        (lambda: engine.render(BALL, cores="two"), TypeError, "cores = 'two' is no whole number"),
+        (lambda: engine.render(BALL, cores="two"), TypeError, "cores = 'two' is not a whole number"),
         (lambda: engine.render(BALL, oder=4), TypeError, "no argument 'oder'; did you mean \"order\"?"),
         (lambda: engine.render(BALL, order=3), ValueError, "order = 3 is out of range"),
-        (lambda: engine.load(3), TypeError, '3 is no path; give one, or a shipped name: engine.load("tanpura")'),
-        (lambda: engine.load(None), TypeError, "None is no path"),
+        (lambda: engine.load(3), TypeError, '3 is not a path; give one, or a shipped name: engine.load("tanpura")'),
+        (lambda: engine.load(None), TypeError, "None is not a path"),
         (lambda: engine.load({"bdy": []}), engine.PatchError, 'scene bdy: unknown key; did you mean "body"?'),
         (lambda: engine.Player("tanpura"), TypeError, "give engine.load('tanpura')"),
-        (lambda: engine.Player(BALL, gain="loud"), TypeError, "gain = 'loud' is no number"),
-        (lambda: engine.Player(BALL, samplerate=4.5), TypeError, "samplerate = 4.5 is no whole number"),
+        (lambda: engine.Player(BALL, gain="loud"), TypeError, "gain = 'loud' is not a number"),
+        (lambda: engine.Player(BALL, samplerate=4.5), TypeError, "samplerate = 4.5 is not a whole number"),
     ],
 )
 def test_arguments_of_the_wrong_kind_are_refused_with_the_remedy(call, kind, says):

@@ -202,7 +202,7 @@ def test_malformed_packets_are_counted_and_never_fatal(server):
     sent(opened.port, *bad, packet("/felt", 0.5))
     waited(lambda: ("/felt", 0.5) in received)
     assert opened.malformed >= 200
-    assert opened.remarks() == [f"OSC: {opened.malformed} malformed packets or messages passed over"]
+    assert opened.remarks() == [f"OSC: {opened.malformed} malformed packets or messages were ignored"]
 
 
 def test_a_flood_is_held(server):
@@ -434,4 +434,4 @@ def test_an_instrument_moves_what_each_key_has():
 
 def test_a_wrong_port_is_refused(capsys):
     assert exit_code("play", str(PIANO), "--osc", "nine") == 2
-    assert '"nine" is no port; 1 to 65535, or HOST:PORT such as 0.0.0.0:9000' in capsys.readouterr().err
+    assert '"nine" is not a port; 1 to 65535, or HOST:PORT such as 0.0.0.0:9000' in capsys.readouterr().err

@@ -67,7 +67,7 @@ def test_devices_are_listed_and_chosen_by_name(file_device):
     assert listed.returncode == 0 and "default, ALSA" in listed.stdout
     wrong = run("play", PIANO, "--device", "theremin", environment=environment)
     assert wrong.returncode == 1
-    assert 'no device is called "theremin"; there are' in wrong.stderr and "default" in wrong.stderr
+    assert 'no device is called "theremin"; the devices are' in wrong.stderr and "default" in wrong.stderr
 
 
 @needs_portaudio
@@ -113,9 +113,9 @@ OutputStream = _StreamBase
 @pytest.mark.parametrize(
     ("number", "what"),
     [
-        (-9985, "it, none is busy; end the program that plays on it, or choose another with --device"),
-        (-9997, "it, none does not play at 44100 Hz; its own rate is 48000: --samplerate 48000"),
-        (-9998, "it, none has 1 channels, and the patch 2: `channel` of its pickups"),
+        (-9985, "it, none is busy; end the program that is using it, or choose another device with --device"),
+        (-9997, "it, none does not support 44100 Hz; its default rate is 48000: give --samplerate 48000"),
+        (-9998, "it, none has 1 channels, and the patch needs 2; change `channel` of its pickups"),
         (-9999, "it, none cannot be opened (no)"),
     ],
 )
@@ -197,7 +197,7 @@ loss = 0.1
     heavy.write_text(text, "utf-8")
     done = run("play", str(heavy), environment={"PYTHONPATH": str(tmp_path)}, timeout=240.0)
     assert done.returncode == 1
-    assert "too heavy for real time: 0." in done.stderr and "--ignore-speed" in done.stderr
+    assert "too slow for real time: 0." in done.stderr and "--ignore-speed" in done.stderr
 
 
 def test_a_machine_busy_for_a_moment_refuses_nothing(monkeypatch):
@@ -224,17 +224,17 @@ def test_a_machine_busy_for_a_moment_refuses_nothing(monkeypatch):
 @pytest.mark.parametrize(
     ("words", "what"),
     [
-        (["--block-size", "many"], '"many" is no size of a block; 1 to 65536 frames'),
-        (["--latency", "soon"], '"soon" is no latency; low, high, or seconds'),
+        (["--block-size", "many"], '"many" is not a size of a block; 1 to 65536 frames'),
+        (["--latency", "soon"], '"soon" is not a latency; low, high, or seconds'),
         (["--callback", "rust"], 'unknown callback "rust"; compiled, python'),
-        (["--latency", "-1"], '"-1" is no latency'),
+        (["--latency", "-1"], '"-1" is not a latency'),
         (["--record", "no/such/r.wav"], "no such folder"),
         (["--record", "r.xyz"], '"r.xyz" names no audio format'),
         (["--record", "r.wav", "--event-log", "r.wav"], "is to be written twice"),
-        (["--price"], "--price is a command now: render.py accuracy PATCH"),
+        (["--price"], "--price is now a command: render.py accuracy PATCH"),
         (["-o", "out.wav"], "unrecognized arguments: -o out.wav; --record OUT.wav keeps what is played"),
         (["--watch", "--midi", "x.mid"], "cannot be combined with --midi"),
-        (["--voices", "none"], '"none" is no number of voices; 1 to 64'),
+        (["--voices", "none"], '"none" is not a number of voices; 1 to 64'),
     ],
 )
 def test_wrong_arguments_are_said(words, what):
@@ -248,7 +248,7 @@ def test_what_is_for_live_sound_alone_is_said():
     done = run(PIANO, "--block-size", "64", "--callback", "python")
     assert done.returncode == 2 and "--block-size 64 --callback python; --block-size belongs to" in done.stderr
     done = run(PIANO, "--voices", "2")
-    assert done.returncode == 2 and "--voices: for --midi; give that too" in done.stderr
+    assert done.returncode == 2 and "--voices: requires --midi; give that too" in done.stderr
     done = run("replay", PIANO, "log.json")
     assert done.returncode == 2 and "unrecognized arguments: log.json" in done.stderr
     done = run("replay", "no.json")

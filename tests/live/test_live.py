@@ -254,11 +254,11 @@ def test_what_is_saved_is_heard(tmp_path):
     assert waited(watch) == ["contact.felt.stiffness → 9e+09"]
     path.write_text(text.replace("stiffness = 4.5e9", "stifness = 9e9"), "utf-8")
     said = waited(watch)
-    assert 'did you mean "stiffness"?' in said[0] and said[-1] == "the old sound goes on"
+    assert 'did you mean "stiffness"?' in said[0] and said[-1] == "the previous version keeps playing"
     called(player, 4096, sizes)
     assert watch.player is player and player.state.potential_coefficient[0] == pytest.approx(9e9 / 3.5)
     path.write_text(text.replace("exponent = 2.5", "exponent = 2.4"), "utf-8")
-    assert waited(watch) == ["Piano, C4: took over"]
+    assert waited(watch) == ["Piano, C4: switched to the new version"]
     assert watch.player is not player
     old, new = Player(scene, gain=0.05), watch.player
     crossed = called(player, 4096, sizes)

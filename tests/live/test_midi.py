@@ -224,7 +224,9 @@ def test_notes_of_a_port(ports):
 def test_ports_that_cannot_be_told_apart(ports):
     with pytest.raises(midi_notes.MidiError, match='several MIDI ports match "keys"; there are Keys 1, Keys 2, Drum'):
         midi_notes.open_port("keys")
-    with pytest.raises(midi_notes.MidiError, match='no MIDI port is called "organ"; there are Keys 1, Keys 2, Drum'):
+    with pytest.raises(
+        midi_notes.MidiError, match='no MIDI port is called "organ"; the ports are Keys 1, Keys 2, Drum'
+    ):
         midi_notes.open_port("organ")
     assert ports == []
 
@@ -241,7 +243,7 @@ def test_what_is_wrong_with_notes_is_said(tmp_path, capsys):
     mass = tmp_path / "mass.toml"
     mass.write_text('[[body]]\nname = "m"\nkind = "mass"\nmass = 1.0\nvelocity = 1.0\n[[pickup]]\nbody = "m"\n')
     assert main.main([str(mass), "--midi", path, "-o", str(tmp_path / "a.wav")]) == 2
-    assert "m has no pitch that could be tuned" in capsys.readouterr().err
+    assert "m has no pitch to tune" in capsys.readouterr().err
     out = tmp_path / "out.wav"
     assert main.main([str(PIANO), "--midi", path, "-o", str(out), "--seconds", "0.5"]) == 0
     assert soundfile.info(out).frames == RATE // 2
@@ -283,10 +285,10 @@ def test_a_voice_of_a_string_over_a_fret_is_as_if_built_at_its_pitch(tmp_path):
 NO_NOTES = {
     "type 2": (
         b"MThd\0\0\0\6\0\2\0\1\0\x60",
-        "is of type 2, whose tracks are pieces of their own; save it as type 0 or 1",
+        "is of type 2, whose tracks are independent; save it as type 0 or 1",
     ),
     "no ticks": (b"MThd\0\0\0\6\0\1\0\1\0\0", "has 0 ticks a beat"),
-    "film": (b"MThd\0\0\0\6\0\1\0\1\xe7\x28", "counts frames of film (SMPTE)"),
+    "film": (b"MThd\0\0\0\6\0\1\0\1\xe7\x28", "uses SMPTE time"),
     "short header": (b"MThd\0\0\0\2\0\1", "cannot be read as MIDI"),
     "long header": (b"MThd\xff\xff\xff\xff\0\1", "cannot be read as MIDI"),
 }

@@ -24,12 +24,12 @@ BAD = [
         f"frame is out of range; 0, which is at once, to {MAX_FRAMES}",
     ),
     (lambda p: p.strike("hammer_0", frame=-1), ValueError, "frame is out of range"),
-    (lambda p: p.strike("hammer_0", frame=1.5), TypeError, "frame = 1.5 is no whole number; give one, such as 0"),
+    (lambda p: p.strike("hammer_0", frame=1.5), TypeError, "frame = 1.5 is not a whole number; give one, such as 0"),
     (lambda p: p.strike("hammer_0", math.nan), ValueError, "velocity = nan is out of range"),
     (lambda p: p.strike("hammer_0", 10**400), ValueError, "velocity = "),
     (lambda p: p.strike("hammer_0", "fast"), ValueError, "velocity = 'fast' is out of range"),
-    (lambda p: p.set(FELT, "x"), TypeError, f"{FELT} = 'x' is no number; give one, such as 1.0"),
-    (lambda p: p.set(FELT, None), TypeError, "is no number"),
+    (lambda p: p.set(FELT, "x"), TypeError, f"{FELT} = 'x' is not a number; give one, such as 1.0"),
+    (lambda p: p.set(FELT, None), TypeError, "is not a number"),
     (lambda p: p.set(FELT, math.nan), ValueError, f"{FELT} = nan is out of range"),
     (lambda p: p.set(FELT, 10**400), ValueError, "it has more digits than a number holds"),
     (lambda p: p.set(FELT, 1e9, frame=HUGE), ValueError, "frame is out of range"),
@@ -41,13 +41,13 @@ BAD = [
     (lambda p: p.lift("string_0", frame=HUGE), ValueError, "frame is out of range"),
     (lambda p: p.tune(0, math.nan), ValueError, "ratio = nan is out of range; at least 0.5"),
     (lambda p: p.tune(0, math.inf), ValueError, "ratio = inf is out of range"),
-    (lambda p: p.tune(0, "high"), TypeError, "ratio = 'high' is no number"),
+    (lambda p: p.tune(0, "high"), TypeError, "ratio = 'high' is not a number"),
     (lambda p: p.tune(0, 1.0, frame=HUGE), ValueError, "frame is out of range"),
     (lambda p: p.tune(0, 1.0, seconds=math.nan), ValueError, "seconds = nan is out of range; 0 to 3600"),
-    (lambda p: p.tune(0.5, 1.0), TypeError, "voice = 0.5 is no whole number"),
+    (lambda p: p.tune(0.5, 1.0), TypeError, "voice = 0.5 is not a whole number"),
     (lambda p: p.tune(7, 1.0), IndexError, "no voice 7; there are 1"),
     (lambda p: p.pluck("string_0", math.nan), ValueError, "scale = nan is out of range"),
-    (lambda p: p.pluck("string_0", "x"), TypeError, "scale = 'x' is no number"),
+    (lambda p: p.pluck("string_0", "x"), TypeError, "scale = 'x' is not a number"),
 ]
 
 
@@ -88,8 +88,8 @@ def edited(log, **change):
 
 
 LOGS = {
-    "infinity": (lambda log: edited(log, gain=math.inf), "Infinity is no number of JSON"),
-    "not a number": (lambda log: edited(log, lowest=math.nan), "NaN is no number of JSON"),
+    "infinity": (lambda log: edited(log, gain=math.inf), "Infinity is not a valid JSON number"),
+    "not a number": (lambda log: edited(log, lowest=math.nan), "NaN is not a valid JSON number"),
     "1e999": (lambda log: edited(log).replace('"gain": 0.1', '"gain": 1e999'), "gain: "),
     "70 bits": (lambda log: edited(log, frames=1 << 70), "frames: "),
     "70 bits of a row": (
@@ -108,7 +108,7 @@ LOGS = {
     ),
     "a tune of nothing": (
         lambda log: edited(log, events=[{"frame": 1, "why": ["tune", {}, []], "row": [0] * 8}]),
-        "it tells of what cannot be",
+        "it describes an impossible state",
     ),
     "days": (lambda log: edited(log, frames=1 << 33, end=1 << 40), "frames; at most 10 hours"),
     "empty": (lambda log: "", "cannot be read as a log"),

@@ -85,8 +85,9 @@ def test_a_recording_that_was_broken_off_can_be_kept(tmp_path, capsys, monkeypat
     shutil.copy(made.temporary, tmp_path / f".take.{kind}.123456.part")
     (tmp_path / f"take.{kind}").write_bytes(b"precious")
     monkeypatch.setattr(recovery, "IDLE_SECONDS", -1.0)
-    assert f"recordings were broken off: .take.{kind}.123456.part; keep them with" in recovery.describe_leftovers(
-        tmp_path
+    assert (
+        f"there are interrupted recordings: .take.{kind}.123456.part; recover them with"
+        in recovery.describe_leftovers(tmp_path)
     )
     assert main.main(["recover", str(tmp_path)]) == 0
     kept = tmp_path / f"take_2.{kind}"
@@ -108,7 +109,7 @@ def test_a_folder_that_was_removed_is_made_again(tmp_path):
     made.write(NOISE)
     made.close()
     assert soundfile.info(folder / "take.wav").frames == 41 * 4410
-    assert made.is_complete and f"{folder} was removed meanwhile; the recording is kept as" in made.lines[0]
+    assert made.is_complete and f"{folder} was removed during the recording; the recording is kept as" in made.lines[0]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="an open file cannot be removed there")
@@ -149,7 +150,7 @@ def test_what_was_left_for_a_week_is_deleted(tmp_path, capsys):
     assert sorted(p.name for p in tmp_path.iterdir()) == [".hidden", ".young.png.97.part", "a.wav"]
     capsys.readouterr()
     assert main.main(["recover", str(tmp_path)]) == 0
-    assert "no recording was broken off" in capsys.readouterr().out
+    assert "there is no interrupted recording" in capsys.readouterr().out
     assert main.main(["recover", str(tmp_path / "none")]) == 2
     assert "fdh FOLDER: no such folder" in capsys.readouterr().err
 
@@ -200,7 +201,7 @@ def test_live_sound_with_a_full_disk(tmp_path, device):
     record, log = tmp_path / "r.wav", tmp_path / "log.json"
     words = ["--seconds", "40", "--record", str(record), "--event-log", str(log)]
     code, _, said = ended(program(device, *words, preexec_fn=small_files))
-    assert code == 1 and said.count("\n") == 1 and "recording ended after" in said and "the sound goes on" in said
+    assert code == 1 and said.count("\n") == 1 and "recording ended after" in said and "playing continues" in said
     assert soundfile.info(record).frames > 300_000
     assert json.loads(log.read_text())["frames"] >= 40 * 44_100
 
@@ -282,7 +283,7 @@ def test_kill_leaves_what_the_next_one_finds(tmp_path, device, kind):
     again = program(device, "--seconds", "1", "--record", str(folder / "s.wav"))
     code, _, said = ended(again)
     assert code == 0 and said == (
-        f"render.py: recordings were broken off: {part}; keep them with render.py recover {folder}\n"
+        f"render.py: there are interrupted recordings: {part}; recover them with render.py recover {folder}\n"
     )
     assert main.main(["recover", str(folder)]) == 0
     assert len(soundfile.read(folder / f"r.{kind}")[0]) > 4410
@@ -299,6 +300,6 @@ def test_folders_that_go_while_it_plays(tmp_path, device):
     shutil.rmtree(folder)
     made.send_signal(signal.SIGINT)
     code, _, said = ended(made)
-    assert code == 130 and "takes was removed meanwhile; the recording is kept as" in said
+    assert code == 130 and "takes was removed during the recording; the recording is kept as" in said
     assert (folder / "log.json").exists()
     assert soundfile.info(folder / "r.wav").frames > 1000

@@ -162,7 +162,7 @@ def test_names_that_no_file_has(name, capsys):
 
 
 def test_force_files_that_cannot_push(tmp_path, monkeypatch, capsys):
-    """Cut off, at no sample rate, or with what is no number; check and render say the same."""
+    """Cut off, at no sample rate, or with what is not a number; check and render say the same."""
     monkeypatch.chdir(tmp_path)
     noise = np.random.default_rng(1).uniform(-0.5, 0.5, 40_000)
     soundfile.write("cut.flac", noise, 44_100)
@@ -347,8 +347,8 @@ def test_bodies_that_hardly_move_are_built_without_a_warning(frequency):
 @pytest.mark.parametrize(
     ("modes", "contacts", "factor", "says"),
     [
-        (13_832, 1, 0.39, "13832 modes and 1 points of contact; about 4315 modes would do"),
-        (80, 100, 0.25, "80 modes and 100 points of contact; about 44 points of contact would do"),
+        (13_832, 1, 0.39, "13832 modes and 1 contact points; about 4315 modes would be fast enough"),
+        (80, 100, 0.25, "80 modes and 100 contact points; about 44 contact points would be fast enough"),
     ],
 )
 def test_too_slow_says_what_would_be_fast_enough(modes, contacts, factor, says):

@@ -114,7 +114,7 @@ def test_a_slip_in_a_command_or_an_option(tmp_path):
     refused(run("parms"), 'did you mean "params"?')
     refused(run(BALL, "--gian", "3", cwd=tmp_path), "unrecognized arguments: --gian 3; did you mean --gain?")
     refused(run("params", BALL, "--jsn"), "did you mean --json?")
-    refused(run(BALL, "--xyz"), "render.py render --help tells all")
+    refused(run(BALL, "--xyz"), "render.py render --help lists all options")
     (tmp_path / "chekc").write_text(GOOD)  # a patch may have any name
     (tmp_path / "mine.toml").write_text(GOOD)
     refused(run("mime", cwd=tmp_path), 'is called "mime"; did you mean "mine.toml"')
@@ -323,13 +323,13 @@ def test_what_is_no_toml_says_what_would_be(text, what, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "what"),
     [
-        (["inspect", "--price"], "fdh inspect: --price is a command now: fdh accuracy PATCH"),
+        (["inspect", "--price"], "fdh inspect: --price is now a command: fdh accuracy PATCH"),
         (["inspect", "-o", "x.wav"], "fdh inspect: unrecognized arguments: -o x.wav"),
         (["inspect", "--trace", "x.npz"], "--trace belongs to fdh render"),
         (["inspect", "--target-error", "1e-3"], "--target-error belongs to fdh render"),
         (["accuracy", "--target-error", "1e-3"], "--target-error belongs to fdh render"),
         (["accuracy", "--order", "4"], "--order belongs to fdh render, fdh play, fdh sweep, fdh inspect"),
-        (["accuracy", "-o", "x.wav"], "fdh --output: for --report; give that too"),
+        (["accuracy", "-o", "x.wav"], "fdh --output: requires --report; give that too"),
         (["accuracy", "--trace", "x.npz"], "--trace belongs to fdh render"),
         (["render", "--midi", "a.mid", "--trace", "x.npz"], "--trace: cannot be combined with --midi"),
         (["render", "--midi", "a.mid", "--target-error", "1e-3"], "--target-error: cannot be combined with --midi"),
@@ -338,7 +338,7 @@ def test_what_is_no_toml_says_what_would_be(text, what, tmp_path, capsys):
         (["render", "--cluster", "here"], "--cluster belongs to fdh sweep"),
         (["play", "--plot"], "--plot belongs to fdh render, fdh accuracy"),
         (["play", "--trace", "x.npz"], "--trace belongs to fdh render"),
-        (["play", "--vary", "seconds=1,2"], "--vary is a command now: fdh sweep PATCH --vary PATH=RANGE"),
+        (["play", "--vary", "seconds=1,2"], "--vary is now a command: fdh sweep PATCH --vary PATH=RANGE"),
         (["check", "--json"], "fdh check: unrecognized arguments: --json"),
         (["schema", "--seconds", "1"], "--seconds belongs to fdh render"),
     ],
@@ -362,19 +362,19 @@ def test_a_log_says_all_that_a_replay_needs(option, capsys):
 @pytest.mark.parametrize(
     ("words", "what"),
     [
-        ([BALL, "--live"], "fdh render: --live is a command now: fdh play PATCH"),
-        ([BALL, "--price"], "fdh render: --price is a command now: fdh accuracy PATCH"),
-        ([BALL, "--explain", "--json"], "fdh render: --explain is a command now: fdh inspect PATCH"),
-        ([BALL, "--vary", "a=1,2"], "fdh render: --vary is a command now: fdh sweep PATCH --vary PATH=RANGE"),
-        ([BALL, "--vary=a=1,2"], "fdh render: --vary is a command now: fdh sweep PATCH --vary PATH=RANGE"),
-        (["--replay", "log.json"], "fdh render: --replay is a command now: fdh replay LOG.json"),
-        (["--list-devices"], "fdh render: --list-devices is a command now: fdh devices"),
-        ([BALL, "--error", "1e-3"], "fdh render: --error is called --target-error now"),
-        ([BALL, "--log", "a.json"], "fdh render: --log is called --event-log now, and belongs to fdh play"),
-        (["play", BALL, "--block", "64"], "fdh play: --block is called --block-size now"),
-        (["play", BALL, "--log", "a.json"], "fdh play: --log is called --event-log now"),
-        (["play", BALL, "--force"], "fdh play: --force is called --ignore-speed now"),
-        (["sweep", BALL, "--sample", "9"], "fdh sweep: --sample is called --random now"),
+        ([BALL, "--live"], "fdh render: --live is now a command: fdh play PATCH"),
+        ([BALL, "--price"], "fdh render: --price is now a command: fdh accuracy PATCH"),
+        ([BALL, "--explain", "--json"], "fdh render: --explain is now a command: fdh inspect PATCH"),
+        ([BALL, "--vary", "a=1,2"], "fdh render: --vary is now a command: fdh sweep PATCH --vary PATH=RANGE"),
+        ([BALL, "--vary=a=1,2"], "fdh render: --vary is now a command: fdh sweep PATCH --vary PATH=RANGE"),
+        (["--replay", "log.json"], "fdh render: --replay is now a command: fdh replay LOG.json"),
+        (["--list-devices"], "fdh render: --list-devices is now a command: fdh devices"),
+        ([BALL, "--error", "1e-3"], "fdh render: --error is now called --target-error"),
+        ([BALL, "--log", "a.json"], "fdh render: --log is now called --event-log, and belongs to fdh play"),
+        (["play", BALL, "--block", "64"], "fdh play: --block is now called --block-size"),
+        (["play", BALL, "--log", "a.json"], "fdh play: --log is now called --event-log"),
+        (["play", BALL, "--force"], "fdh play: --force is now called --ignore-speed"),
+        (["sweep", BALL, "--sample", "9"], "fdh sweep: --sample is now called --random"),
     ],
 )
 def test_old_options_are_answered_with_the_new_ones(words, what, capsys):

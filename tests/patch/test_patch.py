@@ -152,10 +152,10 @@ PUSH = '[[force]]\nkind = "constant"\namplitude = 1.0\nbody = "s"\nat = {}\n'
 @pytest.mark.parametrize(
     ("text", "path", "says"),
     [
-        (STRING.replace("at = 0.9", "at = 1.5") + AT, "pickup[0].at", "1.5 is no place on a body"),
-        (STRING.replace("at = 0.9", "at = nan") + AT, "pickup[0].at", "nan is no place on a body"),
+        (STRING.replace("at = 0.9", "at = 1.5") + AT, "pickup[0].at", "1.5 is not a position on a body"),
+        (STRING.replace("at = 0.9", "at = nan") + AT, "pickup[0].at", "nan is not a position on a body"),
         (STRING.replace("at = 0.9", "") + AT, "pickup[0]", 'no place on "s"; give at = a fraction of its length'),
-        (STRING.replace("at = 0.9", 'at = "middle"') + AT, "pickup[0].at", '"middle" is no place on "s"'),
+        (STRING.replace("at = 0.9", 'at = "middle"') + AT, "pickup[0].at", '"middle" is not a position on "s"'),
         (STRING + AT + PUSH.format("[0.1, 0.2]"), "force[0].at", "several places; give one"),
         (STRING.replace("tension = 50.0", "tension = 0.0") + AT, "body[0].tension", "0.0 is out of range; tension, N"),
         (
@@ -165,10 +165,10 @@ PUSH = '[[force]]\nkind = "constant"\namplitude = 1.0\nbody = "s"\nat = {}\n'
         ),
         (STRING.replace("radius = 0.2", "size = [0.1]") + AT, "body[1].size", "1 in the list, at least 2"),
         (STRING.replace("tension", "t60 = 3.0\ntension") + AT, "body[0].t60", "3.0 is not a list; write t60 = [ … ]"),
-        (STRING + "at = -0.1\nbarrier = 0.0\n", "contact[0].at", "-0.1 is no place on a body"),
-        (STRING + "at = []\nbarrier = 0.0\n", "contact[0].at", "[] is no place on a body"),
-        (STRING + "at = 0.3\nbarrier = nan\n", "contact[0].barrier", "nan is no position; a number in m"),
-        (STRING + 'at = 0.3\nbarrier = "0.1"\n', "contact[0].barrier", '"0.1" is no position; a number in m'),
+        (STRING + "at = -0.1\nbarrier = 0.0\n", "contact[0].at", "-0.1 is not a position on a body"),
+        (STRING + "at = []\nbarrier = 0.0\n", "contact[0].at", "[] is not a position on a body"),
+        (STRING + "at = 0.3\nbarrier = nan\n", "contact[0].barrier", "nan is not a position; give a number in m"),
+        (STRING + 'at = 0.3\nbarrier = "0.1"\n', "contact[0].barrier", '"0.1" is not a position; give a number in m'),
         (STRING + "at = [0.1, 0.2, 0.3]\nbarrier = [0.0, 0.1]\n", "contact[0].barrier", "2 numbers for 3 place(s)"),
         (STRING + 'at = 0.3\non = "s"\non_at = 0.3\n', "contact[0].on", "cannot touch itself at one place"),
         (
@@ -176,7 +176,11 @@ PUSH = '[[force]]\nkind = "constant"\namplitude = 1.0\nbody = "s"\nat = {}\n'
             "contact[0].on",
             "cannot touch itself at one place",
         ),
-        (STRING + 'at = 0.3\non = "drum"\non_at = 0.5\n', "contact[0].on_at", '0.5 is no place on "drum"; [x, y]'),
+        (
+            STRING + 'at = 0.3\non = "drum"\non_at = 0.5\n',
+            "contact[0].on_at",
+            '0.5 is not a position on "drum"; [x, y]',
+        ),
         (
             STRING + 'at = 0.3\non = "drum"\non_at = [0.1, 0.1]\n',
             "contact[0].on_at",
@@ -212,7 +216,7 @@ PUSH = '[[force]]\nkind = "constant"\namplitude = 1.0\nbody = "s"\nat = {}\n'
         (
             STRING + AT + '[[force]]\nbody = "s"\nkind = "pluck"\nat = 2\namplitude = 1\nduration = 1\n',
             "force[0].at",
-            "2 is no place on a body",
+            "2 is not a position on a body",
         ),
         (STRING.replace("[[pickup]]", BAR + "[[pickup]]") + AT, "body[3].ratios", "these do not rise from 1"),
     ],

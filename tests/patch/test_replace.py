@@ -74,5 +74,5 @@ def test_all_faults_are_said_at_once():
 
 
 def test_a_path_is_text():
-    with pytest.raises(TypeError, match=r'3 is no path; give text, such as "seconds"|"body'):
+    with pytest.raises(TypeError, match=r'3 is not a path; give text, such as "seconds"|"body'):
         PIANO.replace(3, 1.0)

@@ -83,4 +83,4 @@ def test_the_command_writes_shapes_beside_the_trace(tmp_path, monkeypatch, capsy
     assert exit_code("piano_c4", "--seconds", "0.01", "--trace", "a.npz", "--trace-shapes") == 0
     assert np.load("a.npz")["shape.string"].shape == (441, 65)
     assert exit_code("piano_c4", "--trace-shapes") == 2
-    assert "--trace-shapes: for --trace; give that too" in capsys.readouterr().err
+    assert "--trace-shapes: requires --trace; give that too" in capsys.readouterr().err

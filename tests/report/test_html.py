@@ -126,8 +126,8 @@ def test_its_numbers_are_those_of_json(pages):
         assert {key: json.loads(rows[key]) for key in flat} == flat
         assert rows["Newton iterations"] == console.detailed_rows(stats)["Newton iterations"]
         for effect in stats["effects"]["compiled"]:
-            assert rows[effect] == "compiled in"
-        assert rows["events"] == "left out: the score is empty"
+            assert rows[effect] == "enabled"
+        assert rows["events"] == "disabled: there are no events"
 
 
 @pytest.mark.hard

@@ -75,10 +75,10 @@ def test_a_point_that_fails_is_nan_and_says_why():
         ({MASS: [-1.0, 1.0]}, {}, engine.PatchError, "out of range"),
         ({MASS: "1..2"}, {}, engine.PatchError, "does not say how many"),
         ({MASS: []}, {}, engine.PatchError, "no values; give at least one"),
-        ({MASS: 3}, {}, TypeError, "3 is no list of values"),
+        ({MASS: 3}, {}, TypeError, "3 is not a list of values"),
         ([MASS], {}, TypeError, "no dict of values by their paths"),
         ({MASS: [0.1]}, {"ordr": 4}, TypeError, 'did you mean "order"?'),
-        ({MASS: [0.1]}, {"cores": "all"}, TypeError, "cores = 'all' is no whole number"),
+        ({MASS: [0.1]}, {"cores": "all"}, TypeError, "cores = 'all' is not a whole number"),
     ],
 )
 def test_what_cannot_be_swept_is_refused_with_the_remedy(vary, settings, kind, says):
@@ -90,7 +90,7 @@ def test_what_cannot_be_swept_is_refused_with_the_remedy(vary, settings, kind, s
 def test_what_cannot_be_read_is_refused_with_the_remedy(found, tmp_path, monkeypatch):
     with pytest.raises(ValueError, match="holds no sweep; give a folder"):
         engine.read_sweep(tmp_path)
-    with pytest.raises(TypeError, match="3 is no path; give the folder of a sweep"):
+    with pytest.raises(TypeError, match="3 is not a path; give the folder of a sweep"):
         engine.read_sweep(3)
     monkeypatch.setattr("engine.sweep.dataset.MAX_SOUND_NUMBERS", 1000)
     with pytest.raises(ValueError, match="read them one by one"):

@@ -261,7 +261,7 @@ def test_notes_and_velocities_are_read(lyre):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["--notes", "H4"], '--notes: "H4" is no key; a key such as "C4"'),
+        (["--notes", "H4"], '--notes: "H4" is not a key; a key such as "C4"'),
         (["--notes", "C3..C5/0"], '"C3..C5/0" is neither a key nor a range; a range such as A0..C8'),
         (["--notes", "C3,,D3"], '"" is neither a key nor a range'),
         (["--notes", "C4..C3"], "goes downwards"),
@@ -272,9 +272,9 @@ def test_notes_and_velocities_are_read(lyre):
         (["--notes", "C4", "--hold", "0"], "--hold: 0 is out of range; more than 0 to"),
         (["--notes", "C4", "--sfz", "--vary", "keyboard.values.hard=1,2"], "--sfz: for one set, of all notes"),
         (["--notes", "C4", "--vary", "seconds=1,2"], "seconds: of notes, --hold and --seconds say that"),
-        (["--sfz"], "--sfz: for --notes; give that too: a range such as A0..C8"),
-        (["--velocities", "8"], "--velocities: for --notes; give that too"),
-        (["--vary", "keyboard.values.hard=1,2", "--hold", "1"], "--hold: for --notes; give that too"),
+        (["--sfz"], "--sfz: requires --notes; give that too: a range such as A0..C8"),
+        (["--velocities", "8"], "--velocities: requires --notes; give that too"),
+        (["--vary", "keyboard.values.hard=1,2", "--hold", "1"], "--hold: requires --notes; give that too"),
         ([], "nothing varies; give --vary PATH=RANGE, or --notes A0..C8"),
         (["--vary", "body.C4_string.length=1,2"], "is not in the patch"),
     ],
@@ -288,7 +288,7 @@ def test_what_cannot_be_is_refused(lyre, tmp_path, capsys, words, says):
 
 def test_a_patch_that_has_no_pitch_says_so(tmp_path, capsys):
     assert main.main(["sweep", "bouncing_ball", "-o", str(tmp_path / "set"), "--notes", "C4"]) == 2
-    assert "--notes: ball has no pitch that could be tuned" in capsys.readouterr().err
+    assert "--notes: ball has no pitch to tune" in capsys.readouterr().err
 
 
 def test_values_of_a_written_out_key_cannot_vary(lyre, tmp_path, capsys):

@@ -44,7 +44,7 @@ def describe_lowered_gain(output: Path, gain: float, requested: float | None) ->
     """A message that the gain asked for was lowered, in a list; an empty list if it was not."""
     if requested is None or gain >= requested:
         return []
-    return [f"{output}: --gain {requested:g} is more than its numbers hold; {gain:g} dB instead"]
+    return [f"{output}: --gain {requested:g} exceeds the range of its numbers; {gain:g} dB was used instead"]
 
 
 def save_audio(output: Path, audio: "np.ndarray", samplerate: int, subtype: str | None) -> None:
@@ -203,13 +203,15 @@ def check_audio_format(output: Path, subtype: str | None, option: str) -> list[F
 
     kind = output.suffix.lstrip(".").upper()
     if kind not in soundfile.available_formats():
-        return [Fault(option, f'"{output.name}" names no audio format; end it in .wav')]
+        return [Fault(option, f'"{output.name}" is not the name of a known audio format; end it in .wav')]
     if subtype is not None and subtype not in SUBTYPES:
         return [Fault("--subtype", f'unknown sample format "{subtype}"; {", ".join(SUBTYPES)}')]
     if not soundfile.check_format(kind, resolve_subtype(output, subtype)):
         if subtype is None:
             return [
-                Fault("--subtype", f"{kind} files do not say what they hold; give --subtype FLOAT, or write a .wav")
+                Fault(
+                    "--subtype", f"{kind} files do not store their sample format; give --subtype FLOAT, or write a .wav"
+                )
             ]
         return [Fault("--subtype", f"{kind} files cannot hold {subtype}; write a .wav")]
     return []

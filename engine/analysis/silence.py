@@ -31,14 +31,14 @@ def explain_silence(
     audible = [p for p in scene.pickup if p.gain != 0.0]
     at_nodes = [p for p in audible if p.quantity not in HEARD_AT_NODES and is_node(scene, p.body, p.at)]
     if seconds * samplerate < 1.5 and peak <= SILENT_PEAK:
-        return "it has one sample, before anything has moved; give more seconds"
+        return "it is one sample long, and nothing has moved; give more seconds"
     effective = [f for f in _acting_forces(scene, seconds) if not is_node(scene, f.body, f.at)]
     moving = _moving_bodies(scene, seconds) + [f.body for f in effective]
     is_at_rest = not moving and simulated.energy.initial == 0.0
     if peak > SILENT_PEAK and len(at_nodes) < len(audible) and not is_at_rest:
         return None
     if not audible:
-        return "every pickup has gain = 0; give one another gain"
+        return "every pickup has gain = 0; change a gain"
     if is_at_rest:
         return _explain_no_motion(scene, seconds)
     has_touched = simulated.newton.solve_outcomes.solved > 0
@@ -111,7 +111,7 @@ def _explain_no_motion(scene: Scene, seconds: float) -> str:
     """Why nothing moves before the end (s)."""
     if forces := _acting_forces(scene, seconds):  # all of them at nodes
         first = forces[0]
-        return f'"{first.body}" is pushed at {first.at} alone, where it never moves; another place'
+        return f'"{first.body}" is only pushed at {first.at}, where it never moves; give another position'
     times = [f.start for f in scene.force if f.amplitude != 0.0]
     times += [e.time for e in scene.event if isinstance(e, StrikeEvent | PluckEvent)]
     if times:
@@ -122,7 +122,7 @@ def _explain_no_motion(scene: Scene, seconds: float) -> str:
 
 def _explain_node(pickup: Pickup) -> str:
     """A pickup at a node hears nothing."""
-    return f'the pickup on "{pickup.body}" is at {pickup.at}, where it never moves; another place'
+    return f'the pickup on "{pickup.body}" is at {pickup.at}, where it never moves; give another position'
 
 
 def _explain_pickup(scene: Scene, pickup: Pickup, moving: list[str], has_touched: bool, seconds: float) -> str:
@@ -131,30 +131,33 @@ def _explain_pickup(scene: Scene, pickup: Pickup, moving: list[str], has_touched
     connected = connected_bodies(scene, name)
     contacts = [c for c in scene.contact if c.body in connected and c.stiffness > 0.0]
     if pickup.quantity == "force" and not any(name in (c.body, c.on) for c in contacts):
-        return f'nothing touches "{name}", whose contact forces are heard; another quantity, or a [[contact]]'
+        return (
+            f'nothing touches "{name}", whose contact forces a pickup measures; give another quantity, or a [[contact]]'
+        )
     if moving and not connected & set(moving):
         names = ", ".join(f'"{n}"' for n in dict.fromkeys(moving))
-        return f'"{name}" is heard, and what moves ({names}) does not meet it; add a [[contact]] or a [[connection]]'
+        remedy = "add a [[contact]] or a [[connection]]"
+        return f'the pickup is on "{name}", which the moving bodies ({names}) do not reach; {remedy}'
     if contacts and not has_touched:
         first = next((c for c in contacts if {c.body, c.on} & set(moving)), contacts[0])
         return "no contact ever closes: " + _explain_open_contact(scene, first, moving, seconds)
-    return "no pickup moves; another place or quantity"
+    return "no pickup moves; give another position or quantity"
 
 
 def _explain_open_contact(scene: Scene, contact: Contact, moving: list[str], seconds: float) -> str:
     """What keeps a contact open to the end (s)."""
     mover, target = (contact.body, contact.on) if contact.body in moving else (contact.on, contact.body)
     target_name = f'"{target}"' if target else "the barrier"
-    remedy = "more velocity, less distance, or more seconds"
+    remedy = "give more velocity, less distance, or more seconds"
     default = f'"{mover or target}" does not come near enough to {target_name} in {seconds:g} s; {remedy}'
     flight = _free_flight(scene, contact, mover, target, moving, seconds)
     if flight is None:
         return default
     time, speed = flight
     if math.isinf(time) and speed <= 0.0:
-        return f'"{mover}" moves away from {target_name}; turn its velocity round, or the side of the contact'
+        return f'"{mover}" moves away from {target_name}; reverse its velocity, or the side of the contact'
     if math.isinf(time):
-        return f'"{mover}" turns back before it reaches {target_name}; more velocity, or less distance'
+        return f'"{mover}" turns back before it reaches {target_name}; give more velocity, or less distance'
     if time > seconds:
         return f'"{mover}" needs {time:.3g} s to reach {target_name}, and it ends at {seconds:g} s; {remedy}'
     return default

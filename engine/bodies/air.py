@@ -19,7 +19,7 @@ FLANGED_END, FREE_END = 0.85, 0.61  # end corrections, of the radius (Fletcher &
 
 
 class AirBody(DistributedBody):
-    """Air that vibrates; what is heard of it is the pressure of its opening."""
+    """Vibrating air, whose pickup measures the pressure of its opening."""
 
     HEARD: ClassVar[str] = "pressure"
     HAS_AREA: ClassVar[bool] = True
@@ -45,7 +45,7 @@ class Hole(Table):
     """A round hole in a wall of a box: the air in it is a mass on the spring of the air behind."""
 
     radius: float = Field(gt=0.0, le=10.0, description="radius, m")
-    thickness: float = Field(default=0.0, ge=0.0, le=10.0, description="of the wall, or length of a neck, m")
+    thickness: float = Field(default=0.0, ge=0.0, le=10.0, description="thickness of the wall, or length of a neck, m")
 
     def area(self) -> float:
         """Area, m²."""
@@ -64,7 +64,7 @@ class AirBox(AirBody):
     size: list[Positive] = Field(min_length=3, max_length=3, description="sides of the box, m: x, y, and its height")
     hole: Hole | None = Field(default=None, description="a hole in a wall")
     modes: int | None = Field(
-        default=None, ge=1, le=200, description="how many standing waves to build, the lowest; 6 if absent"
+        default=None, ge=1, le=200, description="number of standing waves, the lowest; 6 if absent"
     )
 
     def volume(self) -> float:
@@ -140,9 +140,7 @@ class Tube(AirBody):
     kind: Literal["tube"]
     length: float = Field(gt=0.0, le=1e3, description="length, m")
     radius: float = Field(gt=0.0, le=10.0, description="radius, m")
-    ends: Literal["closed", "open"] = Field(
-        default="closed", description="whether its first end is closed, or open too"
-    )
+    ends: Literal["closed", "open"] = Field(default="closed", description="whether the first end is closed or open")
 
     def free_modes(self, max_omega: float) -> ModeSet:
         """Displacement sin or cos of kx, k = (n - ½)π/L', or nπ/L' where both ends are open; L' is longer by 0.61 of

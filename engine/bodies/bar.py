@@ -17,10 +17,12 @@ NODE = 0.2241575  # of the first partial of a free bar, fraction of its length
 
 
 class Cords(Table):
-    """What a free bar lies on, at the nodes of its first partial, or a free plate hangs on: it bounces as a whole."""
+    """Cords under a free bar, at the nodes of its first partial, or of a free plate, on which it bounces as a whole."""
 
-    frequency: float = Field(default=10.0, ge=0.0, le=1e4, description="at which it bounces, Hz; 0: it floats")
-    t60: Positive = Field(default=0.5, description="time for bouncing to fall by 60 dB, s")
+    frequency: float = Field(
+        default=10.0, ge=0.0, le=1e4, description="frequency at which it bounces, Hz; 0: it floats"
+    )
+    t60: Positive = Field(default=0.5, description="time in which bouncing decays by 60 dB, s")
 
     def rates(self) -> tuple[float, float]:
         """ω (rad/s) and σ (1/s)."""
@@ -37,13 +39,13 @@ class Bar(LineBody):
     )
     bending_stiffness: float | None = Field(default=None, gt=0.0, le=1e12, description="bending stiffness EI, N·m²")
     cords: Cords | None = Field(
-        default=None, description="what a free bar lies on; soft ones, if neither they nor a support are given"
+        default=None, description="cords under a free bar; soft ones if neither cords nor a support are given"
     )
     ratios: list[Positive] | None = Field(
         default=None,
         min_length=1,
         max_length=50,
-        description="partials over the first, as makers tune them; only these are built",
+        description="ratios of partials to the first, as makers tune them; only these partials are built",
     )
 
     EXACTLY_ONE_OF: ClassVar[list[tuple[str, ...]]] = [

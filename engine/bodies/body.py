@@ -43,7 +43,7 @@ class UnfitBody(ValueError):
 class BodyTable(Table):
     """A body of a patch. Each kind of body is a subclass, in a file of its own."""
 
-    name: Name = Field(description="name, by which contacts, forces and pickups refer to the body")
+    name: Name = Field(description="name of the body, which contacts, forces and pickups use")
 
     EXACTLY_ONE_OF: ClassVar[list[tuple[str, ...]]] = []  # keys, and how to choose
     AT_MOST_ONE_OF: ClassVar[list[tuple[str, str]]] = []

@@ -63,7 +63,7 @@ class ChaigneAskenfeltDecay(DecayLaw):
 
 
 class LinearDecay(DecayLaw):
-    """σ = a + b·f, what recorded notes of a piano ask for."""
+    """σ = a + b·f, which fits recorded notes of a piano."""
 
     kind: Literal["linear"]
     a: Rate = Field(default=0.0, description="decay rate of all modes, 1/s")
@@ -74,7 +74,7 @@ class LinearDecay(DecayLaw):
 
 
 class LossFactorDecay(DecayLaw):
-    """σ = η·ω/2, what a material of loss factor η takes, such as wood of a board (Cremer & Heckl, Structure-Borne
+    """σ = η·ω/2, the damping of a material with loss factor η, such as wood (Cremer & Heckl, Structure-Borne
     Sound, ch. 3)."""
 
     kind: Literal["loss_factor"]
@@ -85,13 +85,13 @@ class LossFactorDecay(DecayLaw):
 
 
 class T60Decay(DecayLaw):
-    """Times to fall by 60 dB: one for all modes, or two at two frequencies; between and beyond them σ goes as
+    """Decay times to -60 dB: one for all modes, or two at two frequencies; between and beyond them σ goes as
     frequency² (Bilbao, Numerical Sound Synthesis, 2009, sec. 7.3)."""
 
     kind: Literal["t60"]
-    t60: list[Positive] = Field(min_length=1, max_length=2, description="one or two times, s")
+    t60: list[Positive] = Field(min_length=1, max_length=2, description="one or two decay times to -60 dB, s")
     frequency: list[Positive] | None = Field(
-        default=None, min_length=2, max_length=2, description="the frequencies of two times, Hz"
+        default=None, min_length=2, max_length=2, description="frequencies of the two times, Hz"
     )
 
     def rates(self, omega: np.ndarray, wave_number: np.ndarray) -> np.ndarray:
@@ -103,14 +103,14 @@ class T60Decay(DecayLaw):
 
 
 class ListDecay(DecayLaw):
-    """One decay rate, or one time to fall by 60 dB, for each mode; the last holds for all higher ones."""
+    """One decay rate, or one decay time to -60 dB, for each mode; the last holds for all higher ones."""
 
     kind: Literal["list"]
     sigma: list[NotNegative] | None = Field(
         default=None, min_length=1, max_length=20_000, description="decay rates of the modes, the lowest first, 1/s"
     )
     t60: list[Positive] | None = Field(
-        default=None, min_length=1, max_length=20_000, description="times to fall by 60 dB, s; instead of sigma"
+        default=None, min_length=1, max_length=20_000, description="decay times to -60 dB, s; instead of sigma"
     )
 
     def rates(self, omega: np.ndarray, wave_number: np.ndarray) -> np.ndarray:

@@ -39,13 +39,13 @@ class ModeSet(NamedTuple):
 class Support(Table):
     """A spring and damper that hold a body to the ground, such as a thread, a felt or a soft rest."""
 
-    at: Positions = Field(description="where: a place, or a list of places that share it")
+    at: Positions = Field(description="position, or a list of positions that share the stiffness and damping")
     stiffness: float = Field(default=0.0, ge=0.0, le=1e15, description="stiffness, N/m")
     damping_coefficient: float = Field(default=0.0, ge=0.0, le=1e9, description="damping coefficient, kg/s")
 
 
 class DistributedBody(BodyTable):
-    """A body with many modes. At time 0 it is at rest, or as `displacement` and `velocity` say; gravity acts not on it.
+    """A body with many modes. It is at rest at time 0 unless it has a `displacement` or `velocity`; it has no weight.
 
     Its decay rate is σ = sigma0 + sigma_beta·β + sigma_beta3·β³ + b3·ω² for a mode of wave number β and angular
     frequency ω; or `t60` or a law of `decay` gives it.
@@ -55,7 +55,7 @@ class DistributedBody(BodyTable):
         default=None,
         ge=1,
         le=MAX_MODES,
-        description="how many to build, the lowest; if absent, all below 0.49 of the sample rate",
+        description="number of modes, the lowest; if absent, all below 0.49 of the sample rate",
     )
     residual: bool | None = Field(
         default=None,
@@ -73,12 +73,15 @@ class DistributedBody(BodyTable):
         default=None,
         min_length=1,
         max_length=2,
-        description="time to fall by 60 dB at the frequencies of t60_at, s; instead of decay rates",
+        description="decay time to -60 dB at the frequencies of t60_at, s; instead of decay rates",
     )
     t60_at: list[Positive] | None = Field(
-        default=None, min_length=2, max_length=2, description="two frequencies, Hz; between them σ goes as frequency²"
+        default=None,
+        min_length=2,
+        max_length=2,
+        description="two frequencies, Hz; between them σ is linear in frequency²",
     )
-    decay: Decay | None = Field(default=None, description="a law of loss by its name; instead of decay rates and t60")
+    decay: Decay | None = Field(default=None, description="decay law by its name; instead of decay rates and t60")
 
     displacement: Initial | None = Field(default=None, description="displacement at time 0")
     velocity: Initial | None = Field(default=None, description="velocity at time 0")

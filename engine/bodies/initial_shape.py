@@ -59,11 +59,11 @@ class InitialShape(Table):
 
 
 class InitialTriangle(InitialShape):
-    """Pulled aside at one place: a triangle on a string or bar, a cone on a sheet, zero at its ends or rim."""
+    """A triangle on a string or bar, or a cone on a membrane or plate, which is zero at the ends or rim."""
 
     kind: Literal["triangle"]
-    at: Positions = Field(description="where it is largest")
-    amplitude: Amplitude = Field(description="how large it is there, m; of a velocity m/s")
+    at: Positions = Field(description="position of the maximum")
+    amplitude: Amplitude = Field(description="value at the maximum, m; of a velocity m/s")
 
     def kinks(self) -> list[float]:
         at = self.at[0] if isinstance(self.at, list) and len(self.at) == 1 else self.at
@@ -77,8 +77,8 @@ class InitialMode(InitialShape):
     """The shape of one mode."""
 
     kind: Literal["mode"]
-    number: int = Field(default=1, ge=1, le=20_000, description="which, 1 is the lowest")
-    amplitude: Amplitude = Field(description="how large it is at its largest, m; of a velocity m/s")
+    number: int = Field(default=1, ge=1, le=20_000, description="mode number; 1 is the lowest")
+    amplitude: Amplitude = Field(description="maximum value, m; of a velocity m/s")
 
     def modal(self, shape: Shape, quadrature: Quadrature, peak: Callable[[Any], Profile]) -> np.ndarray:
         """Raises UnfitBody."""
@@ -93,20 +93,26 @@ class InitialMode(InitialShape):
 
 
 class InitialPoints(InitialShape):
-    """Values at points, linear between them: lists here, or a CSV file with columns x (and y of a sheet) and value."""
+    """Values at points, linear between them: lists, or a CSV file with columns x (and y, on a surface) and value."""
 
     kind: Literal["points"]
     file: str | None = Field(
         default=None, min_length=1, description="CSV file, relative to the patch; instead of the lists"
     )
     x: list[Fraction] | None = Field(
-        default=None, min_length=2, max_length=MAX_SHAPE_POINTS, description="places, fractions of the length"
+        default=None, min_length=2, max_length=MAX_SHAPE_POINTS, description="positions, fractions of the length"
     )
     y: list[Fraction] | None = Field(
-        default=None, min_length=2, max_length=MAX_SHAPE_POINTS, description="of a sheet: fractions of its other side"
+        default=None,
+        min_length=2,
+        max_length=MAX_SHAPE_POINTS,
+        description="positions on a membrane or plate along its other side, fractions",
     )
     value: list[Amplitude] | None = Field(
-        default=None, min_length=2, max_length=MAX_SHAPE_POINTS, description="what is there, m; of a velocity m/s"
+        default=None,
+        min_length=2,
+        max_length=MAX_SHAPE_POINTS,
+        description="values at these positions, m; of a velocity m/s",
     )
     scale: Amplitude = Field(default=1.0, description="factor on the values")
 

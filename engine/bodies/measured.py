@@ -25,11 +25,11 @@ class MeasuredBody(BodyTable):
     )
     frequency: list[NotNegative] | None = Field(default=None, min_length=1, description="frequencies, Hz")
     sigma: list[NotNegative] | None = Field(default=None, description="decay rates, 1/s")
-    t60: list[Positive] | None = Field(default=None, description="times to fall by 60 dB, s; instead of sigma")
+    t60: list[Positive] | None = Field(default=None, description="decay times to -60 dB, s; instead of sigma")
     points: dict[Name, list[Annotated[float, Field(ge=-1e9, le=1e9)]]] | None = Field(
         default=None,
         max_length=MAX_POINTS,
-        description="mass-normalised mode shapes by point, 1/√kg: a list of one number per mode",
+        description="mass-normalised mode shapes by point, 1/√kg: a list with one number per mode",
     )
 
     EXACTLY_ONE_OF: ClassVar[list[tuple[str, ...]]] = [

@@ -29,7 +29,7 @@ class Plate(TunedSheet):
 
     kind: Literal["plate"]
     edges: Literal["supported", "clamped", "free"] = Field(
-        default="supported", description="how it is held all round: hinged, clamped, or not at all"
+        default="supported", description="boundary condition of all edges: simply supported, clamped or free"
     )
     flexural_rigidity: float | None = Field(default=None, gt=0.0, le=1e15, description="flexural rigidity D, N·m")
     young: Modulus | Annotated[list[Modulus], Field(min_length=2, max_length=2)] | None = Field(
@@ -43,9 +43,11 @@ class Plate(TunedSheet):
     poisson: float | None = Field(
         default=None, ge=0.0, lt=0.5, description="Poisson's ratio, of wood νxy; 0.3 if absent"
     )
-    tension: float | None = Field(default=None, gt=0.0, le=1e9, description="tension beside the flexural rigidity, N/m")
+    tension: float | None = Field(
+        default=None, gt=0.0, le=1e9, description="tension in addition to the flexural rigidity, N/m"
+    )
     cords: Cords | None = Field(
-        default=None, description="what a free plate hangs on; soft ones, if neither they nor a support are given"
+        default=None, description="cords of a free plate; soft ones if neither cords nor a support are given"
     )
 
     EXACTLY_ONE_OF: ClassVar[list[tuple[str, ...]]] = [

@@ -32,7 +32,7 @@ class SheetBody(DistributedBody):
         default=None,
         ge=1,
         le=MAX_MODES,
-        description=f"how many to build, the lowest; if absent, those below 0.49 of the sample rate, {MAX_SHEET_MODES}"
+        description=f"number of modes, the lowest; if absent, those below 0.49 of the sample rate, {MAX_SHEET_MODES}"
         " at most",
     )
     HEARD: ClassVar[str] = "acceleration"
@@ -52,7 +52,7 @@ class SheetBody(DistributedBody):
 
 
 class FlatSheet(SheetBody):
-    """A sheet of a plane: a rectangle, or a circle."""
+    """A flat membrane or plate: a rectangle or a circle."""
 
     HAS_AREA: ClassVar[bool] = True
 

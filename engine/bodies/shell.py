@@ -26,7 +26,7 @@ class CylindricalShell(SheetBody):
     young: float = Field(gt=0.0, le=1e15, description="Young's modulus, Pa")
     poisson: float = Field(default=0.3, ge=0.0, lt=0.5, description="Poisson's ratio")
     density: float = Field(gt=0.0, le=1e6, description="density of the material, kg/m³")
-    ends: Literal["free", "supported", "clamped"] = Field(default="free", description="how its two rims are held")
+    ends: Literal["free", "supported", "clamped"] = Field(default="free", description="boundary condition of both rims")
 
     BEGINS_AT_REST: ClassVar[bool] = True
     PITCH_POWERS: ClassVar[dict[str, int]] = {"young": 2}

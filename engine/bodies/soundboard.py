@@ -43,22 +43,22 @@ WoodName = Literal["spruce", "cedar", "maple"]
 
 
 class Ribs(Table):
-    """Ribs glued to a soundboard across its grain, evenly spread."""
+    """Ribs glued to a soundboard across its grain, evenly spaced."""
 
-    count: int = Field(ge=1, le=64, description="how many")
+    count: int = Field(ge=1, le=64, description="number of ribs")
     width: float = Field(gt=0.0, le=1.0, description="width of each, m")
     height: float = Field(gt=0.0, le=1.0, description="height of each, m")
-    wood: WoodName = Field(default="spruce", description="of what")
+    wood: WoodName = Field(default="spruce", description="wood")
 
 
 class GluedBridge(Table):
     """A bridge glued to a soundboard along its grain or across it."""
 
-    along: Literal["x", "y"] = Field(default="x", description="the side it is parallel to")
-    at: Fraction = Field(description="where on the other side")
+    along: Literal["x", "y"] = Field(default="x", description="side that it is parallel to")
+    at: Fraction = Field(description="position along the other side")
     width: float = Field(gt=0.0, le=1.0, description="width, m")
     height: float = Field(gt=0.0, le=1.0, description="height, m")
-    wood: WoodName = Field(default="maple", description="of what")
+    wood: WoodName = Field(default="maple", description="wood")
 
 
 class Soundboard(FlatSheet):
@@ -68,8 +68,8 @@ class Soundboard(FlatSheet):
     kind: Literal["soundboard"]
     size: list[Positive] = Field(min_length=2, max_length=2, description="sides, m: along the grain, and across it")
     thickness: float = Field(gt=0.0, le=1.0, description="thickness, m")
-    wood: WoodName = Field(default="spruce", description="of what: Sitka spruce, western red cedar or sugar maple")
-    edges: Literal["supported", "clamped"] = Field(default="clamped", description="how it is held all round")
+    wood: WoodName = Field(default="spruce", description="wood: Sitka spruce, western red cedar or sugar maple")
+    edges: Literal["supported", "clamped"] = Field(default="clamped", description="boundary condition of all edges")
     ribs: Ribs | None = Field(default=None, description="ribs across the grain")
     bridges: list[GluedBridge] = Field(default=[], max_length=16, description="bridges glued to it")
 

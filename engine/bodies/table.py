@@ -58,7 +58,7 @@ def validate_positions(value: Any) -> Any:
     items = value if isinstance(value, list) else [value]
     if len(items) > MAX_POSITIONS:
         sizes = {"count": len(items), "most": MAX_POSITIONS}
-        raise PydanticCustomError("scene", "{count} places; at most {most}", sizes)
+        raise PydanticCustomError("scene", "{count} positions; at most {most}", sizes)
     items = [x for item in items for x in (item if isinstance(item, list) else [item])]
     if not items or not all(isinstance(x, str) or (is_number(x) and 0.0 <= x <= 1.0) for x in items):
         message = (

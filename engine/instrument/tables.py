@@ -47,57 +47,73 @@ Pressed = Annotated[float, Field(ge=0.0, le=1.0)]
 class Keyboard(Table):
     """The keys of an instrument."""
 
-    keys: KeyRange = Field(description='its keys: "A0..C8", or a list of keys')
-    a4: float = Field(default=440.0, ge=100.0, le=1000.0, description="frequency of A4, Hz, from which f is reckoned")
+    keys: KeyRange = Field(description='keys of the instrument: "A0..C8", or a list of keys')
+    a4: float = Field(
+        default=440.0,
+        ge=100.0,
+        le=1000.0,
+        description="frequency of A4, Hz; the frequencies f of all keys follow from it",
+    )
     sympathetic: bool = Field(
         default=False,
-        description="while the sustain pedal is used, the bodies of all keys are there; else of those played",
+        description="whether the bodies of all keys are included, not only of played keys, if the score uses the pedal",
     )
     mono: str | None = Field(
-        default=None, description="the name of a value: of keys with the same value, one sounds at a time"
+        default=None, description="name of a value; of keys with the same value, only one sounds at a time"
     )
     polyphony: int | None = Field(
-        default=None, ge=1, le=128, description="how many keys sound at a time; more take the place of others"
+        default=None,
+        ge=1,
+        le=128,
+        description="maximum number of keys that sound at a time; a new key replaces an old one",
     )
     values: dict[str, Any] = Field(
-        default={}, description="numbers of each key by name, for formulas: formulas, tables by key, or numbers"
+        default={}, description="named numbers of each key, for use in formulas: formulas, tables by key, or numbers"
     )
 
 
 class KeyTables(Table):
-    """What each key has. Values may be formulas, "= 0.01*n", or tables by key, {A0 = 2.0, C8 = 0.1}."""
+    """Tables of each key. Values may be formulas, "= 0.01*n", or tables by key, {A0 = 2.0, C8 = 0.1}."""
 
-    body: list[dict[str, Any]] = Field(default=[], description="its bodies, as [[body]]; `copies` of each may be given")
-    contact: list[dict[str, Any]] = Field(default=[], description="its contacts, as [[contact]]")
-    connection: list[dict[str, Any]] = Field(default=[], description="its connections, as [[connection]]")
-    pickup: list[dict[str, Any]] = Field(default=[], description="its pickups, as [[pickup]]")
+    body: list[dict[str, Any]] = Field(default=[], description="bodies, as [[body]]; each may have `copies`")
+    contact: list[dict[str, Any]] = Field(default=[], description="contacts, as [[contact]]")
+    connection: list[dict[str, Any]] = Field(default=[], description="connections, as [[connection]]")
+    pickup: list[dict[str, Any]] = Field(default=[], description="pickups, as [[pickup]]")
     on: list[dict[str, Any]] = Field(
-        default=[], description="what happens when it is pressed, as [[event]]; `time` after that, s"
+        default=[], description="events when the key is pressed, as [[event]]; `time` counts from the press"
     )
-    off: list[dict[str, Any]] = Field(default=[], description="what happens when it is let go, likewise")
+    off: list[dict[str, Any]] = Field(
+        default=[], description="events when the key is released, as [[event]]; `time` counts from the release"
+    )
     damper: list[dict[str, Any]] = Field(
-        default=[], description="what is damped while neither key nor sustain pedal is down: `body`, `sigma` 1/s"
+        default=[],
+        description="bodies that are damped while the key and the sustain pedal are up: `body`, and `sigma` in 1/s",
     )
 
 
 class Note(Table):
-    """A key is pressed, and let go."""
+    """A note: a key is pressed and released."""
 
-    time: Time = Field(description="when it is pressed, s")
-    key: KeyName = Field(description='which key: "C4", "F#3"')
-    velocity: int = Field(default=DEFAULT_VELOCITY, ge=1, le=127, description="how fast, as in MIDI")
-    duration: float = Field(default=1.0, gt=0.0, le=MAX_SCORE_SECONDS, description="how long it is held, s")
-    release: int = Field(default=64, ge=0, le=127, description="how fast it is let go, as in MIDI")
+    time: Time = Field(description="time of the press, s")
+    key: KeyName = Field(description='key, such as "C4" or "F#3"')
+    velocity: int = Field(default=DEFAULT_VELOCITY, ge=1, le=127, description="MIDI velocity")
+    duration: float = Field(
+        default=1.0, gt=0.0, le=MAX_SCORE_SECONDS, description="duration for which the key is held, s"
+    )
+    release: int = Field(default=64, ge=0, le=127, description="MIDI release velocity")
 
 
 class Pedal(Table):
-    """A pedal is moved."""
+    """A movement of a pedal."""
 
-    time: Time = Field(description="when, s")
-    sustain: Pressed | None = Field(default=None, description="how far the dampers are lifted; half pedal is 0.5")
-    soft: Pressed | None = Field(default=None, description="una corda: what formulas call soft")
+    time: Time = Field(description="time of the movement, s")
+    sustain: Pressed | None = Field(
+        default=None, description="sustain pedal: how far it lifts the dampers; half pedal is 0.5"
+    )
+    soft: Pressed | None = Field(default=None, description="soft pedal (una corda): the value of `soft` in formulas")
     sostenuto: Pressed | None = Field(
-        default=None, description="from 0.5 on, it keeps the dampers of those keys that are down then"
+        default=None,
+        description="sostenuto pedal: from 0.5 on, it keeps the dampers lifted of the keys that are down at that time",
     )
 
 

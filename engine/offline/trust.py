@@ -95,17 +95,17 @@ def explain_doubts(
     if not finite:
         reasons.append("samples are not finite")
     if newton.unconverged:
-        reasons.append(f"{newton.unconverged} contact solves failed, and the motion was turned back there")
+        reasons.append(f"{newton.unconverged} contact solves failed, and the motion was reversed there")
     if not math.isfinite(energy_error):
         reasons.append("the energies are not finite")
     elif energy_error > MAX_ENERGY_ERROR[precision]:
-        reasons.append(f"the energy is off by {energy_error:.1e} of the largest held")
+        reasons.append(f"the energy error is {energy_error:.1e} of the maximum stored energy")
     outcomes = newton.solve_outcomes
     if outcomes.capped > MAX_CAPPED_SHARE * outcomes.solved:
         share = outcomes.capped / outcomes.solved
         reasons.append(
-            f"{share:.0%} of the contact solves were ended early (they create no energy, but their forces are not those"
-            " of the law); more substeps, or accuracy.iterations"
+            f"{share:.0%} of the contact solves reached the iteration limit (they create no energy, but their forces are"
+            " not those of the law); give more substeps, or accuracy.iterations"
         )
     return reasons
 
@@ -117,10 +117,10 @@ def warn_of_strong_loss(state: State, order: int) -> list[str]:
     samples, in_contact = int(state.refinement.samples_of_strong_loss.sum()), int(state.contact_samples.sum())
     if samples == 0:
         return []
-    reason = "contact loss is too strong to act apart from the solve there"
-    remedy = "more substeps, or order 2 as well"
+    reason = "contact damping is too strong for higher orders there"
+    remedy = "give more substeps, or order 2"
     share = min(1.0, samples / max(1, in_contact))  # some of these samples end without contact
-    return [f"order {order} was order 2 in {share:.0%} of the samples in contact: {reason}; {remedy}"]
+    return [f"order {order} was reduced to order 2 in {share:.0%} of the samples in contact: {reason}; {remedy}"]
 
 
 def explain_build_doubts(scene: Scene, layout: Any, model: Any) -> list[str]:

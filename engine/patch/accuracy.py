@@ -14,29 +14,36 @@ class Accuracy(Table):
     """What a patch says under [accuracy]; the energy balance is exact at every setting."""
 
     scheme: Literal["exact", "fdh"] = Field(
-        default="exact", description="exact: free vibration at its own frequency and decay; fdh: the paper's scheme"
+        default="exact",
+        description="exact: exact-modal, linear motion is exact at any sample rate; fdh: the scheme of the paper",
     )
     order: Literal[2, 4, 6] = Field(
-        default=2, description="order of a step; with 4 and 6, contact loss stays of second order"
+        default=2, description="order of accuracy; with 4 and 6, contact damping remains of second order"
     )
     substeps: int = Field(default=1, ge=1, le=MAX_SUBSTEPS, description="steps per sample where contact is possible")
     tolerance: float = Field(
-        default=1e-15, ge=1e-15, le=1e-2, description="relative error left in a compression by the contact solve"
+        default=1e-15, ge=1e-15, le=1e-2, description="relative tolerance of the compression in the contact solve"
     )
     oversample: int = Field(
-        default=1, ge=1, le=MAX_OVERSAMPLE, description="compute all at a multiple of the sample rate, and filter down"
+        default=1,
+        ge=1,
+        le=MAX_OVERSAMPLE,
+        description="oversampling factor: everything is computed at this multiple of the sample rate",
     )
     precision: Literal["float64", "float32"] = Field(
-        default="float64", description="of the modes; float32 drifts in energy"
+        default="float64", description="precision of the modes; with float32, the energy drifts"
     )
     iterations: int = Field(
-        default=6, ge=2, le=10_000, description="rounds of a coupled solve at most; then it makes do"
+        default=6,
+        ge=2,
+        le=10_000,
+        description="maximum number of iterations of a coupled contact solve; an approximate solution is then accepted",
     )
     silence: float = Field(
         default=-120.0,
         le=0.0,
         allow_inf_nan=True,
-        description="level against its peak below which an island sleeps, dB; -inf: never",
+        description="level relative to its peak below which a coupled subsystem becomes inactive, dB; -inf: never",
     )
 
     def replace(self, **changes: Any) -> "Accuracy":

@@ -26,7 +26,7 @@ def check_connections(data: dict[str, Any], bodies: dict[str, Any]) -> Faults:
             end = (str(table.get("body")), float(at) if at is not None and is_number(at) else None)
             if end in ends:
                 yield make_fault(
-                    (*path, "at"), table.get("at"), "that end rides on something already", "one for each end"
+                    (*path, "at"), table.get("at"), "that end is already attached", "give one connection for each end"
                 )
             ends.add(end)
         elif table.get("kind", "spring") == "spring":
@@ -35,7 +35,9 @@ def check_connections(data: dict[str, Any], bodies: dict[str, Any]) -> Faults:
             yield from _check_air(path, table, bodies)
             wall = str(table.get("on")), str(table.get("wall", "top"))
             if kind_of(bodies.get(wall[0])) is AirBox and wall in walls:
-                yield make_fault((*path, "wall"), wall[1], f"a sheet is its {wall[1]} already", "the other wall")
+                yield make_fault(
+                    (*path, "wall"), wall[1], f"another body is already its {wall[1]}", "give the other wall"
+                )
             walls.add(wall)
 
 
@@ -50,21 +52,21 @@ def _check_air(path: KeyPath, table: dict[str, Any], bodies: dict[str, Any]) -> 
             yield make_fault(
                 (*path, key),
                 table[key],
-                f"{message}, which presses on no air",
-                "a membrane, a plate or a soundboard does",
+                f"{message}, which cannot be next to air",
+                "give a membrane, a plate or a soundboard",
             )
     if is_given(table, "on") and table["on"] == table.get("body"):
-        yield make_fault((*path, "on"), table["on"], "both sides are one sheet", "name another body")
+        yield make_fault((*path, "on"), table["on"], "both sides are the same body", "name another body")
     is_sheet_below = on_kind is None or issubclass(on_kind, FlatSheet)
     if (is_sheet_below or on_kind is AirBox) and (on_kind is AirBox) == is_given(table, "volume"):
         remedy = "the air of a box has its own" if on_kind is AirBox else "give its volume in m³"
         where = (*path, "volume") if is_given(table, "volume") else path
         yield make_fault(where, table.get("volume"), f"{'a' if is_given(table, 'volume') else 'no'} volume", remedy)
     if on_kind is AirBox and body is not None and kind is not None and is_given(body, "radius"):
-        message = f"{format_value(table['body'])} is a circle, and no wall of a box"
-        yield make_fault((*path, "body"), table["body"], message, "a rectangle of size, or volume without a box")
+        message = f"{format_value(table['body'])} is a circle, which cannot be a wall of a box"
+        yield make_fault((*path, "body"), table["body"], message, "give it a size, or give a volume without a box")
     if is_given(table, "wall") and on_kind is not AirBox:
-        yield make_fault((*path, "wall"), table["wall"], "a wall without a box", 'on = a body of kind = "air"')
+        yield make_fault((*path, "wall"), table["wall"], "a wall without a box", 'give on = a body of kind = "air"')
 
 
 def _check_end(path: KeyPath, table: dict[str, Any], bodies: dict[str, Any]) -> Faults:
@@ -72,9 +74,11 @@ def _check_end(path: KeyPath, table: dict[str, Any], bodies: dict[str, Any]) -> 
     string, at = bodies.get(str(table.get("body"))), table.get("at")
     if string is not None and kind_of(string) is not None and kind_of(string) is not String:
         message = f"{format_value(table['body'])} is a {string.get('kind')}, which has no ends"
-        yield make_fault((*path, "body"), table["body"], message, 'a string has; kind = "spring" joins other bodies')
+        yield make_fault(
+            (*path, "body"), table["body"], message, 'only a string has ends; kind = "spring" joins other bodies'
+        )
     if is_number(at) and at not in (0, 1):
-        yield make_fault((*path, "at"), at, f"{format_value(at)} is not an end", "0 or 1")
+        yield make_fault((*path, "at"), at, f"{format_value(at)} is not an end", "give 0 or 1")
     if is_given(table, "on") and table["on"] == table.get("body"):
         yield make_fault((*path, "on"), table["on"], "a string cannot carry its own end", "name another body")
         return
@@ -87,18 +91,20 @@ def _check_spring(path: KeyPath, table: dict[str, Any], bodies: dict[str, Any]) 
     given = [key for key in ("stiffness", "damping_coefficient") if is_given(table, key) and (table[key] or not rigid)]
     if not rigid and not given:
         yield make_fault(
-            path, table, "it holds nothing", "give a stiffness in N/m, a damping_coefficient in kg/s, or rigid = true"
+            path, table, "it has no effect", "give a stiffness in N/m, a damping_coefficient in kg/s, or rigid = true"
         )
     if rigid and given:
         message = f"rigid and {given[0]} given"
-        yield make_fault((*path, given[0]), table[given[0]], message, "what is rigid does not give: one of them")
+        yield make_fault(
+            (*path, given[0]), table[given[0]], message, "a rigid joint has no stiffness; give one of them"
+        )
     body = bodies.get(str(table.get("body")))
     yield from check_positions((*path, "at"), table, body, single=True)
     if on:
         yield from check_positions((*path, "on_at"), table, bodies.get(str(table["on"])), single=True)
         if table["on"] == table.get("body") and table.get("at") == table.get("on_at"):
-            message = "it joins a place with itself"
-            yield make_fault((*path, "on"), table["on"], message, "another body, or another place on_at")
+            message = "it joins a position to itself"
+            yield make_fault((*path, "on"), table["on"], message, "give another body, or another position on_at")
     elif is_given(table, "on_at"):
         yield make_fault((*path, "on_at"), table["on_at"], "on_at without on", "name the other body by on")
 
@@ -119,8 +125,8 @@ def check_change_of_connection(path: KeyPath, event: dict[str, Any], connections
     elif connection.get("rigid") is True or connection.get("kind", "spring") != "spring":
         words = {"end": "the end of a string", "air": "air"}
         what = "a rigid joint" if connection.get("rigid") is True else words.get(str(connection.get("kind")), "")
-        message = f"{format_value(event['connection'])} is {what}, of which nothing changes"
-        yield make_fault((*path, "connection"), event["connection"], message, "a spring may change")
+        message = f"{format_value(event['connection'])} is {what}, which has nothing that can change"
+        yield make_fault((*path, "connection"), event["connection"], message, "give a spring")
 
 
 def find_rigid_joint(name: Any, data: dict[str, Any]) -> bool:

@@ -75,10 +75,10 @@ def check_controls(scene: Any) -> Faults:
                 message, _, remedy = str(error).partition("; ")
                 yield make_fault((*place, "range"), control.range, message, remedy)
         if control.curve == "exponential" and not low * high > 0.0:
-            message = f"no equal ratios lead from {low:g} to {high:g}"
-            yield make_fault((*place, "range"), control.range, message, "both above 0, or a linear curve")
+            message = f"an exponential curve cannot go from {low:g} to {high:g}"
+            yield make_fault((*place, "range"), control.range, message, "give two numbers above 0, or a linear curve")
         if control.kind == "osc" and control.input[0] == control.input[1]:
-            yield make_fault((*place, "input"), control.input, "both ends are one number", "two different ones")
+            yield make_fault((*place, "input"), control.input, "both ends are equal", "give two different numbers")
     if scene.midi.mpe_lower and scene.midi.mpe_upper and scene.midi.mpe_lower + scene.midi.mpe_upper > MAX_MPE_CHANNELS:
         message = f"two zones of {scene.midi.mpe_lower} and {scene.midi.mpe_upper} channels"
-        yield make_fault(("midi", "mpe_upper"), scene.midi.mpe_upper, message, "together at most 14")
+        yield make_fault(("midi", "mpe_upper"), scene.midi.mpe_upper, message, "give at most 14 in total")

@@ -16,18 +16,16 @@ Value = Annotated[float, Field(ge=-1e60, le=1e60)]
 class _ControlTable(Table):
     parameter: str = Field(
         min_length=1,
-        description="what it changes: a number that `fdh params` marks as live, such as"
+        description="path of a number that `fdh params` marks as live, such as"
         " `contact.felt.stiffness`, `body.string.tension` or `pickup.0.gain`",
     )
     range: list[Value] = Field(
-        min_length=2, max_length=2, description="its values at the low and at the high end of the control"
+        min_length=2, max_length=2, description="values of the parameter at the low and the high end of the control"
     )
     curve: Literal["linear", "exponential"] = Field(
-        default="linear", description="how it goes between them: exponential, in equal ratios"
+        default="linear", description="interpolation between the two values; exponential: in equal ratios"
     )
-    smoothing: float = Field(
-        default=0.02, ge=0.0, le=MAX_SMOOTHING, description="time in which 63 % of a move is made, s"
-    )
+    smoothing: float = Field(default=0.02, ge=0.0, le=MAX_SMOOTHING, description="time constant of smoothing, s")
 
 
 class _MidiTable(_ControlTable):
@@ -42,19 +40,19 @@ class CcControl(_MidiTable):
 
 
 class BendControl(_MidiTable):
-    """The pitch wheel; where it is a control, it does not bend notes."""
+    """The pitch wheel. As a control, it does not bend notes."""
 
     kind: Literal["bend"]
 
 
 class PressureControl(_MidiTable):
-    """Channel pressure (aftertouch); of an MPE zone, that of each note, on what the note sounds."""
+    """Channel pressure (aftertouch). In an MPE zone, the pressure of each note acts on that note alone."""
 
     kind: Literal["pressure"]
 
 
 class PolyPressureControl(_MidiTable):
-    """Pressure of each key (polyphonic aftertouch), on what its note sounds."""
+    """Pressure of each key (polyphonic aftertouch), which acts on the note of that key."""
 
     kind: Literal["poly_pressure"]
 
@@ -63,9 +61,9 @@ class OscControl(_ControlTable):
     """A message of Open Sound Control with one number."""
 
     kind: Literal["osc"]
-    address: str = Field(pattern=r"^/[!-~]*$", max_length=200, description="its address, such as `/felt`")
+    address: str = Field(pattern=r"^/[!-~]*$", max_length=200, description="OSC address, such as `/felt`")
     input: list[Value] = Field(
-        default=[0.0, 1.0], min_length=2, max_length=2, description="its numbers at the low and at the high end"
+        default=[0.0, 1.0], min_length=2, max_length=2, description="received numbers at the low and the high end"
     )
 
 
@@ -75,13 +73,13 @@ Control = Annotated[
 
 
 class Midi(Table):
-    """How MIDI is understood. MPE zones are also set by the controller itself (the MPE Configuration Message)."""
+    """MIDI settings. A controller can also set MPE zones itself (MPE Configuration Message)."""
 
     bend_range: float = Field(
-        default=2.0, ge=0.0, le=MAX_BEND_RANGE, description="how far the pitch wheel bends, semitones either way"
+        default=2.0, ge=0.0, le=MAX_BEND_RANGE, description="range of the pitch wheel, in semitones up and down"
     )
     mpe_lower: int = Field(default=0, ge=0, le=15, description="member channels of the lower MPE zone, from 2 on")
     mpe_upper: int = Field(default=0, ge=0, le=15, description="member channels of the upper MPE zone, from 15 down")
     mpe_bend_range: float = Field(
-        default=48.0, ge=0.0, le=MAX_BEND_RANGE, description="how far member channels bend, semitones either way"
+        default=48.0, ge=0.0, le=MAX_BEND_RANGE, description="bend range of member channels, in semitones up and down"
     )

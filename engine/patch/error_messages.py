@@ -89,7 +89,7 @@ def suggestion(word: str, known: list[str], prefix: str = "", suffix: str = "") 
     prefix, suffix: what stands around the word
     """
     similar = difflib.get_close_matches(word[:MAX_KEY_CHARACTERS], known, 1, 0.6)
-    return f'did you mean "{prefix}{similar[0]}{suffix}"?' if similar else "known here: " + ", ".join(known)
+    return f'did you mean "{prefix}{similar[0]}{suffix}"?' if similar else "the known ones are " + ", ".join(known)
 
 
 def describe_value_error(model: type[BaseModel], key: str, value: Any) -> str:

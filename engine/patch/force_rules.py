@@ -19,12 +19,12 @@ def check_force(path: KeyPath, force: dict[str, Any]) -> Faults:
     duration: Any = force.get("duration")
     if is_number(fade) and is_number(duration) and fade > duration / 2 > 0.0:
         message = f"{fade:g} s to rise and {fade:g} s to fall in {duration:g} s"
-        yield make_fault((*path, "fade"), fade, message, "at most half of the duration")
+        yield make_fault((*path, "fade"), fade, message, "give at most half of the duration")
     yield from _check_envelope((*path, "envelope"), force.get("envelope"))
     band = force.get("band")
     if are_positive(band) and len(band) == 2 and not MIN_BAND <= band[0] < band[1] <= MAX_BAND:
         message = f"{band[0]:g} Hz to {band[1]:g} Hz"
-        remedy = f"the lower first, from {MIN_BAND:g} Hz to {MAX_BAND:g} Hz"
+        remedy = f"give the lower first, from {MIN_BAND:g} Hz to {MAX_BAND:g} Hz"
         yield make_fault((*path, "band"), band, message, remedy)
 
 
@@ -36,4 +36,6 @@ def _check_envelope(path: KeyPath, envelope: Any) -> Faults:
     if len(times) < len(envelope):
         return  # that is a fault of structure
     if times and (times[0] < 0.0 or any(a >= b for a, b in pairwise(times))):
-        yield make_fault(path, envelope, "its times do not rise", "from 0 on, each point later than the one before")
+        yield make_fault(
+            path, envelope, "its times do not increase", "start at 0 or later, each point later than the one before"
+        )

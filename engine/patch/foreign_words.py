@@ -3,8 +3,8 @@
 from engine.patch.limits_of_model import answer_word
 
 JOIN = '[[connection]] joins bodies: a spring, a damper, rigid = true, or kind = "end" for the end of a string'
-END = '[[connection]] with kind = "end" lets the end of a string ride on a body'
-TOUCH = "bridge = { … } of a [[contact]] is one that the string buzzes on"
+END = '[[connection]] with kind = "end" attaches the end of a string to a body'
+TOUCH = "bridge = { … } of a [[contact]] is a bridge on which the string buzzes"
 
 # by the section that a key stands in, "" for a key or table of the patch itself
 KEYS: dict[str, dict[str, str]] = {
@@ -16,7 +16,9 @@ KEYS: dict[str, dict[str, str]] = {
         ("glue", "joint", "rigid", "rest", "damping", "damping_coefficient"), f"a contact only pushes; {JOIN}"
     ),
     "connection": {
-        **dict.fromkeys(("gap", "barrier"), "rest, m: how far the body is above the other where no force acts"),
+        **dict.fromkeys(
+            ("gap", "barrier"), "rest, m: displacement of the first body relative to the second without force"
+        ),
         **dict.fromkeys(("exponent", "loss"), "a connection is linear; a [[contact]] has an exponent and a loss"),
         **dict.fromkeys(("glue", "joint", "fixed"), "rigid = true"),
     },
@@ -43,7 +45,7 @@ KINDS: dict[str, dict[str, str]] = {
 def explain_key(section: str, key: str, kinds: list[str]) -> str:
     """What an unknown key is called here, or ""; kinds: of the table it stands in."""
     if section == "connection" and kinds == ["end"] and key in END_KEYS:
-        return "an end has none: what holds it is its string"
+        return "an end has none: the tension of the string acts there"
     return KEYS.get(section, {}).get(key.lower(), "") or answer_word(key)
 
 

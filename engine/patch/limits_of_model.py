@@ -5,17 +5,17 @@ PAGE = "docs/limits.md"
 # what is said, the section of the page, and the words that it answers
 _ANSWERS: tuple[tuple[str, str, str], ...] = (
     (
-        'friction that sticks and slips is not modelled, and so no bow; [[force]] has kind = "noise"',
+        'stick-slip friction is not modelled, so there is no bow; a [[force]] has kind = "noise"',
         "friction",
         "bow bowed bowing friction rosin rub rubbing scrape stick_slip",
     ),
     (
-        "nothing blows: reeds, lips and jets of air are not modelled; tubes and boxes resonate",
+        "wind excitation (reeds, lips, jets of air) is not modelled; tubes and boxes of air resonate",
         "wind",
         "reed lips lip jet mouthpiece blow blown wind flute brass whistle",
     ),
     (
-        "a patch has no effects after the sound; render, and add them in an audio editor",
+        "a patch has no audio effects; render, and add them in an audio editor",
         "effects",
         "reverb room hall convolution delay echo chorus flanger effect effects filter lowpass highpass "
         "bandpass eq equalizer equaliser compressor limiter distortion saturation overdrive amplifier",
@@ -26,27 +26,27 @@ _ANSWERS: tuple[tuple[str, str, str], ...] = (
         "polarisation polarization horizontal longitudinal torsion torsional twist",
     ),
     (
-        "bodies are linear, only contacts are not: pitch does not depend on loudness",
+        "only contacts are nonlinear: pitch does not depend on amplitude",
         "linear-bodies",
         "nonlinear nonlinearity geometric kirchhoff_carrier von_karman tension_modulation pitch_glide duffing",
     ),
     (
-        "a contact pushes as a power of its compression, with Hunt-Crossley damping: no memory, no glue, no plasticity",
+        "a contact is a power law with Hunt-Crossley damping: no hysteresis, no adhesion, no plasticity",
         "contacts",
         "hysteresis relaxation plastic plasticity adhesion sticky magnet restitution",
     ),
     (
-        'a [[pickup]] hears a place of a body; quantity = "pressure" is what is heard far off, without a room',
+        'a [[pickup]] measures a position on a body; quantity = "pressure" is the far field, without a room',
         "what-is-heard",
         "mic microphone radiation directivity binaural hrtf listener speaker",
     ),
     (
-        'shapes are those of the kinds of bodies; modes of any other come from a file, with kind = "modes"',
+        'there are no other shapes than the kinds of bodies; read other modes from a file, with kind = "modes"',
         "shapes",
         "mesh fem geometry stl obj bell gong cymbal cone horn",
     ),
     (
-        "bodies neither break nor change: nothing wears, cracks or is cut",
+        "bodies do not break, wear or change",
         "breaking",
         "break crack fracture snap wear temperature humidity",
     ),
@@ -66,7 +66,7 @@ _ANSWERS: tuple[tuple[str, str, str], ...] = (
         "ramp fade fade_in fade_out envelope adsr attack automation linseg",
     ),
     (
-        "nothing modulates by itself: events change values, as many as you write, and the pitch wheel bends",
+        "there is no modulator: [[event]]s change values, and the pitch wheel bends",
         "ramps",
         "lfo vibrato tremolo modulation glissando portamento",
     ),

@@ -125,8 +125,8 @@ def explain_unknown(parameter: str, known: Sequence[str]) -> str:
     """That there is no such live parameter, and which there are: of the same table, or else with like names."""
     table = parameter.rpartition(".")[0]
     near = [path for path in known if path.rpartition(".")[0] == table] or get_close_matches(parameter, known, n=5)
-    shown = ", ".join((near or list(known))[:MAX_NAMES]) or "none: give a contact or a connection a name"
-    return f"no live parameter {parameter}; there are {shown}"
+    shown = ", ".join((near or list(known))[:MAX_NAMES]) or "none; give a contact or a connection a name"
+    return f"no live parameter {parameter}; the live parameters are {shown}"
 
 
 def value_at(scene: Any, path: LivePath) -> float:

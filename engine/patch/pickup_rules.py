@@ -19,19 +19,19 @@ def check_pickup(path: KeyPath, pickup: dict[str, Any], body: dict[str, Any] | N
     quantity = pickup.get("quantity") or (kind.HEARD if kind is not None else None)
     if is_given(pickup, "pan") and pickup.get("channel", 1) != 1:
         message = "pan and channel given"
-        yield make_fault((*path, "pan"), pickup["pan"], message, "a pan is between channels 1 and 2; give one of them")
+        yield make_fault((*path, "pan"), pickup["pan"], message, "pan acts between channels 1 and 2; give one of them")
     if is_given(pickup, "distance") and quantity != "pressure":
-        remedy = 'quantity = "pressure" is heard at a distance'
+        remedy = 'only quantity = "pressure" has a distance'
         yield make_fault((*path, "distance"), pickup["distance"], "a distance without a pressure", remedy)
     if quantity == "pressure" and body is not None and kind is not None and not kind.HAS_AREA:
         message = f"{format_value(body['name'])} is a {body['kind']}, which has no area"
-        yield make_fault((*path, "quantity"), quantity, message, "a membrane or a plate has")
+        yield make_fault((*path, "quantity"), quantity, message, "give a membrane or a plate")
     elif quantity == "pressure" and kind is AirBox and body is not None and not is_given(body, "hole"):
-        message = f"{format_value(pickup['body'])} has no hole, and nothing of it is heard"
-        yield make_fault((*path, "body"), pickup["body"], message, "a hole, or a pickup on its walls")
+        message = f"{format_value(pickup['body'])} has no hole, and does not radiate"
+        yield make_fault((*path, "body"), pickup["body"], message, "give it a hole, or place the pickup on its walls")
     elif quantity == "pressure" and kind is Tube and has_place:
-        message = "the pressure of a tube is that of its mouth"
-        yield make_fault((*path, "at"), pickup["at"], message, "leave it out; another quantity has a place")
+        message = "the pressure of a tube is always that of its mouth"
+        yield make_fault((*path, "at"), pickup["at"], message, "leave it out; other quantities have a position")
     elif quantity == "end_force":
         yield from _check_end(path, pickup, body)
     elif quantity not in ("force", "pressure") or has_place:
@@ -43,7 +43,7 @@ def _check_end(path: KeyPath, pickup: dict[str, Any], body: dict[str, Any] | Non
     at = pickup.get("at")
     if body is not None and kind_of(body) is not None and kind_of(body) is not String:
         message = f"{format_value(pickup['body'])} is a {body.get('kind')}, which has no ends"
-        yield make_fault((*path, "quantity"), pickup["quantity"], message, "a string has")
+        yield make_fault((*path, "quantity"), pickup["quantity"], message, "only a string has ends")
     elif isinstance(at, bool) or at not in (0, 1):
         message = "no end given" if at is None else f"{format_value(at)} is not an end"
         yield make_fault((*path, "at") if at is not None else path, at, message, "give at = 0 or 1")

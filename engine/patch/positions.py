@@ -39,16 +39,16 @@ def check_positions(path: KeyPath, table: dict[str, Any], body: dict[str, Any] |
     at = table.get(key)
     if kind.IS_LUMPED:
         if at is not None:
-            message = f"{format_value(body['name'])} is a {body['kind']}, which has no places"
+            message = f"{format_value(body['name'])} is a {body['kind']}, which has no positions"
             yield make_fault(path, at, message, "leave it out")
         return
     remedy = kind.position_help(body)
     if at is None:
-        yield make_fault(path[:-1], table, f"no place on {format_value(body['name'])}", f"give {key} = {remedy}")
+        yield make_fault(path[:-1], table, f"no position on {format_value(body['name'])}", f"give {key} = {remedy}")
         return
     positions = kind.split_positions(at)
     if single and len(positions) > 1:
-        yield make_fault(path, at, "several places", f"give one: {remedy}")
+        yield make_fault(path, at, "several positions", f"give one: {remedy}")
     for position in positions:
         if not kind.has_position(body, position):
             message = f"{format_value(position)} is not a position on {format_value(body['name'])}"

@@ -38,8 +38,8 @@ MAX_NUMBER_DIGITS = 4_000  # Python reads some more
 # what Python's TOML reader says, and what would be right
 SYNTAX_REMEDIES = {
     "Cannot overwrite": "a key is given twice, or a table is [body] once and [[body]] elsewhere: write [[body]]",
-    "twice": "the same table stands there twice; write [[body]], [[contact]] and so on, which may be many",
-    "Expected newline": "one number or text for each key: 6.0 and not 6,0; the unit goes into a comment, after #",
+    "twice": "the same table is given twice; write [[body]], [[contact]] and so on, which can be repeated",
+    "Expected newline": "give one number or text for each key: 6.0, not 6,0; write units in a comment, after #",
 }
 
 
@@ -68,7 +68,7 @@ def load(path: str | Path | dict[str, Any]) -> Scene:
     text = read_text(path)
     data = _parse_toml(str(path), text)
     if not data:
-        raise PatchError([Fault("", f"empty; {program_name()} new NAME writes a patch to begin with", str(path))])
+        raise PatchError([Fault("", f"empty; {program_name()} new NAME writes a first patch", str(path))])
     renamed = RenamedKeys()
     try:
         return validate_document(data, path.parent, str(path), text, renamed)
@@ -213,7 +213,7 @@ def _make_faults(file: str, text: str, errors: list[Any], paths: Paths) -> list[
     for n, (line, error) in enumerate(ordered):
         if len(faults) == MAX_FAULTS_LISTED:
             rest = f"at least {MAX_FAULTS_COLLECTED}" if len(errors) >= MAX_FAULTS_COLLECTED else len(errors) - n
-            return [*faults, Fault("", f"and {rest} more faults; these are the first", file)]
+            return [*faults, Fault("", f"and {rest} more errors; these are the first", file)]
         location = locate_error(error)
         path = location.path
         misspelt = unknown.get(path[:-1], [])[:MAX_FAULTS_LISTED] if error["type"] == "missing" else []

@@ -26,13 +26,13 @@ Written by `fdh reference > docs/patches.md` from the models in `engine/`; edit 
 
 A patch is a TOML file of tables: `[[body]]`, `[[contact]]`, `[[force]]`, `[[event]]` and `[[pickup]]`, each as often as
 needed, and one `[accuracy]`; an instrument has a `[keyboard]` ([instruments](instruments.md)). Keys outside any table
-come first. All is in SI units; unknown keys are refused.
-A *place* is a fraction of a body's length from 0 to 1; `[x, y]`, fractions of the sides of a sheet; or the name of a
-measured point.
+come first. All values are in SI units. Unknown keys are errors.
+A *position* is a fraction of a body's length from 0 to 1; `[x, y]`, fractions of the sides of a membrane or plate; or
+the name of a measured point.
 
-`fdh new NAME` starts a patch, `fdh check PATCH` says all that is wrong with one, and
+`fdh new NAME` starts a patch, `fdh check PATCH` lists all its errors, and
 `fdh params PATCH` lists its numbers. Editors that know TOML schemas (Taplo, Even Better TOML) complete and check
-keys where the first line of a patch is `#:schema` and the path of `patches/patch.schema.json`, as in those shipped.
+keys if the first line of a patch is `#:schema` and the path of `patches/patch.schema.json`, as in those shipped.
 """
 
 # arrays of tables and [accuracy]: their headings, and the tables inside them with the names of their models
@@ -55,7 +55,7 @@ SECTIONS: dict[str, tuple[str, dict[str, str]]] = {
     "control": ("Controls: `[[control]]`", {}),
     "midi": ("MIDI: `[midi]`", {}),
     "keyboard": ("The keys of an instrument: `[keyboard]`", {}),
-    "key": ("What each key has: `[[key.body]]` and others", {}),
+    "key": ("Tables of each key: `[[key.body]]` and others", {}),
     "note": ("Notes of an instrument: `[[note]]`", {}),
     "pedal": ("Pedals of an instrument: `[[pedal]]`", {}),
     "accuracy": ("Accuracy: `[accuracy]`", {}),
@@ -98,7 +98,7 @@ def reference_page() -> str:
 
 def _renamed_section() -> list[str]:
     """Lines that list the old names of keys."""
-    lines = ["## Old names", "", "They work, in patches and in paths, and a note says the new name.", ""]
+    lines = ["## Old names", "", "Old names still work in patches and in paths; a note gives the new name.", ""]
     lines += ["| table | old | new | |", "| --- | --- | --- | --- |"]
     for section, names in RENAMED.items():
         for old, new in names.items():
@@ -159,7 +159,7 @@ def format_range(node: dict[str, Any]) -> str:
         length = _format_length(node.get("minItems", 0), node.get("maxItems"))
         return f"{length}, each {items}" if items else length
     if options := node.get("anyOf"):  # a position; or a number, or a list of them
-        return "a place" if {"type": "string"} in options else format_range(options[0]) + ", or a list"
+        return "a position" if {"type": "string"} in options else format_range(options[0]) + ", or a list"
     if "patternProperties" in node:
         return "lists by name"
     if "properties" in node or "allOf" in node or "oneOf" in node:

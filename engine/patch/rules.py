@@ -53,11 +53,13 @@ def check_rules(data: dict[str, Any]) -> Faults:
     for i, event in tables_of(data, "event"):
         time = event.get("time")
         if is_number(time) and is_number(end) and time >= end:
-            yield make_fault(("event", i, "time"), time, "after the end", f"before {end:g} s, or more seconds")
+            yield make_fault(
+                ("event", i, "time"), time, "after the end", f"give a time before {end:g} s, or more seconds"
+            )
         yield from _check_event(("event", i), event, bodies, contacts, connections)
         if event.get("kind") == "strike" and find_rigid_joint(event.get("body"), data):
-            message = f"a rigid joint holds {format_value(event['body'])}, which cannot be put elsewhere"
-            yield make_fault(("event", i, "body"), event["body"], message, "a joint with a stiffness, or a force")
+            message = f"a rigid joint holds {format_value(event['body'])}, which cannot be launched"
+            yield make_fault(("event", i, "body"), event["body"], message, "give the joint a stiffness, or use a force")
     for i, force in tables_of(data, "force"):
         yield from check_force(("force", i), force)
     for section in ("force", "event", "pickup"):
@@ -122,7 +124,7 @@ def _check_contact(path: KeyPath, contact: dict[str, Any], bodies: dict[str, Any
     body = bodies.get(str(contact.get("body")))
     profile = next((key for key in ("bridge", "frets") if is_given(contact, key)), None)
     if gap and not on:
-        remedy = "a fixed barrier is placed by barrier, in m"
+        remedy = "give the position of a fixed barrier by barrier, in m"
         yield make_fault((*path, "gap"), contact["gap"], "gap without on", remedy)
     if on and barrier:
         remedy = "a contact between two bodies has a gap, not a barrier"
@@ -146,21 +148,21 @@ def _check_contact_positions(
     if on:
         yield from check_positions((*path, "on_at"), contact, other_body, single=False)
         if contact["on"] == contact.get("body") and _joins_same_position(contact, body):
-            message = "a body cannot touch itself at one place"
+            message = "a body cannot touch itself at one position"
             yield make_fault((*path, "on"), contact["on"], message, "name another body")
     elif is_given(contact, "on_at"):
         yield make_fault((*path, "on_at"), contact["on_at"], "on_at without on", "name the other body by on")
     count = count_positions(contact, "at", body)
     other_count = count_positions(contact, "on_at", other_body) if on else 1
     if count > 1 and other_count > 1 and other_count != count:
-        remedy = "as many places on both bodies, or one on one of them"
-        yield make_fault((*path, "on_at"), contact["on_at"], f"{other_count} places for {count} in at", remedy)
+        remedy = "give as many positions on both bodies, or one on one of them"
+        yield make_fault((*path, "on_at"), contact["on_at"], f"{other_count} positions for {count} in at", remedy)
     points = max(count, other_count)
     for key in ("barrier", "gap"):
         value = contact.get(key)
         if isinstance(value, list) and len(value) != points:
-            remedy = "as many as places, or one number for all"
-            yield make_fault((*path, key), value, f"{len(value)} numbers for {points} place(s)", remedy)
+            remedy = "give one number for each position, or one for all"
+            yield make_fault((*path, key), value, f"{len(value)} numbers for {points} position(s)", remedy)
 
 
 def _check_stiffness(path: KeyPath, stiffness: Any, exponent: Any) -> Faults:
@@ -168,7 +170,7 @@ def _check_stiffness(path: KeyPath, stiffness: Any, exponent: Any) -> Faults:
     if is_number(stiffness) and is_number(exponent) and 1.0 <= exponent <= MAX_EXPONENT:
         if stiffness > max_stiffness(exponent):
             remedy = f"at most {max_stiffness(exponent):.3g} N/m^{exponent:g}, {MAX_FORCE_AT_1_MM:g} N at 1 mm"
-            yield make_fault(path, stiffness, f"{stiffness:g} is harder than anything", remedy)
+            yield make_fault(path, stiffness, f"{stiffness:g} is stiffer than any material", remedy)
 
 
 def _joins_same_position(contact: dict[str, Any], body: dict[str, Any] | None) -> bool:
@@ -187,7 +189,7 @@ def _check_profile(path: KeyPath, contact: dict[str, Any], body: dict[str, Any] 
             yield make_fault((*path, key), contact[key], f"{profile} and {key} given", "give one of them")
     if body is not None and not has_length(body):
         message = f"{format_value(body['name'])} has no length"
-        yield make_fault((*path, profile), contact[profile], message, "a string or a bar has")
+        yield make_fault((*path, profile), contact[profile], message, "give a string or a bar")
     table = contact[profile]
     if not isinstance(table, dict):
         return
@@ -201,16 +203,16 @@ def _check_frets(path: KeyPath, frets: dict[str, Any]) -> Faults:
     """Frets are counted or placed, and their heights are one for all, one for each, or those of the two ends."""
     if is_given(frets, "count") == is_given(frets, "at"):
         message = "both count and at given" if is_given(frets, "at") else "neither count nor at given"
-        yield make_fault(path, frets, message, "give one of them: a number of frets, or their places")
+        yield make_fault(path, frets, message, "give one of them: a number of frets, or their positions")
         return
     count = frets["count"] if is_given(frets, "count") else len(frets["at"]) if isinstance(frets["at"], list) else 0
     at, height = frets.get("at"), frets.get("height")
     is_row = isinstance(height, list) and len(height) == 2 and is_number(count) and count > 2
     if isinstance(height, list) and len(height) != count and not is_row:
-        remedy = f"{count}, or 2 for a straight row of more"
+        remedy = f"give {count}, or 2 for a straight row"
         yield make_fault((*path, "height"), height, f"{len(height)} heights for {count} frets", remedy)
     if is_row and isinstance(at, list) and at[0] == at[-1]:
-        message = "no straight row: it begins and ends at one place"
+        message = "not a straight row: it begins and ends at one position"
         yield make_fault((*path, "height"), height, message, "give a height for each")
 
 
@@ -221,7 +223,7 @@ def _check_bridge(path: KeyPath, bridge: dict[str, Any], body: dict[str, Any]) -
         half = width / length / 2
         if at - half < 0 or at + half > 1:
             remedy = f"{format_value(body['name'])} is {length:g} m long"
-            yield make_fault((*path, "width"), width, "the bridge reaches past the end", remedy)
+            yield make_fault((*path, "width"), width, "the bridge extends beyond the end", remedy)
 
 
 def _check_event(
@@ -235,7 +237,7 @@ def _check_event(
     kind, body = event.get("kind"), bodies.get(str(event.get("body")))
     if kind == "strike" and body is not None and not is_lumped(body):
         message = f"{format_value(event['body'])} is a {body.get('kind')}"
-        remedy = "throw a mass or an oscillator; a force or pluck moves other bodies"
+        remedy = "launch a mass or an oscillator; use a force or pluck for other bodies"
         yield make_fault((*path, "body"), event["body"], message, remedy)
     if kind != "change":
         return
@@ -246,19 +248,21 @@ def _check_event(
         yield make_fault(path, event, message, "name the one that changes")
         return
     if is_given(event, "parameter") != is_given(event, "value"):
-        message, remedy = ("no value given", "what it glides to") if given == ["parameter"] else ("value given", "")
+        message, remedy = (
+            ("no value given", "give the value that it glides to") if given == ["parameter"] else ("value given", "")
+        )
         yield make_fault(path, event, message, remedy or f"a {given[0]} has a stiffness, or others")
     if given == ["parameter"]:
         for key in CHANGED_KEYS:
             if is_given(event, key):
-                yield make_fault((*path, key), event[key], f"parameter and {key} given", "the new one is its value")
+                yield make_fault((*path, key), event[key], f"parameter and {key} given", "give the new number as value")
         return
     if of_connection:
         yield from check_change_of_connection(path, event, connections)
         return
     for key in ("damping_coefficient", "rest"):
         if is_given(event, key):
-            yield make_fault((*path, key), event[key], f"a contact has no {key}", "a connection has")
+            yield make_fault((*path, key), event[key], f"a contact has no {key}", "only a connection has one")
     yield from _check_exists((*path, "contact"), event.get("contact"), contacts, "contact", "named contacts")
     if not any(is_given(event, key) for key in ("stiffness", "exponent", "barrier", "gap")):
         yield make_fault(path, event, "nothing changes", "give a new stiffness, exponent, barrier or gap")

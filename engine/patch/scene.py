@@ -48,33 +48,35 @@ MAX_FORCE_SAMPLES = 1 << 25  # of a force file, all channels together
 class Scene(Table):
     """A patch, validated. All is in SI units; bodies are at rest at 0 unless the patch says otherwise."""
 
-    title: str = Field(default="", description="what it is")
-    seconds: float = Field(default=2.0, gt=0.0, le=MAX_SECONDS, description="how long it sounds, s")
+    title: str = Field(default="", description="title")
+    seconds: float = Field(default=2.0, gt=0.0, le=MAX_SECONDS, description="length of the sound, s")
     gravity: float = Field(
         default=0.0,
         ge=-MAX_GRAVITY,
         le=MAX_GRAVITY,
         description="downward acceleration of masses and oscillators, m/s²: with 9.81 their weight is -9.81 N/kg",
     )
-    accuracy: Accuracy = Field(default=Accuracy(), description="how exactly it is computed")
+    accuracy: Accuracy = Field(default=Accuracy(), description="accuracy settings")
     body: list[Body] = Field(min_length=1, max_length=MAX_TABLES, description="the bodies")
-    contact: list[Contact] = Field(default=[], max_length=MAX_TABLES, description="where bodies collide")
+    contact: list[Contact] = Field(
+        default=[], max_length=MAX_TABLES, description="contacts between bodies, or with barriers"
+    )
     connection: list[Connection] = Field(
-        default=[], max_length=MAX_TABLES, description="what holds bodies together: springs, joints, ends of strings"
+        default=[],
+        max_length=MAX_TABLES,
+        description="connections between bodies: springs, rigid joints, ends of strings, air",
     )
     force: list[Force] = Field(default=[], max_length=MAX_TABLES, description="external forces")
-    event: list[Event] = Field(default=[], max_length=MAX_EVENTS, description="the score: what happens when")
-    pickup: list[Pickup] = Field(min_length=1, max_length=MAX_TABLES, description="what is heard")
+    event: list[Event] = Field(default=[], max_length=MAX_EVENTS, description="events of the score")
+    pickup: list[Pickup] = Field(min_length=1, max_length=MAX_TABLES, description="outputs of the scene")
     control: list[Control] = Field(
-        default=[], max_length=MAX_CONTROLS, description="which moves of a controller change which numbers"
+        default=[], max_length=MAX_CONTROLS, description="live parameters that controllers change"
     )
-    midi: Midi = Field(default=Midi(), description="how MIDI is understood")
-    keyboard: Keyboard | None = Field(default=None, exclude=True, description="of an instrument: its keys")
-    key: KeyTables | None = Field(default=None, exclude=True, description="of an instrument: what each key has")
-    note: list[Note] = Field(default=[], max_length=MAX_NOTES, exclude=True, description="of an instrument: its score")
-    pedal: list[Pedal] = Field(
-        default=[], max_length=MAX_NOTES, exclude=True, description="of an instrument: how its pedals are moved"
-    )
+    midi: Midi = Field(default=Midi(), description="MIDI settings")
+    keyboard: Keyboard | None = Field(default=None, exclude=True, description="keys of an instrument")
+    key: KeyTables | None = Field(default=None, exclude=True, description="tables of each key of an instrument")
+    note: list[Note] = Field(default=[], max_length=MAX_NOTES, exclude=True, description="notes of an instrument")
+    pedal: list[Pedal] = Field(default=[], max_length=MAX_NOTES, exclude=True, description="pedals of an instrument")
     _document: dict[str, Any] | None = PrivateAttr(default=None)  # of an instrument, as it was read
     _folder: Path = PrivateAttr(default=Path())
 

@@ -38,50 +38,59 @@ def max_stiffness(exponent: float) -> float:
 
 
 class Bridge(Table):
-    """A parabolic bridge under a string or bar: points evenly spread over its width."""
+    """A parabolic bridge under a string or bar: contact points are evenly spaced over its width."""
 
-    at: float = Field(ge=0.0, le=1.0, description="where its top is, fraction of the length")
+    at: float = Field(ge=0.0, le=1.0, description="position of its top, fraction of the length")
     width: float = Field(gt=0.0, le=1e3, description="width, m")
     points: int = Field(
-        default=30, ge=2, le=MAX_CONTACT_POINTS, description="points of contact, which share the stiffness"
+        default=30, ge=2, le=MAX_CONTACT_POINTS, description="number of contact points, which share the stiffness"
     )
-    height: Metres = Field(default=0.0, description="of its top, m")
-    depth: float = Field(default=0.0, ge=0.0, le=1e3, description="how much lower its edges are than its top, m")
+    height: Metres = Field(default=0.0, description="height of its top, m")
+    depth: float = Field(default=0.0, ge=0.0, le=1e3, description="height of its top above its edges, m")
 
 
 class Frets(Table):
-    """Frets under a string in equal temperament, or at given places."""
+    """Frets under a string, in equal temperament or at given positions."""
 
     count: int | None = Field(
-        default=None, ge=1, le=MAX_CONTACT_POINTS, description="frets at 1 - 2^(-n/12) of the length from the far end"
+        default=None,
+        ge=1,
+        le=MAX_CONTACT_POINTS,
+        description="number of frets, at 1 - 2^(-n/12) of the length from the far end",
     )
     at: list[Fraction] | None = Field(
         default=None,
         min_length=1,
         max_length=MAX_CONTACT_POINTS,
-        description="places, fractions of the length; instead of the count",
+        description="positions of the frets, fractions of the length; instead of the count",
     )
-    height: Offsets = Field(description="of each, m; or of all; or of the first and last of a straight row")
+    height: Offsets = Field(
+        description="height of each fret, m; or of all; or of the first and last fret of a straight row"
+    )
 
 
 class Contact(Table):
     """A one-sided power law between a body and a barrier, or between two bodies."""
 
-    name: Name | None = Field(default=None, description="name, by which events refer to it")
-    body: Name = Field(description="the body that touches")
-    at: Positions = Field(default=None, description="where on it: a place, or a list of places that each touch")
-    on: Name | None = Field(default=None, description="the body it touches; without it, a fixed barrier")
-    on_at: Positions = Field(default=None, description="where on that body: a place, or a list as long as `at`")
+    name: Name | None = Field(default=None, description="name of it, which events use")
+    body: Name = Field(description="first body of the contact")
+    at: Positions = Field(
+        default=None, description="position on the body, or a list of positions: one contact point at each"
+    )
+    on: Name | None = Field(
+        default=None, description="second body of the contact; if absent, the contact is with a fixed barrier"
+    )
+    on_at: Positions = Field(default=None, description="position on the second body, or a list as long as `at`")
     barrier: Offsets | None = Field(
         default=None, description="position of the fixed barrier, m; or a list as long as `at`"
     )
     gap: Offsets | None = Field(
-        default=None, description="distance between two bodies when both are at 0, m; 0 if absent; or a list"
+        default=None, description="distance between the two bodies when both are at 0, m; 0 if absent; or a list"
     )
     bridge: Bridge | None = Field(default=None, description="a bridge under the body, instead of at and barrier")
     frets: Frets | None = Field(default=None, description="frets under the body, instead of at and barrier")
     side: Literal["above", "below"] = Field(
-        default="above", description="where the barrier, or the other body, lies seen from the body"
+        default="above", description="side of the body on which the barrier, or the second body, lies"
     )
     stiffness: Stiffness = Field(description="stiffness kc, N/m^exponent; at 1 mm of compression at most 1e15 N")
     exponent: Exponent = Field(description="exponent α of the power law, at least 1")
@@ -92,53 +101,56 @@ class Contact(Table):
 
 
 class _ConnectionTable(Table):
-    name: Name | None = Field(default=None, description="name, by which events refer to it")
+    name: Name | None = Field(default=None, description="name of it, which events use")
 
 
 class SpringConnection(_ConnectionTable):
-    """A spring and a damper that hold two places together both ways, or a rigid joint."""
+    """A spring and a damper between two positions, which pull and push, or a rigid joint."""
 
     kind: Literal["spring"] = "spring"
-    body: Name = Field(description="the body it holds")
-    at: Positions = Field(default=None, description="where on it: a place")
-    on: Name | None = Field(default=None, description="the body that it is held to; without it, the ground")
-    on_at: Positions = Field(default=None, description="where on that body: a place")
+    body: Name = Field(description="first body of the connection")
+    at: Positions = Field(default=None, description="position on the body")
+    on: Name | None = Field(default=None, description="second body of the connection; if absent, the ground")
+    on_at: Positions = Field(default=None, description="position on the second body")
     stiffness: float = Field(default=0.0, ge=0.0, le=MAX_CONNECTION_STIFFNESS, description="stiffness, N/m")
     damping_coefficient: float = Field(
         default=0.0, ge=0.0, le=MAX_CONNECTION_DAMPING, description="damping coefficient, kg/s"
     )
-    rigid: bool = Field(default=False, description="nothing gives: the two move as one; instead of stiffness")
+    rigid: bool = Field(default=False, description="whether the two positions move as one; instead of a stiffness")
     rest: Metres = Field(
-        default=0.0, description="how far the body is above the other where no force acts, m: body minus other"
+        default=0.0, description="displacement of the first body relative to the second at which the force is zero, m"
     )
 
 
 class EndConnection(_ConnectionTable):
-    """The end of a string rides on another body, instead of being fixed."""
+    """The end of a string is attached to another body, instead of being fixed."""
 
     kind: Literal["end"]
     body: Name = Field(description="the string")
     at: float = Field(ge=0.0, le=1.0, description="which end: 0 or 1")
-    on: Name = Field(description="the body that carries the end, such as a board")
-    on_at: Positions = Field(default=None, description="where on that body: a place")
+    on: Name = Field(description="body to which the end is attached, such as a soundboard")
+    on_at: Positions = Field(default=None, description="position on the second body")
     one_way: bool = Field(
-        default=False, description="the string drives the body, which does not act back: cheaper, for many strings"
+        default=False, description="whether the string drives the body without reaction: cheaper, for many strings"
     )
 
 
 class AirConnection(_ConnectionTable):
-    """Air that a sheet presses on: of a box, or between it and another sheet, or in a closed space of a volume."""
+    """Air next to a membrane or plate: in a box, between two membranes or plates, or in a closed volume."""
 
     kind: Literal["air"]
-    body: Name = Field(description="the membrane, plate or soundboard; above the air, unless it is the bottom of a box")
+    body: Name = Field(
+        description="membrane, plate or soundboard; it lies above the air, unless it is the bottom of a box"
+    )
     on: Name | None = Field(
-        default=None, description="the air of a box, or the sheet below; without it, the air is closed by rigid walls"
+        default=None, description="air of a box, or the membrane or plate below; if absent, rigid walls enclose the air"
     )
     wall: Literal["top", "bottom"] | None = Field(
-        default=None, description="which wall of the box the sheet is, with its sides along x and y; top if absent"
+        default=None,
+        description="wall of the box that the membrane or plate forms, with its sides along x and y; top if absent",
     )
     volume: float | None = Field(
-        default=None, gt=0.0, le=1e6, description="volume of the air, m³; that of a box is its own"
+        default=None, gt=0.0, le=1e6, description="volume of the air, m³; not with a box, which has its own"
     )
 
 
@@ -160,10 +172,10 @@ Connection = Annotated[
 
 
 class _ForceTable(Table):
-    body: Name = Field(description="the body it acts on")
-    at: Positions = Field(default=None, description="where on it")
-    start: Seconds = Field(default=0.0, description="when it begins, s")
-    amplitude: Newtons = Field(description="force at its largest, N; positive pushes upwards")
+    body: Name = Field(description="body that it acts on")
+    at: Positions = Field(default=None, description="position on the body")
+    start: Seconds = Field(default=0.0, description="start time, s")
+    amplitude: Newtons = Field(description="maximum force, N; a positive force pushes upwards")
 
 
 class _ShapedForce(_ForceTable):
@@ -171,13 +183,13 @@ class _ShapedForce(_ForceTable):
         default=None,
         min_length=1,
         max_length=MAX_ENVELOPE_POINTS,
-        description="[[seconds after its start, factor of the amplitude], …]: straight lines between them, and the last"
-        " factor holds; 1 throughout if absent",
+        description="[[seconds after its start, factor of the amplitude], …]: linear between them, and constant"
+        " after the last; 1 if absent",
     )
 
 
 class ConstantForce(_ShapedForce):
-    """A force that stays from its start on; with an envelope, one that rises and falls in straight lines."""
+    """A force that is constant after its start; with an envelope, it is piecewise linear."""
 
     kind: Literal["constant"]
 
@@ -186,22 +198,22 @@ class PulseForce(_ForceTable):
     """A rectangular pulse."""
 
     kind: Literal["pulse"]
-    duration: float = Field(gt=0.0, le=MAX_SECONDS, description="how long it lasts, s")
+    duration: float = Field(gt=0.0, le=MAX_SECONDS, description="duration, s")
 
 
 class HalfSineForce(_ForceTable):
     """Half a period of a sine."""
 
     kind: Literal["half_sine"]
-    duration: float = Field(gt=0.0, le=MAX_SECONDS, description="how long it lasts, s")
+    duration: float = Field(gt=0.0, le=MAX_SECONDS, description="duration, s")
 
 
 class PluckForce(_ForceTable):
-    """A finger or plectrum: the force rises as ½(1 - cos), and lets go."""
+    """A finger or plectrum: the force rises as ½(1 - cos), and is then released."""
 
     kind: Literal["pluck"]
-    duration: float = Field(gt=0.0, le=MAX_SECONDS, description="how long it rises, s")
-    release: float = Field(default=0.0, ge=0.0, le=MAX_SECONDS, description="how long it takes to let go, s")
+    duration: float = Field(gt=0.0, le=MAX_SECONDS, description="rise time, s")
+    release: float = Field(default=0.0, ge=0.0, le=MAX_SECONDS, description="release time, s")
 
 
 class SineForce(_ShapedForce):
@@ -210,12 +222,12 @@ class SineForce(_ShapedForce):
     kind: Literal["sine"]
     frequency: float = Field(gt=0.0, le=1e6, description="frequency, Hz")
     phase: float = Field(default=0.0, ge=-100.0, le=100.0, description="phase at its start, rad")
-    duration: float = Field(gt=0.0, le=MAX_SECONDS, description="how long it lasts, s")
-    fade: Seconds = Field(default=0.0, description="how long it rises as ½(1 - cos), and as long falls at its end, s")
+    duration: float = Field(gt=0.0, le=MAX_SECONDS, description="duration, s")
+    fade: Seconds = Field(default=0.0, description="time of its rise as ½(1 - cos) and of its fall at the end, s")
 
 
 class NoiseForce(_ShapedForce):
-    """Gaussian noise, such as that of breath or of a rough surface: the same for the same seed, at any sample rate."""
+    """Gaussian noise, such as that of breath. The same seed gives the same noise at any sample rate."""
 
     kind: Literal["noise"]
     amplitude: Newtons = Field(description="root mean square of the force, N")
@@ -223,11 +235,11 @@ class NoiseForce(_ShapedForce):
         default=None,
         min_length=2,
         max_length=2,
-        description="lowest and highest frequency, Hz: 24 dB per octave beyond them; if absent white, up to 24 kHz",
+        description="lowest and highest frequency, Hz: 24 dB per octave outside them; white up to 24 kHz if absent",
     )
-    seed: int = Field(default=0, ge=0, le=MAX_SEED, description="another seed is another noise")
-    duration: float = Field(gt=0.0, le=MAX_SECONDS, description="how long it lasts, s")
-    fade: Seconds = Field(default=0.0, description="how long it rises as ½(1 - cos), and as long falls at its end, s")
+    seed: int = Field(default=0, ge=0, le=MAX_SEED, description="random seed")
+    duration: float = Field(gt=0.0, le=MAX_SECONDS, description="duration, s")
+    fade: Seconds = Field(default=0.0, description="time of its rise as ½(1 - cos) and of its fall at the end, s")
 
 
 class SampledForce(_ShapedForce):
@@ -246,14 +258,14 @@ Force = Annotated[
 
 
 class _EventTable(Table):
-    time: Seconds = Field(description="when it happens, s")
+    time: Seconds = Field(description="time of the event, s")
 
 
 class StrikeEvent(_EventTable):
-    """A mass or oscillator is put at a displacement, with a velocity: a hammer thrown (again)."""
+    """A mass or oscillator is launched from a displacement with a velocity, as a hammer is."""
 
     kind: Literal["strike"]
-    body: Name = Field(description="the hammer")
+    body: Name = Field(description="mass or oscillator, such as a hammer")
     velocity: Velocity = Field(description="velocity, m/s")
     displacement: Displacement | None = Field(default=None, description="displacement, m; that at time 0 if absent")
 
@@ -262,74 +274,74 @@ class PluckEvent(_EventTable):
     """A pluck as in [[force]], at a time of the score."""
 
     kind: Literal["pluck"]
-    body: Name = Field(description="the body it acts on")
-    at: Positions = Field(default=None, description="where on it")
-    amplitude: Newtons = Field(description="force at its largest, N")
-    duration: float = Field(gt=0.0, le=MAX_SECONDS, description="how long it rises, s")
-    release: float = Field(default=0.0, ge=0.0, le=MAX_SECONDS, description="how long it takes to let go, s")
+    body: Name = Field(description="body that it acts on")
+    at: Positions = Field(default=None, description="position on the body")
+    amplitude: Newtons = Field(description="maximum force, N")
+    duration: float = Field(gt=0.0, le=MAX_SECONDS, description="rise time, s")
+    release: float = Field(default=0.0, ge=0.0, le=MAX_SECONDS, description="release time, s")
 
 
 class DampEvent(_EventTable):
-    """Extra loss on all modes of a body, for a while or for good."""
+    """Additional damping of all modes of a body, for a duration or permanently."""
 
     kind: Literal["damp"]
-    body: Name = Field(description="the body that is damped")
-    sigma: float = Field(gt=0.0, le=1e6, description="extra decay rate, 1/s")
-    duration: float | None = Field(default=None, gt=0.0, le=MAX_SECONDS, description="how long, s; for good if absent")
+    body: Name = Field(description="body that is damped")
+    sigma: float = Field(gt=0.0, le=1e6, description="additional decay rate, 1/s")
+    duration: float | None = Field(default=None, gt=0.0, le=MAX_SECONDS, description="duration, s; permanent if absent")
 
 
 class ChangeEvent(_EventTable):
-    """What a contact or a connection is like glides to a new value: a stiffness, an exponent, the place of a barrier; a
-    damping, or a rest. Or any number that can change while it sounds does, by its path."""
+    """A live parameter glides to a new value: a number of a contact or a connection, such as a stiffness, or any other
+    live parameter, by its path."""
 
     kind: Literal["change"]
-    contact: Name | None = Field(default=None, description="the contact; or give a connection, or a parameter")
-    connection: Name | None = Field(default=None, description="the connection, a spring")
+    contact: Name | None = Field(default=None, description="name of the contact; or give a connection, or a parameter")
+    connection: Name | None = Field(default=None, description="name of the connection, a spring")
     parameter: str | None = Field(
         default=None,
         min_length=1,
-        description="a number that `fdh params` marks as live, such as `body.string.tension`; it glides to the value",
+        description="path of a live parameter (see `fdh params`), such as `body.string.tension`; give its value too",
     )
     value: float | None = Field(default=None, description="new value of the parameter")
     stiffness: Stiffness | None = Field(default=None, description="new stiffness, N/m^exponent; of a connection N/m")
     exponent: Exponent | None = Field(default=None, description="new exponent")
     barrier: Metres | None = Field(
-        default=None, description="new position of its barrier, m; a list moves by as much as its first"
+        default=None, description="new position of its barrier, m; a list moves by as much as its first item"
     )
     gap: Metres | None = Field(default=None, description="new gap, m")
     damping_coefficient: float | None = Field(
         default=None, ge=0.0, le=MAX_CONNECTION_DAMPING, description="new damping coefficient of a connection, kg/s"
     )
     rest: Metres | None = Field(default=None, description="new rest of a connection, m")
-    duration: float = Field(default=0.005, ge=0.0, le=MAX_SECONDS, description="how long it glides, s")
+    duration: float = Field(default=0.005, ge=0.0, le=MAX_SECONDS, description="duration of the glide, s")
 
 
 Event = Annotated[StrikeEvent | PluckEvent | DampEvent | ChangeEvent, Field(discriminator="kind")]
 
 
 class Pickup(Table):
-    """What is heard."""
+    """An output of the scene: the motion, pressure or force at a position of a body."""
 
-    name: Name | None = Field(default=None, description="name, by which controls and changes refer to it")
-    body: Name = Field(description="the body that is heard")
+    name: Name | None = Field(default=None, description="name of it, which controls and events use")
+    body: Name = Field(description="body that it measures")
     at: Positions = Field(
         default=None,
-        description="where on it: a place, or a list whose mean is heard; no matter for its force",
+        description="position on the body, or a list of positions, whose mean it gives; not needed for the force",
     )
     quantity: Literal["displacement", "velocity", "acceleration", "pressure", "force", "end_force"] | None = Field(
         default=None,
-        description="what of it is heard, in SI units; if absent velocity, of a membrane or plate acceleration;"
-        " pressure: that of a baffled sheet in air, far off; force: all contact forces on the body; end_force: that of"
-        " a string on its end, at 0 or 1",
+        description="quantity, in SI units; if absent, the velocity, or the acceleration of a membrane or plate;"
+        " pressure: far field in air, of a baffled membrane or plate, a hole or a tube; force: sum of the contact"
+        " forces on the body; end_force: force of a string on its end, at 0 or 1",
     )
     distance: float | None = Field(
-        default=None, ge=1e-3, le=1e6, description="of a pressure: how far off it is heard, m; 1 if absent"
+        default=None, ge=1e-3, le=1e6, description="distance of a pressure from the body, m; 1 if absent"
     )
-    channel: int = Field(default=1, ge=1, le=MAX_CHANNELS, description="channel of the output, 1 is left")
+    channel: int = Field(default=1, ge=1, le=MAX_CHANNELS, description="output channel; 1 is left")
     pan: float | None = Field(
         default=None,
         ge=-1.0,
         le=1.0,
-        description="between channels 1 and 2, from -1, left, to 1, right, at constant power; instead of a channel",
+        description="position between channels 1 and 2: -1 is left, 1 is right; constant power; instead of a channel",
     )
-    gain: float = Field(default=1.0, ge=-1e12, le=1e12, description="factor")
+    gain: float = Field(default=1.0, ge=-1e12, le=1e12, description="gain, a factor")

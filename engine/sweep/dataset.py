@@ -28,7 +28,7 @@ MEASURES = {  # unit, and what it is
     "newton_mean": ("1", "mean evaluations of the contact law in an iterative solve"),
     "newton_max": ("1", "most evaluations in a solve"),
     "unconverged": ("1", "solves that were ended early"),
-    "energy_error": ("1", "largest error of the energy balance, of the largest energy held"),
+    "energy_error": ("1", "largest error of the energy balance, relative to the maximum stored energy"),
 }
 
 

@@ -63,7 +63,7 @@ def test_all_comes_later(silent):
 
 def test_the_hammer_moves_away(silent):
     told = silent("hammer", (VELOCITY, "velocity = -2.5 "))
-    assert told.startswith('no contact ever closes: "hammer" moves away from "string"; turn its velocity round')
+    assert told.startswith('no contact ever closes: "hammer" moves away from "string"; reverse its velocity')
 
 
 def test_the_hammer_is_too_far(silent):
@@ -84,25 +84,25 @@ def test_the_ball_is_thrown_the_wrong_way(silent):
 
 def test_the_pickup_hears_another_body(silent):
     told = silent("hammer", ('[[pickup]]\nbody = "string"', OTHER + '\nbody = "other"'))
-    joined = "does not meet it; add a [[contact]] or a [[connection]]"
-    assert told == f'"other" is heard, and what moves ("hammer") {joined}'
+    joined = "do not reach; add a [[contact]] or a [[connection]]"
+    assert told == f'the pickup is on "other", which the moving bodies ("hammer") {joined}'
 
 
 @pytest.mark.parametrize("at", ["0.0", "1.0"])
 def test_the_pickup_is_at_a_node(silent, at):
     """Where rounding alone would be heard, and brought up to full level."""
     told = silent("hammer", ("at = 0.9 ", f"at = {at} "), ("displacement = -2e-3", "displacement = 0.0"))
-    assert told == f'the pickup on "string" is at {at}, where it never moves; another place'
+    assert told == f'the pickup on "string" is at {at}, where it never moves; give another position'
 
 
 def test_the_pluck_is_at_a_node(silent):
     told = silent("bridge", ("at = 0.37 ", "at = 1.0 "))
-    assert told == '"string" is pushed at 1.0 alone, where it never moves; another place'
+    assert told == '"string" is only pushed at 1.0, where it never moves; give another position'
 
 
 def test_pickups_without_gain(silent):
     told = silent("hammer", ("[[pickup]]", "[[pickup]]\ngain = 0.0"))
-    assert told == "every pickup has gain = 0; give one another gain"
+    assert told == "every pickup has gain = 0; change a gain"
 
 
 def untouched(initial_energy: float) -> SimulationStatistics:

@@ -178,7 +178,7 @@ def test_all_that_is_wrong_is_said_and_nothing_is_written(tmp_path):
     ("words", "says"),
     [
         (["nowhere.toml"], "no such file"),
-        ([BALL, "-o", "a.mp7"], "names no audio format"),
+        ([BALL, "-o", "a.mp7"], "is not the name of a known audio format"),
         ([BALL, "--seconds", "nan"], "out of range"),
         ([BALL, "--samplerate", "44100.5"], "not a whole number"),
         ([BALL, "-o", "a.flac", "--subtype", "FLOAT"], "FLAC files cannot hold FLOAT"),

@@ -68,7 +68,7 @@ def test_it_is_refused_before_anything_is_rendered(tmp_path, monkeypatch, capsys
     assert main.main(["play", PATCH, "--samplerate", "96000", "--record", "a.mp3"]) == 2
     assert "fdh --record: MP3 files hold 8000, " in capsys.readouterr().err
     assert main.main([PATCH, "-o", "a.raw"]) == 2
-    assert "--subtype: RAW files do not say what they hold; give --subtype FLOAT" in capsys.readouterr().err
+    assert "--subtype: RAW files do not store their sample format; give --subtype FLOAT" in capsys.readouterr().err
     assert main.main([PATCH, "--samplerate", "nan", "-o", "a.ogg"]) == 2
     assert not list(tmp_path.iterdir())
     with pytest.raises(RuntimeError, match="OGG files hold"):

@@ -136,10 +136,16 @@ def test_a_value_that_cannot_be_is_refused_and_nothing_has_changed():
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"parameter": "contact.velt.stiffness"}, "no live parameter contact.velt.stiffness; there are contact.felt"),
+        (
+            {"parameter": "contact.velt.stiffness"},
+            "no live parameter contact.velt.stiffness; the live parameters are contact.felt",
+        ),
         ({"parameter": "seconds"}, "no live parameter seconds"),
         ({"range": [1e8, -1.0]}, "contact.felt.stiffness = -1 is out of range"),
-        ({"range": [0.0, 1e9]}, "no equal ratios lead from 0 to 1e\\+09; both above 0, or a linear curve"),
+        (
+            {"range": [0.0, 1e9]},
+            "an exponential curve cannot go from 0 to 1e\\+09; give two numbers above 0, or a linear curve",
+        ),
         ({"number": 128}, "less than or equal to 119"),
         ({"kind": "knob"}, "'cc', 'bend', 'pressure', 'poly_pressure', 'osc'"),
     ],
@@ -369,7 +375,10 @@ def test_a_scored_pitch_is_heard():
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"parameter": "body.string.colour", "value": 1.0}, "no live parameter body.string.colour; there are body.str"),
+        (
+            {"parameter": "body.string.colour", "value": 1.0},
+            "no live parameter body.string.colour; the live parameters are body.str",
+        ),
         ({"parameter": STRING, "value": -1.0}, "body.string.frequency = -1 is out of range"),
         ({"parameter": STRING}, "no value given; what it glides to"),
         ({"parameter": STRING, "value": 1.0, "stiffness": 1.0}, "parameter and stiffness given"),

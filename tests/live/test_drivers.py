@@ -229,7 +229,7 @@ def test_a_machine_busy_for_a_moment_refuses_nothing(monkeypatch):
         (["--callback", "rust"], 'unknown callback "rust"; compiled, python'),
         (["--latency", "-1"], '"-1" is not a latency'),
         (["--record", "no/such/r.wav"], "no such folder"),
-        (["--record", "r.xyz"], '"r.xyz" names no audio format'),
+        (["--record", "r.xyz"], '"r.xyz" is not the name of a known audio format'),
         (["--record", "r.wav", "--event-log", "r.wav"], "is to be written twice"),
         (["--price"], "--price is now a command: render.py accuracy PATCH"),
         (["-o", "out.wav"], "unrecognized arguments: -o out.wav; --record OUT.wav keeps what is played"),

@@ -169,7 +169,8 @@ def test_too_many_events_are_dropped_and_said():
 def test_what_cannot_be_done_is_said():
     player = Player(engine.load(PIANO))
     with pytest.raises(
-        KeyError, match=r"no live parameter contact\.velvet\.stiffness; there are contact\.felt\.stiffness"
+        KeyError,
+        match=r"no live parameter contact\.velvet\.stiffness; the live parameters are contact\.felt\.stiffness",
     ):
         player.set("contact.velvet.stiffness", 1.0)
     with pytest.raises(KeyError, match="no body anvil; there are string, hammer"):

@@ -94,11 +94,11 @@ LOGS = {
     "70 bits": (lambda log: edited(log, frames=1 << 70), "frames: "),
     "70 bits of a row": (
         lambda log: edited(log, events=[{"frame": 1, "why": [], "row": [0, 0, 0, 1, 0, 1 << 70, 0, 0]}]),
-        "an event that cannot be",
+        "an impossible event",
     ),
     "1e30 in a row": (
         lambda log: edited(log, events=[{"frame": 1, "why": [], "row": [0, 0, 0, 1, 0, 1e30, 0, 0]}]),
-        "an event that cannot be",
+        "an impossible event",
     ),
     "5000 digits": (lambda log: edited(log).replace('"gain": 0.1', '"gain": ' + "9" * 5000), "cannot be read as a log"),
     "deep": (lambda log: "[" * 100_000 + "]" * 100_000, "its brackets are nested too deeply"),

@@ -63,7 +63,7 @@ LARGE = {
         STRING + HEARD + CONTACT + "barrier = 0.0\nat = [" + "0.1," * 99_999 + "]\n",
         "99999 places; at most 512",
     ),
-    "keys": (many(30_000, "a% = 1\n") + MASS, ":1 a0: unknown key; known here"),
+    "keys": (many(30_000, "a% = 1\n") + MASS, ":1 a0: unknown key; the known ones are"),
     "key": ("a" * 900_000 + " = 1\n" + MASS, ":1 " + "a" * 77 + "...: unknown key"),
     "text": ('x = "' + "a\\n" * 300_000 + '"\n' + MASS, ":1 x: unknown key"),
     "bodies": (many(20_000, '[[body]]\nname = "a%"\nkind = "x"\n'), ":1 body: 20000 in the list"),
@@ -133,7 +133,7 @@ def test_of_very_many_faults_the_first_are_told(tmp_path, capsys):
     (tmp_path / "p.toml").write_text(MASS + "".join(f"a{i} = 1\n" for i in range(70)))
     lines = told(["check", str(tmp_path / "p.toml")], capsys)
     assert [line.partition(": ")[0].rpartition(".")[2] for line in lines[:-1]] == [f"a{i}" for i in range(50)]
-    assert lines[-1].endswith("p.toml: and 20 more faults; these are the first")
+    assert lines[-1].endswith("p.toml: and 20 more errors; these are the first")
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")

@@ -73,7 +73,7 @@ def test_no_patch():
 NO_PATCHES = {
     b"\xff\xfea\0": ": not a text file; a patch is TOML in UTF-8",
     b"RIFF\0\0\0\0WAVE": ": not a text file; a patch is TOML in UTF-8",
-    b"# nothing yet\n": ": empty; render.py new NAME writes a patch to begin with",
+    b"# nothing yet\n": ": empty; render.py new NAME writes a first patch",
     None: ": is a folder; give a patch, a .toml file",
 }
 SLIPS = {
@@ -233,7 +233,7 @@ def test_what_is_not_installed_is_named(tmp_path, hidden, words, says, code):
     [
         ([BALL, "--midi", "no.mid"], "no.mid cannot be read as MIDI (no such file or directory)"),
         ([BALL, "--midi", "a.wav"], "a.wav cannot be read as MIDI"),
-        (["replay", "a.wav"], "a.wav: cannot be read as a log (not a text file); one that play --event-log wrote"),
+        (["replay", "a.wav"], "a.wav: cannot be read as a log (not a text file); give one that play --event-log wrote"),
         (["replay", "no.json"], "no.json: cannot be read as a log (no such file or directory)"),
     ],
 )
@@ -271,12 +271,12 @@ def test_a_render_without_a_cache_folder(tmp_path):
 @pytest.mark.parametrize(
     ("words", "what"),
     [
-        (["--plot", "mine.toml", BALL], '"mine.toml" names no picture; end it in .png'),
-        ([BALL, "--trace", "mine.toml"], '"mine.toml" names no trace; end it in .npz'),
-        (["play", BALL, "--event-log", "mine.toml"], '"mine.toml" names no log; end it in .json'),
+        (["--plot", "mine.toml", BALL], '"mine.toml" is not the name of a picture; end it in .png'),
+        ([BALL, "--trace", "mine.toml"], '"mine.toml" is not the name of a trace; end it in .npz'),
+        (["play", BALL, "--event-log", "mine.toml"], '"mine.toml" is not the name of a log; end it in .json'),
         (["sweep", BALL, "--vary", "body.ball.mass=1,2", "-o", "."], ". holds other things; give a folder"),
-        (["new", "."], '"." names no file; a word, such as mine'),
-        (["new", ""], '"" names no file; a word, such as mine'),
+        (["new", "."], '"." is not the name of a file; give a word, such as mine'),
+        (["new", ""], '"" is not the name of a file; give a word, such as mine'),
     ],
 )
 def test_a_file_is_not_written_over_by_a_slip(words, what, tmp_path):

@@ -83,7 +83,7 @@ def change(old: str, new: str) -> str:
         (change("barrier = 0.0", "barrier = 0.0\ngap = 1"), 12, "contact[0].gap", "gap without on"),
         (change('[[contact]]\nbody = "ball"', '[[contact]]\nbody = "bal"'), 10, "contact[0].body", "no body is named"),
         (change('[[pickup]]\nbody = "ball"', '[[pickup]]\nbody = "x"'), 16, "pickup[0].body", 'no body is named "x"'),
-        (change('[[pickup]]\nbody = "ball"', ""), 1, "pickup", "missing; what is heard"),
+        (change('[[pickup]]\nbody = "ball"', ""), 1, "pickup", "missing; outputs of the scene"),
         (change("seconds = 1.0", "seconds = 0"), 2, "seconds", "0 is out of range"),
         (change('title = "A ball"', 'title = "A ball'), 1, None, "not valid TOML"),
         (GOOD + '\n[[body]]\nname = "ball"\nkind = "mass"\nmass = 2\n', 19, "body[1].name", 'the name "ball" is taken'),
@@ -154,9 +154,9 @@ PUSH = '[[force]]\nkind = "constant"\namplitude = 1.0\nbody = "s"\nat = {}\n'
     [
         (STRING.replace("at = 0.9", "at = 1.5") + AT, "pickup[0].at", "1.5 is not a position on a body"),
         (STRING.replace("at = 0.9", "at = nan") + AT, "pickup[0].at", "nan is not a position on a body"),
-        (STRING.replace("at = 0.9", "") + AT, "pickup[0]", 'no place on "s"; give at = a fraction of its length'),
+        (STRING.replace("at = 0.9", "") + AT, "pickup[0]", 'no position on "s"; give at = a fraction of its length'),
         (STRING.replace("at = 0.9", 'at = "middle"') + AT, "pickup[0].at", '"middle" is not a position on "s"'),
-        (STRING + AT + PUSH.format("[0.1, 0.2]"), "force[0].at", "several places; give one"),
+        (STRING + AT + PUSH.format("[0.1, 0.2]"), "force[0].at", "several positions; give one"),
         (STRING.replace("tension = 50.0", "tension = 0.0") + AT, "body[0].tension", "0.0 is out of range; tension, N"),
         (
             STRING.replace("area_density = 0.3", "area_density = 0.3\nsize = [0.1]") + AT,
@@ -169,12 +169,12 @@ PUSH = '[[force]]\nkind = "constant"\namplitude = 1.0\nbody = "s"\nat = {}\n'
         (STRING + "at = []\nbarrier = 0.0\n", "contact[0].at", "[] is not a position on a body"),
         (STRING + "at = 0.3\nbarrier = nan\n", "contact[0].barrier", "nan is not a position; give a number in m"),
         (STRING + 'at = 0.3\nbarrier = "0.1"\n', "contact[0].barrier", '"0.1" is not a position; give a number in m'),
-        (STRING + "at = [0.1, 0.2, 0.3]\nbarrier = [0.0, 0.1]\n", "contact[0].barrier", "2 numbers for 3 place(s)"),
-        (STRING + 'at = 0.3\non = "s"\non_at = 0.3\n', "contact[0].on", "cannot touch itself at one place"),
+        (STRING + "at = [0.1, 0.2, 0.3]\nbarrier = [0.0, 0.1]\n", "contact[0].barrier", "2 numbers for 3 position(s)"),
+        (STRING + 'at = 0.3\non = "s"\non_at = 0.3\n', "contact[0].on", "cannot touch itself at one position"),
         (
             STRING + 'at = [0.3, 0.4]\non = "s"\non_at = [0.5, 0.4]\n',
             "contact[0].on",
-            "cannot touch itself at one place",
+            "cannot touch itself at one position",
         ),
         (
             STRING + 'at = 0.3\non = "drum"\non_at = 0.5\n',
@@ -186,7 +186,11 @@ PUSH = '[[force]]\nkind = "constant"\namplitude = 1.0\nbody = "s"\nat = {}\n'
             "contact[0].on_at",
             "[0.1, 0.1] lies outside the circle",
         ),
-        (STRING + 'at = 0.3\non = "ball"\non_at = 0.5\n', "contact[0].on_at", '"ball" is a mass, which has no places'),
+        (
+            STRING + 'at = 0.3\non = "ball"\non_at = 0.5\n',
+            "contact[0].on_at",
+            '"ball" is a mass, which has no positions',
+        ),
         (
             STRING + "bridge = { at = 5e-4, width = 2e-3 }\n",
             "contact[0].bridge.width",

@@ -215,7 +215,10 @@ def test_templates_of_instruments_sound_and_are_in_tune(name, keys):
 def test_new_overwrites_nothing_and_knows_its_templates(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main.main(["new", "a"]) == 0
-    assert "like hammer; --like also knows ball, bar, bridge, drum, fret, guitar, kalimba," in capsys.readouterr().out
+    assert (
+        "written from the template hammer; other templates for --like: ball, bar, bridge, drum, fret, guitar, kalimba,"
+        in capsys.readouterr().out
+    )
     Path("a.toml").write_text("precious")
     assert main.main(["new", "a.toml"]) == 2
     assert "a.toml: exists; give another NAME" in capsys.readouterr().err

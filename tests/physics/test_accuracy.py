@@ -239,7 +239,7 @@ def test_order_four_says_where_strong_contact_loss_made_it_order_two():
     assert weak.stats["warnings"] == []
     strong = engine.render(scene(body, contact=[barrier(loss=1e3, **gap)]), seconds=0.01, order=4)
     (message,) = strong.stats["warnings"]
-    assert message.startswith("order 4 was order 2 in ") and "contact loss is too strong" in message
+    assert message.startswith("order 4 was reduced to order 2 in ") and "contact damping is too strong" in message
 
 
 def test_oversampling_is_closer_too():

@@ -145,14 +145,14 @@ def test_what_flows_out_of_a_hole_is_heard():
 
 
 BAD = [
-    ({"body": "hammer", "on": "box"}, '"hammer" is of kind "mass", which presses on no air'),
-    ({"body": "top", "on": "hammer", "volume": 0.1}, '"hammer" is of kind "mass", which presses on no air'),
+    ({"body": "hammer", "on": "box"}, '"hammer" is of kind "mass", which cannot be next to air'),
+    ({"body": "top", "on": "hammer", "volume": 0.1}, '"hammer" is of kind "mass", which cannot be next to air'),
     ({"body": "top", "on": "box", "volume": 0.1}, "a volume; the air of a box has its own"),
     ({"body": "top"}, "no volume; give its volume in m³"),
-    ({"body": "top", "on": "top", "volume": 0.1}, "both sides are one sheet"),
+    ({"body": "top", "on": "top", "volume": 0.1}, "both sides are the same body"),
     ({"body": "drum", "on": "box"}, '"drum" is a circle, and no wall of a box'),
     ({"body": "top", "volume": 0.1, "wall": "top"}, "a wall without a box"),
-    ({"body": "top", "on": "tube"}, '"tube" is of kind "tube", which presses on no air'),
+    ({"body": "top", "on": "tube"}, '"tube" is of kind "tube", which cannot be next to air'),
 ]
 
 
@@ -173,13 +173,13 @@ def test_a_tube_is_tuned_by_its_length():
 
 
 def test_a_wall_has_one_sheet():
-    with pytest.raises(ValueError, match="a sheet is its top already; the other wall"):
+    with pytest.raises(ValueError, match="another body is already its top; give the other wall"):
         scene([TOP, TOP | {"name": "other"}, BOX], connection=[JOIN, JOIN | {"body": "other"}], pickup=HEARD)
 
 
 def test_a_box_without_a_hole_is_not_heard():
     closed = {key: value for key, value in BOX.items() if key != "hole"}
-    with pytest.raises(ValueError, match='"box" has no hole, and nothing of it is heard'):
+    with pytest.raises(ValueError, match='"box" has no hole, and does not radiate'):
         scene([TOP, closed], connection=[JOIN], pickup=[{"body": "box"}])
 
 

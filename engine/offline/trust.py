@@ -104,7 +104,7 @@ def explain_doubts(
     if outcomes.capped > MAX_CAPPED_SHARE * outcomes.solved:
         share = outcomes.capped / outcomes.solved
         reasons.append(
-            f"{share:.0%} of the contact solves reached the iteration limit (they create no energy, but their forces are"
+            f"{share:.0%} of the contact solves reached the iteration limit (they create no energy, but the forces are"
             " not those of the law); give more substeps, or accuracy.iterations"
         )
     return reasons

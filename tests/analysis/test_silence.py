@@ -68,7 +68,7 @@ def test_the_hammer_moves_away(silent):
 
 def test_the_hammer_is_too_far(silent):
     told = silent("hammer", ("displacement = -2e-3", "displacement = -0.5"))
-    assert 'no contact ever closes: "hammer" needs 0.2 s to reach "string", and it ends at 0.05 s; more' in told
+    assert 'no contact ever closes: "hammer" needs 0.2 s to reach "string", and it ends at 0.05 s; give more' in told
 
 
 def test_the_ball_is_still_falling(silent):

@@ -33,13 +33,13 @@ CLEAN = 1e-14
     [
         (replace(NEWTON, unconverged=3), CLEAN, True, "3 contact solves failed"),
         (NEWTON, float("nan"), True, "energies are not finite"),
-        (NEWTON, 2e-9, True, "off by 2.0e-09"),
+        (NEWTON, 2e-9, True, "the energy error is 2.0e-09"),
         (NEWTON, CLEAN, False, "samples are not finite"),
         (
             replace(NEWTON, solve_outcomes=SolveOutcomes(0, 0, 0, 80, 20, 0)),
             CLEAN,
             True,
-            "20% of the contact solves were",
+            "20% of the contact solves reached",
         ),
     ],
 )

@@ -156,7 +156,7 @@ def test_price_and_error_on_the_command_line(tmp_path, monkeypatch, capsys):
     assert main.main([str(PATCH), "--target-error", "1e-40", "--seconds", "0.1", "-o", "out.wav"]) == 0
     assert "NO SETTING MEETS IT" in capsys.readouterr().out
     assert main.main([str(PATCH), "--target-error", "loud", "-o", "out.wav"]) == 2
-    assert '"loud" is no error; a share as 1e-4, or decibels as 0.1dB' in capsys.readouterr().err
+    assert '"loud" is not an error; give a ratio such as 1e-4, or decibels such as 0.1dB' in capsys.readouterr().err
 
 
 STILL = {"name": "m", "kind": "oscillator", "mass": 1.0, "frequency": 440.0}

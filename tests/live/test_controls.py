@@ -255,7 +255,7 @@ def test_any_live_parameter_has_an_address():
 def test_addresses_and_ports_are_explained():
     assert parse_address("9000") == ("127.0.0.1", 9000) and parse_address("0.0.0.0:9") == ("0.0.0.0", 9)
     first = OscServer(parse_address("0"), lambda address, value: None)
-    with pytest.raises(OscError, match=r"cannot listen at 127.0.0.1:\d+ \(.*\); another --osc PORT"):
+    with pytest.raises(OscError, match=r"cannot listen at 127.0.0.1:\d+ \(.*\); give another --osc PORT"):
         OscServer(("127.0.0.1", first.port), lambda address, value: None)
     first.close()
 
@@ -380,7 +380,7 @@ def test_a_scored_pitch_is_heard():
             "no live parameter body.string.colour; the live parameters are body.str",
         ),
         ({"parameter": STRING, "value": -1.0}, "body.string.frequency = -1 is out of range"),
-        ({"parameter": STRING}, "no value given; what it glides to"),
+        ({"parameter": STRING}, "no value given; give the value that it glides to"),
         ({"parameter": STRING, "value": 1.0, "stiffness": 1.0}, "parameter and stiffness given"),
         ({"parameter": STRING, "value": 1.0, "contact": "felt"}, "both contact and parameter given"),
         ({"contact": "felt", "stiffness": 1.0, "value": 1.0}, "value given; a contact has a stiffness"),

@@ -94,7 +94,7 @@ def test_keys_of_a_terminal(tmp_path, file_device):
     assert [e["why"][0] for e in events if e["why"][0] != "quality"] == ["strike", "strike", "damp"]
     assert events[1]["row"][7] > events[0]["row"][7]  # harder
     shown = os.read(keys, 100_000).decode(errors="replace")
-    assert "keys: space strike" in shown and "worst block" in shown
+    assert "keys: space to strike" in shown and "worst block" in shown
 
 
 # a driver that says no
@@ -230,11 +230,11 @@ def test_a_machine_busy_for_a_moment_refuses_nothing(monkeypatch):
         (["--latency", "-1"], '"-1" is not a latency'),
         (["--record", "no/such/r.wav"], "no such folder"),
         (["--record", "r.xyz"], '"r.xyz" is not the name of a known audio format'),
-        (["--record", "r.wav", "--event-log", "r.wav"], "is to be written twice"),
+        (["--record", "r.wav", "--event-log", "r.wav"], "would be written twice"),
         (["--price"], "--price is now a command: render.py accuracy PATCH"),
-        (["-o", "out.wav"], "unrecognized arguments: -o out.wav; --record OUT.wav keeps what is played"),
+        (["-o", "out.wav"], "unrecognized arguments: -o out.wav; --record OUT.wav records the sound"),
         (["--watch", "--midi", "x.mid"], "cannot be combined with --midi"),
-        (["--voices", "none"], '"none" is not a number of voices; 1 to 64'),
+        (["--voices", "none"], '"none" is not a number of voices; give 1 to 64'),
     ],
 )
 def test_wrong_arguments_are_said(words, what):
@@ -368,7 +368,7 @@ def test_a_device_that_vanishes(tmp_path, jack):
     time.sleep(1.0)
     server.kill()
     _, told = program.communicate(timeout=30.0)  # a few seconds, unless the machine is busy
-    assert program.returncode == 1 and "is gone; what was recorded is kept" in told
+    assert program.returncode == 1 and "was disconnected; the recording is kept" in told
     assert soundfile.info(record).frames > 10_000
 
 

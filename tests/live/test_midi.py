@@ -222,7 +222,9 @@ def test_notes_of_a_port(ports):
 
 
 def test_ports_that_cannot_be_told_apart(ports):
-    with pytest.raises(midi_notes.MidiError, match='several MIDI ports match "keys"; there are Keys 1, Keys 2, Drum'):
+    with pytest.raises(
+        midi_notes.MidiError, match='several MIDI ports match "keys"; the ports are Keys 1, Keys 2, Drum'
+    ):
         midi_notes.open_port("keys")
     with pytest.raises(
         midi_notes.MidiError, match='no MIDI port is called "organ"; the ports are Keys 1, Keys 2, Drum'

@@ -61,7 +61,7 @@ LARGE = {
     "one list": (STRING + "t60 = [" + "true," * 150_000 + "]\n" + HEARD, ":7 body[0].t60: 150000 in the list"),
     "places": (
         STRING + HEARD + CONTACT + "barrier = 0.0\nat = [" + "0.1," * 99_999 + "]\n",
-        "99999 places; at most 512",
+        "99999 positions; at most 512",
     ),
     "keys": (many(30_000, "a% = 1\n") + MASS, ":1 a0: unknown key; the known ones are"),
     "key": ("a" * 900_000 + " = 1\n" + MASS, ":1 " + "a" * 77 + "...: unknown key"),

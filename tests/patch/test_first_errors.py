@@ -309,8 +309,8 @@ def test_ctrl_c_that_the_compiler_stumbles_over(capsys):
     [
         (GOOD + 'body = "ball"\n', "a key is given twice"),
         (GOOD.replace("[[body]]", "[body]") + GOOD, "write [[body]]"),
-        (GOOD.replace("mass = 1.0", "mass = 1,0"), "6.0 and not 6,0; the unit goes into a comment"),
-        (GOOD.replace("mass = 1.0", "mass = 1 kg"), "the unit goes into a comment, after #"),
+        (GOOD.replace("mass = 1.0", "mass = 1,0"), "6.0, not 6,0; write units in a comment"),
+        (GOOD.replace("mass = 1.0", "mass = 1 kg"), "write units in a comment, after #"),
     ],
 )
 def test_what_is_no_toml_says_what_would_be(text, what, tmp_path, capsys):

@@ -97,7 +97,7 @@ def change(old: str, new: str) -> str:
             GOOD + '\n[[force]]\nbody = "ball"\nkind = "pulse"\namplitude = 1\n',
             18,
             "force[0].duration",
-            "missing; how long",
+            "missing; duration",
         ),
         (GOOD + 'quantity = "volume"\n', 17, "pickup[0].quantity", '"volume" is not known; expected'),
         (
@@ -194,7 +194,7 @@ PUSH = '[[force]]\nkind = "constant"\namplitude = 1.0\nbody = "s"\nat = {}\n'
         (
             STRING + "bridge = { at = 5e-4, width = 2e-3 }\n",
             "contact[0].bridge.width",
-            "the bridge reaches past the end",
+            "the bridge extends beyond the end",
         ),
         (STRING + "bridge = { at = 0.1, widht = 2e-3 }\n", "contact[0].bridge.widht", 'did you mean "width"?'),
         (

@@ -221,7 +221,7 @@ def test_new_overwrites_nothing_and_knows_its_templates(tmp_path, monkeypatch, c
     )
     Path("a.toml").write_text("precious")
     assert main.main(["new", "a.toml"]) == 2
-    assert "a.toml: exists; give another NAME" in capsys.readouterr().err
+    assert "a.toml: already exists; give another NAME" in capsys.readouterr().err
     assert Path("a.toml").read_text() == "precious"
     assert main.main(["new", "b", "--like", "hamer"]) == 2
     assert 'no template "hamer"; did you mean "hammer"? There are ball, bar,' in capsys.readouterr().err

@@ -150,7 +150,7 @@ BAD = [
     ({"body": "top", "on": "box", "volume": 0.1}, "a volume; the air of a box has its own"),
     ({"body": "top"}, "no volume; give its volume in m³"),
     ({"body": "top", "on": "top", "volume": 0.1}, "both sides are the same body"),
-    ({"body": "drum", "on": "box"}, '"drum" is a circle, and no wall of a box'),
+    ({"body": "drum", "on": "box"}, '"drum" is a circle, which cannot be a wall of a box'),
     ({"body": "top", "volume": 0.1, "wall": "top"}, "a wall without a box"),
     ({"body": "top", "on": "tube"}, '"tube" is of kind "tube", which cannot be next to air'),
 ]

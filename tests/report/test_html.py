@@ -165,7 +165,7 @@ def test_a_sound_above_full_scale_is_played_at_full_scale():
     read = Reader("".join(html.audio_element("loud", sound, 44_100, "loud.wav")))
     data = base64.b64decode(read.all("audio")[0]["src"].partition(",")[2])
     np.testing.assert_allclose(soundfile.read(io.BytesIO(data))[0], sound[:, 0] / 100.0, atol=1e-4)
-    assert "40 dB softer" in read.text["p"]
+    assert "attenuated by 40 dB" in read.text["p"]
 
 
 def test_many_channels_and_rates_become_what_browsers_play():
@@ -191,12 +191,12 @@ def test_a_picture_of_an_oversampled_render_keeps_its_time():
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["render", "--report", "page.txt"], '--report: "page.txt" names no page; end it in .html'),
+        (["render", "--report", "page.txt"], '--report: "page.txt" is not the name of a page; end it in .html'),
         (["render", "--report", "no/page.html"], "--report: no such folder: no"),
         (["inspect", "--report"], "unrecognized arguments: --report; --report belongs to fdh render, fdh accuracy"),
         (["play", "--report"], "unrecognized arguments: --report; --report belongs to fdh render, fdh accuracy"),
         (["render", "--report", "--midi", "a.mid"], "--report: cannot be combined with --midi"),
-        (["render", "--report", "a.html", "--trace", "a.html"], "--report: a.html is to be written twice"),
+        (["render", "--report", "a.html", "--trace", "a.html"], "--report: a.html would be written twice"),
     ],
 )
 def test_faults(tmp_path, words, says, capsys, monkeypatch):

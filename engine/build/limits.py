@@ -114,7 +114,7 @@ def check_forces(scene: Scene, samplerate: float, seconds: float) -> None:
     steps = 0.0
     for path, force in _external_forces(scene):
         if isinstance(force, SineForce) and force.frequency >= samplerate / 2:
-            message = f"{force.frequency:g} Hz is no sine at {samplerate:g} Hz; below half of the sample rate"
+            message = f"{force.frequency:g} Hz is not below half of the sample rate; give less than {samplerate / 2:g}"
             raise BuildError(Fault(f"{path}.frequency", message))
     for path, force in _external_forces(scene):
         steps += _count_steps(path, force, samplerate, seconds)

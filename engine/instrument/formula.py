@@ -97,7 +97,7 @@ def _describe(error: Exception, names: Mapping[str, float]) -> str:
     """What is wrong with a formula."""
     name = getattr(error, "name", None) or getattr(error, "func_name", None)
     if getattr(error, "func_name", None):
-        return f"unknown function {name}; there are {', '.join(FUNCTIONS)}"
+        return f"unknown function {name}; the functions are {', '.join(FUNCTIONS)}"
     if isinstance(name, str):
-        return f"unknown name {name}; there are {', '.join(names)}"
+        return f"unknown name {name}; the names are {', '.join(names)}"
     return f"it has no value ({' '.join(str(error).split())[:120] or type(error).__name__})"

@@ -88,7 +88,7 @@ class Player:
         voices, cores = checked_integer("voices", voices), checked_integer("cores", cores)
         seconds = scene.seconds if seconds is None else checked_number("seconds", seconds)
         if not math.isfinite(gain):
-            raise ValueError(f"gain = {gain} is no factor")
+            raise ValueError(f"gain = {gain} is not a finite factor")
         if scene.accuracy.oversample > 1:
             message = "live sound is not oversampled; order, substeps, or render it"
             raise BuildError(Fault("accuracy.oversample", message))
@@ -188,7 +188,7 @@ class Player:
             return
         if not isinstance(self._body(body), Mass | Oscillator):
             strikers = ", ".join(self.strikers) or "none here"
-            raise KeyError(f"{body} is no hammer; a mass or an oscillator is: {strikers}")
+            raise KeyError(f"{body} is not a hammer; the hammers are {strikers}")
         speed = self.default_velocity(body) if velocity is None else velocity
         event = make_event(StrikeEvent, kind="strike", body=body, velocity=speed, displacement=displacement)
         for island, _, _, _, first, last, a, b in self._rows(event):
@@ -204,7 +204,7 @@ class Player:
         chosen = [j for j, force in over if force.body == body]
         if not chosen:
             others = dict.fromkeys(force.body for _, force in over)
-            raise KeyError(f"nothing plucks {body}; of those that are plucked there are {', '.join(others) or 'none'}")
+            raise KeyError(f"nothing plucks {body}; the plucked bodies are {', '.join(others) or 'none'}")
         self.lift(body, frame)
         island = self.layout.island_of_body[self.layout.body_index[body]]
         for j in chosen:
@@ -284,14 +284,14 @@ class Player:
     def _check_tuning(self, voice: int, ratio: float, seconds: float, frame: int, body: str | None) -> int:
         """Raise what `tune` raises before anything has changed. Returns the frame."""
         if not 0 <= voice < self.voices:
-            raise IndexError(f"no voice {voice}; there are {self.voices}")
+            raise IndexError(f"no voice {voice}; the player has {self.voices}")
         if not self.lowest <= ratio < math.inf:  # there are no slots for the modes it would have
             raise ValueError(f"ratio = {ratio:g} is out of range; at least {self.lowest:g}, the lowest it was made for")
         if not 0.0 <= seconds <= MAX_SECONDS:
             raise ValueError(f"seconds = {seconds:g} is out of range; 0 to {MAX_SECONDS:g}")
         frame = checked_frame(frame)
         if body is not None and all(b.name != body for b in self.patch.body):
-            raise KeyError(f"no body {body}; there are {', '.join(b.name for b in self.patch.body)}")
+            raise KeyError(f"no body {body}; the bodies are {', '.join(b.name for b in self.patch.body)}")
         return frame
 
     @property
@@ -320,7 +320,7 @@ class Player:
 
     def _body(self, name: str) -> Any:
         if name not in self.layout.body_index:
-            raise KeyError(f"no body {name}; there are {', '.join(self.layout.body_index)}")
+            raise KeyError(f"no body {name}; the bodies are {', '.join(self.layout.body_index)}")
         return self.scene.body[self.layout.body_index[name]]
 
     def _rows(self, event: StrikeEvent | DampEvent | ChangeEvent | PluckEvent) -> list[Any]:

@@ -211,7 +211,7 @@ def test_keys_of_one_string_sound_one_at_a_time(load):
 @pytest.mark.parametrize(
     ("old", "new", "path", "says"),
     [
-        ('mass = "= mass"', 'mass = "= masss"', "key.body[0].mass", "at key C4: unknown name masss; there are key, n"),
+        ('mass = "= mass"', 'mass = "= masss"', "key.body[0].mass", "unknown name masss; the names are key, n"),
         ('mass = "= mass"', 'mass = "= mass +"', "key.body[0].mass", "not an arithmetic expression"),
         ('mass = "= mass"', 'mass = "= log(mass - 1)"', "key.body[0].mass", "it has no value"),
         ('mass = "= mass"', 'mass = "= -mass"', "key.body[0].mass", "(key C4)"),

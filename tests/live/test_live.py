@@ -173,9 +173,9 @@ def test_what_cannot_be_done_is_said():
         match=r"no live parameter contact\.velvet\.stiffness; the live parameters are contact\.felt\.stiffness",
     ):
         player.set("contact.velvet.stiffness", 1.0)
-    with pytest.raises(KeyError, match="no body anvil; there are string, hammer"):
+    with pytest.raises(KeyError, match="no body anvil; the bodies are string, hammer"):
         player.strike("anvil")
-    with pytest.raises(KeyError, match="string is no hammer"):
+    with pytest.raises(KeyError, match="string is not a hammer"):
         player.strike("string")
     with pytest.raises(ValueError, match=r"contact\.felt\.stiffness = 1e\+99 is out of range"):
         player.set("contact.felt.stiffness", 1e99)

@@ -45,7 +45,7 @@ BAD = [
     (lambda p: p.tune(0, 1.0, frame=HUGE), ValueError, "frame is out of range"),
     (lambda p: p.tune(0, 1.0, seconds=math.nan), ValueError, "seconds = nan is out of range; 0 to 3600"),
     (lambda p: p.tune(0.5, 1.0), TypeError, "voice = 0.5 is not a whole number"),
-    (lambda p: p.tune(7, 1.0), IndexError, "no voice 7; there are 1"),
+    (lambda p: p.tune(7, 1.0), IndexError, "no voice 7; the player has 1"),
     (lambda p: p.pluck("string_0", math.nan), ValueError, "scale = nan is out of range"),
     (lambda p: p.pluck("string_0", "x"), TypeError, "scale = 'x' is not a number"),
 ]

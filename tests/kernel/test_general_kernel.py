@@ -5,10 +5,11 @@ import os
 import subprocess
 import sys
 import time
+from functools import partial
 
 import numpy as np
 import pytest
-from conftest import PATCHES, ROOT, mostly_hard
+from conftest import PATCHES, ROOT
 from hypothesis import HealthCheck, given, settings
 
 import engine
@@ -19,7 +20,9 @@ from scenes.drawn import scenes
 from scenes.families import EFFECTS, tanpuras, with_effects
 
 SECONDS = 0.25
-NAMES = [path.stem for path in PATCHES]
+HARD, SLOW = (partial(pytest.param, marks=mark) for mark in (pytest.mark.hard, pytest.mark.slow))
+MANY_EFFECTS = ["piano", "piano_choir", "tanpura_drone", "kalimba_keys", "rattle"]  # together they call for all
+OTHERS = sorted({path.stem for path in PATCHES} - {"bouncing_ball", *MANY_EFFECTS})  # minutes of compiling
 OF_EFFECTS = [("loss",), ("force", "contact"), ("gravity", "contact", "contact loss"), ("loss", "events")]
 
 
@@ -40,7 +43,7 @@ def assert_same(special: engine.Rendering, general: engine.Rendering) -> None:
     assert special.stats.effects == general.stats.effects
 
 
-@pytest.mark.parametrize("name", mostly_hard(NAMES, "bouncing_ball"))
+@pytest.mark.parametrize("name", ["bouncing_ball", *map(HARD, MANY_EFFECTS), *map(SLOW, OTHERS)])
 def test_every_patch_is_the_same_on_both(patch, name):
     assert_same(*both(patch(name)))
 
@@ -57,14 +60,12 @@ def test_accuracy_is_the_same_on_both(patch, accuracy):
     assert_same(*both(patch("barrier_cubic"), 0.1, **accuracy))
 
 
-@pytest.mark.hard
-@pytest.mark.parametrize("accuracy", [{}, {"order": 4}, {"precision": "float32"}], ids=str)
+@pytest.mark.parametrize("accuracy", [HARD({}), SLOW({"order": 4}), SLOW({"precision": "float32"})], ids=str)
 def test_joined_bodies_are_the_same_on_both(accuracy):
     assert_same(*both(engine.Scene.model_validate(struck_choir()), 0.1, **accuracy))
 
 
-@pytest.mark.hard
-@pytest.mark.parametrize("exponent", [1.0, 1.3, 1.5])
+@pytest.mark.parametrize("exponent", [SLOW(1.0), HARD(1.3), SLOW(1.5)])
 def test_a_bridge_of_many_points_is_the_same_on_both(exponent):
     assert_same(*both(tanpuras(1, 24, exponent), 0.1))
 

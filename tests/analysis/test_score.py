@@ -132,6 +132,6 @@ def test_the_command_refuses_an_output_without_a_problem_or_over_the_trajectory(
     assert main(["score", "walls", "-o", "/dev/full"]) == 2
     assert "end it in .npz" in capsys.readouterr().err
     assert main(["score", "-o", str(tmp_path / "copy.npz")]) == 2
-    assert "which problem?" in capsys.readouterr().err
+    assert "no problem is given" in capsys.readouterr().err
     assert main(["score", "walls", "-o", str(tmp_path / "none" / "copy.npz")]) == 1
     assert capsys.readouterr().err.count("\n") == 1

@@ -21,7 +21,7 @@ from scenes.families import EFFECTS, tanpuras, with_effects
 
 SECONDS = 0.25
 HARD, SLOW = (partial(pytest.param, marks=mark) for mark in (pytest.mark.hard, pytest.mark.slow))
-MANY_EFFECTS = ["piano", "piano_choir", "tanpura_drone", "kalimba_keys", "rattle"]  # together they call for all
+MANY_EFFECTS = ["piano", "piano_choir", "tanpura_drone", "kalimba_keys", "rattle", "driven_ball"]  # all, together
 OTHERS = sorted({path.stem for path in PATCHES} - {"bouncing_ball", *MANY_EFFECTS})  # minutes of compiling
 OF_EFFECTS = [("loss",), ("force", "contact"), ("gravity", "contact", "contact loss"), ("loss", "events")]
 

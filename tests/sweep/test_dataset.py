@@ -76,7 +76,7 @@ def test_a_point_that_fails_is_nan_and_says_why():
         ({MASS: "1..2"}, {}, engine.PatchError, "does not say how many"),
         ({MASS: []}, {}, engine.PatchError, "no values; give at least one"),
         ({MASS: 3}, {}, TypeError, "3 is not a list of values"),
-        ([MASS], {}, TypeError, "no dict of values by their paths"),
+        ([MASS], {}, TypeError, "not a dict of values by their paths"),
         ({MASS: [0.1]}, {"ordr": 4}, TypeError, 'did you mean "order"?'),
         ({MASS: [0.1]}, {"cores": "all"}, TypeError, "cores = 'all' is not a whole number"),
     ],

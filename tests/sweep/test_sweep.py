@@ -387,7 +387,7 @@ def test_a_sound_that_is_gone_at_the_end_is_not_done(tmp_path, capsys):
     assert (found.done, found.gone, found.exit_code) == (2, 1, 1)
     console.print_sweep(found.as_dict(tmp_path))
     said = capsys.readouterr()
-    assert said.out.startswith("2 of 3 done") and "1 sounds are gone again" in said.err
+    assert said.out.startswith("2 of 3 done") and "1 sounds have been removed since" in said.err
     assert swept(tmp_path, NEAR)[1] == [1]
 
 

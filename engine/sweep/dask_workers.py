@@ -26,7 +26,7 @@ def run_dask(tasks: list[RenderTask], address: str) -> Results:
             try:
                 yield from _run_tasks(client, tasks)
             except (OSError, CancelledError):
-                message = f"the scheduler at {address} is gone; when it is back, run the same command to go on"
+                message = f"the scheduler at {address} is gone; when it is back, run the same command to continue"
                 raise RuntimeError(message) from None
 
 

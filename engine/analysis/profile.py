@@ -29,7 +29,7 @@ TIMED_CHUNK_FRAMES = 4096
 SOLVER_NAMES = {0: "none", 1: "scalar"}  # by contact points of an island; more have a vector solver
 REASONS_LEFT_OUT = {
     "loss": "no body loses energy",
-    "heavy damping": "no body is heavily damped",
+    "loss within the step": "no mode needs it",
     "restoring force": "no body has one",
     "gravity": "there is no gravity, or it acts on no body",
     "external force": "there is no external force",

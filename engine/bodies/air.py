@@ -16,10 +16,12 @@ AIR_DENSITY = 1.204  # ρ at 20 °C, kg/m³
 SPEED_OF_SOUND = 343.2  # c at 20 °C, m/s
 BULK_MODULUS = AIR_DENSITY * SPEED_OF_SOUND**2  # ρc², Pa
 FLANGED_END, FREE_END = 0.85, 0.61  # end corrections, of the radius (Fletcher & Rossing, sec. 8.3)
+WALL_LOSS = 3e-5  # √s: what walls take of a wave per length, times radius over √frequency (the same, eq. 8.15)
 
 
 class AirBody(DistributedBody):
-    """Vibrating air, whose pickup measures the pressure of its opening."""
+    """Vibrating air, whose pickup measures the pressure of its opening. If no loss above 0 is given, it loses at its
+    walls, and by the sound that it radiates."""
 
     HEARD: ClassVar[str] = "pressure"
     HAS_AREA: ClassVar[bool] = True
@@ -34,11 +36,27 @@ class AirBody(DistributedBody):
     def volume_row(self, body: ModalBody) -> np.ndarray:
         """The volume that flows out of it per mode [modes], m²/√kg. body: its modes"""
 
+    def has_loss(self) -> bool:
+        """Whether the patch gives its losses."""
+        rates = (self.sigma0, self.sigma_beta, self.sigma_beta3, self.b3)
+        return self.decay is not None or self.t60 is not None or any(rates)
+
     def quadrature(self, modes: int, kinks: list[float]) -> Quadrature:
         return line_quadrature(modes + 2, kinks, self.total_mass())
 
     def peak(self, at: Any) -> Profile:
         return peak_of_line(at)
+
+
+def wall_decay(omega: np.ndarray | float, radius: float) -> np.ndarray:
+    """σ of air along the walls of a tube, c·3e-5·√f/radius, 1/s (Fletcher & Rossing, eq. 8.15). omega: rad/s"""
+    return np.asarray(SPEED_OF_SOUND * WALL_LOSS * np.sqrt(np.asarray(omega) / (2 * math.pi)) / radius)
+
+
+def radiated_share(omega: np.ndarray | float, radius: float) -> np.ndarray:
+    """The resistance of an opening that radiates all around, share of ρcS: (k·radius)²/4, at most 1/4 (Fletcher &
+    Rossing, sec. 8.3)."""
+    return np.asarray(np.minimum(np.asarray(omega) / SPEED_OF_SOUND * radius, 1.0) ** 2 / 4)
 
 
 class Hole(Table):
@@ -55,10 +73,16 @@ class Hole(Table):
         """Mass that moves in it, kg: ρ·S·(thickness + 2·0.85·radius) (Fletcher & Rossing, sec. 8.3 and 10.3)."""
         return AIR_DENSITY * self.area() * (self.thickness + 2 * FLANGED_END * self.radius)
 
+    def natural_decay(self, omega: float) -> float:
+        """σ of the air in it, 1/s: at its wall, as in a tube, and R/2m by the sound that it radiates."""
+        radiated = AIR_DENSITY * SPEED_OF_SOUND * self.area() * radiated_share(omega, self.radius) / (2 * self.mass())
+        return float(wall_decay(omega, self.radius) + radiated)
+
 
 class AirBox(AirBody):
     """The air in a rigid box: its Helmholtz resonance, if it has a hole, and its lowest standing waves. Plates on its
-    walls drive it by connections of kind "air"."""
+    walls drive it by connections of kind "air". If no loss above 0 is given, it is that of its walls and of the sound
+    that its hole radiates."""
 
     kind: Literal["air"]
     size: list[Positive] = Field(min_length=3, max_length=3, description="sides of the box, m: x, y, and its height")
@@ -99,7 +123,16 @@ class AirBox(AirBody):
         shape = np.zeros(k.size)
         if self.hole is not None:
             shape[0] = 1 / math.sqrt(self.hole.mass())
-        return ModeSet(k * SPEED_OF_SOUND, self.decay_rates(k * SPEED_OF_SOUND, k), lambda position: shape)
+        omega = k * SPEED_OF_SOUND
+        sigma = self.decay_rates(omega, k) if self.has_loss() else self.natural_decay(omega)
+        return ModeSet(omega, sigma, lambda position: shape)
+
+    def natural_decay(self, omega: np.ndarray) -> np.ndarray:
+        """σ, 1/s: of standing waves as in a tube with as much wall for its volume, of radius 2V/S."""
+        sigma = wall_decay(omega, 1 / float(np.sum(1 / np.array(self.size))))
+        if self.hole is not None:
+            sigma[0] = self.hole.natural_decay(omega[0])
+        return sigma
 
     def wall_rows(self, modes: int, positions: np.ndarray, height: float) -> np.ndarray:
         """√(ρc²/Λ)·ψ at places of a wall [places, 1 + waves], √(J)/m³: of uniform pressure, and of standing waves
@@ -134,8 +167,8 @@ class AirBox(AirBody):
 
 
 class Tube(AirBody):
-    """The air in a tube, such as a resonator under a bar: 0 is its first end, 1 its open mouth. If no loss is given, it
-    is that of its walls and of the sound it radiates."""
+    """The air in a tube, such as a resonator under a bar: 0 is its first end, 1 its open mouth. If no loss above 0 is
+    given, it is that of its walls and of the sound that it radiates."""
 
     kind: Literal["tube"]
     length: float = Field(gt=0.0, le=1e3, description="length, m")
@@ -163,18 +196,12 @@ class Tube(AirBody):
         ends = FREE_END * self.radius * (1 if self.ends == "closed" else 2)
         return self.model_copy(update={"length": max((self.length + ends) / ratio - ends, 1e-6)})
 
-    def has_loss(self) -> bool:
-        """Whether the patch gives its losses."""
-        rates = (self.sigma0, self.sigma_beta, self.sigma_beta3, self.b3)
-        return self.decay is not None or self.t60 is not None or any(rates)
-
     def natural_decay(self, omega: np.ndarray) -> np.ndarray:
         """σ, 1/s: at the walls c·3e-5·√f/radius, and c·(k·radius)²/4L radiated by each open end, at most c/4L
         (Fletcher & Rossing, eq. 8.15 and sec. 8.3)."""
-        k = omega / SPEED_OF_SOUND
-        walls = SPEED_OF_SOUND * 3e-5 * np.sqrt(omega / (2 * math.pi)) / self.radius
         mouths = 1 if self.ends == "closed" else 2
-        return np.asarray(walls + mouths * SPEED_OF_SOUND * np.minimum(k * self.radius, 1.0) ** 2 / (4 * self.length))
+        radiated = mouths * SPEED_OF_SOUND * radiated_share(omega, self.radius) / self.length
+        return np.asarray(wall_decay(omega, self.radius) + radiated)
 
     def opening(self) -> float:
         return math.pi * self.radius**2

@@ -27,12 +27,13 @@ from engine.build.mode_coefficients import (
     MAX_DAMPING_BACKWARDS,
     SCHEMES,
     damped_coefficients,
-    is_heavily_damped,
+    end_loss,
+    loses_in_drift,
 )
 from engine.build.mode_counts import fit_modes
 from engine.build.mode_shape_rows import mode_shape_rows
 from engine.build.reachability import contacts_to_build
-from engine.build.refinement_tables import build_refinement, end_loss
+from engine.build.refinement_tables import build_refinement
 from engine.build.residual_modes import with_residual_modes
 from engine.build.step_coefficients import ModeCoefficients, all_factors, contact_basis_tables, step_coefficients
 from engine.faults import BuildError, Fault
@@ -153,7 +154,7 @@ def mode_coefficients(layout: Layout, samplerate: float, accuracy: Accuracy) -> 
         message = f"order {accuracy.order} has steps back in time, in which heavy damping would create energy"
         limit = f"decay rates up to {MAX_DAMPING_BACKWARDS * samplerate:.4g} 1/s ({sigma.max():.4g} here)"
         raise BuildError(Fault("accuracy.order", f"{message}; {limit}, or order = 2 and substeps"))
-    damped = is_heavily_damped(omega, sigma, h) & (accuracy.scheme == "exact" and accuracy.order == 2)
+    damped = loses_in_drift(omega, sigma, h, accuracy)
     kick, drift, decay, drag, dragged = np.empty((5, omega.size))
     kick[~damped], drift[~damped] = SCHEMES[accuracy.scheme](omega[~damped], sigma[~damped], h)
     decay[~damped], drag[~damped], dragged[~damped] = np.exp(-sigma[~damped] * h), 1.0, 0.0

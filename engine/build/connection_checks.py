@@ -23,6 +23,8 @@ def check_connections(layout: Layout, accuracy: Accuracy, samplerate: float) -> 
     faults = [*_find_still(layout), *_find_apart(layout)]
     if accuracy.order > 2:
         faults += _find_overdamped(layout, accuracy, samplerate)
+        if accuracy.substeps % 2 == 0:
+            faults += _find_unequal_loss(layout, accuracy)
     for coordinates in layout.coordinates:
         if len(coordinates.items) > MAX_ISLAND_COORDINATES:
             message = f"with it over {MAX_ISLAND_COORDINATES} coordinates of connections join the same bodies"
@@ -104,6 +106,25 @@ def _find_overdamped(layout: Layout, accuracy: Accuracy, samplerate: float) -> l
                 message = f"order {accuracy.order} has steps back in time, in which a damper would create energy"
                 remedy = f"at most {limit:.3g} kg/s here, or order = 2 and substeps"
                 faults.append(Fault(f"{item.path}.damping_coefficient", f"{message}; {remedy}"))
+    return faults
+
+
+def _find_unequal_loss(layout: Layout, accuracy: Accuracy) -> list[Fault]:
+    """Rigid joints whose sides lose unequally between samples of an even number of stages.
+
+    Loss lets the sides part, and in each stage the joint reverses the velocity at which they do. After an even number
+    of stages it is what it was, and the next loss adds to it.
+    """
+    faults = []
+    for coordinates in layout.coordinates:
+        for item in coordinates.items:
+            if not item.is_rigid:
+                continue
+            sigma = np.concatenate([layout.modal_bodies[b].sigma[row != 0.0] for b, row in item.parts.items()])
+            if np.ptp(sigma) > 0.0:
+                stages = f"order {accuracy.order} with an even number of substeps"
+                message = f"{stages} moves a rigid joint wrongly if its bodies lose unequally"
+                faults.append(Fault(item.path, f"{message}; an odd number of substeps, or order = 2"))
     return faults
 
 

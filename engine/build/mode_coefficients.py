@@ -4,6 +4,9 @@ import math
 
 import numpy as np
 
+from engine.kernel.model import ModalLoss
+from engine.patch.accuracy import Accuracy
+
 HEAVY_DAMPING = 0.05  # σh, from which loss in the drift is worth its time
 MAX_DAMPING_BACKWARDS = (
     0.15  # σh, beyond which loss apart from the core is too coarse, and steps back in time are refused
@@ -106,10 +109,21 @@ def _mean_decay(rate: np.ndarray, h: float) -> np.ndarray:
     return np.where(still, h, -np.expm1(-rate * h) / np.where(still, 1.0, rate))
 
 
-def is_heavily_damped(omega: np.ndarray, sigma: np.ndarray, h: float) -> np.ndarray:
-    """Which modes need `damped_coefficients`: free masses with damping, which no other table moves as it should both
-    where they coast and where they are pushed; and what loses much within a step [modes], bool."""
+def loses_in_drift(omega: np.ndarray, sigma: np.ndarray, h: float, accuracy: Accuracy) -> np.ndarray:
+    """Modes that need `damped_coefficients` [modes], bool: what loses much within a step; free masses with damping,
+    which no other table moves as it should both where they coast and where they are pushed; and, where a sample has
+    several steps, all that lose, for then only these steps together are the motion over a sample."""
+    if accuracy.scheme != "exact" or accuracy.order > 2:
+        return np.zeros(omega.size, np.bool_)
+    if accuracy.is_refined:
+        return np.asarray(sigma > 0.0)
     return np.asarray((sigma * h > HEAVY_DAMPING) | ((omega == 0.0) & (sigma > 0.0)))
+
+
+def end_loss(decay_factor: np.ndarray) -> ModalLoss:
+    """The half-step of loss that leaves such a share of each momentum [modes]."""
+    # of the rounded share: the two must agree, or the ledger drifts
+    return ModalLoss(decay_factor, 0.5 * (1 - decay_factor) * (1 + decay_factor))
 
 
 def stage_coefficients(

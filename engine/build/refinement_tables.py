@@ -3,7 +3,7 @@
 import numpy as np
 
 from engine.build.layout import Layout
-from engine.build.mode_coefficients import damped_coefficients, is_heavily_damped, stage_coefficients
+from engine.build.mode_coefficients import damped_coefficients, end_loss, loses_in_drift, stage_coefficients
 from engine.build.step_coefficients import ModeCoefficients, stack, step_coefficients
 from engine.kernel.model import ContactLoss, ModalLoss, Refinement
 from engine.patch.accuracy import Accuracy, stage_lengths
@@ -12,12 +12,12 @@ MAX_LOSS_IN_STEP = 0.5  # μ·f·W·h/2, of contact loss between stages: beyond,
 
 
 def build_refinement(
-    layout: Layout, kick: np.ndarray, accuracy: Accuracy, samplerate: float, finest_order: int | None = None
+    layout: Layout, kick: np.ndarray, accuracy: Accuracy, samplerate: float, finest: Accuracy | None = None
 ) -> Refinement | None:
     """Stages of a sample, be it one; None without contacts and connections.
 
-    kick:         t of each mode in a whole step, s
-    finest_order: of the Refinement whose kernel this one is for, if that is another
+    kick:   t of each mode in a whole step, s
+    finest: the accuracy of the Refinement whose kernel this one is for, if that is another
     """
     if not layout.contact_points and not layout.connection_parts:
         return None
@@ -25,13 +25,19 @@ def build_refinement(
     kinds = sorted(set(lengths))
     omega, sigma = layout.concatenate_modes("omega"), layout.concatenate_modes("sigma")
     h = 1.0 / samplerate
-    is_high, has_high_kernel = accuracy.order > 2, (finest_order or accuracy.order) > 2
+    is_high, has_high_kernel = accuracy.order > 2, (finest or accuracy).order > 2
     contact_loss = _contact_loss(layout, h / accuracy.substeps, is_high) if has_high_kernel else None
     loses_between = contact_loss is not None and is_high
     if loses_between:
         kinds = sorted({*kinds, 1 / accuracy.substeps})
-    damped = is_heavily_damped(omega, sigma, h) & (accuracy.scheme == "exact" and not has_high_kernel)
-    modes = [_stage_of_modes(kick, omega, sigma, accuracy.scheme, length, h, damped) for length in kinds]
+    damped = loses_in_drift(omega, sigma, h, finest or accuracy)
+    loses_in_stages = sigma.any() and not has_high_kernel
+    modes = [
+        _damped_stage(kick, omega, sigma, accuracy.scheme, length, h, damped)
+        if loses_in_stages
+        else ModeCoefficients(*stage_coefficients(kick, omega, accuracy.scheme, length), None, None)
+        for length in kinds
+    ]
     weight = np.abs(layout.scene.gravity * layout.concatenate_modes("gravity_participation"))
     return Refinement(
         stages=stack(
@@ -47,7 +53,7 @@ def build_refinement(
                 for m, length in zip(modes, kinds, strict=True)
             ]
         ),
-        end_loss=end_loss(np.where(damped, 1.0, np.exp(-sigma * h))) if sigma.any() else None,
+        end_loss=end_loss(np.exp(-sigma * h)) if sigma.any() and has_high_kernel else None,
         end_damping=np.full(int(layout.islands.connection[-1]), h / 2 if is_high else 0.0)
         if has_high_kernel and layout.is_damped
         else None,
@@ -94,20 +100,15 @@ def _contact_loss(layout: Layout, step: float, acts: bool) -> ContactLoss | None
     return ContactLoss(loss, mobility, loss * mobility * step / (2 * MAX_LOSS_IN_STEP))
 
 
-def end_loss(decay_factor: np.ndarray) -> ModalLoss:
-    """The half-step of loss that leaves such a share of each momentum [modes]."""
-    # of the rounded share: the two must agree, or the ledger drifts
-    return ModalLoss(decay_factor, 0.5 * (1 - decay_factor) * (1 + decay_factor))
-
-
-def _stage_of_modes(
+def _damped_stage(
     kick: np.ndarray, omega: np.ndarray, sigma: np.ndarray, scheme: str, length: float, h: float, damped: np.ndarray
 ) -> ModeCoefficients:
-    """The modes in a stage, whose length is a share of a sample of h seconds; heavily damped ones lose in it."""
+    """The modes in a stage that loses, whose length is a share of a sample of h seconds; of some, also in its drift."""
     kicks, drifts = stage_coefficients(kick, omega, scheme, length)
+    decay = np.exp(-sigma * length * h)
     if not damped.any():
-        return ModeCoefficients(kicks, drifts, None, None)
-    decay, drag, dragged = np.ones(omega.size), np.ones(omega.size), np.zeros(omega.size)
+        return ModeCoefficients(kicks, drifts, end_loss(decay), None)
+    drag, dragged = np.ones(omega.size), np.zeros(omega.size)
     values = damped_coefficients(omega[damped], sigma[damped], length * h)
     kicks[damped], drifts[damped], decay[damped], drag[damped], dragged[damped] = values
     return ModeCoefficients(kicks, drifts, end_loss(decay), ModalLoss(drag, dragged))

@@ -68,8 +68,9 @@ def check_patches(args: argparse.Namespace) -> int:
     faulty = False
     for path in args.patch:
         scene, faults = read_patch(path)
+        notes: list[str] = []
         if scene is not None:
-            faults = check_build(path, scene)
+            faults, notes = check_build(path, scene)
         faulty = faulty or bool(faults)
         if scene is not None and not faults:
             parts: dict[str, Sized] = {
@@ -80,12 +81,15 @@ def check_patches(args: argparse.Namespace) -> int:
             }
             summary = ", ".join(f"{name} {len(tables)}" for name, tables in parts.items())
             print(f"{to_one_line(path, LONGEST_PATH)}: valid; {summary}")
+            for note in notes:
+                print(f"  {note}")
         print_faults(faults)
     return 2 if faulty else 0
 
 
-def check_build(path: str, scene: "Scene") -> list[Fault]:
-    """What stands against rendering a patch at the usual sample rate."""
+def check_build(path: str, scene: "Scene") -> tuple[list[Fault], list[str]]:
+    """What stands against rendering a patch at the usual sample rate; and what its author should know."""
+    from engine.analysis.undamped import undamped_modes
     from engine.build import limits
     from engine.build.build import build
     from engine.patch.reader import locate_build_faults
@@ -93,10 +97,13 @@ def check_build(path: str, scene: "Scene") -> list[Fault]:
     rate = DEFAULT_SAMPLERATE * scene.accuracy.oversample
     try:
         limits.check_forces(scene, rate, scene.seconds)
-        build(scene, rate, seconds=0.0)  # with its forces, but not the tables of hours
+        layout = build(scene, rate, seconds=0.0).layout  # with its forces, but not the tables of hours
     except BuildError as error:
-        return locate_build_faults(path, error.faults)
-    return []
+        return locate_build_faults(path, error.faults), []
+    return [], [
+        f"{to_one_line(name, LONGEST_PATH)} never decays, for nothing damps it ({count} of its modes)"
+        for name, count in undamped_modes(layout).items()
+    ]
 
 
 def print_schema(args: argparse.Namespace) -> int:

@@ -9,7 +9,7 @@ import math
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.compiler.lanes import EightFrom, FewFrom, lane_sum, number_at, put_number, splat
 from engine.kernel.codes import LANES, NO_END, UNUSED_SLOT, DampedModes, EnergyTotal, EventCursor, EventKind
-from engine.kernel.connections import forget_moves, forget_near_contacts
+from engine.kernel.connections import forget_moves, forget_near_contacts, has_connections
 from engine.kernel.contacts import invalidate_margins
 from engine.kernel.energy import accumulate, island_energy
 from engine.kernel.external_forces import next_force
@@ -262,7 +262,7 @@ def find_momentum_kept(events, state):
 
 @noinline
 def damp_modes(state):
-    """Let the dampers of events act, for a whole step at its end: the half of it that belongs to the next would come
+    """Let the dampers of events act, for a whole sample at its end: the half of it that belongs to the next would come
     at the same place. The energy lost is dissipated."""
     total, whole = splat(0.0), lanes_of(state.p.shape[0])
     for m in range(INT64_0, whole, LANES):
@@ -282,6 +282,30 @@ def damp_mode(m, momentum_kept, p):
     return 0.5 * (1.0 - kept) * (1.0 + kept) * before * before
 
 
+@noinline
+def damp_modes_by_half(state):
+    """Let the dampers of events act for half a sample. The energy lost is dissipated."""
+    total = 0.0
+    for m in range(state.p.shape[0]):
+        before, kept = state.p[m], math.sqrt(state.momentum_kept[m])
+        state.p[m] = kept * before
+        total += 0.5 * (1.0 - kept) * (1.0 + kept) * before * before
+    forget_moves(state.connection)
+    accumulate(state.energy_totals, EnergyTotal.DISSIPATED, total)
+
+
+@inline
+def damps_in_halves(connection, refinement, state):
+    """Whether dampers act after the first stage of a sample and after its last, for half a sample each.
+
+    In each stage a rigid joint reverses the velocity at which loss lets its sides part. Between two losses there must
+    be an odd number of stages, or that velocity grows with each sample.
+    """
+    if refinement is None:
+        return False
+    return has_connections(connection, state) and refinement.sequence.shape[0] % 2 == 0
+
+
 @inline
 def is_event_active(state):
     """Whether an event goes on."""
@@ -297,10 +321,21 @@ def is_damping(events, state):
 
 
 @inline
-def finish_score(events, state):
-    """What the score says for the end of this step."""
+def finish_first_stage(model, refinement, state):
+    """Let dampers act after the first stage of a sample, if they do."""
+    if is_damping(model.events, state):
+        if damps_in_halves(model.connection, refinement, state):
+            damp_modes_by_half(state)
+
+
+@inline
+def finish_score(model, events, state):
+    """What the score says for the end of this sample."""
     if is_damping(events, state):
-        damp_modes(state)
+        if damps_in_halves(model.connection, model.refinement, state):
+            damp_modes_by_half(state)
+        else:
+            damp_modes(state)
 
 
 @inline

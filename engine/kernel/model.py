@@ -133,7 +133,7 @@ class StepCoefficients(NamedTuple):
     drift: PerMode  # v, s
     spring_kick: PerMode | None  # t·ω², 1/s: momentum per displacement in half a kick
     loss: ModalLoss | None  # at either end of the step
-    drag: ModalLoss | None  # in the drift, of heavily damped modes
+    drag: ModalLoss | None  # in the drift (engine.build.mode_coefficients.loses_in_drift)
     connection: ConnectionCoefficients | None
     contact: ContactCoefficients | None
     force: RowCoefficients | None  # of ExternalForce.rows
@@ -216,8 +216,8 @@ class ContactLoss(NamedTuple):
 class Refinement(NamedTuple):
     """A sample in stages (engine.kernel.refinement). Stages of one length are of one kind."""
 
-    stages: StepCoefficients  # one row for each kind; without loss, but for that of heavily damped modes
-    end_loss: ModalLoss | None  # before the first stage and after the last
+    stages: StepCoefficients  # one row for each kind; with loss in order 2
+    end_loss: ModalLoss | None  # before the first stage and after the last, in orders 4 and 6
     end_damping: PerConnection | None  # s: how long dampers act there, if they do not in the stages
     contact_loss: ContactLoss | None  # None where it is in the solve, or there is none
     sequence: SharedInt  # the kind of each stage

@@ -1,10 +1,10 @@
 """Refinement: a sample in several stages, where contact is possible (docs/design.md, sec. 2).
 
-A stage is a step of another length, forwards or backwards, without loss; half the loss of the sample
-comes before the first stage and half after the last. Heavily damped modes
-(engine.build.mode_coefficients.damped_coefficients) lose in each stage instead, for all lengths are then positive. Each
-stage conserves energy, and so does their product, whose order is that of the lengths (engine.patch.accuracy). Out of
-contact the `exact` coefficients need no stages: they are of a flow, and one step of it is their product.
+A stage is a step of another length. In order 2 all lengths are positive, and modes lose in each stage
+(engine.build.mode_coefficients.damped_coefficients). In orders 4 and 6 some stages go backwards and none loses; half
+the loss of the sample comes before the first stage and half after the last. Each stage conserves energy, and so does
+their product, whose order is that of the lengths (engine.patch.accuracy). Out of contact the `exact` coefficients need
+no stages: they are of a flow, and one step of it is their product.
 """
 
 import math
@@ -16,6 +16,7 @@ from engine.kernel.axes import Axis, fields_of
 from engine.kernel.connections import count_connections, damp_connections, has_connections
 from engine.kernel.contact_loss import is_loss_small, lose_at_contacts
 from engine.kernel.contacts import bound_at_contact, free_displacements
+from engine.kernel.events import finish_first_stage
 from engine.kernel.external_forces import next_force
 from engine.kernel.modes import apply_loss_all, begin_step, end_step
 from engine.kernel.step import StepOutcome, step
@@ -192,6 +193,8 @@ def composed_step(model, force, refinement, state, frame):
         if is_apart:
             duration, rate = refinement.loss_after[i], model.samplerate
             lost += lose_at_contacts(refinement.contact_loss, model.contact, duration, TRUE, rate, state)
+        if i == 0:
+            finish_first_stage(model, refinement, state)
         evaluations += outcome.evaluations
         lost += outcome.dissipated
         work += outcome.supplied

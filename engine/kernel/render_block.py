@@ -327,7 +327,7 @@ def render_steps(model, state, output, bounds, i, count, frame):
         outcome = advance(model, model.contact, model.force, state, frame + n, is_free, was_in_contact)
         if wants_energies(output):
             count_energy(outcome, state)
-        finish_score(model.events, state)
+        finish_score(model, model.events, state)
         keep_evaluations(state, outcome)
         if outcome.in_contact:
             state.contact_samples[0] += 1

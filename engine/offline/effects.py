@@ -10,7 +10,7 @@ from engine.offline.record import Record
 # name, and what holds it: None where the effect is left out
 EFFECTS: dict[str, Callable[[Model], Any]] = {
     "loss": lambda model: model.step.loss,
-    "heavy damping": lambda model: model.step.drag,
+    "loss within the step": lambda model: model.step.drag,
     "restoring force": lambda model: model.omega_squared,
     "gravity": lambda model: model.weight,
     "external force": lambda model: model.force,

@@ -51,6 +51,29 @@ def test_helmholtz():
     assert modal.omega[1] / (2 * math.pi) == pytest.approx(C / 2 / 0.48)
 
 
+def test_a_box_loses_what_its_hole_radiates_and_what_its_walls_take():
+    """σ = P/2E of the plug: a monopole radiates P = ρc·k²·(S·u)²/8π, and E = ½ρS·l·u² (Pierce, Acoustics, sec. 4.3);
+    the walls of the hole take what those of a tube take; standing waves have qualities of some hundreds."""
+    modal = AirBox(**BOX).modal_body(20_000.0)
+    area, length, k = math.pi * 0.05**2, 0.003 + 2 * 0.85 * 0.05, modal.omega[0] / C
+    radiated = RHO * C * k**2 * area**2 / (8 * math.pi) / (RHO * area * length)
+    walls = C * 3e-5 * math.sqrt(modal.omega[0] / (2 * math.pi)) / 0.05
+    assert modal.sigma[0] == pytest.approx(radiated + walls, rel=1e-12)
+    quality = modal.omega / (2 * modal.sigma)
+    assert 20 < quality[0] < 100
+    assert np.all((quality[1:] > 200) & (quality[1:] < 1000))
+
+
+def test_a_box_rings_for_ever_only_if_it_is_asked_to():
+    push = [{"body": "box", "kind": "half_sine", "at": "hole", "amplitude": 1.0, "duration": 2e-3}]
+    for sigma, fallen in ((0.0, 60.0), (1e-9, 0.0)):
+        audio = engine.render(
+            scene([BOX | {"sigma0": sigma}], force=push, pickup=[{"body": "box"}]), seconds=1.1, silence=-math.inf
+        ).audio[:, 0]
+        first, last = (np.abs(audio[round(t * 44_100) :][:2205]).max() for t in (0.01, 1.0))
+        assert 20 * math.log10(first / last) == pytest.approx(fallen, abs=25 if sigma == 0.0 else 0.1)
+
+
 def test_a_top_of_one_mode_and_a_hole_are_two_coupled_oscillators():
     """Plate and plug share the spring of the air: the poles of the two-by-two matrix, as in the model of a guitar by
     Christensen & Vistisen (JASA 68, 1980)."""

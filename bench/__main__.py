@@ -21,7 +21,7 @@ MEASUREMENTS = {  # in this order
     "accuracy": ["price", "jvari", "metric", "hard", "one_way"],
     "paper": ["newton", "figures"],
     "rivals": ["peers"],
-    "ruler": ["ruler", "slope"],
+    "ruler": ["ruler", "slope", "loss"],
     "publish": ["signs", "gallery", "api"],
 }
 PACKAGE = {name: package for package, names in MEASUREMENTS.items() for name in names}

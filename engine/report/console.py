@@ -127,9 +127,8 @@ def _error_estimate_rows(estimate: dict[str, Any] | None) -> dict[str, str]:
     elif estimate["horizon"] < estimate["seconds"]:
         text += f" up to {estimate['horizon']:.3g} s; after that, it differs from a finer rendering"
     finer = f"order {estimate['finer']['order']}, {estimate['finer']['substeps']} ×"
-    return {
-        "estimated error": f"{text} (compared with {finer}, which took {estimate['time_factor']:.2g} times as long)"
-    }
+    text += f" (compared with {finer}, which took {estimate['time_factor']:.2g} times as long)"
+    return {"estimated error": text} | ({"not estimated": estimate["unseen"]} if estimate["unseen"] else {})
 
 
 def _chosen_setting_rows(chosen: dict[str, Any] | None) -> dict[str, str]:

@@ -19,6 +19,7 @@ from engine.kernel.energy import accumulate, island_energy
 from engine.kernel.events import move_event, next_due
 from engine.kernel.free_flight import end_flight
 from engine.kernel.island_view import island_bounds, island_model, island_state
+from engine.kernel.near_contacts import keep_all_contacts
 from engine.kernel.recording import keep_energies
 from engine.kernel.rows import project
 from engine.parallel.event_slots import DROPPED, VALUES_PER_EVENT, EventSlot
@@ -100,6 +101,7 @@ def book_island_energy(model, state, n, sign):
     bounds = island_bounds(model.islands, partition_of(model.islands, n), n)
     part, part_state = island_model(model, state, bounds), island_state(state, bounds)
     if sign > 0:
+        keep_all_contacts(part.contact, part.connection, part_state)
         reset_compressions(part.contact, part_state)
         reset_extensions(part.connection, part_state)
         reset_velocities(part.pickups, part_state)
@@ -108,11 +110,14 @@ def book_island_energy(model, state, n, sign):
 
 @inline
 def reset_compressions(contact, state):
-    """Read the compressions from the modes, also in contact."""
+    """Read the compressions from the modes, also in contact. What is closed by now is in contact: else a check before
+    the next step would open it, and its energy would be gone."""
     if contact is not None:
         for k in range(state.compression.shape[0]):
             state.compression[k] = compression_from_modes(contact, contact.other_rows, state, k)
             state.compression_compensation[k] = 0.0
+            if state.compression[k] > 0.0:
+                state.in_contact[0] = 1
 
 
 @inline

@@ -11,6 +11,7 @@ from turned_knobs import sweep_knobs
 import engine
 from engine.live.player import Player
 from engine.live.replay import replay
+from scenes.small import scene as small_scene
 
 PIANO = ROOT / "patches" / "piano_c4.toml"
 RANGES = {"stiffness": (1e4, 1e12), "gap": (-2e-3, 2e-3), "exponent": (1.0, 8.0)}
@@ -101,3 +102,27 @@ def test_a_long_glide_arrives_and_a_refused_one_changes_nothing(monkeypatch):
         player.tune(0, 1.1, seconds=0.1)
     player.render_into(out[:64])
     assert len(player.log()["events"]) == before and player._tuning._pitch == [(0.7, None)]
+
+
+@pytest.mark.parametrize("connection", [[], [{"body": "s", "on": "t", "stiffness": 1e3}]])
+def test_what_a_new_mass_brings_into_contact_is_in_contact(connection):
+    """A hammer of a thousandth of its mass is elsewhere by then, in the string: that energy is supplied, and stays. At
+    any frame: also where contacts are looked at anew, and where those that were far were left out."""
+    scene = small_scene(
+        [
+            {"name": "hammer", "kind": "mass", "mass": 1e3, "displacement": 1e-3},
+            {"name": "s", "kind": "oscillator", "mass": 1.0, "frequency": 100.0, "displacement": 5e-3},
+            {"name": "t", "kind": "oscillator", "mass": 1.0, "frequency": 150.0},
+        ],
+        contact=[{"name": "felt", "body": "hammer", "on": "s", "stiffness": 1e6, "exponent": 2.5}],
+        connection=connection,
+        pickup=[{"body": "s"}],
+    )
+    for frames in range(62, 68):
+        player = engine.Player(scene, gain=1.0, kernel="general")
+        player.read(frames)
+        player.set("body.hammer.mass", 1e-1, seconds=0.0)
+        player.read(1)
+        assert player.state.compression[0] > 0.0
+        player.read(200)
+        assert player.meter().energy_error <= 1e-12

@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,12 @@ def format_names(names: Collection[str]) -> str:
     """A list of names in quotes; only the first of them, if they are many."""
     text = ", ".join(format_value(name) for name in islice(names, MAX_LISTED_NAMES)) or "none"
     return text if len(names) <= MAX_LISTED_NAMES else f"{text} and {len(names) - MAX_LISTED_NAMES} more"
+
+
+def join_with_or(words: Iterable[str]) -> str:
+    """Alternatives as part of a sentence: "a, b or c"."""
+    *others, last = words
+    return f"{', '.join(others)} or {last}" if others else last
 
 
 def program_name() -> str:

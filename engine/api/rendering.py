@@ -18,6 +18,8 @@ from engine.patch.accuracy import Accuracy
 from engine.patch.error_messages import suggestion
 from engine.patch.reader import check_scene
 from engine.patch.scene import Scene
+from engine.report.figures import PICTURE_ENDINGS, PLOT_STYLES, PlotStyle, save_figure, set_title
+from engine.wording import join_with_or
 
 PANELS_WITHOUT_TRACE = ("waveform", "spectrogram")
 PANEL_SIZE = 10.0, 2.5  # inches
@@ -72,33 +74,36 @@ class Rendering(offline.Rendering):
         parts += ["trace of every sample"] if self.trace is not None else []
         return f"<Rendering: {', '.join(parts)}{'' if self.stats.trusted else '; NOT TO BE TRUSTED'}>"
 
-    def plot(self, *panels: str) -> np.ndarray:
+    def plot(self, *panels: str, style: str = "screen") -> np.ndarray:
         """Draw the rendering with matplotlib's pyplot, a panel below another, as `fdh render --plot` does.
 
         panels: some of waveform, spectrogram, energies, iterations; if none is named, all that can be drawn: without
                 a trace, the first two
+        style:  screen; or paper: as wide as a column of a journal, 86 mm, with letters of 8 points and no title
 
-        Returns the axes, an array. Raises ValueError for another panel, or one that needs a trace which is not there;
-        ImportError without matplotlib.
+        Returns the axes, an array. Raises ValueError for another panel or style, or a panel that needs a trace which
+        is not there; ImportError without matplotlib.
 
         >>> import engine
         >>> rendering = engine.render(engine.load("bouncing_ball"), seconds=0.5, trace=True)
         >>> axes = rendering.plot("waveform", "energies")
         >>> axes[0].figure.savefig("ball.png")
         """
-        names = self._checked_panels(panels)
+        names, look = self._checked_panels(panels), _checked_style(style)
         pyplot = _matplotlib("pyplot")
-        size = PANEL_SIZE[0], PANEL_SIZE[1] * len(names)
-        _, axes = pyplot.subplots(len(names), figsize=size, layout="constrained", sharex=True, squeeze=False)
-        self._draw(axes[:, 0], names)
-        return np.asarray(axes[:, 0])
+        with _matplotlib("rc_context")(look.settings):
+            figure = pyplot.figure(figsize=look.size(PANEL_SIZE[0], PANEL_SIZE[1] * len(names)), layout="constrained")
+            return self._draw(figure, names, look)
 
-    def save(self, path: str | Path, gain: float | None = None, subtype: str | None = None) -> float:
+    def save(
+        self, path: str | Path, gain: float | None = None, subtype: str | None = None, style: str = "screen"
+    ) -> float:
         """Write the sound to a file, in the format of its name: .wav, .flac, .ogg and more. A name that ends in .npz
-        gets the trace instead, and in .png the picture.
+        gets the trace instead, and in .png, .pdf or .svg the picture.
 
         gain:    dB; if None, the sound is normalised to -1 dBFS, for SI units may be tiny. 0 keeps SI units
         subtype: FLOAT (of a .wav, if None), PCM_24, PCM_16 or DOUBLE
+        style:   of a picture, as of `plot`
 
         Returns the gain that was applied, dB. Warns of samples that a file of integers cuts off. Raises ValueError
         if the format is none or cannot hold the sound, or there is no trace to write; OSError if the file cannot be
@@ -109,19 +114,23 @@ class Rendering(offline.Rendering):
         >>> gain = rendering.save("ball.wav")
         >>> rendering.save("ball_in_si_units.wav", gain=0.0)
         0.0
+        >>> gain = rendering.save("ball.pdf", style="paper")
         """
-        path = _checked_path(path)
-        if path.suffix.lower() == ".npz":
+        path, look = _checked_path(path), _checked_style(style)
+        ending = path.suffix.lower()
+        if ending == ".npz":
             if self.trace is None:
                 raise ValueError("there is no trace to write; render with trace=True")
             save_trace(path, self.trace)
             return 0.0
-        if path.suffix.lower() == ".png":
+        if ending in PICTURE_ENDINGS:
             with atomic_write(path) as part:
-                part.write_bytes(self._picture(PANEL_SIZE, self._checked_panels(())))
+                part.write_bytes(self._picture(PANEL_SIZE, self._checked_panels(()), look, ending))
             return 0.0
         if faults := check_audio_format(path, subtype, "path"):
-            raise ValueError("; ".join(fault.message.replace("--subtype ", "subtype ") for fault in faults))
+            others = f" for the sound, in .npz for the trace, or in {join_with_or(PICTURE_ENDINGS)} for the picture"
+            messages = [fault.message.replace("--subtype ", "subtype ") for fault in faults]
+            raise ValueError("; ".join(m + others if m.endswith("end it in .wav") else m for m in messages))
         audio, applied = self._at_level(None if gain is None else checked_number("gain", gain), subtype)
         if cut := count_clipped(path, audio, applied, subtype):
             remedy = f"gain={cut.safe_gain:.1f} fits"
@@ -151,7 +160,8 @@ class Rendering(offline.Rendering):
         for line in [*self.stats.reasons, *self.stats.warnings]:
             yield f"<p>{escape(line)}</p>"
         try:
-            png = self._picture((SHOWN_SIZE[0], SHOWN_SIZE[1] / 2), PANELS_WITHOUT_TRACE)
+            size = SHOWN_SIZE[0], SHOWN_SIZE[1] / 2
+            png = self._picture(size, PANELS_WITHOUT_TRACE, PLOT_STYLES["screen"], ".png")
         except ImportError:
             return
         yield f'<img alt="waveform and spectrogram" src="{data_uri(png, "image/png")}">'
@@ -174,23 +184,26 @@ class Rendering(offline.Rendering):
             raise ValueError(f"there is no trace to draw {bare[0]} of; render with trace=True")
         return panels or PANELS_WITHOUT_TRACE
 
-    def _draw(self, axes: np.ndarray, names: tuple[str, ...]) -> None:
-        """Draw panels on axes, one each."""
+    def _draw(self, figure: Any, names: tuple[str, ...], look: PlotStyle) -> np.ndarray:
+        """Draw panels on a figure, one below another; returns their axes."""
         from engine.report.plots import PANELS
 
+        axes = figure.subplots(len(names), sharex=True, squeeze=False)[:, 0]
         untouched = {"time": np.zeros(len(self.audio)), "force": np.zeros((len(self.audio), 0))}
         drawn = self if self.trace is not None else replace(self, trace=untouched)
         for panel_axes, name in zip(axes, names, strict=True):
             PANELS[name](panel_axes, drawn)
             panel_axes.label_outer()
-        axes[0].set(title=self.scene.title)
+        set_title(axes[0], self.scene.title, look.title)
+        return np.asarray(axes)
 
-    def _picture(self, panel_size: tuple[float, float], names: tuple[str, ...]) -> bytes:
-        """A PNG of some panels; matplotlib's pyplot and its backend are left alone."""
-        figure = _matplotlib("figure").Figure((panel_size[0], panel_size[1] * len(names)), layout="constrained")
-        self._draw(figure.subplots(len(names), sharex=True, squeeze=False)[:, 0], names)
-        picture = BytesIO()
-        figure.savefig(picture, dpi=120, format="png", metadata={"Software": None})
+    def _picture(self, panel_size: tuple[float, float], names: tuple[str, ...], look: PlotStyle, ending: str) -> bytes:
+        """A picture of some panels, in the format of an ending; matplotlib's pyplot and its backend are left alone."""
+        new_figure, picture = _matplotlib("figure").Figure, BytesIO()
+        with _matplotlib("rc_context")(look.settings):
+            figure = new_figure(look.size(panel_size[0], panel_size[1] * len(names)), layout="constrained")
+            self._draw(figure, names, look)
+            save_figure(figure, picture, ending, look.dpi)
         return picture.getvalue()
 
 
@@ -251,11 +264,19 @@ def _checked_path(path: Any) -> Path:
     return Path(path)
 
 
-def _matplotlib(module: str) -> Any:
-    """A module of matplotlib. Raises ImportError, which says how to get it."""
+def _checked_style(style: Any) -> PlotStyle:
+    """A style of pictures. Raises ValueError for one that does not exist."""
+    if style not in PLOT_STYLES:
+        raise ValueError(f"no style {style!r}; {suggestion(str(style), [*PLOT_STYLES])}")
+    return PLOT_STYLES[style]
+
+
+def _matplotlib(name: str) -> Any:
+    """A module of matplotlib, or a function of it. Raises ImportError, which says how to get it."""
     import importlib
 
     try:
-        return importlib.import_module(f"matplotlib.{module}")
+        matplotlib = importlib.import_module("matplotlib")
+        return getattr(matplotlib, name) if hasattr(matplotlib, name) else importlib.import_module(f"matplotlib.{name}")
     except ImportError as error:
         raise ImportError(NO_MATPLOTLIB) from error

@@ -74,8 +74,9 @@ def accuracy_command(args: argparse.Namespace) -> int:
             outputs = rendering.render_from_arguments(scene, numbers, args, study)
             companions = rendering.write_outputs(outputs, args)
         elif plot is not None:
-            draw = lambda part: work_precision_plot.plot_work_precision(study, Path(args.patch).stem, part)
-            rendering.write_or_raise(plot, lambda path: rendering.write_atomically(path, draw))
+            name, style = Path(args.patch).stem, args.plot_style or "screen"
+            draw = lambda path: work_precision_plot.plot_work_precision(study, name, path, style)
+            rendering.write_or_raise(plot, draw)
     except MemoryError:
         print_error("not enough memory for so many samples; give fewer --seconds")
         return 1

@@ -157,8 +157,10 @@ def add_voices(parser: CommandParser) -> None:
 
 def add_plot(parser: CommandParser, contents: str) -> None:
     """Add a picture, of something."""
-    help_text = f"plot {contents} (default: next to the sound file)"
+    help_text = f"plot {contents}, as .png, .pdf or .svg (default: a .png next to the sound file)"
     parser.add_argument("--plot", metavar="OUT.png", nargs="?", const="", help=help_text)
+    help_text = "screen (default), or paper: as wide as a column of a journal, 86 mm, with letters of 8 points"
+    parser.add_argument("--plot-style", metavar="NAME", help=help_text)
 
 
 def add_report(parser: CommandParser, contents: str) -> None:

@@ -23,7 +23,7 @@ from engine.cli.score_command import add_score_command
 from engine.cli.sweep_command import add_sweep_command
 from engine.faults import BuildError
 from engine.files import find_patch, is_folder, path_exists, shipped_names
-from engine.wording import program_name
+from engine.wording import join_with_or, program_name
 
 COMMAND_GROUPS = (
     add_render_command,
@@ -136,5 +136,5 @@ def suggest_command(word: str, commands: list[str]) -> str:
     meant |= {command: command for command in commands}
     near = list(dict.fromkeys(f'"{meant[name]}"' for name in difflib.get_close_matches(word, meant, 3, 0.6)))
     if near:
-        return f"did you mean {' or '.join([', '.join(near[:-1]), near[-1]] if near[1:] else near)}?"
+        return f"did you mean {join_with_or(near)}?"
     return f"{program_name()} --help lists commands and shipped patches"

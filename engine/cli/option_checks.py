@@ -14,6 +14,8 @@ from engine.compiler.kernel_name import read_kernel_name
 from engine.faults import Fault
 from engine.files import is_folder
 from engine.output_files import absolute_path, is_writable_folder
+from engine.report.figures import PICTURE_ENDINGS, PLOT_STYLES
+from engine.wording import join_with_or
 
 if TYPE_CHECKING:
     from engine.patch.scene import Scene
@@ -26,7 +28,7 @@ NumericOptions = dict[str, float | None]  # those of a command that are numbers,
 # of a file to be written: what it is called, and the endings of its name
 FILE_KINDS = {
     "--report": ("page", (".html", ".htm")),
-    "--plot": ("picture", (".png",)),
+    "--plot": ("picture", PICTURE_ENDINGS),
     "--trace": ("trace", (".npz",)),
 }
 FILE_KINDS["--event-log"] = ("log", (".json",))
@@ -70,7 +72,7 @@ def numeric_options(args: argparse.Namespace) -> tuple[NumericOptions, list[Faul
     for name in ("plot", "report"):
         if options.get(name) is not None and find_spec("matplotlib") is None:
             faults.append(Fault(f"--{name}", "needs matplotlib; uv sync --extra plot, or pip install matplotlib"))
-    return numbers, faults + check_accuracy_options(args)
+    return numbers, faults + check_plot_style(args) + check_accuracy_options(args)
 
 
 def samplerate_of(numbers: NumericOptions) -> int:
@@ -114,6 +116,16 @@ def parse_error_target(text: str) -> tuple[float, bool]:
     return amount, decibels
 
 
+def check_plot_style(args: argparse.Namespace) -> list[Fault]:
+    """What is wrong with the style asked for."""
+    style = vars(args).get("plot_style")
+    if style is None:
+        return []
+    if style not in PLOT_STYLES:
+        return [Fault("--plot-style", f'unknown style "{style}"; {join_with_or(PLOT_STYLES)}')]
+    return [] if args.plot is not None else [Fault("--plot-style", "requires --plot; give that too")]
+
+
 def check_kernel(args: argparse.Namespace) -> list[Fault]:
     """What is wrong with the kernel that --kernel or the environment asks for."""
     try:
@@ -150,7 +162,7 @@ def check_paths(targets: dict[str, Path | None]) -> list[Fault]:
     for name, path in paths.items():
         noun, endings = FILE_KINDS.get(name, ("", ()))
         if endings and path.suffix.lower() not in endings:
-            faults.append(Fault(name, f'"{path.name}" is not the name of a {noun}; end it in {endings[0]}'))
+            faults.append(Fault(name, f'"{path.name}" is not the name of a {noun}; end it in {join_with_or(endings)}'))
         elif not is_folder(path.parent):
             faults.append(Fault(name, f"no such folder: {path.parent}; make it, or write elsewhere"))
         elif is_folder(path):

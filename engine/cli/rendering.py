@@ -139,19 +139,24 @@ def write_outputs(outputs: Outputs, args: argparse.Namespace) -> list[Path]:
     def picture(path: Path) -> None:
         from engine.report import plots, work_precision_plot
 
+        style = args.plot_style or "screen"
         if outputs.comparison is not None:
-            work_precision_plot.plot_work_precision(outputs.comparison, Path(args.patch).stem, path)
+            work_precision_plot.plot_work_precision(outputs.comparison, Path(args.patch).stem, path, style)
         else:
-            plots.plot_rendering(outputs.rendering, outputs.title, path, outputs.shape)
+            plots.plot_rendering(outputs.rendering, outputs.title, path, outputs.shape, style)
 
     def sound(path: Path) -> None:
         save_audio(path, outputs.audio, outputs.rendering.samplerate, args.subtype)
 
+    def write_page(path: Path) -> None:
+        with atomic_write(path) as part:
+            part.write_text(page, "utf-8")
+
     trace, page = outputs.rendering.trace or {}, to_utf8_text(outputs.page or "")
     companions: list[tuple[Path | None, Callable[[Path], object]]] = [
         (optional_path(args.trace), lambda path: save_trace(path, trace)),
-        (plot_path(args), lambda path: write_atomically(path, picture)),
-        (report_path(args), lambda path: write_atomically(path, lambda part: part.write_text(page, "utf-8"))),
+        (plot_path(args), picture),
+        (report_path(args), write_page),
     ]
     with progress_feedback("writing the files"):
         write_or_raise(sound_path(args), sound)
@@ -159,12 +164,6 @@ def write_outputs(outputs: Outputs, args: argparse.Namespace) -> list[Path]:
             if target is not None:
                 write_or_raise(target, job)
     return [target for target, _ in companions if target is not None]
-
-
-def write_atomically(target: Path, job: Callable[[Path], object]) -> None:
-    """Let a job write a file beside a target, which then takes the target's place."""
-    with atomic_write(target) as part:
-        job(part)
 
 
 def write_or_raise(target: Path, job: Callable[[Path], object]) -> None:

@@ -15,7 +15,10 @@ from engine.report.figures import (
     GREY,
     LEVEL_MAP,
     ORANGE,
+    PLOT_STYLES,
+    is_narrow,
     new_figure,
+    note_size,
     put_colour_bar,
     put_legend_above,
     set_title,
@@ -42,15 +45,19 @@ SPECTROGRAM_RANGE = 30.0, 20e3  # Hz
 MAX_SHADED_INTERVALS = 400  # more contact intervals are shaded together with those near them
 MAX_SCALED_CHANNELS = 4  # of more channels, the scale of each is no longer labelled
 LANE = 1.15  # half the height of a channel's lane, in peaks
-CONTACT_STYLE = {"color": "C1", "alpha": 0.25, "lw": 0}
 PANEL_HEIGHTS = {"waveform": 2.2, "spectrogram": 2.6, "energies": 2.3, "iterations": 1.7}  # inches
 LANE_HEIGHT = 0.9  # inches, of every channel but the first
 DETAIL_HEIGHT = 2.7  # inches
 
 
-def plot_rendering(rendering: "Rendering", title: str, path: Path, shape: "StringShape | None" = None) -> None:
-    """Write all panels of a rendering as a PNG, and below them its first contact and the shape of a string, if there is
-    one. Raises ValueError if it has no trace."""
+def plot_rendering(
+    rendering: "Rendering", title: str, path: Path, shape: "StringShape | None" = None, style: str = "screen"
+) -> None:
+    """Write all panels of a rendering to a picture (engine.report.figures.PICTURE_ENDINGS), and below them its first
+    contact and the shape of a string, if there is one. style: one of PLOT_STYLES
+
+    Raises ValueError if it has no trace, OSError if it cannot be written.
+    """
     contact = first_contact(rendering)
     heights = {name: PANEL_HEIGHTS[name] for name in PANELS if name != "iterations" or contact is not None}
     heights["waveform"] = waveform_height(rendering)
@@ -59,9 +66,12 @@ def plot_rendering(rendering: "Rendering", title: str, path: Path, shape: "Strin
         details["contact"] = lambda axes: plot_first_contact(axes, contact)
     if shape is not None:
         details["shape"] = lambda axes: plot_string_shape(axes, shape)
-    rows = [[name] * max(1, len(details)) for name in heights] + ([[*details]] if details else [])
-    ratios = [*heights.values()] + [DETAIL_HEIGHT] * bool(details)
-    with new_figure(path, 10.0, sum(ratios) + 0.4, 120, "constrained") as figure:
+    look = PLOT_STYLES[style]
+    columns = 1 if look.width is not None else max(1, len(details))
+    below = [[*details][n : n + columns] for n in range(0, len(details), columns)]
+    rows = [[name] * columns for name in heights] + below
+    ratios = [*heights.values()] + [DETAIL_HEIGHT] * len(below)
+    with new_figure(path, 10.0, sum(ratios) + 0.4, look) as figure:
         axes = figure.subplot_mosaic(rows, height_ratios=ratios)
         for name in heights:
             axes[name].sharex(axes["waveform"])
@@ -73,7 +83,7 @@ def plot_rendering(rendering: "Rendering", title: str, path: Path, shape: "Strin
             draw(axes[name])
         figure.get_layout_engine().set(wspace=0.04)
         figure.align_ylabels([axes[name] for name in heights])
-        set_title(axes["waveform"], title)
+        set_title(axes["waveform"], title, look.title)
 
 
 def waveform_height(rendering: "Rendering") -> float:
@@ -95,7 +105,8 @@ def plot_waveform(axes: Any, rendering: "Rendering") -> None:
     for channel in range(channels):
         middle = -2 * LANE * peak * channel
         low, high, at = min_max_envelope(rendering.audio[:, channel], rendering.samplerate)
-        axes.fill_between(at, middle + low, middle + high, lw=0.4, color=BLUE)
+        dense = len(at) < len(rendering.audio)  # an image within a PDF
+        axes.fill_between(at, middle + low, middle + high, lw=0.4, color=BLUE, rasterized=dense)
         values = (tick, 0.0, -tick) if channels <= MAX_SCALED_CHANNELS else (0.0,)
         ticks += [middle + value for value in values]
         labels += [value / 10.0**exponent if not -3 < exponent < 4 else value for value in values]
@@ -103,7 +114,7 @@ def plot_waveform(axes: Any, rendering: "Rendering") -> None:
             axes.axhline(middle + LANE * peak, lw=0.8, color=GREY)
         if channels > 1:
             name = ("left", "right")[channel] if channels == 2 else f"channel {channel + 1}"
-            place = {"transform": axes.get_yaxis_transform(), "fontsize": "small", "va": "center"}
+            place = {"transform": axes.get_yaxis_transform(), "fontsize": note_size(), "va": "center"}
             axes.text(1.01, middle, name, **place)
     axes.set_yticks(ticks, [f"{label:g}".replace("-", "−") for label in labels])
     power = "" if -3 < exponent < 4 else f"$10^{{{exponent}}}$ "
@@ -114,9 +125,9 @@ def plot_waveform(axes: Any, rendering: "Rendering") -> None:
 def plot_spectrogram(axes: Any, rendering: "Rendering") -> None:
     """Plot the level over time and frequency, all channels together, dB below the loudest."""
     begins, frequency, level = spectrogram(rendering.audio, rendering.samplerate)
-    mesh = axes.pcolormesh(
-        begins / rendering.samplerate, frequency, level.T, vmin=-SPECTROGRAM_DEPTH_DB, vmax=0.0, cmap=LEVEL_MAP
-    )
+    seconds = begins / rendering.samplerate
+    levels: dict[str, Any] = {"vmin": -SPECTROGRAM_DEPTH_DB, "vmax": 0.0, "cmap": LEVEL_MAP}
+    mesh = axes.pcolormesh(seconds, frequency, level.T, **levels, rasterized=True)
     put_colour_bar(axes, mesh, "level, dB")
     axes.set(ylabel="frequency, Hz", yscale="log", ylim=(frequency[0], frequency[-1]))
     axes.yaxis.set_major_formatter(lambda x, _: si_text(x, "").replace(" ", ""))
@@ -158,7 +169,7 @@ def plot_energies(axes: Any, rendering: "Rendering") -> None:
         "stored": (trace["total"], "-", BLUE),
         "dissipated": (trace["dissipated"], "--", ORANGE),
         "supplied": (trace["supplied"], "-.", GREEN),
-        "stored + dissipated − supplied": (balance, ":", GREY),
+        "balance" if is_narrow(axes.figure) else "stored + dissipated − supplied": (balance, ":", GREY),
     }
     factor, unit = si_scale(max(float(np.abs(values).max()) for values, *_ in curves.values()), "J")
     lines = []
@@ -172,12 +183,12 @@ def plot_energies(axes: Any, rendering: "Rendering") -> None:
 def plot_iterations(axes: Any, rendering: "Rendering") -> None:
     """Plot the Newton iterations of every sample; contact is shaded."""
     _, high, at = min_max_envelope(require_trace(rendering)["iterations"].astype(float), trace_rate(rendering))
-    axes.fill_between(at, 0.0, high, step="mid", lw=0.4, color=BLUE)
+    axes.fill_between(at, 0.0, high, step="mid", lw=0.4, color=BLUE, rasterized=True)
     axes.set(xlabel="time, s", ylabel="Newton iterations", xlim=(0.0, _seconds(rendering)))
     axes.set_ylim(0.0, max(2.0, 1.1 * high.max()))
     axes.yaxis.get_major_locator().set_params(integer=True)
     name = "contact shaded" if shade_contact(axes, rendering) else "no contact"
-    axes.text(1.0, 1.02, name, transform=axes.transAxes, ha="right", va="bottom", fontsize="x-small")
+    axes.text(1.0, 1.02, name, transform=axes.transAxes, ha="right", va="bottom", fontsize=note_size())
 
 
 PANELS: dict[str, Callable[[Any, "Rendering"], None]] = {
@@ -190,11 +201,12 @@ PANELS: dict[str, Callable[[Any, "Rendering"], None]] = {
 
 def shade_contact(axes: Any, rendering: "Rendering") -> bool:
     """Shade the time in which anything touches. Returns whether anything does."""
-    seconds = _seconds(rendering)
     forces = require_trace(rendering)["force"]
-    intervals = contact_intervals(forces, trace_rate(rendering), seconds / MAX_SHADED_INTERVALS)
-    for begin, end in intervals:
-        axes.axvspan(begin, max(end, begin + 2 * seconds / PLOT_COLUMNS), **CONTACT_STYLE)  # never too thin to see
+    intervals = contact_intervals(forces, trace_rate(rendering), _seconds(rendering) / MAX_SHADED_INTERVALS)
+    if intervals:
+        from engine.report.contact_shading import ContactShading  # which imports matplotlib
+
+        axes.add_collection(ContactShading(axes, intervals), autolim=False)
     return bool(intervals)
 
 

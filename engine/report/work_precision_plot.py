@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from engine.report.figures import BLUE, open_figure, set_title
+from engine.report.figures import BLUE, PLOT_STYLES, new_figure, note_size, set_title
 
 if TYPE_CHECKING:
     from engine.analysis.other_methods import MethodResult
@@ -25,10 +25,12 @@ LABEL_OFFSETS = [  # points from the middle of a label's side to the point it na
 LABEL_MARGIN = 1.5  # pixels between two labels
 
 
-def plot_work_precision(study: "WorkPrecisionStudy", title: str, path: Path) -> None:
-    """Write a plot of error against time as a PNG (engine.analysis.work_precision)."""
-    with open_figure(path, 9.0, 6.0) as axes:
-        set_title(axes, f"{title}: {study['verdict']}", size=9)
+def plot_work_precision(study: "WorkPrecisionStudy", title: str, path: Path, style: str = "screen") -> None:
+    """Write a plot of error against time to a picture (engine.analysis.work_precision). style: one of PLOT_STYLES"""
+    look = PLOT_STYLES[style]
+    with new_figure(path, 9.0, 6.0, look) as figure:
+        axes = figure.subplots()
+        set_title(axes, f"{title}: {study['verdict']}", look.title and 9)
         draw_work_precision(axes, study)
 
 
@@ -53,7 +55,7 @@ def draw_work_precision(axes: Any, study: "WorkPrecisionStudy") -> None:
     axes.xaxis.set_minor_formatter("{x:g}" if _is_short(axes.get_xlim()) else "")
     axes.grid(True, which="both", alpha=0.2)
     if has_errors and study["others"]:
-        axes.legend(fontsize="x-small", loc="lower left")
+        axes.legend(loc="lower left")
     _label_settings(axes, study["rows"], key)
 
 
@@ -83,7 +85,7 @@ def _label_settings(axes: Any, rows: "list[SettingResult]", key: str) -> None:
 
     for row in rows:
         position = row["ns_per_sample"], row[key]
-        label = axes.annotate(row["setting"], position, (0, 0), textcoords="offset points", size="small")
+        label = axes.annotate(row["setting"], position, (0, 0), textcoords="offset points", size=note_size())
         best = min(LABEL_OFFSETS, key=lambda offset: badness(place(label, offset)))
         taken.append(place(label, best))
 

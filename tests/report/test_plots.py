@@ -1,18 +1,23 @@
 """Pictures of a rendering: what they show, and that nothing in them is cut, covered or lost in print."""
 
 import itertools
+import re
+import zlib
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from conftest import ROOT
-from matplotlib import colormaps
+from matplotlib import colormaps, rc_context
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 import engine
 from engine.analysis.string_shape import StringShape
+from engine.cli import main
 from engine.report import detail_plots, figures, plots, work_precision_plot
+from engine.report.contact_shading import widen
 from engine.report.trace_signals import first_contact
 
 BALL = ROOT / "patches" / "bouncing_ball.toml"
@@ -147,3 +152,111 @@ def test_names_of_settings_cover_no_other_and_are_not_cut():
         assert not a.overlaps(b)
     for label in labels:
         assert inside.x0 <= label.x0 and label.x1 <= inside.x1 and inside.y0 <= label.y0 and label.y1 <= inside.y1
+
+
+# --- files of pictures
+
+
+def noisy_rendering(begin: float, seconds: float) -> SimpleNamespace:
+    """Four seconds of noise in two channels, with one contact of so many seconds."""
+    rate, frames = 8000, 32_000
+    force = np.zeros((frames, 1))
+    force[round(begin * rate) : round((begin + seconds) * rate)] = 1.0
+    energies = dict.fromkeys(("total", "dissipated", "supplied"), np.ones(frames))
+    trace = {"time": np.arange(frames) / rate, "force": force, "compression": force - 0.5, **energies}
+    trace["iterations"] = force[:, 0].astype(int)
+    audio = np.random.default_rng(1).normal(size=(frames, 2))
+    return SimpleNamespace(audio=audio, samplerate=rate, trace=trace)
+
+
+@pytest.mark.parametrize("dpi", [50, 72, 120, 300])
+@pytest.mark.parametrize("begin", [1.0, 1.001, 1.0025, 2.7181])
+def test_a_short_contact_is_shaded_over_two_pixels(dpi, begin):
+    """At every resolution: 0.125 ms of four seconds would be a thirtieth of a pixel."""
+    figure = Figure((10.0, 2.5), layout="constrained", dpi=dpi)
+    axes = figure.subplots()
+    plots.shade_contact(axes, noisy_rendering(begin, 1 / 8000))
+    axes.set(xlim=(0.0, 4.0))
+    pixels = image_of(figure)
+    x0, x1 = (round(x) for x in axes.bbox.intervalx)
+    row = pixels[len(pixels) // 2, x0 + 3 : x1 - 3, 2]  # blue, of which orange has none
+    assert 2 <= np.count_nonzero(row < row.max()) <= max(3, dpi // 40)
+    assert row.min() == pytest.approx(row[row < row.max()].max(), abs=2), "an edge is half shaded"
+
+
+def image_of(figure: Figure) -> np.ndarray:
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())
+
+
+def test_contacts_that_would_overlap_are_not_shaded_twice():
+    assert widen([(3.0, 3.1), (1.0, 1.2), (1.3, 2.0), (3.05, 3.06)], 0.5) == [(1.0, 2.0), (3.0, 3.55)]
+    assert widen([(1.0, 3.0), (1.5, 2.0)], 0.0) == [(1.0, 3.0)]
+
+
+SLOWER = [(ending, style) for ending in (".pdf", ".svg", ".PNG") for style in ("screen", "paper")][:-1]
+
+
+@pytest.mark.parametrize(
+    ("ending", "style"), [(".PNG", "paper"), *(pytest.param(*case, marks=pytest.mark.hard) for case in SLOWER)]
+)
+def test_pictures_are_written_in_the_format_of_their_name(tmp_path, ending, style):
+    """They are small, though the sound is dense, and the same whenever they are drawn."""
+    rendering = noisy_rendering(1.0, 0.25)
+    for name in ("one", "two"):
+        plots.plot_rendering(rendering, "Noise", tmp_path / f"{name}{ending}", None, style)
+    data = (tmp_path / f"one{ending}").read_bytes()
+    assert data == (tmp_path / f"two{ending}").read_bytes()
+    assert data.startswith({".pdf": b"%PDF-", ".svg": b"<?xml", ".PNG": b"\x89PNG"}[ending])
+    assert len(data) < 2e6
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_picture_for_paper_is_as_wide_as_a_column_with_letters_of_eight_points(ball, tmp_path):
+    """3.4 inches are 244.8 points. Letters are TrueType, as publishers want them, and there is no title."""
+    plots.plot_rendering(ball, "Noise", tmp_path / "ball.pdf", None, "paper")
+    data = (tmp_path / "ball.pdf").read_bytes()
+    width = re.search(rb"/MediaBox \[ 0 0 ([0-9.]+) ", data)
+    assert width is not None and float(width[1]) == pytest.approx(3.4 * 72)
+    assert (b"/Type3" not in data and b"/TrueType" in data) or b"/Type0" in data
+    text = b"".join(zlib.decompress(part) for part in re.findall(rb"stream\r?\n(x.*?)\r?\nendstream", data, re.S)[:1])
+    sizes = {float(size) for size in re.findall(rb"/F\d+ ([0-9.]+) Tf", text)}
+    assert sizes == {8.0}
+
+
+def test_panels_for_paper_are_not_cut_and_their_legends_stand_above_them(ball):
+    look = figures.PLOT_STYLES["paper"]
+    with rc_context(look.settings):
+        figure = Figure(look.size(10.0, 2.5), layout="constrained")
+        axes = figure.subplots()
+        plots.plot_energies(axes, ball)
+        figure.draw_without_rendering()
+    box, inside = axes.get_legend().get_window_extent(), axes.get_window_extent()
+    assert figure.bbox.x0 <= box.x0 and box.x1 <= figure.bbox.x1 and not box.overlaps(inside)
+    assert inside.width > 0.7 * figure.bbox.width
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--plot", "x.jpg"], '--plot: "x.jpg" is not the name of a picture; end it in .png, .pdf or .svg'),
+        (["--plot", "x.pdf", "--plot-style", "papier"], '--plot-style: unknown style "papier"; screen or paper'),
+        (["--plot-style", "paper"], "--plot-style: requires --plot; give that too"),
+    ],
+)
+@pytest.mark.parametrize("command", ["render", "accuracy"])
+def test_pictures_that_cannot_be_are_refused(capsys, command, words, says):
+    assert main.main([command, str(BALL), *words]) == 2
+    assert capsys.readouterr().err == f"fdh {says}\n"
+
+
+def test_a_rendering_saves_its_picture_for_paper(ball, tmp_path):
+    for name in ("ball.pdf", "ball.svg"):
+        assert ball.save(tmp_path / name, style="paper") == 0.0
+    assert b"[ 0 0 244.8 " in (tmp_path / "ball.pdf").read_bytes()
+    assert len(ball.plot("waveform", "energies", style="paper")) == 2
+    with pytest.raises(ValueError, match=r"no style 'papier'; did you mean .paper.\?"):
+        ball.plot(style="papier")
+    with pytest.raises(ValueError, match=r"end it in \.wav .* or in \.png, \.pdf or \.svg for the picture"):
+        ball.save(tmp_path / "ball.jpg")

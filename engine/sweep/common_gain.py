@@ -18,8 +18,13 @@ def common_gain(rows: Iterable[IndexRow]) -> float:
     return NORMALISED_PEAK_DBFS - 20 * math.log10(peak) if peak > SILENT_PEAK else 0.0
 
 
+def sound_path(folder: Path, row: IndexRow) -> Path:
+    """Where the sound of a row is, in the folder of a sweep: of one that has no gain yet, with those in SI units."""
+    return (folder if row["gain_db"] else folder / UNSCALED_FOLDER) / row["file"]
+
+
 def rescale(source: Path, target: Path, gain: float, subtype: str | None) -> None:
-    """Write a sound that is kept in SI units, at a gain, dB. Raises OSError or RuntimeError."""
+    """Write a sound again, with a gain, dB. Raises OSError or RuntimeError."""
     import soundfile
 
     audio, samplerate = soundfile.read(source, always_2d=True)

@@ -8,6 +8,7 @@ import numpy as np
 
 from engine.analysis.features import FEATURE_NAMES
 from engine.patch.scene import Scene
+from engine.sweep.common_gain import sound_path
 from engine.sweep.index_csv import STATISTIC_NAMES, IndexRow, read_index
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def read_sweep(folder: str | Path, scene: Scene | None = None, sounds: bool = Fa
     if not isinstance(folder, str | Path):
         raise TypeError(f"{folder!r} is not a path; give the folder of a sweep")
     folder = Path(folder)
-    rows = [row for _, row in sorted(read_index(folder / "index.csv", None).items())]
+    rows = [row for _, row in sorted(read_index(folder / "index.csv").items())]
     if not rows or not {"number", "file", "status", *MEASURES} <= set(rows[0]):
         raise ValueError(
             f"{folder} holds no sweep; give a folder that fdh sweep has written, with an index.csv of rows"
@@ -113,8 +114,8 @@ def _with_sounds(dataset: "Dataset", folder: Path, rows: list[IndexRow], place: 
     """The data set with the sounds, too. Raises ValueError if they are too many."""
     import soundfile
 
-    done = [(at, row) for at, row in zip(place, rows, strict=True) if row["status"] == "done" and row["gain_db"]]
-    infos = [soundfile.info(str(folder / row["file"])) for _, row in done]
+    done = [(at, row) for at, row in zip(place, rows, strict=True) if row["status"] == "done"]
+    infos = [soundfile.info(str(sound_path(folder, row))) for _, row in done]
     frames, channels = (max((getattr(i, name) for i in infos), default=0) for name in ("frames", "channels"))
     shape = (*dataset["status"].shape, frames, channels)
     if math.prod(shape) > MAX_SOUND_NUMBERS:
@@ -122,8 +123,8 @@ def _with_sounds(dataset: "Dataset", folder: Path, rows: list[IndexRow], place: 
         raise ValueError(f"{folder}: its sounds are {size}, more than 256 MB; read them one by one by dataset.file")
     audio = np.full(shape, math.nan, np.float32)
     for at, row in done:
-        sound, _ = soundfile.read(str(folder / row["file"]), dtype="float64", always_2d=True)
-        audio[at][: len(sound)] = sound / 10 ** (float(row["gain_db"]) / 20)
+        sound, _ = soundfile.read(str(sound_path(folder, row)), dtype="float64", always_2d=True)
+        audio[at][: len(sound)] = sound / 10 ** (float(row["gain_db"] or 0.0) / 20)
     attributes = {"units": "SI unit of the pickups", "long_name": "sound"}
     dataset = dataset.assign(audio=((*dataset["status"].dims, "frame", "channel"), audio, attributes))
     rate = infos[0].samplerate if infos else 1

@@ -3,7 +3,7 @@
 import csv
 import io
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 
 from engine.analysis.features import FEATURE_NAMES
@@ -35,22 +35,17 @@ def check_index(path: Path, paths: list[str]) -> str:
                 header = parse_line(file.readline(MAX_LINE_CHARACTERS))
         except OSError:
             pass
-    if header == index_header(paths):
-        return ""
-    return f"{path} is an index of something else; give another folder, or remove it"
+    if header != index_header(paths):
+        return f"{path} is an index of something else; give another folder, or remove it"
+    if any(row["file"] == f"{number:04d}.wav" for number, row in read_index(path).items()):
+        reason = "is of an earlier version, which named sounds by numbers alone and gave each a level of its own"
+        return f"{path} {reason}; give another folder, or remove this one"
+    return ""
 
 
-def sound_name(number: int) -> str:
-    """The name of the audio file of a point."""
-    return f"{number:04d}.wav"
-
-
-def read_index(path: Path, name_of: Callable[[int], str] | None = sound_name) -> dict[int, IndexRow]:
-    """Rows of an index by the number of their point; all cells are text.
-
-    Left out are lines that are no row of a sweep, or were half-written when one was killed, and rows whose file is not
-    named as `name_of` names that of their number; if it is None, files may have any names.
-    """
+def read_index(path: Path) -> dict[int, IndexRow]:
+    """Rows of an index by the number of their point; all cells are text. Left out are lines that are no row of a
+    sweep, or were half-written when one was killed."""
     if not path.is_file():
         return {}
     rows = {}
@@ -61,9 +56,7 @@ def read_index(path: Path, name_of: Callable[[int], str] | None = sound_name) ->
             if cells is None or len(cells) != len(header):
                 continue
             row = dict(zip(header, cells, strict=True))
-            if not POINT_NUMBER.fullmatch(row["number"]):
-                continue
-            if name_of is None or row["file"] in ("", name_of(int(row["number"]))):
+            if POINT_NUMBER.fullmatch(row["number"]):
                 rows[int(row["number"])] = row
     return rows
 

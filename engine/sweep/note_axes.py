@@ -1,12 +1,11 @@
 """Notes and their velocities as axes of a sweep: a set of samples of an instrument."""
 
 import math
-import re
 from itertools import pairwise
 
 from engine.faults import Fault, PatchError
 from engine.instrument.expansion import describe_keys, keys_of
-from engine.instrument.key_names import note_name, parse_key, parse_keys, plain_note_name
+from engine.instrument.key_names import note_name, parse_key, parse_keys
 from engine.instrument.tables import DEFAULT_VELOCITY
 from engine.patch.one_note import scene_of_note
 from engine.patch.scene import Scene
@@ -18,7 +17,6 @@ FULL_VELOCITY = 127
 NOTE_FORMS = "a range such as A0..C8, A0..C8/3 for every third key, or keys such as C2,F#3,A4"
 VELOCITY_FORMS = "how many layers, such as 8, or some velocities from 1 to 127, such as 40,80,127"
 MAX_KEYS_NAMED = 8  # in a message
-OTHER_CHARACTERS = re.compile(r"[^A-Za-z0-9_.-]+")  # of a file name, which shells or SFZ players may stumble over
 SILENT_SHARE = 1e-3  # of its amplitude, 60 dB down: then a damped note is over
 
 
@@ -95,13 +93,3 @@ def release_time(scene: Scene, hold: float) -> float:
     the scene where it has none."""
     rates = [event.sigma for event in scene.event if event.kind == "damp" and event.time == hold]
     return -math.log(SILENT_SHARE) / min(rates) if rates else scene.seconds
-
-
-def plain_stem(patch_stem: str) -> str:
-    """The name of a patch with nothing in it that would have to be quoted."""
-    return OTHER_CHARACTERS.sub("_", patch_stem) or "patch"
-
-
-def note_file_name(stem: str, note: str, velocity: int) -> str:
-    """The name of the audio file of a note: piano_Cs4_v096.wav."""
-    return f"{stem}_{plain_note_name(parse_key(note))}_v{velocity:03d}.wav"

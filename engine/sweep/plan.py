@@ -23,18 +23,17 @@ from engine.patch.reader import validate_document
 from engine.patch.renamed_keys import RenamedKeys, rename_keys
 from engine.patch.scene import Scene
 from engine.sweep.axes import MAX_GRID_POINTS, SweepAxis, Value, parse_axis
-from engine.sweep.index_csv import check_index, sound_name
+from engine.sweep.index_csv import check_index
 from engine.sweep.note_axes import (
     NOTE,
     NOTE_FORMS,
     OPTIONS,
     VELOCITY,
-    note_file_name,
     parse_notes,
     parse_velocities,
-    plain_stem,
     scene_with_note,
 )
+from engine.sweep.sound_names import note_file_name, plain_text, point_stem, sound_name
 
 GridPoint = tuple[Value, ...]  # a value per axis
 
@@ -85,10 +84,12 @@ class SweepPlan:
 
     def sound_name(self, number: int) -> str:
         """The name of the audio file of a point, by its number, from 1."""
-        if not self.has_notes or not 1 <= number <= len(self.points):
-            return sound_name(number)
-        stem = plain_stem(Path(self.patch).stem) if self.has_each_note_once else f"{number:04d}"
-        return note_file_name(stem, *self.note(self.points[number - 1]))
+        point = self.points[number - 1]
+        varied = [(axis.path, value) for axis, value in zip(self.axes, point, strict=True) if axis.key_path]
+        if not self.has_notes:
+            return sound_name(number, varied)
+        stem = plain_text(Path(self.patch).stem) if self.has_each_note_once else point_stem(number, varied)
+        return note_file_name(stem, *self.note(point))
 
 
 def scene_at(data: dict[str, Any], patch: str, axes: list[SweepAxis], point: GridPoint) -> Scene:

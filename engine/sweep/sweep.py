@@ -13,16 +13,17 @@ from typing import Any
 
 from engine.faults import PatchError
 from engine.instrument.key_names import parse_key
-from engine.output_files import apply_gain, error_reason, save_audio
+from engine.output_files import apply_gain, error_reason, resolve_subtype, save_audio
 from engine.patch.scene import Scene
 from engine.provenance import source_digest
 from engine.sweep import index_csv
-from engine.sweep.common_gain import UNSCALED_FOLDER, common_gain, rescale
+from engine.sweep.common_gain import UNSCALED_FOLDER, common_gain, rescale, sound_path
 from engine.sweep.index_csv import Cell, IndexRow
 from engine.sweep.local_workers import run_local
-from engine.sweep.note_axes import plain_stem, release_time
+from engine.sweep.note_axes import release_time
 from engine.sweep.plan import GridPoint, SweepPlan
 from engine.sweep.sfz import Sample, write_sfz
+from engine.sweep.sound_names import is_name_of_number, plain_text
 from engine.sweep.task import RenderResult, RenderTask, Results
 
 Progress = Callable[[float], None]
@@ -112,7 +113,7 @@ def run_sweep(
 
     renderer: gives the results of tasks, in any order, each once
     options:  seconds, samplerate and accuracy (engine.offline.render.render)
-    gain:     dB on SI units; if None, each sound is normalised, or a set of notes as a whole
+    gain:     dB on SI units; if None, the loudest sound is normalised, and all have its gain
 
     Rows of the index that say "done" of the same point, with its file there, are kept. Raises OSError or
     RuntimeError if a file cannot be written, or the folder has an index of something else.
@@ -140,14 +141,15 @@ def run_sweep(
 def write_note_map(plan: SweepPlan, folder: Path) -> Path | None:
     """Write the SFZ file of a set of notes that is done: what is in its folder. Returns its path; None if there is no
     sound. Raises RuntimeError if it cannot be written."""
-    rows = index_csv.read_index(folder / "index.csv", plan.sound_name)
-    points = {number: plan.points[number - 1] for number, row in rows.items() if row["status"] == "done"}
+    rows = index_csv.read_index(folder / "index.csv")
+    numbers = [n for n, row in rows.items() if row["status"] == "done" and 1 <= n <= len(plan.points)]
+    points = {n: plan.points[n - 1] for n in numbers if rows[n]["file"] == plan.sound_name(n)}
     notes = {number: plan.note(point) for number, point in points.items()}
     samples = [Sample(parse_key(key), velocity, plan.sound_name(n)) for n, (key, velocity) in notes.items()]
     if not samples:
         return None
     release = {parse_key(notes[n][0]): release_time(plan.scene(point), plan.hold) for n, point in points.items()}
-    path = folder / f"{plain_stem(Path(plan.patch).stem)}.sfz"
+    path = folder / f"{plain_text(Path(plan.patch).stem)}.sfz"
     try:
         write_sfz(path, plan.data.get("title") or path.stem, samples, release)
     except OSError as error:
@@ -176,16 +178,16 @@ class SoundFolder:
         self.header = index_csv.index_header([axis.path for axis in plan.axes])
         self.tasks, self.values, self.gain, self.subtype = tasks, values, gain, subtype
         self.name_of, self.unscaled = plan.sound_name, folder / UNSCALED_FOLDER
-        self.has_notes, self.is_scaled_last = plan.has_notes, plan.has_notes and gain is None
+        self.is_scaled_last = gain is None
         folder.mkdir(exist_ok=True)
         self._remove_leftovers()
-        previous = index_csv.read_index(self.index, self.name_of)
-        self.rows = {
-            n: row
+        previous = {n: row for n, row in index_csv.read_index(self.index).items() if n in tasks}
+        self.rows = {n: row for n, row in previous.items() if self._is_current(n, row)}
+        self.outdated = {
+            n: sound_path(folder, row)
             for n, row in previous.items()
-            if n in tasks and _is_current(row, values[n], self.sound_path(row), tasks[n])
+            if n not in self.rows and (row["file"] == self.name_of(n) or is_name_of_number(row["file"], n))
         }
-        self.outdated = {n for n, row in previous.items() if n not in self.rows and row["status"] == "done"}
         self.outcome = SweepOutcome(len(plan.points), done=len(self.rows), already_done=len(self.rows))
         self._write_index()
 
@@ -196,7 +198,6 @@ class SoundFolder:
         if result.audio is not None:
             peak = 0.0 if result.cells["silent"] else float(abs(result.audio).max())
             audio, subtype, path = result.audio, self.subtype, self.folder / name
-            self.outcome.overwritten += number in self.outdated and path.exists()
             if self.is_scaled_last:
                 subtype, path = "DOUBLE", self.unscaled / name
             else:
@@ -204,7 +205,11 @@ class SoundFolder:
             samplerate = self.tasks[number].options["samplerate"]
             try:
                 path.parent.mkdir(exist_ok=True)
+                outdated = self.outdated.get(number)
+                self.outcome.overwritten += outdated is not None and outdated.exists()
                 save_audio(path, audio, samplerate, subtype)
+                if outdated is not None and outdated != path:
+                    outdated.unlink(missing_ok=True)
             except (OSError, RuntimeError) as error:
                 raise _write_error(path, error) from error
         cells = self.values[number] | cells
@@ -223,20 +228,32 @@ class SoundFolder:
         """Drop the rows whose sounds were removed meanwhile, bring sounds that are to have one gain to it, if all are
         there, and write the index in order. Raises RuntimeError."""
         for number, row in self._rows_done():
-            if not self.sound_path(row).is_file():
+            if not sound_path(self.folder, row).is_file():
                 self._drop(number)
         if self.is_scaled_last and not self.outcome.interrupted:
             self._scale()
         self._write_index()
-        if self.has_notes and not self.outcome.interrupted and self.unscaled.is_dir():
+        if not self.outcome.interrupted and self.unscaled.is_dir():
             for path in [self.unscaled / self.name_of(number) for number in self.tasks]:
                 path.unlink(missing_ok=True)
             with suppress(OSError):  # something else is in there
                 self.unscaled.rmdir()
 
-    def sound_path(self, row: IndexRow) -> Path:
-        """Where the sound of a row is: of one that has no gain yet, with those in SI units."""
-        return (self.folder if row["gain_db"] else self.unscaled) / row["file"]
+    def _is_current(self, number: int, row: IndexRow) -> bool:
+        """Whether a row is of this very point, and its sound is there, and whole as far as header and length tell."""
+        task = self.tasks[number]
+        is_same = row["status"] == "done" and row["fingerprint"] == self.values[number]["fingerprint"]
+        path, rate = sound_path(self.folder, row), task.options["samplerate"]
+        if not is_same or row["file"] != self.name_of(number) or not path.is_file():
+            return False
+        import soundfile
+
+        seconds = task.options["seconds"] or task.document.get("seconds") or Scene.model_fields["seconds"].default
+        try:
+            info = soundfile.info(str(path))
+        except (OSError, RuntimeError):
+            return False
+        return bool((info.frames, info.samplerate) == (max(1, round(seconds * rate)), rate))
 
     def _rows_done(self) -> list[tuple[int, IndexRow]]:
         return [(number, row) for number, row in self.rows.items() if row["status"] == "done"]
@@ -247,20 +264,24 @@ class SoundFolder:
         self.outcome.gone, self.outcome.done = self.outcome.gone + 1, self.outcome.done - 1
 
     def _scale(self) -> None:
-        """Write the sounds that are in SI units at their common gain. Those that have another one, of a time when
-        not all could be rendered, are dropped. Raises RuntimeError."""
+        """Write the sounds at their common gain. Those that have another one, of a time when there were fewer sounds,
+        are dropped if their files are of integers, which would lose precision. Raises RuntimeError."""
         self.outcome.gain_db = common_gain(row for _, row in self._rows_done())
         gain = index_csv.format_cell(self.outcome.gain_db)
         for number, row in self._rows_done():
-            source, target = self.unscaled / row["file"], self.folder / row["file"]
-            if source.is_file():
-                try:
-                    rescale(source, target, self.outcome.gain_db, self.subtype)
-                except (OSError, RuntimeError) as error:
-                    raise _write_error(target, error) from error
-                row["gain_db"] = gain
-            elif row["gain_db"] != gain:
-                self._drop(number)
+            source, target, before = self.unscaled / row["file"], self.folder / row["file"], 0.0
+            if not source.is_file():
+                source, before = target, float(row["gain_db"])
+                if row["gain_db"] == gain:
+                    continue
+                if resolve_subtype(target, self.subtype) not in ("FLOAT", "DOUBLE"):
+                    self._drop(number)
+                    continue
+            try:
+                rescale(source, target, self.outcome.gain_db - before, self.subtype)
+            except (OSError, RuntimeError) as error:
+                raise _write_error(target, error) from error
+            row["gain_db"] = gain
 
     def _remove_leftovers(self) -> None:
         """Remove what a killed sweep left half-written."""
@@ -307,22 +328,6 @@ def _make_tasks(
 def _values_by_path(plan: SweepPlan, point: GridPoint) -> dict[str, Cell]:
     """The values of a point by their paths, with all their digits."""
     return {axis.path: str(value) for axis, value in zip(plan.axes, point, strict=True)}
-
-
-def _is_current(row: IndexRow, values: dict[str, Cell], path: Path, task: RenderTask) -> bool:
-    """Whether a row is of this very point, and its sound is there, and whole as far as header and length tell."""
-    is_same = row["status"] == "done" and row["fingerprint"] == values["fingerprint"]
-    rate = task.options["samplerate"]
-    if not is_same or not row["file"] or not path.is_file():
-        return False
-    import soundfile
-
-    seconds = task.options["seconds"] or task.document.get("seconds") or Scene.model_fields["seconds"].default
-    try:
-        info = soundfile.info(str(path))
-    except (OSError, RuntimeError):
-        return False
-    return bool((info.frames, info.samplerate) == (max(1, round(seconds * rate)), rate))
 
 
 @contextmanager

@@ -56,7 +56,7 @@ def test_a_file_is_as_libsndfile_writes_it(tmp_path, name):
 def test_a_sweep_says_which_file_and_goes_on(tmp_path, monkeypatch):
     """The disk is full at the second sound, and then at the index."""
     folder, true = tmp_path / "a", save_audio
-    full = {"0002.wav"}
+    full = {"0002_marble.displacement=0.000316228.wav"}
 
     def saved(path, *told):
         if path.name in full:
@@ -65,7 +65,7 @@ def test_a_sweep_says_which_file_and_goes_on(tmp_path, monkeypatch):
 
     monkeypatch.setattr("engine.sweep.sweep.save_audio", saved)
     with pytest.raises(
-        RuntimeError, match=r"cannot write .*0002\.wav \(no space left on device\); when it can be, the"
+        RuntimeError, match=r"cannot write .*/unscaled/0002_.*\.wav \(no space left on device\); when it can be, the"
     ):
         run_sweep(plan(NEAR), folder, Alone(), {"seconds": 0.02, "samplerate": 44_100})
     assert [row["number"] for row in rows(folder)] == ["1"]
@@ -80,6 +80,8 @@ def test_a_sweep_of_too_little_room_on_the_command_line(tmp_path):
     words = ["sweep", MARBLE, "--vary", NEAR, "--cores", "1", "-o", "a", "--seconds", "0.2"]
     run = limited(f"from engine.cli import main; sys.exit(main.main({words}))", tmp_path)
     assert run.returncode == 1
-    assert run.stderr.splitlines()[-1].startswith("fdh: cannot write a/0001.wav (file too large); when it can")
+    assert run.stderr.splitlines()[-1].startswith(
+        "fdh: cannot write a/unscaled/0001_marble.displacement=0.0001.wav (file too large); when it can"
+    )
     assert "Traceback" not in run.stderr
-    assert [p.name for p in (tmp_path / "a").iterdir()] == ["index.csv"]
+    assert [p.name for p in (tmp_path / "a").rglob("*") if p.is_file()] == ["index.csv"]

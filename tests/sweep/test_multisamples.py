@@ -189,7 +189,7 @@ def test_notes_are_axes_beside_others(lyre, tmp_path, alone, capsys):
     words = ["--vary", "keyboard.values.hard=1,2", "--notes", "A3", "--seconds", "0.1", "--gain", "0"]
     assert sampled(lyre, tmp_path / "set", *words) == 0
     one, two = rows(tmp_path / "set")
-    assert (one["file"], two["file"]) == ("0001_A3_v080.wav", "0002_A3_v080.wav")
+    assert (one["file"], two["file"]) == ("0001_values.hard=1_A3_v080.wav", "0002_values.hard=2_A3_v080.wav")
     assert (one["velocity"], one["gain_db"], two["keyboard.values.hard"]) == ("80", "0", "2")
     assert float(two["peak"]) == pytest.approx(2 * float(one["peak"]), rel=1e-6)
 

@@ -25,11 +25,14 @@ from engine.cli import main
 from engine.report import console
 from engine.sweep import index_csv
 from engine.sweep.local_workers import run_local
+from engine.sweep.sound_names import is_name_of_number, sound_name
 from engine.sweep.sweep import run_sweep
 from engine.sweep.task import RenderTask, render_task
 
 NEAR = "body.marble.displacement=1e-4..1e-3:log:3"
+MASS = "body.marble.mass=0.002,0.004,0.2"
 BELL = "body.bell.frequency=700,44000"  # the second is above the Nyquist frequency
+NAMES = [f"000{n}_marble.displacement={value}.wav" for n, value in enumerate(("0.0001", "0.000316228", "0.001"), 1)]
 
 
 def test_a_grid_on_two_processes(tmp_path, capsys):
@@ -52,19 +55,90 @@ def test_a_grid_on_two_processes(tmp_path, capsys):
         assert float(row["peak"]) == pytest.approx(rendering.stats["peak"], rel=1e-8)
         assert float(row["contact"]) == pytest.approx(rendering.stats["activity"]["contact"], rel=1e-8)
         assert 500.0 < float(row["fundamental_hz"]) < 900.0
-    assert {p.name for p in folder.iterdir()} == {"index.csv", "0001.wav", "0003.wav", "0005.wav"}
+    assert {p.name for p in folder.iterdir()} == {"index.csv", *(row["file"] for row in found[::2])}
     assert swept(tmp_path / "alone", NEAR, BELL, gain=0.0)[0].failed == 3
     assert [row | {"fingerprint": ""} for row in rows(tmp_path / "alone")] == [r | {"fingerprint": ""} for r in found]
 
 
-def test_sounds_are_normalised_as_a_single_one_is(tmp_path):
-    swept(tmp_path / "out", NEAR)
-    words = ["--seconds", str(SECONDS), "-o", str(tmp_path / "one.wav")]
-    patch = tmp_path / "p.toml"
-    patch.write_text(Path(MARBLE).read_text("utf-8").replace("displacement = 0.15", "displacement = 1e-4"))
-    assert main.main([str(patch), *words]) == 0
-    one, first = (soundfile.read(tmp_path / name)[0] for name in ("one.wav", "out/0001.wav"))
-    np.testing.assert_array_equal(first, one)
+def test_sounds_have_one_gain_so_that_their_levels_compare(tmp_path):
+    """The loudest is normalised; the others are as much softer as their renderings are."""
+    outcome, _ = swept(tmp_path, "body.marble.displacement=1e-4", MASS)
+    found = rows(tmp_path)
+    peaks = [float(row["peak"]) for row in found]
+    levels = [np.abs(soundfile.read(tmp_path / row["file"])[0]).max() for row in found]
+    assert max(levels) == pytest.approx(10 ** (-1 / 20), rel=1e-6)
+    assert [level / max(levels) for level in levels] == pytest.approx([peak / max(peaks) for peak in peaks], rel=1e-6)
+    assert min(levels) < 0.9 * max(levels)
+    assert [float(row["gain_db"]) for row in found] == pytest.approx([outcome.gain_db] * 3)
+    assert not (tmp_path / "unscaled").exists()
+
+
+def test_names_of_sounds_say_what_varies(tmp_path):
+    swept(tmp_path, "body.marble.mass=0.002,1e-2", "contact.glass.stiffness=1e9..1e10:log:2")
+    assert sorted(path.name for path in tmp_path.glob("*.wav")) == [
+        "0001_marble.mass=0.002_glass.stiffness=1e9.wav",
+        "0002_marble.mass=0.002_glass.stiffness=1e10.wav",
+        "0003_marble.mass=0.01_glass.stiffness=1e9.wav",
+        "0004_marble.mass=0.01_glass.stiffness=1e10.wav",
+    ]
+    assert [row["file"] for row in rows(tmp_path)] == sorted(path.name for path in tmp_path.glob("*.wav"))
+
+
+@pytest.mark.parametrize(
+    ("values", "name"),
+    [
+        ([("contact.felt.stiffness", 1e7), ("body.a.velocity", -2.5e-11)], "felt.stiffness=1e7_a.velocity=-2.5e-11"),
+        ([("seconds", 2), ("accuracy.order", 4)], "seconds=2_accuracy.order=4"),
+        ([("contact.0.stiffness", 12_345_678.9)], "contact.0.stiffness=1.23457e7"),
+        ([("body.a.t60.1", 10**400)], f"a.t60.1=1{'0' * 19}"),
+        ([("body.b.file", "../Glocke ü/a:b*?.csv")], "b.file=.._Glocke_a_b_.csv"),
+        ([("body." + "x" * 300 + ".mass", 1.0)], "x" * 27 + ".mass=1"),
+        ([(f"body.{n}a.frequency", 440.0) for n in range(9)], "_".join(f"body.{n}a.frequency=440" for n in range(4))),
+    ],
+)
+def test_names_are_good_for_every_file_system(values, name):
+    """Short, with no letter that a system or a shell takes for something else."""
+    assert sound_name(7, values) == f"0007_{name}.wav"
+    assert len(sound_name(7, values)) < 110 and is_name_of_number(sound_name(7, values), 7)
+
+
+def test_sounds_of_another_value_take_the_place_of_those_of_before(tmp_path):
+    swept(tmp_path, "body.marble.mass=0.002,0.004")
+    (tmp_path / "notes.txt").write_text("of the user")
+    outcome, given = swept(tmp_path, "body.marble.mass=0.002,0.008,0.016")
+    assert (outcome.overwritten, outcome.already_done, given) == (1, 1, [2, 3])
+    sounds = {f"000{n}_marble.mass={mass}.wav" for n, mass in ((1, "0.002"), (2, "0.008"), (3, "0.016"))}
+    assert {path.name for path in tmp_path.iterdir()} == {*sounds, "index.csv", "notes.txt"}
+
+
+def test_more_points_change_the_gain_of_all(tmp_path):
+    """Those that are there already are brought to it; in files of integers they are rendered again."""
+    for subtype, again in (("FLOAT", 0), ("PCM_16", 2)):
+        folder = tmp_path / subtype
+        near = "body.marble.displacement=1e-4"
+        made = [plan(near, "body.marble.mass=0.002,0.004"), plan(near, MASS)]
+        options = {"seconds": SECONDS, "samplerate": 44_100}
+        first, more = (run_sweep(points, folder, Alone(), options, None, subtype) for points in made)
+        assert more.gain_db < first.gain_db - 1.0 and more.gone == again
+        assert run_sweep(made[1], folder, Alone(), options, None, subtype).done == 3
+        for row in rows(folder):
+            level = np.abs(soundfile.read(folder / row["file"])[0]).max()
+            assert level == pytest.approx(float(row["peak"]) * 10 ** (more.gain_db / 20), rel=1e-3)
+
+
+def test_a_folder_of_an_earlier_version_is_left_alone(tmp_path, capsys):
+    """Its sounds were called 0001.wav, and each had a level of its own."""
+    swept(tmp_path, NEAR)
+    index = tmp_path / "index.csv"
+    for n, name in enumerate(NAMES, 1):
+        (tmp_path / name).rename(tmp_path / f"000{n}.wav")
+        index.write_text(index.read_text("utf-8").replace(name, f"000{n}.wav"), "utf-8")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert main.main(["sweep", MARBLE, "-o", str(tmp_path), "--vary", NEAR]) == 2
+    said = capsys.readouterr().err
+    assert "is of an earlier version, which named sounds by numbers alone" in said and said.count("\n") == 1
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert len(engine.read_sweep(tmp_path).peak) == 3
 
 
 def test_only_what_is_missing_changed_or_failed_is_rendered_again(tmp_path):
@@ -72,7 +146,7 @@ def test_only_what_is_missing_changed_or_failed_is_rendered_again(tmp_path):
     assert (whole.points, whole.done, whole.failed, whole.exit_code) == (6, 3, 3, 1)
     before = (tmp_path / "index.csv").read_bytes()
     assert swept(tmp_path, NEAR, BELL)[1] == [2, 4, 6]
-    (tmp_path / "0003.wav").unlink()
+    (tmp_path / rows(tmp_path)[2]["file"]).unlink()
     again, given = swept(tmp_path, NEAR, BELL)
     assert (again.already_done, given) == (2, [2, 3, 4, 6])
     assert (tmp_path / "index.csv").read_bytes() == before
@@ -91,7 +165,7 @@ def test_a_torn_last_line_is_rendered_again(tmp_path, cut):
     path = tmp_path / "index.csv"
     before = path.read_bytes()
     path.write_bytes(before[:-cut])
-    (tmp_path / ".0003.wav.1.part").write_bytes(b"half")
+    (tmp_path / f".{NAMES[2]}.1.part").write_bytes(b"half")
     assert swept(tmp_path, NEAR)[1] == [3]
     assert path.read_bytes() == before
     assert not list(tmp_path.glob(".*"))
@@ -134,7 +208,7 @@ def test_a_sweep_that_is_stopped_and_killed_ends_as_one_that_is_not(tmp_path):
         found = rows(tmp_path / "a")
         assert before < len(found) < 40
         assert len({row["number"] for row in found}) == len(found)
-        assert all((tmp_path / "a" / row["file"]).is_file() for row in found)
+        assert all((tmp_path / "a" / "unscaled" / row["file"]).is_file() for row in found)
     held = len(rows(tmp_path / "a"))
     plain = dict.fromkeys(("scheme", "order", "substeps", "tolerance", "oversample", "precision"))
     assert swept(tmp_path / "a", many, seconds=0.5, **plain)[0].already_done == held
@@ -259,7 +333,7 @@ def test_workers_of_a_cluster_render_the_same_and_one_may_be_killed(tmp_path, cl
     second.kill()
     assert len(rows(tmp_path / "a")) < 40
     _, said = run.communicate(timeout=60)
-    assert (run.returncode, said) == (0, "")
+    assert run.returncode == 0 and all("% done" in line for line in said.splitlines())
     plain = dict.fromkeys(("scheme", "order", "substeps", "tolerance", "oversample", "precision"))
     swept(tmp_path / "b", many, seconds=2.0, **plain)
     assert (tmp_path / "a" / "index.csv").read_bytes() == (tmp_path / "b" / "index.csv").read_bytes()
@@ -277,7 +351,8 @@ def test_when_all_workers_are_gone_it_is_said_and_others_may_come(tmp_path, clus
     come_to(tmp_path / "a", 3, run)
     first.kill()
     assert len(rows(tmp_path / "a")) < 60
-    assert "all workers are gone; waiting for others" in run.stderr.readline()
+    said = next(line for line in run.stderr if "% done" not in line)
+    assert "all workers are gone; waiting for others" in said
     worker("two")
     _, said = run.communicate(timeout=60)
     other_lines = [line for line in said.splitlines() if "% done" not in line]
@@ -350,10 +425,11 @@ def test_rows_that_are_none_of_ours_do_not_count(tmp_path):
     path = tmp_path / "a" / "index.csv"
     before = path.read_bytes()
     head, *lines = path.read_text("utf-8").splitlines(keepends=True)
-    (tmp_path / "0001.wav").write_bytes((tmp_path / "a" / "0001.wav").read_bytes())
-    elsewhere = [str(tmp_path / "0001.wav"), "../0001.wav", "0001.wav\0", "x" * 200_000, "./0001.wav", "0002.wav"]
+    first = NAMES[0]
+    (tmp_path / first).write_bytes((tmp_path / "a" / first).read_bytes())
+    elsewhere = [str(tmp_path / first), f"../{first}", f"{first}\0", "x" * 200_000, f"./{first}", NAMES[1]]
     for name in elsewhere:
-        path.write_text(head + lines[0].replace("0001.wav", name) + "".join(lines[1:]), "utf-8")
+        path.write_text(head + lines[0].replace(first, name) + "".join(lines[1:]), "utf-8")
         assert swept(tmp_path / "a", NEAR)[1] == [1]
         assert path.read_bytes() == before
     for line in ("9" * 5000 + lines[0], "\0" * 9 + "\n", '"\n', "1,2\n", "\udcff" * 3 + "\n", "a\rb\n"):
@@ -365,7 +441,7 @@ def test_rows_that_are_none_of_ours_do_not_count(tmp_path):
 def test_a_sound_that_is_no_longer_one_is_rendered_again(tmp_path):
     """Emptied, cut, garbage of the same length, or of another rate."""
     swept(tmp_path, NEAR)
-    path = tmp_path / "0002.wav"
+    path = tmp_path / NAMES[1]
     before = path.read_bytes()
     other = tmp_path / "other.wav"
     soundfile.write(other, np.zeros(882), 48_000, subtype="FLOAT")
@@ -380,7 +456,7 @@ def test_a_sound_that_is_gone_at_the_end_is_not_done(tmp_path, capsys):
     class Thief(Alone):
         def __call__(self, tasks):
             for answer in super().__call__(tasks):
-                (tmp_path / "0001.wav").unlink(missing_ok=True)
+                (tmp_path / "unscaled" / NAMES[0]).unlink(missing_ok=True)
                 yield answer
 
     options = {"seconds": SECONDS, "samplerate": 44_100}

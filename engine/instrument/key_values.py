@@ -1,6 +1,7 @@
 """Values that differ from key to key: formulas, and tables of values at some keys or for ranges of keys."""
 
 import math
+import re
 from collections.abc import Mapping
 from functools import lru_cache
 from itertools import pairwise
@@ -10,13 +11,18 @@ from engine.bodies.table import KeyPath, is_number
 from engine.instrument.formula import FormulaError, evaluate, is_formula
 from engine.instrument.key_names import RANGE_SEPARATOR, note_frequency, note_name, parse_key, parse_keys
 
+UNKNOWN = re.compile(r": unknown (?:name|function) (\w+)$")
+
 
 class KeyValueError(ValueError):
-    """A value of the patch that has none for a key; `path` is where in the table it stands."""
+    """A value of the patch that has none for a key; `path` is where in the table it stands, `unknown` the name or
+    function that its formula wants and that does not exist, or ""."""
 
     def __init__(self, path: KeyPath, value: Any, message: str, remedy: str) -> None:
         super().__init__(f"{message}; {remedy}")
         self.path, self.value, self.message, self.remedy = path, value, message, remedy
+        found = UNKNOWN.search(message)
+        self.unknown = found[1] if found else ""
 
 
 def names_of_key(key: int, a4: float) -> dict[str, float]:

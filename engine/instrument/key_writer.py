@@ -24,6 +24,7 @@ class KeyWriter:
         self.origins: Origins = {}
         self._names: dict[int, dict[str, float]] = {}  # what formulas know of each key
         self.faults: list[Any] = []
+        self.without_value: set[str] = set()  # names that formulas want, and of which a fault is kept already
         self.copies: dict[int, dict[str, int | None]] = {}  # of each body of each key; None of what there is once
 
     def names(self, key: int) -> dict[str, float]:
@@ -36,15 +37,20 @@ class KeyWriter:
             if is_number(number):
                 names[name] = float(number)
             else:
-                self.add_fault(("keyboard", "values", name), value, "not a number", "give a number at every key")
+                self.without_value.add(name)
+                if number is not None:
+                    self.add_fault(("keyboard", "values", name), value, "not a number", "give a number at every key")
         return names
 
     def read(self, value: Any, key: int, names: dict[str, float], path: KeyPath) -> Any:
-        """A value at a key; None, and a fault, where it has none."""
+        """A value at a key; None, and a fault, where it has none. Of the formulas that want a name which has no value,
+        only the first is at fault."""
         try:
             return value_at_key(value, key, names, path)
         except KeyValueError as error:
-            self.add_fault(error.path, error.value, error.message, error.remedy)
+            if error.unknown not in self.without_value:
+                self.add_fault(error.path, error.value, error.message, error.remedy)
+            self.without_value |= {error.unknown} - {""}
             return None
 
     def add_fault(self, path: KeyPath, value: Any, message: str, remedy: str) -> None:

@@ -20,6 +20,8 @@ def check_connections(data: dict[str, Any], bodies: dict[str, Any]) -> Faults:
     walls: set[tuple[str, str]] = set()
     for i, table in tables_of(data, "connection"):
         path: KeyPath = ("connection", i)
+        if any(isinstance(table.get(key), str) and table[key] not in bodies for key in ("body", "on")):
+            continue  # a fault by itself; what else would be wrong may follow from it
         if table.get("kind", "spring") == "end":
             yield from _check_end(path, table, bodies)
             at = table.get("at")

@@ -3,6 +3,7 @@
 import difflib
 import types
 import typing
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ValidationError
@@ -80,7 +81,12 @@ def suggest_key(error: Any) -> str:
     """The known key that an unknown one most resembles, or ""."""
     path, models, _ = locate_error(error)
     known = [key for model in models.values() for key in model.model_fields]
-    return next(iter(difflib.get_close_matches(str(path[-1])[:MAX_KEY_CHARACTERS], known, 1, 0.6)), "")
+    return similar_word(str(path[-1]), known)
+
+
+def similar_word(word: str, known: Iterable[str]) -> str:
+    """The known word that an unknown one most resembles, or ""."""
+    return next(iter(difflib.get_close_matches(word[:MAX_KEY_CHARACTERS], list(known), 1, 0.6)), "")
 
 
 def suggestion(word: str, known: list[str], prefix: str = "", suffix: str = "") -> str:
@@ -88,8 +94,8 @@ def suggestion(word: str, known: list[str], prefix: str = "", suffix: str = "") 
 
     prefix, suffix: what stands around the word
     """
-    similar = difflib.get_close_matches(word[:MAX_KEY_CHARACTERS], known, 1, 0.6)
-    return f'did you mean "{prefix}{similar[0]}{suffix}"?' if similar else "the known ones are " + ", ".join(known)
+    similar = similar_word(word, known)
+    return f'did you mean "{prefix}{similar}{suffix}"?' if similar else "the known ones are " + ", ".join(known)
 
 
 def describe_value_error(model: type[BaseModel], key: str, value: Any) -> str:

@@ -5,6 +5,7 @@ import os
 import re
 import tomllib
 import warnings
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,8 +23,8 @@ from engine.patch.error_messages import (
     format_path,
     locate_error,
     path_to_blame,
-    suggest_key,
 )
+from engine.patch.misspelt import find_slips, spell_right
 from engine.patch.renamed_keys import RenamedKeys, rename_keys
 from engine.patch.scene import MAX_FAULTS_COLLECTED, Scene
 from engine.patch.toml_lines import NestedTooDeep, locate_keys, nearest_line, split_statements
@@ -31,6 +32,7 @@ from engine.wording import program_name, to_one_line
 
 MAX_PATCH_BYTES = 1 * MB  # a larger patch takes seconds to read
 MAX_FAULTS_LISTED = 50
+MAX_SPELLINGS = 3  # how often misspelt words are spelt right, to find others
 DOCUMENT = "scene"  # what faults call a patch that was read from no file
 MAX_SHOWN_CHARACTERS = 60  # of what is not a scene or path
 MAX_NUMBER_DIGITS = 4_000  # Python reads some more
@@ -114,13 +116,41 @@ def validate_document(
     text:   the TOML that the document was read from, for the lines of faults; "" if there is none
     renamed: where to put the old keys that the document has
     """
+    result = _validate(data, folder, RenamedKeys() if renamed is None else renamed)
+    if isinstance(result, Scene):
+        return result
+    found = list[BlamedError]()
+    for _ in range(MAX_SPELLINGS):
+        slips = find_slips(data, ((blamed.error, blamed.path) for blamed in result))
+        if not slips:
+            break
+        found += [BlamedError(slip.error, slip.path, "") for slip in slips]
+        data = spell_right(data, slips)
+        result = _validate(data, folder, RenamedKeys())
+        if isinstance(result, Scene):
+            result = []
+    faults = _make_faults(file, text, found + result)
+    raise PatchError(faults if text else [replace(fault, line=None) for fault in faults])
+
+
+class BlamedError(NamedTuple):
+    """An error of a document, with the path of the key to blame, as the patch has it.
+
+    key: of an instrument, of which a table was written out; "" if it is none
+    """
+
+    error: Any
+    path: KeyPath
+    key: str
+
+
+def _validate(data: dict[str, Any], folder: Path, renamed: RenamedKeys) -> Scene | list[BlamedError]:
+    """Make a Scene of a document, or list what is wrong with it."""
     origins: Origins = {}
-    old = RenamedKeys() if renamed is None else renamed
     try:
-        return Scene.model_validate(data, context={"folder": folder, "origins": origins, "renamed": old})
+        return Scene.model_validate(data, context={"folder": folder, "origins": origins, "renamed": renamed})
     except ValidationError as error:
-        faults = _make_faults(file, text, error.errors(include_url=False), Paths(origins, old))
-        raise PatchError(faults if text else [replace(fault, line=None) for fault in faults]) from None
+        return _once_each(_blame(e, origins, renamed) for e in error.errors(include_url=False))
 
 
 def locate_build_faults(file: str, faults: list[Fault]) -> list[Fault]:
@@ -174,54 +204,38 @@ def _make_syntax_fault(file: str, text: str, error: tomllib.TOMLDecodeError) -> 
     return Fault("", f"not valid TOML{column} ({message}); {remedy}", file, line)
 
 
-class Paths(NamedTuple):
-    """From the paths of a scene to those of its patch."""
-
-    origins: Origins  # of the tables of an instrument that were written out
-    renamed: RenamedKeys
-
-
-def _path_in_patch(error: Any, paths: Paths) -> tuple[KeyPath, str]:
-    """The path of the key to blame, and which key of an instrument had the fault; "" if the patch is none."""
+def _blame(error: Any, origins: Origins, renamed: RenamedKeys) -> BlamedError:
+    """Find the key to blame for an error. origins: of the tables of an instrument that were written out"""
     path = path_to_blame(error)
-    if len(path) < 2 or (table := (str(path[0]), path[1])) not in paths.origins:
-        return paths.renamed.path_in_patch(path), ""
-    origin, name = paths.origins[table]
-    return paths.renamed.path_in_patch((*origin, *path[2:])), name
+    if len(path) < 2 or (table := (str(path[0]), path[1])) not in origins:
+        return BlamedError(error, renamed.path_in_patch(path), "")
+    origin, key = origins[table]
+    return BlamedError(error, renamed.path_in_patch((*origin, *path[2:])), key)
 
 
-def _once_each(errors: list[Any], paths: Paths) -> list[Any]:
+def _once_each(errors: Iterable[BlamedError]) -> list[BlamedError]:
     """The errors without those that other keys of an instrument have alike."""
     seen, kept = set(), []
-    for error in errors:
-        path, name = _path_in_patch(error, paths)
-        if not name or (path, error["type"]) not in seen:
-            kept.append(error)
-        seen.add((path, error["type"]))
+    for blamed in errors:
+        kind = blamed.path, blamed.error["type"]
+        if not blamed.key or kind not in seen:
+            kept.append(blamed)
+        seen.add(kind)
     return kept
 
 
-def _make_faults(file: str, text: str, errors: list[Any], paths: Paths) -> list[Fault]:
+def _make_faults(file: str, text: str, errors: list[BlamedError]) -> list[Fault]:
     """The faults of a patch in the order of its lines: the first of them, and how many more there are."""
-    lines, errors = locate_keys(text), _once_each(errors, paths)
-    ordered = sorted(((nearest_line(lines, _path_in_patch(e, paths)[0]), e) for e in errors), key=lambda p: p[0])
-    unknown: dict[KeyPath, list[Any]] = {}  # by the path of their table
-    for _, error in ordered:
-        if error["type"] == "extra_forbidden":
-            unknown.setdefault(locate_error(error).path[:-1], []).append(error)
+    lines = locate_keys(text)
+    ordered = sorted(((nearest_line(lines, blamed.path), blamed) for blamed in errors), key=lambda pair: pair[0])
     faults: list[Fault] = []
-    for n, (line, error) in enumerate(ordered):
+    for n, (line, blamed) in enumerate(ordered):
         if len(faults) == MAX_FAULTS_LISTED:
             rest = f"at least {MAX_FAULTS_COLLECTED}" if len(errors) >= MAX_FAULTS_COLLECTED else len(errors) - n
             return [*faults, Fault("", f"and {rest} more errors; these are the first", file)]
-        location = locate_error(error)
-        path = location.path
-        misspelt = unknown.get(path[:-1], [])[:MAX_FAULTS_LISTED] if error["type"] == "missing" else []
-        if any(suggest_key(other) == path[-1] for other in misspelt):
-            continue  # the missing key is there, misspelt
-        blamed, key_name = _path_in_patch(error, paths)
-        message = describe_error(error, location) + (f" (key {key_name})" if key_name else "")
-        faults.append(Fault(format_path(blamed), message, file, line))
+        message = describe_error(blamed.error, locate_error(blamed.error))
+        message += f" (key {blamed.key})" if blamed.key else ""
+        faults.append(Fault(format_path(blamed.path), message, file, line))
     return faults
 
 

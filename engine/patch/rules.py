@@ -37,9 +37,7 @@ def check_rules(data: dict[str, Any]) -> Faults:
         yield from _check_unique(data, section)
     for i, body in tables_of(data, "body"):
         yield from _check_body(("body", i), body)
-    for section, key in BODY_KEYS:
-        for i, table in tables_of(data, section):
-            yield from _check_exists((section, i, key), table.get(key), bodies, "body", "bodies")
+    yield from _check_bodies_exist(data, bodies)
     for i, body in tables_of(data, "body"):
         for j, support in tables_of(body, "support"):
             yield from check_positions(("body", i, "support", j, "at"), support, body, single=False)
@@ -100,6 +98,19 @@ def _check_exists(path: KeyPath, name: Any, known: dict[str, Any], singular: str
     if isinstance(name, str) and name not in known:
         message, remedy = f"no {singular} is named {format_value(name)}", f"the {plural} are {format_names(known)}"
         yield make_fault(path, name, message, remedy)
+
+
+def _check_bodies_exist(data: dict[str, Any], bodies: dict[str, Any]) -> Faults:
+    """Bodies that tables name are there; of those that are not, each is one fault, however many tables name it."""
+    users: dict[str, list[KeyPath]] = {}
+    for section, key in BODY_KEYS:
+        for i, table in tables_of(data, section):
+            if isinstance(table.get(key), str) and table[key] not in bodies:
+                users.setdefault(table[key], []).append((section, i, key))
+    for name, paths in users.items():
+        message = f"no body is named {format_value(name)}"
+        message += ", which several tables name" if len(paths) > 1 else ""
+        yield make_fault(paths[0], name, message, f"the bodies are {format_names(bodies)}")
 
 
 def _check_body(path: KeyPath, body: dict[str, Any]) -> Faults:

@@ -110,7 +110,9 @@ class Scene(Table):
         try:
             scene = handler(data)
         except ValidationError as error:
-            errors = islice(error.errors(include_url=False), MAX_FAULTS_COLLECTED)
+            errors = error.errors(include_url=False)[:MAX_FAULTS_COLLECTED]
+            if document is not None:  # its keys would have made what is missing, had they been right
+                errors = [e for e in errors if e["type"] != "missing" or len(e["loc"]) > 1] or errors
             faults += [_repeat_error(e, data) for e in errors]
         if isinstance(data, dict):
             faults += islice(check_rules(data), MAX_FAULTS_COLLECTED)

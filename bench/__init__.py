@@ -1,1 +1,1 @@
-"""Measurements. `uv run python -m bench` runs them all and writes the tables in README.md and docs."""
+"""Measurements. `uv run python -m bench all` runs them all and writes the tables in README.md and docs."""

@@ -1,18 +1,26 @@
-"""`uv run python -m bench [NAME …]`: run some measurements, or all; `… bench compare OLD NEW`: which times have
-moved; `… bench golden OLD [NEW]`: whether the samples are the same; `… bench pairs OLD [NEW]`: both timed in turn;
-`… bench shipped`: make the machine code that comes with the engine; `… bench recordings FOLDER`: how far the pianos are
-from recorded ones."""
+"""`uv run python -m bench`: list the names; `… bench NAME …`: run some measurements, and `… bench all`: all that make
+tables; `… bench compare OLD NEW`: which times have moved; `… bench golden OLD [NEW]`: whether the samples are the same;
+`… bench pairs OLD [NEW]`: both timed in turn; `… bench shipped`: make the machine code that comes with the engine;
+`… bench recordings FOLDER`: how far the pianos are from recorded ones."""
 
+import ast
+import difflib
 import importlib
 import os
+import re
 import sys
+import textwrap
 import time
+from collections.abc import Callable
+from pathlib import Path
 
 from bench.accuracy import golden
 from bench.performance import pairs
 from bench.publish import compare, shipped
 from bench.recordings import command
 
+SENTENCE_END = re.compile(r"[.?] (?=[A-Z])")
+LINE_LENGTH = 100
 MEASUREMENTS = {  # in this order
     "performance": [
         *("realtime", "instruments", "keyboards", "scaling", "connections", "effects", "start", "tricks", "live"),
@@ -25,28 +33,40 @@ MEASUREMENTS = {  # in this order
     "publish": ["signs", "gallery", "api"],
 }
 PACKAGE = {name: package for package, names in MEASUREMENTS.items() for name in names}
+OTHERS: dict[str, Callable[[list[str]], int]] = {  # that are no tables, and have arguments
+    "compare": compare.main,
+    "golden": golden.main,
+    "pairs": pairs.main,
+    "shipped": shipped.main,
+    "recordings": command.main,
+}
+
+
+def describe(name: str) -> str:
+    """A name with the first sentence of its module's docstring, on one line. Measurements are not imported for it."""
+    module = OTHERS[name].__module__.removeprefix("bench.") if name in OTHERS else f"{PACKAGE[name]}.{name}"
+    source = Path(__file__).parent.joinpath(*module.split(".")).with_suffix(".py").read_text("utf-8")
+    text = " ".join((ast.get_docstring(ast.parse(source)) or "").split())
+    sentence = SENTENCE_END.split(text, maxsplit=1)[0].rstrip(".?")
+    return f"{name:<12}{textwrap.shorten(sentence, LINE_LENGTH - 12, placeholder=' …')}"
 
 
 def main() -> int:
     """Run the named measurements; each module has a `run()` that prints and writes its results."""
     os.environ.setdefault("FDH_KERNEL", "special")  # what is measured, where no measurement says otherwise …
     os.environ["FDH_BACKGROUND"] = "off"  # … with nothing beside it
-    if sys.argv[1:2] == ["compare"]:
-        return compare.main(sys.argv[2:])
-    if sys.argv[1:2] == ["golden"]:
-        return golden.main(sys.argv[2:])
-    if sys.argv[1:2] == ["pairs"]:
-        return pairs.main(sys.argv[2:])
-    if sys.argv[1:2] == ["shipped"]:
-        return shipped.main(sys.argv[2:])
-    if sys.argv[1:2] == ["recordings"]:
-        return command.main(sys.argv[2:])
-    if sys.argv[1:2] in (["--help"], ["-h"]):
-        print(f"{__doc__}\n\n{', '.join(PACKAGE)}")
+    if sys.argv[1:2] and sys.argv[1] in OTHERS:
+        return OTHERS[sys.argv[1]](sys.argv[2:])
+    if sys.argv[1:2] in ([], ["--help"], ["-h"]):
+        print(f"{__doc__}\n")
+        for name in (*PACKAGE, *OTHERS):
+            print(describe(name))
         return 0
-    names = sys.argv[1:] or list(PACKAGE)
+    names = list(PACKAGE) if sys.argv[1:] == ["all"] else sys.argv[1:]
     if unknown := [name for name in names if name not in PACKAGE]:
-        print(f"bench: unknown {', '.join(unknown)}; compare, or some of {', '.join(PACKAGE)}", file=sys.stderr)
+        near = difflib.get_close_matches(unknown[0], [*PACKAGE, *OTHERS], 1)
+        remedy = f"did you mean {near[0]}?" if near else "python -m bench lists the names"
+        print(f"bench: unknown {', '.join(unknown)}; {remedy}", file=sys.stderr)
         return 2
     everywhere = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
     for name in names:

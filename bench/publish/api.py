@@ -20,6 +20,10 @@ numbers are in SI units. Importing the engine takes a moment, for what a name ne
 pip install ".[plot]"             # Rendering.plot draws with matplotlib
 pip install ".[sweep]"            # run_sweep and read_sweep give an xarray.Dataset
 ```
+
+Python looks in the folder of your script first. A file `engine.py` or a folder `engine/` of yours there is imported in
+place of this package, and `engine.load` is then an `AttributeError`: rename yours. `print(engine.__file__)` shows which
+one it is. The command `fdh` works in such a folder, too; `python -m engine` does not.
 """
 PLAYING = "read", "start", "wait", "close", "stop", "cross_fade_to", "render_into", "fetch_recording"
 EVENTS = "strike", "pluck", "lift", "damp", "set", "tune"

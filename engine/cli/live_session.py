@@ -9,7 +9,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from engine.cli.messages import describe_leftover, print_error
 from engine.cli.option_checks import voice_count
 from engine.cli.play_command import parse_latency
 from engine.cli.progress import progress_feedback
-from engine.cli.terminal import format_meter, read_keyboard, show_meter
+from engine.cli.terminal import meter_parts, read_keyboard, show_meter
 from engine.compiler import background
 from engine.faults import PatchError
 from engine.live import audio_device, midi, midi_notes, recovery
@@ -329,7 +328,7 @@ def print_live_summary(player: Player, args: argparse.Namespace, allocator: midi
         return
     for body, notes in played.items():
         print(f"{body} plays {notes}")
-    print(format_meter(replace(now, peak=0.0), int(args.block_size)).replace("  silent  ", "  "))
+    print("  ".join(meter_parts(now, int(args.block_size))))
     remarks = {
         "dropouts": f"dropouts: try --block-size {2 * int(args.block_size)}, or --latency high",
         "limited": "samples reduced by the limiter; give a lower --gain",

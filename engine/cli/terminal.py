@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from engine.live.meter import MeterReading
 
+MAX_COLUMNS = 80  # of the meter
 KEYS = "keys: space to strike, 1 to 9 softer to harder, m to mute, n for the next patch, q to quit"
 
 
@@ -80,27 +81,45 @@ def show_meter(block: int) -> Iterator[Any]:
     from rich.text import Text
 
     with Live(Text(""), console=Console(stderr=True), transient=True, auto_refresh=False) as line:
-        yield lambda player: line.update(Text(format_meter(player.meter(), block)), refresh=True)
+        columns = min(MAX_COLUMNS, line.console.width)
+        yield lambda player: line.update(Text(format_meter(player.meter(), block, columns)), refresh=True)
 
 
-def format_meter(now: "MeterReading", block: int) -> str:
-    """A meter as one line; block: frames of one, as asked for."""
-    level = f"{20 * math.log10(now.peak):5.1f} dB" if now.peak > 1e-5 else "  silent"
+def format_meter(now: "MeterReading", block: int, columns: int = MAX_COLUMNS) -> str:
+    """A meter as one line, with as much of it as has room: level, load and dropouts first. block: frames of one, as
+    asked for"""
+    line = ""
+    for part in [_describe_level(now), *meter_parts(now, block)]:
+        longer = f"{line}  {part}" if line else part
+        line = longer if len(longer) <= columns else line
+    return line
+
+
+def meter_parts(now: "MeterReading", block: int) -> list[str]:
+    """What a meter shows beside the level, the most important first. block: frames of one, as asked for"""
     parts = [
-        f"{now.seconds:6.1f} s",
-        level,
-        f"{now.real_time_factor:.0f} × real time",
-        f"worst block {now.worst_block:.0%}",
+        f"load {now.worst_block:.0%}",
         f"dropouts {now.dropouts}" + (f" (try --block-size {2 * block})" if now.dropouts else ""),
-        f"Newton {now.newton.mean:.2f}/{now.newton.max}",
-        f"energy {now.energy_error:.0e}",
-        f"active {now.awake}/{now.islands}",
     ]
-    if now.voices:
-        parts.append(f"voices {now.sounding}/{now.voices}")
+    if now.limited:
+        parts.append(f"limiter samples {now.limited}")
     if now.quality_steps:
         parts.append(_describe_quality(now))
-    return "  ".join(parts) + (f"  limiter samples {now.limited}" if now.limited else "")
+    parts.append(f"{now.seconds:.1f} s")
+    if now.voices:
+        parts.append(f"voices {now.sounding}/{now.voices}")
+    return [
+        *parts,
+        f"energy {now.energy_error:.0e}",
+        f"Newton {now.newton.mean:.1f}/{now.newton.max}",
+        f"active {now.awake}/{now.islands}",
+        f"{now.real_time_factor:.0f} × real time",
+    ]
+
+
+def _describe_level(now: "MeterReading") -> str:
+    """The largest sample since the last reading, always as wide."""
+    return f"{20 * math.log10(now.peak):5.1f} dB" if now.peak > 1e-5 else "  silent"
 
 
 def _describe_quality(now: "MeterReading") -> str:

@@ -29,7 +29,20 @@ def test_results_are_compared_from_folders_and_revisions(tmp_path, capsys):
     assert compare.main(["one"]) == 2
 
 
-def test_an_unknown_measurement_is_named():
-    words = [sys.executable, "-m", "bench", "realtme"]
-    run = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=60)
-    assert run.returncode == 2 and "unknown realtme" in run.stderr and "realtime" in run.stderr
+def bench(*words: str) -> subprocess.CompletedProcess:
+    return subprocess.run([sys.executable, "-m", "bench", *words], cwd=ROOT, capture_output=True, text=True, timeout=60)
+
+
+def test_an_unknown_measurement_is_named_and_the_one_that_was_meant():
+    run = bench("realtme")
+    assert run.returncode == 2 and run.stderr == "bench: unknown realtme; did you mean realtime?\n"
+
+
+def test_without_a_name_the_names_are_listed_with_a_line_each():
+    """Nothing is measured; each line says what its table is of."""
+    run = bench()
+    lines = run.stdout.splitlines()
+    assert run.returncode == 0 and all(len(line) <= 120 for line in lines)
+    listed = dict(line.split(maxsplit=1) for line in lines[lines.index("") + 1 :])
+    assert {"realtime", "price", "ruler", "api", "compare", "golden"} <= set(listed)
+    assert all(len(text) > 20 for text in listed.values())

@@ -50,7 +50,7 @@ def test_the_driver_is_given_what_the_log_says(tmp_path, file_device, callback):
     words = ["--seconds", "0.7", "--callback", callback, "--event-log", log, "--record", record]
     done = run("play", PIANO, *words, environment=environment)
     assert done.returncode == 0, done.stderr
-    assert "on default" in done.stdout and "worst block" in done.stdout
+    assert "on default" in done.stdout and "load" in done.stdout
     assert run("replay", log, "-o", again).returncode == 0
     wanted = soundfile.read(again, dtype="float32")[0]
     assert len(wanted) == round(0.7 * 44_100) and wanted.any()
@@ -94,7 +94,7 @@ def test_keys_of_a_terminal(tmp_path, file_device):
     assert [e["why"][0] for e in events if e["why"][0] != "quality"] == ["strike", "strike", "damp"]
     assert events[1]["row"][7] > events[0]["row"][7]  # harder
     shown = os.read(keys, 100_000).decode(errors="replace")
-    assert "keys: space to strike" in shown and "worst block" in shown
+    assert "keys: space to strike" in shown and "load" in shown
 
 
 # a driver that says no

@@ -1,14 +1,16 @@
 """Values and names of users in messages: on one line, and no longer than one reads."""
 
 import math
+import re
 import sys
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 MAX_VALUE_CHARACTERS = 60
 MAX_LISTED_NAMES = 12
+EXPONENT = re.compile(r"e\+0*")
 
 
 def to_one_line(text: str, max_characters: int) -> str:
@@ -38,6 +40,29 @@ def join_with_or(words: Iterable[str]) -> str:
     """Alternatives as part of a sentence: "a, b or c"."""
     *others, last = words
     return f"{', '.join(others)} or {last}" if others else last
+
+
+def format_limit(value: float) -> str:
+    """A limit as one would write it: 1e9, not 1e+09."""
+    return EXPONENT.sub("e", f"{value:g}")
+
+
+def describe_range(
+    ge: float | None = None, gt: float | None = None, le: float | None = None, lt: float | None = None
+) -> str:
+    """A range in plain words: "from 1 to 12", or "more than 0, at most 1e9"; "" if there is no limit."""
+    if ge is not None and le is not None:
+        return f"from {format_limit(ge)} to {format_limit(le)}"
+    limits = {"at least": ge, "more than": gt, "at most": le, "less than": lt}
+    return ", ".join(f"{words} {format_limit(limit)}" for words, limit in limits.items() if limit is not None)
+
+
+def describe_violation(error: Mapping[str, Any]) -> str:
+    """What would be right for a value that an error of pydantic is of."""
+    limits = {key: value for key, value in error.get("ctx", {}).items() if key in ("ge", "gt", "le", "lt")}
+    if error["type"] == "literal_error":
+        return str(error["ctx"]["expected"])
+    return describe_range(**limits) or str(error["msg"])
 
 
 def program_name() -> str:

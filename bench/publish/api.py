@@ -85,7 +85,8 @@ def signature(name: str, value: Any) -> str:
     text = f"{short}{shown}"
     if len(text) > LINE_LENGTH:
         text = "".join([f"{short}(\n", *(f"    {p},\n" for p in shown.parameters.values()), ")"])
-    return f"```python\n{text}\n```\n\n"
+    quoted = text.replace("'", '"')  # as the sources are formatted
+    return f"```python\n{quoted}\n```\n\n"
 
 
 def as_markdown(text: str) -> str:

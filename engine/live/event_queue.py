@@ -13,6 +13,7 @@ from engine.live.shared_memory import Slot
 from engine.parallel.event_slots import DROPPED, EventSlot
 from engine.patch.scene import Scene
 from engine.patch.tables import ChangeEvent, DampEvent, StrikeEvent
+from engine.wording import describe_violation
 
 QueuedEvent = tuple[int, int, int, int, int, int, float, float]  # the slots of an event but TAKEN_AT; its values
 EVENTS_PER_ISLAND = 64  # at a time, or …
@@ -100,7 +101,7 @@ def make_event(of: type[E], parameter: str | None = None, **keys: Any) -> E:
         is_parameter = parameter is not None and parameter.endswith(f".{name}")
         name = "seconds" if name == "duration" else str(parameter) if is_parameter else name
         shown = f"{value:g}" if isinstance(value, int | float) and abs(value) < MAX_FRAMES**8 else repr(value)
-        raise ValueError(f"{name} = {shown} is out of range; {fault['msg']}") from None
+        raise ValueError(f"{name} = {shown} is out of range; {describe_violation(fault)}") from None
 
 
 def checked_frame(value: int) -> int:

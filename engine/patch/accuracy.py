@@ -5,6 +5,7 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError
 
 from engine.bodies.table import Table
+from engine.wording import describe_violation
 
 MAX_SUBSTEPS = 64
 MAX_OVERSAMPLE = 32
@@ -53,7 +54,9 @@ class Accuracy(Table):
             return Accuracy.model_validate(self.model_dump() | values)
         except ValidationError as error:
             first = error.errors()[0]
-            raise ValueError(f"{first['loc'][0]} = {first['input']} is out of range; {first['msg']}") from None
+            raise ValueError(
+                f"{first['loc'][0]} = {first['input']} is out of range; {describe_violation(first)}"
+            ) from None
 
     def coarser(self) -> list["Accuracy"]:
         """This setting, and coarser ones down to one plain step."""

@@ -12,7 +12,7 @@ from pydantic.fields import FieldInfo
 from engine.bodies.table import KeyPath
 from engine.patch.foreign_words import explain_key, explain_kind
 from engine.patch.scene import Scene
-from engine.wording import format_value, to_one_line
+from engine.wording import describe_range, format_value, to_one_line
 
 MAX_KEY_CHARACTERS = 80  # of a key in a message
 
@@ -196,12 +196,9 @@ def _describe_field(field: FieldInfo | None) -> str:
     """What a field holds, with its range."""
     if field is None:
         return ""
-    text = field.description or ""
-    for constraint in field.metadata:
-        for symbol, attribute in (("≥", "ge"), (">", "gt"), ("≤", "le"), ("<", "lt")):
-            if (limit := getattr(constraint, attribute, None)) is not None:
-                text += f", {symbol} {limit:g}"
-    return text
+    names = ("ge", "gt", "le", "lt")
+    limits = {name: getattr(item, name) for item in field.metadata for name in names if hasattr(item, name)}
+    return ", ".join(text for text in (field.description, describe_range(**limits)) if text)
 
 
 def _last_key(path: KeyPath) -> str:

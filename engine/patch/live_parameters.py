@@ -14,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 
 from engine.patch.renamed_keys import RENAMED
 from engine.patch.tables import MAX_GRAVITY, SpringConnection
+from engine.wording import describe_violation
 
 GLIDED_KEYS = {
     "contact": ("stiffness", "barrier", "gap", "exponent"),
@@ -155,7 +156,7 @@ def with_value(scene: Any, path: LivePath, parameter: str, value: float) -> Any:
         changed = type(table).model_validate(data)
     except ValidationError as error:
         fault = error.errors()[0]
-        raise ValueError(f"{parameter} = {value:g} is out of range; {fault['msg']}") from None
+        raise ValueError(f"{parameter} = {value:g} is out of range; {describe_violation(fault)}") from None
     tables = [*getattr(scene, path.section)]
     tables[path.number] = changed
     return scene.model_copy(update={path.section: tables})

@@ -69,7 +69,7 @@ def locate(path: str, scene: Scene, data: dict[str, Any]) -> tuple[KeyPath, bool
             fields = type(node).model_fields
             if part not in fields:
                 remedy = suggestion(part, list(fields), prefix, suffix)
-                raise ValueError(f'{path}: there is no "{prefix}{part}"; {remedy}')
+                raise ValueError(f"{path}: {_describe_missing(path, prefix + part)}; {remedy}")
             key_path, node, integer = (*key_path, part), getattr(node, part), _takes_integers(fields[part].annotation)
         elif isinstance(node, list):
             index = _item_index(part, node, prefix, path)
@@ -77,7 +77,8 @@ def locate(path: str, scene: Scene, data: dict[str, Any]) -> tuple[KeyPath, bool
         elif isinstance(node, dict) and part in node:
             key_path, node = (*key_path, part), node[part]
         elif isinstance(node, dict):
-            raise ValueError(f'{path}: there is no "{prefix}{part}"; {suggestion(part, list(node), prefix, suffix)}')
+            remedy = suggestion(part, list(node), prefix, suffix)
+            raise ValueError(f"{path}: {_describe_missing(path, prefix + part)}; {remedy}")
         else:
             fault = "is not in the patch; write it there" if node is None else "has no parts; leave out what follows it"
             raise ValueError(f"{path}: {prefix[:-1]} {fault}")
@@ -127,7 +128,12 @@ def _item_index(part: str, items: list[Any], prefix: str, path: str) -> int:
     known = [name for name in names if name] if not part.isdecimal() else []
     remedy = f"{prefix}0" + (f" to {prefix}{len(items) - 1}" if len(items) > 1 else "")
     remedy = suggestion(part, known, prefix, path[len(prefix + part) :]) if known else remedy
-    raise ValueError(f'{path}: there is no "{prefix}{part}"; {remedy}')
+    raise ValueError(f"{path}: {_describe_missing(path, prefix + part)}; {remedy}")
+
+
+def _describe_missing(path: str, missing: str) -> str:
+    """What is not there: the value of a path, or a part of it."""
+    return "there is no such value" if missing == path else f'there is no "{missing}"'
 
 
 def _takes_integers(annotation: Any) -> bool:

@@ -187,7 +187,12 @@ def test_from_python_a_note_is_a_warning_where_the_scene_was_made():
 @pytest.mark.parametrize(
     "old, wrong, line, says",
     [
-        ("density = 5e-3", "density = -1.0", 7, "body[0].density: -1.0 is out of range; mass per length, kg/m, > 0"),
+        (
+            "density = 5e-3",
+            "density = -1.0",
+            7,
+            "body[0].density: -1.0 is out of range; mass per length, kg/m, more than 0",
+        ),
         ("rigidity = 20.0", 'rigidity = "stiff"', 20, 'body[1].rigidity: "stiff" is not a number; flexural rigidity D'),
         ("damping = 0.02", "damping = nan", 13, "body[0].support[0].damping: nan is not a finite number"),
         ("damping = 1.0", "damping = -1.0", 44, "event[0].damping: -1.0 is out of range"),

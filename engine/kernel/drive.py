@@ -1,7 +1,7 @@
 """One-way drive: ends of strings push bodies that do not act back on them.
 
 Pickups on the strings write their forces on a ring of samples, and external forces on the bodies read them: in each
-chunk of samples the strings run first (engine.build.island_order). The force of a step is the mean of the two samples
+chunk of samples the strings run first (engine.build.drives). The force of a step is the mean of the two samples
 before its end, one sample late. What it does to the body counts as supplied, as work of any external force.
 """
 

@@ -21,6 +21,7 @@ from conftest import ROOT, exit_code
 import engine
 from engine.cli import main, option_checks
 from engine.report import console, html, plots
+from engine.report.contact_shading import ContactShading
 
 BALL = ROOT / "patches" / "bouncing_ball.toml"
 OSCILLATOR = ROOT / "patches" / "repelled_oscillator.toml"
@@ -184,8 +185,9 @@ def test_a_picture_of_an_oversampled_render_keeps_its_time():
     axes = Figure().subplots()
     plots.plot_iterations(axes, rendering)
     assert axes.get_xlim() == (0.0, pytest.approx(0.3))
-    (shaded,) = [patch for patch in axes.patches if patch.get_alpha() == plots.CONTACT_STYLE["alpha"]]
-    assert shaded.get_x() == pytest.approx(0.2019, abs=1e-3)
+    (shading,) = [drawn for drawn in axes.collections if isinstance(drawn, ContactShading)]
+    [(begin, _)] = shading.intervals
+    assert begin == pytest.approx(0.2019, abs=1e-3)
 
 
 @pytest.mark.parametrize(

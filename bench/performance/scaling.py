@@ -18,6 +18,7 @@ RATE = 44_100
 REPEATS = 3
 LEAST = 2000  # samples of a run
 SAMPLES = 4e7  # of one mode: a run is as long as that many modes allow
+MAX_SPREAD = 2.0  # ratio of the sizes that an extrapolation leads to, at most
 
 Family = tuple[Callable[[int], engine.Scene], list[int], float]
 FAMILIES: dict[str, Family] = {  # scene of n, sizes, warm-up in s
@@ -48,12 +49,23 @@ def slope(sizes: list[int], costs: list[float]) -> float:
 
 
 def largest(sizes: list[int], costs: list[float]) -> str:
-    """The largest that runs in real time: where the line through the costs meets the time of a sample."""
-    goal = 1e9 / RATE
-    if costs[-1] >= goal:
-        return f"{int(np.exp(np.interp(np.log(goal), np.log(costs), np.log(sizes)))):d}"
-    ahead = slope(sizes, costs)
-    return f"about {int(sizes[-1] * (goal / costs[-1]) ** (1 / ahead)):d}"
+    """The largest that runs in real time: between two sizes measured, or beyond them where the slopes between the
+    upper ones lead to about the same; if they do not, that it is more than the largest measured."""
+    goal = np.log(1e9 / RATE)
+    n, c = np.log(sizes), np.log(costs)
+    slower = np.flatnonzero(c >= goal)
+    if slower.size:
+        at = slower[0]
+        if at == 0:
+            return f"fewer than {sizes[0]}"
+        return f"{int(np.exp(np.interp(goal, c[at - 1 : at + 1], n[at - 1 : at + 1])))}"
+    upper = len(sizes) // 2
+    slopes = np.diff(c[upper - 1 :]) / np.diff(n[upper - 1 :])
+    if slopes.min() > 0.0:
+        least, most = n[-1] + (goal - c[-1]) / slopes.max(), n[-1] + (goal - c[-1]) / slopes.min()
+        if most - least <= np.log(MAX_SPREAD):
+            return f"about {float(f'{np.exp((least + most) / 2):.2g}'):.0f}"
+    return f"more than {sizes[-1]}"
 
 
 def growth() -> None:

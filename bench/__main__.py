@@ -1,6 +1,7 @@
 """`uv run python -m bench`: list the names; `… bench NAME …`: run some measurements, and `… bench all`: all that make
 tables; `… bench compare OLD NEW`: which times have moved; `… bench golden OLD [NEW]`: whether the samples are the same;
 `… bench pairs OLD [NEW]`: both timed in turn; `… bench shipped`: make the machine code that comes with the engine;
+`… bench stale`: which tables are of older kernels;
 `… bench recordings FOLDER`: how far the pianos are from recorded ones."""
 
 import ast
@@ -16,7 +17,7 @@ from pathlib import Path
 
 from bench.accuracy import golden
 from bench.performance import pairs
-from bench.publish import compare, shipped
+from bench.publish import compare, shipped, stale
 from bench.recordings import command
 
 SENTENCE_END = re.compile(r"[.?] (?=[A-Z])")
@@ -38,6 +39,7 @@ OTHERS: dict[str, Callable[[list[str]], int]] = {  # that are no tables, and hav
     "golden": golden.main,
     "pairs": pairs.main,
     "shipped": shipped.main,
+    "stale": stale.main,
     "recordings": command.main,
 }
 

@@ -21,7 +21,7 @@ begin = time.process_time()
 Simulation(model, state).render_block(out[:0])
 compiled = time.process_time() - begin
 best = float("inf")
-for _ in range(7):
+for _ in range(25):
     model, state, _ = build(scene, 44_100, scene.accuracy, 1.0)
     simulation = Simulation(model, state, measure_energy=False)
     simulation.render_block(out[:64])

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from bench.publish import stale
 from engine.provenance import describe_machine
 from engine.report import figures
 
@@ -17,12 +18,12 @@ FIGURES = ROOT / "bench" / "figures"
 
 
 def stamp(name: str) -> str:
-    """What measured, where and when."""
+    """What measured which kernels, where and when."""
     made = describe_machine()
     versions = ", ".join(f"{p} {made[p]}" for p in ("Python", "numba", "numpy"))
     return (
         f"`uv run python -m bench {name}`, {datetime.date.today()}, {made['processor']}, {made['cores']} cores, "
-        f"{versions}"
+        f"{versions}, kernels {stale.present_kernels()}"
     )
 
 
@@ -48,6 +49,7 @@ def publish(name: str, header: list[str], rows: list[list[str]], command: str = 
             before, after = text.partition(begin)[0], text.partition(end)[2]
             shown = table if page.parent == ROOT else table.replace("](bench/", "](../bench/")
             page.write_text(f"{before}{begin}\n{shown}\n{end}{after}", "utf-8")
+    stale.mark_pages()
 
 
 def pin() -> None:

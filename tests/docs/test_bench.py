@@ -5,7 +5,10 @@ import sys
 
 from conftest import ROOT
 
-from bench.publish import compare
+from bench.performance import scaling
+from bench.publish import compare, stale
+from bench.publish.report import stamp
+from engine.compiler import cache
 
 
 def test_what_moved_by_more_than_noise_is_marked():
@@ -46,3 +49,57 @@ def test_without_a_name_the_names_are_listed_with_a_line_each():
     listed = dict(line.split(maxsplit=1) for line in lines[lines.index("") + 1 :])
     assert {"realtime", "price", "ruler", "api", "compare", "golden"} <= set(listed)
     assert all(len(text) > 20 for text in listed.values())
+
+
+CAPTION = "`uv run python -m bench start`, 2026-11-23, AMD EPYC, 2 cores, Python 3.11.7, numba 0.68.1, numpy 2.4.6"
+
+
+def page(*captions: str) -> str:
+    """A page with a table for each caption, and a summary."""
+    tables = [f"<!-- bench:t{n} -->\n| a |\n\n{text}\n<!-- /bench:t{n} -->" for n, text in enumerate(captions)]
+    return "\n\n".join(["<!-- older kernels -->\n<!-- /older kernels -->", *tables, "the end"])
+
+
+def test_tables_of_other_kernels_are_marked_until_they_are_made_again():
+    present, other = f"{CAPTION}, kernels 0123abcd", f"{CAPTION}, kernels 98765432"
+    marked = stale.mark_older(page(present, other, CAPTION), "0123abcd")
+    assert f"{present}\n" in marked and f"{other}{stale.MARK}\n" in marked and f"{CAPTION}{stale.MARK}\n" in marked
+    assert "2 of the 3 tables of this page were measured with older kernels" in marked and "`start`" in marked
+    assert stale.mark_older(marked, "0123abcd") == marked
+    marked = stale.mark_older(page(present).replace(present, present + stale.MARK), "0123abcd")
+    assert stale.MARK not in marked and "All 1 tables" in marked
+
+
+def test_pages_mark_the_tables_of_older_kernels():
+    """Fails if a table passes for one of the present kernels and is not, or the other way round: mended by
+    `uv run python -m bench stale --mark`, without a measurement."""
+    pages = stale.marked_pages()
+    assert any(stale.tables_of(path.read_text("utf-8")) for path in pages)
+    for path in pages:
+        text = path.read_text("utf-8")
+        assert stale.mark_older(text, stale.present_kernels()) == text, path
+
+
+def test_every_published_table_has_a_caption_and_a_new_one_names_its_kernels():
+    for path in (ROOT / "README.md", *stale.marked_pages()):
+        text = path.read_text("utf-8")
+        assert len(stale.tables_of(text)) == text.count("<!-- bench:"), path
+    assert stale.KERNELS.search(stamp("start"))[1] == stale.present_kernels()
+    assert cache.source_digest().startswith(stale.present_kernels())
+
+
+def test_older_tables_are_listed(capsys):
+    assert stale.main([]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 1 + len(list(stale.older_tables())) and lines[-1].endswith(stale.present_kernels())
+    assert stale.main(["--fix"]) == 2
+
+
+def test_a_size_is_extrapolated_only_where_costs_lead_to_one():
+    """Costs in ns per sample, at 44.1 kHz: 22676 ns are there."""
+    sizes = [1, 4, 16, 64]
+    assert scaling.largest(sizes, [100.0 * n for n in sizes]) == "about 230"
+    assert scaling.largest(sizes, [100.0, 300.0, 250.0, 240.0]) == "more than 64"
+    assert scaling.largest(sizes, [100.0, 103.0, 110.0, 140.0]) == "more than 64"
+    assert scaling.largest(sizes, [1e3, 4e3, 16e3, 64e3]) == "22"
+    assert scaling.largest(sizes, [1e5, 2e5, 3e5, 4e5]) == "fewer than 1"

@@ -17,7 +17,7 @@ import numpy as np
 from engine.analysis.silence import is_inaudible
 from engine.audio_formats import explain_unsupported_format
 from engine.cli.live_inputs import Inputs, open_inputs
-from engine.cli.messages import describe_leftover, print_error
+from engine.cli.messages import describe_bodies, describe_leftover, print_error
 from engine.cli.option_checks import voice_count
 from engine.cli.play_command import parse_latency
 from engine.cli.progress import progress_feedback
@@ -33,9 +33,11 @@ from engine.live.osc import OscError
 from engine.live.player import HEADROOM, Player
 from engine.live.recording import NoRecording, Recording
 from engine.live.shared_memory import Gauge
+from engine.offline.statistics import island_statistics
 from engine.output_files import absolute_path, atomic_write, error_reason
 from engine.patch.reader import load
 from engine.patch.scene import Scene
+from engine.report.console import explain_slowness
 from engine.wording import json_safe
 
 POLL_INTERVAL = 0.004  # s, between two looks at notes …
@@ -129,14 +131,14 @@ class PlayerFactory:
             many |= {"voices": voice_count(args), "lowest": midi.lowest_ratio(args.midi, scene)}
         if (args.midi or args.watch) and seconds is None:
             seconds = math.inf
-        with progress_feedback("measuring the speed"):
-            speed, peak = measure_speed(
-                lambda: Player(scene, self.samplerate, **many), int(args.block_size), pilot_seconds
-            )
+        make = lambda: Player(scene, self.samplerate, **many)
+        with progress_feedback("measuring the speed", describe_bodies(scene)):
+            speed, peak = measure_speed(make, int(args.block_size), pilot_seconds)
         if speed < 1.0 and not args.ignore_speed:
+            remedy = explain_slowness(island_statistics(make().layout), speed)
             raise TooSlow(
-                f"too slow for real time: {speed:.2f} × in the worst case; use fewer modes or contact points, a lower"
-                " --samplerate, or --ignore-speed"
+                f"TOO SLOW for real time: {speed:.2f} × in the worst case; {remedy}; or give a lower --samplerate, or"
+                " --ignore-speed"
             )
         silent = peak == 0.0 or is_inaudible(scene)
         factor = 10 ** (self.gain / 20) if self.gain is not None else 1.0 if silent else HEADROOM / peak

@@ -2,6 +2,7 @@
 
 import sys
 import warnings
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,12 @@ from engine.wording import program_name
 
 if TYPE_CHECKING:
     from engine.patch.scene import Scene
+
+BODIES_OF_KIND = {  # one and several, where they are not the kind and the kind with an s
+    "mass": ("mass", "masses"),
+    "air": ("air volume", "air volumes"),
+    "modes": ("measured body", "measured bodies"),
+}
 
 
 def print_error(message: object) -> None:
@@ -51,6 +58,13 @@ def read_patch(path: str) -> "tuple[Scene | None, list[Fault]]":
         return load(path), []
     except PatchError as error:
         return None, error.faults
+
+
+def describe_bodies(scene: "Scene") -> str:
+    """How many bodies of each kind a scene has, the most frequent kind first, such as 226 strings and 2 plates."""
+    counts = Counter(body.kind for body in scene.body).most_common()
+    texts = [f"{count} {BODIES_OF_KIND.get(kind, (kind, f'{kind}s'))[count > 1]}" for kind, count in counts]
+    return " and ".join(filter(None, (", ".join(texts[:-1]), *texts[-1:])))
 
 
 def describe_leftover(unknown_keys: list[str], ignored: dict[str, int], stolen: int = 0, refused: int = 0) -> list[str]:

@@ -1,27 +1,39 @@
-"""What a person is told while something takes long: a bar on a terminal, and elsewhere a line every ten seconds."""
+"""What a person is told while something takes long: how long it will take, as soon as that is known; then a bar on a
+terminal, and elsewhere a line every ten seconds."""
 
 import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import Any
+from typing import Any, Protocol
 
 PROGRESS_DELAY = 1.5  # s, after which the user is told what takes so long
 LINE_INTERVAL = 10.0  # s, between two lines where there is no terminal
-BAR_INTERVAL = 0.1  # s, between two looks at what a bar shows
+BAR_INTERVAL = 0.1  # s, between two looks at how far a task is
 NEARLY_DONE = 0.9  # share after which no bar is begun
+LONG = 10.0  # s that a task will take, from which on that is printed first …
+MEASURED = 0.5  # s, … as soon as its speed was measured for so long
+
+
+class Progress(Protocol):
+    """The function to call with how far a task is."""
+
+    def __call__(self, share: float, phase: str = "", left: float | None = None) -> None:
+        """Take note of the share that is done, of what is done now, and of the seconds that the rest will take, where
+        they are not to be found from the share."""
 
 
 @contextmanager
-def progress_feedback(task: str) -> Iterator[Callable[[float], None]]:
+def progress_feedback(task: str, size: str = "") -> Iterator[Progress]:
     """Tell the user on standard error what takes so long. Yields the function to call with the share done, which also
     raises KeyboardInterrupt where a callback of the compiler's has lost one.
 
     task: what is done, such as "rendering"
+    size: what makes it long, if anything does, and has to be built first, such as "226 strings and 2 plates"
     """
-    display = ProgressDisplay(task)
+    display = ProgressDisplay(task, size)
     interrupted: list[int] = []
 
     def interrupt(number: int, frame: Any) -> None:
@@ -32,10 +44,10 @@ def progress_feedback(task: str) -> Iterator[Callable[[float], None]]:
     if threading.current_thread() is threading.main_thread():
         before = signal.signal(signal.SIGINT, interrupt)
 
-    def progress(share: float) -> None:
+    def progress(share: float, phase: str = "", left: float | None = None) -> None:
         if interrupted:  # while compiling, and lost in a callback of the compiler's
             raise KeyboardInterrupt
-        display.update(share)
+        display.update(share, phase, left)
 
     display.thread.start()
     try:
@@ -53,19 +65,25 @@ def progress_feedback(task: str) -> Iterator[Callable[[float], None]]:
 class ProgressDisplay:
     """A thread that shows how far a task is, from PROGRESS_DELAY on, whatever the main thread is busy with."""
 
-    def __init__(self, task: str) -> None:
-        self.task, self.begin = task, time.perf_counter()
+    def __init__(self, task: str, size: str = "") -> None:
+        self.task, self.size, self.begin = task, size, time.perf_counter()
         self.share: float | None = None  # of the task that is done; None before anything is known of it
+        self.phase = ""
         self.first: tuple[float, float] | None = None  # time and share at the first update
+        self.end_expected: float | None = None  # time, if the last update said
+        self.is_announced = False  # how long it will take
         self.over = threading.Event()
         self.has_terminal = threading.current_thread() is threading.main_thread()  # of another, a meter may be there
         self.thread = threading.Thread(target=self._show, daemon=True)
 
-    def update(self, share: float) -> None:
-        """Take note of the share that is done."""
+    def update(self, share: float, phase: str = "", left: float | None = None) -> None:
+        """Take note of the share that is done, of what is done now, and of the seconds that the rest will take, if
+        they are known."""
+        now = time.perf_counter()
         if self.first is None:
-            self.first = time.perf_counter(), share
-        self.share = share
+            self.first = now, share
+        self.share, self.phase = share, phase
+        self.end_expected = None if left is None else now + left
 
     def end(self) -> None:
         """Remove what is shown."""
@@ -76,20 +94,42 @@ class ProgressDisplay:
         """The task, how far it is, and how long it will take, as one line."""
         if self.share is None:
             return f"{self.stage()}: {time.perf_counter() - self.begin:.0f} s so far"
+        phase = f" ({self.phase})" if self.phase else ""
+        return f"{self.task}: {self.share:.0%} done{phase}{self.describe_rest()}"
+
+    def describe_rest(self) -> str:
+        """How long the rest of the task will take, after a comma; nothing as long as that is not known."""
         left = self.seconds_left()
-        return f"{self.task}: {self.share:.0%} done" + ("" if left is None else f", about {left:.0f} s left")
+        return "" if left is None else f", {format_duration(left)} left"
 
     def stage(self) -> str:
         """What is done at present. Numba is imported only to compile, which comes before the first share."""
-        is_compiling = self.share is None and "numba" in sys.modules
-        return "compiling the kernel (once per machine)" if is_compiling else self.task
+        if self.share is not None:
+            return f"{self.task}: {self.phase}" if self.phase else self.task
+        if "numba" in sys.modules:
+            return "compiling the kernel (once per machine)"
+        return f"building {self.size}" if self.size else self.task
 
     def seconds_left(self) -> float | None:
-        """The time that the rest will take at the mean speed up to now, s; None as long as that is not known."""
+        """The time that the rest will take, s: as the last update said, or at the mean speed up to now. None as long as
+        that is not known, or if it is over."""
+        now = time.perf_counter()
+        if self.end_expected is not None:
+            return self.end_expected - now if self.end_expected > now else None
         if self.first is None or self.share is None or self.share <= self.first[1]:
             return None
         begin, share = self.first
-        return (time.perf_counter() - begin) * (1.0 - self.share) / (self.share - share)
+        return (now - begin) * (1.0 - self.share) / (self.share - share)
+
+    def announcement(self) -> str | None:
+        """How long the task will take, once that is known, if it is long."""
+        if self.is_announced or self.first is None or time.perf_counter() - self.first[0] < MEASURED:
+            return None
+        left = self.seconds_left()
+        if left is None or left < LONG:
+            return None
+        self.is_announced = True
+        return f"{self.size or self.task}: {format_duration(left)}"
 
     def _show(self) -> None:
         """Show the progress until the task is over."""
@@ -102,21 +142,40 @@ class ProgressDisplay:
                 self._print_lines()
 
     def _print_lines(self) -> None:
-        """Print a line every ten seconds; and one at once if the kernel is compiled, which takes that long."""
-        if self.stage() != self.task:
+        """Print a line every ten seconds; and one at once if something large is built or the kernel is compiled, which
+        takes that long, and one as soon as it is known how long the task will take."""
+        if self.share is None and self.stage() != self.task:
             print(f"{self.stage()} …", file=sys.stderr, flush=True)
-        while not self.over.wait(LINE_INTERVAL):
-            print(self.describe(), file=sys.stderr, flush=True)
+        due = time.perf_counter() + LINE_INTERVAL
+        while not self.over.wait(min(BAR_INTERVAL, LINE_INTERVAL)):
+            line = self.announcement()
+            if line is None and time.perf_counter() >= due:
+                line = self.describe()
+            if line is not None:
+                print(line, file=sys.stderr, flush=True)
+                due = time.perf_counter() + LINE_INTERVAL
 
     def _show_bar(self) -> None:
         """Show a bar, unless the task is nearly done."""
         from rich.console import Console
-        from rich.progress import Progress
+        from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
 
         if self.share is not None and self.share > NEARLY_DONE:
             return
-        with Progress(console=Console(stderr=True), transient=True) as bar:
-            number = bar.add_task(self.stage(), total=None)
+        rest = TextColumn("{task.fields[rest]}")
+        columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), rest
+        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+            number = bar.add_task(self.stage(), total=None, rest="")
             while not self.over.wait(BAR_INTERVAL):
+                if line := self.announcement():
+                    bar.console.print(line, highlight=False)
                 total = None if self.share is None else 1.0
-                bar.update(number, description=self.stage(), total=total, completed=self.share or 0.0)
+                rest_now = self.describe_rest().lstrip(", ")
+                bar.update(number, description=self.stage(), total=total, completed=self.share or 0.0, rest=rest_now)
+
+
+def format_duration(seconds: float) -> str:
+    """A time as one says it, such as about 40 s, about 3 min or about 2 h."""
+    if seconds < 55.0:
+        return f"about {seconds:.0f} s"
+    return f"about {seconds / 60:.0f} min" if seconds < 5400.0 else f"about {seconds / 3600:.0f} h"

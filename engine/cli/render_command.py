@@ -6,7 +6,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from engine.cli import arguments
-from engine.cli.messages import describe_leftover, print_error, print_faults, read_patch
+from engine.cli.messages import describe_bodies, describe_leftover, print_error, print_faults, read_patch
 from engine.cli.option_checks import (
     NumericOptions,
     accuracy_options,
@@ -162,7 +162,7 @@ def midi_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespa
     scene = scene.model_copy(update={"accuracy": scene.accuracy.replace(**accuracy_options(args))})
     try:
         limits.build_modal_bodies(scene, rate, scene.accuracy.scheme)
-        with progress_feedback("rendering") as progress:
+        with progress_feedback("rendering", f"{voice_count(args)} voices of {describe_bodies(scene)}") as progress:
             audio, player, voices = midi.render_notes(
                 scene, args.midi, rate, numbers["seconds"], voice_count(args), progress
             )

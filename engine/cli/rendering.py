@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from engine.cli.messages import describe_bodies
 from engine.cli.option_checks import (
     NumericOptions,
     accuracy_options,
@@ -74,7 +75,7 @@ def render_from_arguments(
     accuracy, chosen = accuracy_options(args), dict[str, Any]()
     if args.target_error is not None:
         accuracy, chosen = cheapest_setting(scene, numbers, args, accuracy)
-    with progress_feedback("rendering") as progress:
+    with progress_feedback("rendering", describe_bodies(scene)) as progress:
         rendering = render(
             scene,
             seconds=numbers["seconds"],

@@ -37,9 +37,8 @@ def print_notes_summary(stats: dict[str, Any], voices: int, verbose: bool = Fals
     """Print the same of the notes of a MIDI file, rendered by the voices of a patch. stats: as `--json` prints them"""
     rows = {name: f"plays {notes}" for name, notes in stats["notes"].items()} if verbose else {}
     rows |= {"energy error": f"{stats['live']['energy_error']:.1e} of the maximum stored energy"} if verbose else {}
-    slow = {"TOO SLOW": "for real time with so many voices; give fewer --voices"}
     rows |= {} if stats["trusted"] else {"NOT TO BE TRUSTED": "; ".join(stats["reasons"])}
-    print_rows(_headline_rows(stats, f", {voices} voices") | rows | (slow if stats["real_time_factor"] < 1.0 else {}))
+    print_rows(_headline_rows(stats, f", {voices} voices") | rows)
     print(stats["output"])
 
 
@@ -62,7 +61,7 @@ def _headline_rows(stats: dict[str, Any], shared_by: str) -> dict[str, str]:
     return {
         "length": f"{stats['seconds']:g} s at {stats['samplerate']} Hz, {channels}",
         "level": _describe_level(stats),
-        "speed": f"{format_factor(stats['real_time_factor'])} real time{shared_by}, {stats['kernel']} kernel",
+        "speed": f"{describe_speed(stats['real_time_factor'])}{shared_by}, {stats['kernel']} kernel",
     }
 
 
@@ -72,14 +71,14 @@ def _requested_rows(stats: dict[str, Any]) -> dict[str, str]:
 
 
 def _alarm_rows(stats: dict[str, Any]) -> dict[str, str]:
-    """Why a rendering is not to be trusted, or too slow to be played; none where all is well."""
-    rows = {} if stats["trusted"] else {"NOT TO BE TRUSTED": "; ".join(stats["reasons"])}
-    return rows | ({"TOO SLOW": explain_too_slow(stats)} if stats["real_time_factor"] < 1.0 else {})
+    """Why a rendering is not to be trusted; none where it is."""
+    return {} if stats["trusted"] else {"NOT TO BE TRUSTED": "; ".join(stats["reasons"])}
 
 
 def _detail_rows(stats: dict[str, Any]) -> dict[str, str]:
-    """Iterations, energies, effects and activity."""
+    """Iterations, energies, effects and activity, and what would make a slow scene playable."""
     newton, energy, activity = stats["newton"], stats["energy"], stats["activity"]
+    factor = stats["real_time_factor"]
     outcomes = newton["solve_outcomes"]
     iterations = f"mean {newton['mean']:.2f}, p99 {newton['p99']}, max {newton['max']}; "
     iterations += ", ".join(f"{n}: {count}" for n, count in enumerate(newton["histogram"]) if count)
@@ -98,7 +97,7 @@ def _detail_rows(stats: dict[str, Any]) -> dict[str, str]:
         "enabled": ", ".join(stats["effects"]["compiled"]) or "none",
         "disabled": ", ".join(stats["effects"]["left_out"]) or "none",
         "time": f"{activity['free']:.1%} free, {activity['contact']:.1%} in contact, {activity['asleep']:.1%} inactive",
-    }
+    } | ({"to play it live": explain_slowness(stats["islands"], factor)} if factor < 1.0 else {})
 
 
 def _describe_level(stats: dict[str, Any]) -> str:
@@ -152,16 +151,24 @@ def format_factor(factor: float) -> str:
     return f"{factor:.2g} ×" if factor < 9.95 else f"{factor:.0f} ×"
 
 
-def explain_too_slow(stats: dict[str, Any]) -> str:
-    """Why a scene is too slow for real time, and what would help: cost grows with the modes, and with the square of the
-    points of contact (engine.build.layout)."""
-    largest, islands, factor = stats["islands"]["largest"], stats["islands"]["count"], stats["real_time_factor"]
+def describe_speed(factor: float) -> str:
+    """The speed of a rendering in words. factor: of real time"""
+    return f"{format_factor(factor)} real time" if factor >= 1.0 else f"slower than real time: {format_factor(factor)}"
+
+
+def explain_slowness(islands: Any, factor: float) -> str:
+    """Why a scene runs at a factor of real time below 1, and what would help: cost grows with the modes, and with the
+    square of the points of contact (engine.build.layout).
+
+    islands: as engine.offline.statistics.island_statistics gives them, or a dict of the same
+    """
+    largest, count = islands["largest"], islands["count"]
     modes, contacts, bodies = largest["modes"], largest["contacts"], largest["bodies"]
-    reason = f"for real time: the coupled subsystem of {', '.join(bodies[:4])}{' …' if len(bodies) > 4 else ''} has"
+    reason = f"the coupled subsystem of {', '.join(bodies[:4])}{' …' if len(bodies) > 4 else ''} has"
     reason += f" {modes} modes and {contacts} contact points"
-    reason += f", the largest of {islands} subsystems" if islands > 1 else ""
+    reason += f", the largest of {count} subsystems" if count > 1 else ""
     goal = REAL_TIME_MARGIN * factor
-    if islands > 1:
+    if count > 1:
         reason += f"; the total cost must fall to {goal:.2g} of this"
         return f"{reason}: the command inspect shows the cost of each subsystem"
     if modes * (1 + contacts / 4) >= contacts**2:

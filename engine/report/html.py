@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 MAX_FLAC_SECONDS = 3.0  # longer audio is embedded as Ogg Vorbis, a tenth of the size
 BROWSER_RATES = (8_000, 48_000)  # Hz, rates that every browser plays
-ALARM_ROWS = ("NOT TO BE TRUSTED", "TOO SLOW")  # rows of the summary
+ALARM_ROW = "NOT TO BE TRUSTED"  # of the summary
 ENCODER_CHUNK_FRAMES = 1 << 16  # libsndfile's Vorbis encoder overflows its stack on very many at once
 # nothing is loaded from anywhere, and no script runs, whatever the text of a patch holds
 SECURITY_POLICY = "default-src 'none'; img-src data:; media-src data:; style-src 'unsafe-inline'"
@@ -248,7 +248,7 @@ def table_element(rows: Iterable[Iterable[str]], has_head: bool = False) -> Iter
         yield f"<thead><tr>{''.join(f'<th scope=col>{cell}</th>' for cell in cells.pop(0))}</tr></thead>"
     yield "<tbody>"
     for name, *values in cells:
-        style = " class=bad" if name in ALARM_ROWS else ""
+        style = " class=bad" if name == ALARM_ROW else ""
         yield f"<tr{style}><th scope=row>{name}</th>{''.join(f'<td>{value}</td>' for value in values)}</tr>"
     yield "</tbody></table></div>"
 

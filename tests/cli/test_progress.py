@@ -12,6 +12,7 @@ from conftest import ROOT
 import engine
 from engine.analysis.profile import profile_scene
 from engine.cli import progress
+from engine.cli.messages import describe_bodies
 from engine.live.player import Player
 from engine.live.replay import replay
 
@@ -30,6 +31,7 @@ def impatient(monkeypatch):
     """Seconds are hundredths."""
     monkeypatch.setattr(progress, "PROGRESS_DELAY", 0.02)
     monkeypatch.setattr(progress, "LINE_INTERVAL", 0.1)
+    monkeypatch.setattr(progress, "MEASURED", 0.005)
 
 
 def wait_for(text: str, capsys: pytest.CaptureFixture, limit: float = 5.0) -> list[str]:
@@ -69,6 +71,49 @@ def test_that_a_kernel_is_compiled_is_said_at_once(impatient, monkeypatch, capsy
         assert wait_for("…", capsys) == ["compiling the kernel (once per machine) …"]
         update(0.5)
     assert capsys.readouterr().err == ""
+
+
+def test_what_is_large_is_named_before_it_is_built_then_how_long_it_will_take(impatient, monkeypatch, capsys):
+    monkeypatch.delitem(sys.modules, "numba", raising=False)
+    with progress.progress_feedback("rendering", "226 strings and 2 plates") as update:
+        assert wait_for("building", capsys) == ["building 226 strings and 2 plates …"]
+        update(0.0)
+        time.sleep(0.05)
+        update(0.0005)
+        assert re.fullmatch(r"226 strings and 2 plates: about \d+ min", wait_for("about", capsys)[-1])
+        update(0.5)
+        assert re.fullmatch(r"rendering: 50% done, about \d+ s left", wait_for("50%", capsys)[-1])
+
+
+def test_the_time_left_is_as_the_task_says_where_it_knows_better_than_the_mean_speed(impatient, capsys):
+    """It falls while nothing is reported, and is not shown once it is over."""
+    with progress.progress_feedback("comparing settings") as update:
+        update(0.5, "refining the reference", 60.0)
+        assert wait_for("about", capsys) == ["comparing settings: about 1 min"]
+        update(0.5, "refining the reference", 30.0)
+        line = wait_for("% done", capsys)[-1]
+        assert re.fullmatch(r"comparing settings: 50% done \(refining the reference\), about (2\d|30) s left", line)
+        time.sleep(1.0)
+        assert int(wait_for("% done", capsys)[-1].split()[-3]) < int(line.split()[-3])
+        update(0.5, "refining the reference", 0.01)
+        time.sleep(0.05)
+        capsys.readouterr()
+        assert wait_for("50%", capsys)[-1] == "comparing settings: 50% done (refining the reference)"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "says"), [(12.4, "about 12 s"), (58.0, "about 1 min"), (400.0, "about 7 min"), (7200.0, "about 2 h")]
+)
+def test_times_are_said_as_one_says_them(seconds, says):
+    assert progress.format_duration(seconds) == says
+
+
+def test_bodies_are_counted_by_kind():
+    assert describe_bodies(engine.load(BALL)) == "1 mass"
+    lumps = [{"name": f"m{n}", "kind": "mass", "mass": 1.0} for n in range(2)]
+    string = engine.load("tanpura").model_dump(exclude_none=True)["body"]
+    scene = engine.Scene.model_validate({"body": [*string, *lumps], "pickup": [{"body": "m0"}]})
+    assert describe_bodies(scene) == "2 masses and 1 string"
 
 
 def test_what_is_quick_says_nothing(capsys):

@@ -1,8 +1,8 @@
 """`uv run python -m bench`: list the names; `… bench NAME …`: run some measurements, and `… bench all`: all that make
 tables; `… bench compare OLD NEW`: which times have moved; `… bench golden OLD [NEW]`: whether the samples are the same;
 `… bench pairs OLD [NEW]`: both timed in turn; `… bench shipped`: make the machine code that comes with the engine;
-`… bench stale`: which tables are of older kernels;
-`… bench recordings FOLDER`: how far the pianos are from recorded ones."""
+`… bench stale`: which tables are of older kernels; `… bench recordings FOLDER`: how far the pianos are from recorded
+ones."""
 
 import ast
 import difflib

@@ -6,7 +6,6 @@ alone (engine.analysis.metrics).
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -24,25 +23,17 @@ from engine.analysis.metrics import (
 )
 from engine.analysis.other_methods import TIMED_RUNS, MethodResult, compare_methods
 from engine.analysis.silence import explain_silence
-from engine.bodies import Mass, Oscillator
+from engine.analysis.study_progress import Report, StudyProgress, stages_of
+from engine.analysis.study_runs import Run, StudyRuns
 from engine.build.build import build
-from engine.build.table_changes import scored_exchanges
 from engine.faults import BuildError
-from engine.kernel.codes import EventKind
-from engine.kernel.model import Model
-from engine.kernel.state import State
-from engine.offline.decimation import decimate, decimation_tail
 from engine.offline.record import Record
-from engine.offline.simulation import Simulation, time_block
-from engine.offline.statistics import SimulationStatistics, simulation_statistics
 from engine.patch.accuracy import Accuracy
 from engine.patch.scene import Scene
-from engine.patch.tables import MAX_CHANNELS
 
 DEFAULT_SECONDS = 0.5  # of a scene
 PERTURBATION = 1e-9  # relative, of all that a scene begins with
 REFERENCE_AGREEMENT = 0.1  # of the smallest error on the ladder: how near two references must be
-TIMED_EMPTY_CALLS = 10  # of which the fastest is what a call costs
 SIGNIFICANT_RATIO = 3.0  # settings whose errors differ by less count as alike
 LADDER = [(2, 1), (2, 2), (2, 4), (2, 16), (4, 1), (4, 2), (4, 4)]  # order, substeps
 ORDER_2_LADDER = [(2, 1), (2, 2), (2, 4), (2, 8), (2, 16)]
@@ -87,20 +78,12 @@ class WorkPrecisionStudy(Record):
     rebound: float | None = None  # m/s
 
 
-class Setting(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Setting:
     """A rung of the ladder."""
 
     name: str
     changes: dict[str, Any]  # of the scene's Accuracy
-
-
-class Run(NamedTuple):
-    """The result of a run of a scene with probes (`_add_probes`)."""
-
-    audio: np.ndarray  # [frames, channels]
-    forces: np.ndarray  # [frames, bodies that touch], N
-    velocities: np.ndarray  # [frames, the first of these, which are masses or oscillators], m/s
-    stats: SimulationStatistics
 
 
 class Reference(NamedTuple):
@@ -111,9 +94,6 @@ class Reference(NamedTuple):
     frames: int  # for which errors can be taken
     disagreement: float  # relative error in these of the reference before
     perturbed: Run  # the same, begun a little off
-
-
-RunScene = Callable[..., Run]  # with changes of the Accuracy, and a relative perturbation
 
 
 def settings_ladder(order_2_only: bool) -> list[Setting]:
@@ -130,44 +110,36 @@ def measure_work_precision(
     scene: Scene,
     seconds: float | None = None,
     samplerate: int = 44_100,
-    progress: Callable[[float], None] | None = None,
+    report: Report | None = None,
 ) -> WorkPrecisionStudy:
     """Errors and costs of a scene at every setting of its ladder.
 
     seconds: how much of the scene; half a second, or all of a shorter one, if None
+    report:  called now and then with the share done, what is done now, and the seconds left, or None
     Raises BuildError.
     """
     seconds = min(scene.seconds, DEFAULT_SECONDS) if seconds is None else seconds
     base = scene.accuracy.replace(scheme="exact", oversample=1, precision="float64", silence=-np.inf, iterations=200)
-    probed, columns = _add_probes(scene)
     order_2_only = _allows_order_2_only(scene, samplerate, base)
     ladder = settings_ladder(order_2_only)
-    steps = 2 * len(ladder) + 5  # runs, those of the reference, costs, and the other methods
-    done = 0
-
-    def count_step() -> None:
-        nonlocal done
-        done += 1
-        if progress is not None:
-            progress(min(1.0, done / steps))
-
-    def run_scene(changes: dict[str, Any], perturbation: float = 0.0) -> Run:
-        run = _run(probed, seconds, samplerate, base.replace(**changes), columns, perturbation)
-        count_step()
-        return run
-
-    plain = ladder[1]  # one step of order 2 per sample
-    first = run_scene(plain.changes)
-    if reason := _explain_unmeasurable(scene, first, seconds, samplerate):
+    used = {setting: base.replace(**setting.changes) for setting in ladder}
+    references = _reference_settings(scene, order_2_only, base)
+    planned = [stages_of(accuracy) for accuracy in used.values() for _ in range(1 + TIMED_RUNS)]
+    progress = StudyProgress(report, planned + [stages_of(accuracy) for accuracy in references for _ in range(2)])
+    study_runs = StudyRuns(scene, seconds, samplerate, progress)
+    plain, *others = sorted(ladder, key=lambda setting: setting is not ladder[1])  # one step of order 2 per sample
+    done = {plain: study_runs.run(plain.name, used[plain])}
+    if reason := _explain_unmeasurable(scene, done[plain], seconds, samplerate):
         return _empty_study(seconds, samplerate, reason)
-    runs = [first if setting is plain else run_scene(setting.changes) for setting in ladder]
-    reference = _find_reference(scene, order_2_only, runs, run_scene, samplerate)
+    for setting in sorted(others, key=lambda setting: -stages_of(used[setting])):  # the dearest shows the times to come
+        done[setting] = study_runs.run(setting.name, used[setting])
+    reference = _find_reference([done[setting] for setting in ladder], references, study_runs)
     rows = []
-    for setting, run in zip(ladder, runs, strict=True):
-        accuracy = base.replace(**setting.changes, silence=scene.accuracy.silence)
-        nanoseconds = _measure_cost(scene, seconds, samplerate, accuracy)
-        rows.append(_result_row(setting, run, reference, samplerate, nanoseconds))
-        count_step()
+    for setting in ladder:
+        accuracy = used[setting].replace(silence=scene.accuracy.silence)
+        nanoseconds = study_runs.measure_cost(f"timing {setting.name}", accuracy)
+        rows.append(_result_row(setting, done[setting], reference, samplerate, nanoseconds))
+    progress.finish("comparing with other methods")
     finest, frames = reference.run, reference.frames
     study = WorkPrecisionStudy(
         seconds=seconds,
@@ -272,93 +244,30 @@ def _empty_study(seconds: float, samplerate: int, reason: str) -> WorkPrecisionS
     return WorkPrecisionStudy(seconds, samplerate, [], [], reason, f"nothing can be measured: {reason}")
 
 
-def _add_probes(scene: Scene) -> tuple[Scene, tuple[int, int]]:
-    """The scene with channels for contact forces and velocities, and the columns at which the two begin.
-
-    After the channels of the scene come the contact forces on the bodies that touch, masses and oscillators first, then
-    the velocities of these, as many as there are channels for.
-    """
-    channels = scene.channels
-    lumped = [b.name for b in scene.body if isinstance(b, Mass | Oscillator)]
-    touching = list(dict.fromkeys(name for c in scene.contact for name in (c.body, c.on) if name))
-    touching.sort(key=lambda name: name not in lumped)
-    moving = [name for name in touching if name in lumped][: (MAX_CHANNELS - channels) // 2]
-    touching = touching[: MAX_CHANNELS - channels - len(moving)]
-    probes = [(name, "force") for name in touching] + [(name, "velocity") for name in moving]
-    pickups = [p.model_dump(exclude_none=True) for p in scene.pickup]
-    pickups += [
-        {"body": name, "quantity": quantity, "channel": channels + 1 + i} for i, (name, quantity) in enumerate(probes)
-    ]
-    probed = Scene.model_validate(scene.model_dump(exclude_none=True) | {"pickup": pickups})
-    return probed, (channels, channels + len(touching))
-
-
 def _first_rebound(run: Run) -> float:
     """Velocity of the mass that touches first, when it lets go, m/s."""
     return rebound_velocity(run.forces[:, : run.velocities.shape[1]], run.velocities)
 
 
-def _find_reference(
-    scene: Scene, order_2_only: bool, runs: list[Run], run_scene: RunScene, samplerate: int
-) -> Reference:
-    """Refine until two references differ by less than the smallest error of the runs of the ladder, or steps end."""
+def _reference_settings(scene: Scene, order_2_only: bool, base: Accuracy) -> list[Accuracy]:
+    """The settings that the reference is refined through."""
     loses_at_contacts = any(contact.loss > 0.0 for contact in scene.contact)
     order, counts = (2, (32, 64)) if order_2_only else (4, (16, 32, 64)) if loses_at_contacts else (6, (4, 8, 16))
+    return [base.replace(order=order, substeps=substeps) for substeps in counts]
+
+
+def _find_reference(runs: list[Run], settings: list[Accuracy], study_runs: StudyRuns) -> Reference:
+    """Refine until two references differ by less than the smallest error of the runs of the ladder, or settings end."""
     previous = runs[-3]  # the finest of the ladder
-    for substeps in counts:
-        changes = {"order": order, "substeps": substeps}
-        finest = run_scene(changes)
-        perturbed = run_scene(changes, PERTURBATION)
-        frames = min(horizon(finest.audio, other.audio, samplerate) for other in (perturbed, previous))
+    for number, accuracy in enumerate(settings):
+        name = f"order {accuracy.order}, {accuracy.substeps} ×"
+        finest = study_runs.run(f"refining the reference: {name}", accuracy)
+        perturbed = study_runs.run(f"refining the reference: {name}, perturbed", accuracy, PERTURBATION)
+        frames = min(horizon(finest.audio, other.audio, study_runs.samplerate) for other in (perturbed, previous))
         disagreement = relative_rms_error(previous.audio, finest.audio, frames)
         smallest = min(relative_rms_error(run.audio, finest.audio, frames) for run in runs)
         if frames > 0 and disagreement <= REFERENCE_AGREEMENT * smallest:
+            study_runs.progress.drop(stages_of(accuracy) for accuracy in settings[number + 1 :] for _ in range(2))
             break
         previous = finest
-    return Reference(finest, f"order {order}, {substeps} ×", frames, disagreement, perturbed)
-
-
-def _run(
-    scene: Scene, seconds: float, samplerate: int, accuracy: Accuracy, columns: tuple[int, int], perturbation: float
-) -> Run:
-    """Run a scene with probes, whose columns are given."""
-    model, state, _ = built = build(scene, samplerate * accuracy.oversample, accuracy, seconds)
-    if perturbation:
-        _perturb(model, state, perturbation)
-    exchanges = scored_exchanges(scene, built, accuracy=accuracy, seconds=seconds)
-    simulation = Simulation(model, state, exchanges=exchanges)
-    frames = max(1, round(seconds * samplerate))
-    fine = frames * accuracy.oversample
-    out = np.zeros((fine + decimation_tail(accuracy.oversample), scene.channels))
-    simulation.render_block(out[:fine])
-    stats = simulation_statistics(simulation)
-    if accuracy.oversample > 1:
-        simulation.render_block(out[fine:])
-        out = decimate(out, accuracy.oversample, frames)
-    forces, velocities = columns
-    return Run(out[:, :forces], out[:, forces:velocities], out[:, velocities:], stats)
-
-
-def _perturb(model: Model, state: State, by: float) -> None:
-    """Scale all that the scene begins with, and is driven by, by a relative amount."""
-    state.q[:] *= 1 + by
-    state.p[:] *= 1 + by
-    state.compression[:] = (1 + by) * (state.compression + state.barrier) - state.barrier
-    if model.force is not None:
-        model.force.table[:] *= 1 + by
-        model.force.tail[:] *= 1 + by
-    if model.events is not None:
-        model.events.value2[model.events.kind == EventKind.STRIKE] *= 1 + by
-
-
-def _measure_cost(scene: Scene, seconds: float, samplerate: int, accuracy: Accuracy) -> float:
-    """Time per sample of the output, ns, of the fastest of some runs; that of an empty call does not count."""
-    frames = max(1, round(seconds * samplerate))
-    out = np.zeros((frames * accuracy.oversample, scene.channels))
-    best = np.inf
-    for _ in range(TIMED_RUNS):
-        model, state, _ = build(scene, samplerate * accuracy.oversample, accuracy, seconds)
-        simulation = Simulation(model, state)
-        call = min(time_block(simulation, out[:0]) for _ in range(TIMED_EMPTY_CALLS))
-        best = min(best, time_block(simulation, out) - call)
-    return best / frames * 1e9
+    return Reference(finest, name, frames, disagreement, perturbed)

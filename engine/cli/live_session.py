@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -131,7 +132,7 @@ class PlayerFactory:
             many |= {"voices": voice_count(args), "lowest": midi.lowest_ratio(args.midi, scene)}
         if (args.midi or args.watch) and seconds is None:
             seconds = math.inf
-        make = lambda: Player(scene, self.samplerate, **many)
+        make = partial(Player, scene, self.samplerate, **many)
         with progress_feedback("measuring the speed", describe_bodies(scene)):
             speed, peak = measure_speed(make, int(args.block_size), pilot_seconds)
         if speed < 1.0 and not args.ignore_speed:

@@ -17,7 +17,7 @@ from engine.offline.trace import trace_rows
 from engine.parallel.exchange import INSERT_USE, exchange_tables
 from engine.parallel.helpers import start_helpers
 from engine.parallel.job_memory import RENDER_USE, JobMemory
-from engine.parallel.kernel_choice import prepare
+from engine.parallel.kernel_choice import is_ready, prepare
 
 MIN_BUFFER_FRAMES = 1024  # that a block may have at first
 
@@ -45,7 +45,9 @@ class Simulation:
         self.partitions = model.islands.partition.size - 1
         self.cores = min(cores, self.partitions)
         self._balance = np.zeros(BALANCE_SIZE)
-        prepared = prepare([model], state, [RENDER_USE, *([INSERT_USE] if exchanges else [])], kernel)
+        uses = [RENDER_USE, *([INSERT_USE] if exchanges else [])]
+        prepared = prepare([model], state, uses, kernel)
+        self.is_compiled = is_ready(prepared, uses)  # or the first block waits for it
         compile_beside(prepared.missing)
         self.kernel = prepared.name
         self._handles = StructHandle(prepared.models[0]), StructHandle(prepared.state)

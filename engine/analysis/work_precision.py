@@ -119,6 +119,8 @@ def measure_work_precision(
     Raises BuildError.
     """
     seconds = min(scene.seconds, DEFAULT_SECONDS) if seconds is None else seconds
+    if report is not None:
+        report(0.0, "building", None)
     base = scene.accuracy.replace(scheme="exact", oversample=1, precision="float64", silence=-np.inf, iterations=200)
     order_2_only = _allows_order_2_only(scene, samplerate, base)
     ladder = settings_ladder(order_2_only)

@@ -155,6 +155,14 @@ def add_voices(parser: CommandParser) -> None:
     )
 
 
+def add_parts(parser: CommandParser) -> None:
+    """Add which parts of a MIDI file are played."""
+    help_text = "play these MIDI channels of a file, from 1 to 16 (default: all but 10, which are drums)"
+    parser.add_argument("--channels", metavar="1,2", help=help_text)
+    help_text = "play these tracks of a MIDI file, by number from 0, or by name (default: all)"
+    parser.add_argument("--tracks", metavar="0,3", help=help_text)
+
+
 def add_plot(parser: CommandParser, contents: str) -> None:
     """Add a picture, of something."""
     help_text = f"plot {contents}, as .png, .pdf or .svg (default: a .png next to the sound file)"

@@ -7,6 +7,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from engine.live import midi
 from engine.live.controls import Controls
 from engine.live.key_allocator import KeyAllocator
+from engine.live.midi_parts import Excerpt
 from engine.live.osc import OscServer, parse_address
 
 
@@ -47,9 +48,11 @@ class Inputs:
         return self._osc.remarks()
 
 
-def open_inputs(args: argparse.Namespace, allocator: midi.Allocator | None, controls: Controls) -> Inputs:
-    """What the options ask for. Raises MidiError, OscError."""
-    notes = midi.open_source(args.midi, allocator, controls) if args.midi else None
+def open_inputs(
+    args: argparse.Namespace, allocator: midi.Allocator | None, controls: Controls, excerpt: Excerpt
+) -> Inputs:
+    """What the options ask for. excerpt: of a MIDI file. Raises MidiError, OscError."""
+    notes = midi.open_source(args.midi, allocator, controls, excerpt) if args.midi else None
     osc = None if args.osc is None else OscServer(parse_address(args.osc), controls.receive)
     bends = [allocator.poll] if isinstance(allocator, KeyAllocator) else []
     return Inputs(notes, osc, [controls.poll, *bends])

@@ -18,8 +18,8 @@ import numpy as np
 from engine.analysis.silence import is_inaudible
 from engine.audio_formats import explain_unsupported_format
 from engine.cli.live_inputs import Inputs, open_inputs
-from engine.cli.messages import describe_bodies, describe_leftover, print_error
-from engine.cli.option_checks import voice_count
+from engine.cli.messages import describe_bodies, describe_leftover, describe_midi_file, print_error
+from engine.cli.option_checks import excerpt_of, voice_count
 from engine.cli.play_command import parse_latency
 from engine.cli.progress import progress_feedback
 from engine.cli.terminal import meter_parts, read_keyboard, show_meter
@@ -30,6 +30,7 @@ from engine.live.controls import Controls
 from engine.live.hot_reload import PatchWatcher
 from engine.live.instrument_notes import scene_of_file
 from engine.live.key_allocator import live_scene
+from engine.live.midi_parts import Excerpt
 from engine.live.osc import OscError
 from engine.live.player import HEADROOM, Player
 from engine.live.recording import NoRecording, Recording
@@ -106,14 +107,24 @@ class PlayerFactory:
 
     def with_notes(self, scene: Scene) -> Scene:
         """The scene with the keys and the score that the notes ask for, if it is an instrument. Raises MidiError."""
-        if not (scene.instrument and self.args.midi):
+        if not self.args.midi or (self.is_port and not scene.instrument):
             return scene
         if self.is_port:
             return live_scene(scene)
-        played = scene_of_file(scene, Path(self.args.midi))
-        for line in describe_leftover(played.refused, played.ignored):
+        lines = list[str]()
+        if scene.instrument:
+            played = scene_of_file(scene, Path(self.args.midi), self.excerpt)
+            scene, file, lines = played.scene, played.file, describe_leftover(played.refused, played.ignored)
+        else:
+            file = midi.read_for(scene, self.args.midi, self.excerpt)
+        for line in describe_midi_file(self.args.midi, file) + lines:
             print(line, file=sys.stderr)
-        return played.scene
+        return scene
+
+    @property
+    def excerpt(self) -> Excerpt:
+        """What of a MIDI file is played."""
+        return excerpt_of(self.args, None if self.args.seconds is None else float(self.args.seconds))
 
     @property
     def is_port(self) -> bool:
@@ -129,7 +140,7 @@ class PlayerFactory:
         if scene.instrument and self.is_port:
             many["waiting"] = True
         elif args.midi and not scene.instrument and midi.has_notes(scene, args.midi):
-            many |= {"voices": voice_count(args), "lowest": midi.lowest_ratio(args.midi, scene)}
+            many |= {"voices": voice_count(args), "lowest": midi.lowest_ratio(args.midi, scene, self.excerpt)}
         if (args.midi or args.watch) and seconds is None:
             seconds = math.inf
         make = partial(Player, scene, self.samplerate, **many)
@@ -173,7 +184,7 @@ def play_patch(args: argparse.Namespace, scene: Scene, gain: float | None, accur
             stream = audio_device.open_stream(player, args.device, int(args.block_size), wait, compiled)
             allocator = midi.make_allocator(player, args.midi) if args.midi else None
             controls = Controls(scene, player)
-            source = open_inputs(args, allocator, controls)
+            source = open_inputs(args, allocator, controls, factory.excerpt)
         except (audio_device.DeviceError, midi_notes.MidiError, OscError, TooSlow) as error:
             print_error(error)
             return 1

@@ -11,8 +11,10 @@ from engine.faults import Fault, PatchError, PatchWarning
 from engine.wording import program_name
 
 if TYPE_CHECKING:
+    from engine.live.midi_files import MidiNotes
     from engine.patch.scene import Scene
 
+SHORTEST_SILENCE = 0.05  # s, of which a user is told
 BODIES_OF_KIND = {  # one and several, where they are not the kind and the kind with an s
     "mass": ("mass", "masses"),
     "air": ("air volume", "air volumes"),
@@ -84,3 +86,33 @@ def describe_leftover(unknown_keys: list[str], ignored: dict[str, int], stolen: 
     if refused:
         lines.append(f"{refused} notes or bends refused: they are beyond the pitches or keys of the patch")
     return lines
+
+
+def describe_midi_file(path: str, file: "MidiNotes", remedy: str = "--channels or --tracks choose") -> list[str]:
+    """What of a MIDI file is played, a line for each thing that a user may not expect.
+
+    remedy: how other parts would be played
+    """
+    from engine.live.midi_parts import list_parts
+
+    lines = []
+    if len(file.parts) > 1:
+        lines.append(f"{path}: {len(file.parts)} parts on one instrument: {list_parts(file.parts)}; {remedy}")
+    notes = sum(part.notes for part in file.left_out)
+    if drums := [part for part in file.left_out if part.is_drums]:
+        lines.append(f"{path}: {notes} notes of channel {drums[0].channel}, drums, were left out; {remedy}")
+    elif notes:
+        parts = list_parts(file.left_out)
+        lines.append(f"{path}: {notes} notes were left out that are not drums: {parts}; {remedy}")
+    lines += describe_unknown_drums(file)
+    if file.begin > SHORTEST_SILENCE:
+        lines.append(f"{path}: it begins with its first note, after {file.begin:.3g} s of silence")
+    return lines
+
+
+def describe_unknown_drums(file: "MidiNotes") -> list[str]:
+    """What drums of a MIDI file a patch does not have."""
+    from engine.live.general_midi import drum_name
+
+    names = [f"{drum_name(key)} {count} ×" for key, count in sorted(file.unknown_drums.items()) if count]
+    return [f"drums left out because the patch does not have them: {', '.join(names)}"] if names else []

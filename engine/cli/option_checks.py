@@ -18,10 +18,13 @@ from engine.report.figures import PICTURE_ENDINGS, PLOT_STYLES
 from engine.wording import join_with_or
 
 if TYPE_CHECKING:
+    from engine.live.midi_parts import Excerpt
     from engine.patch.scene import Scene
 
 DEFAULT_SAMPLERATE = 44_100  # Hz, if no other is asked for
 MAX_VOICES = 64
+MIDI_CHANNELS = 16
+MIDI_ENDINGS = (".mid", ".midi")
 
 NumericOptions = dict[str, float | None]  # those of a command that are numbers, or not given
 
@@ -126,6 +129,30 @@ def check_plot_style(args: argparse.Namespace) -> list[Fault]:
     return [] if args.plot is not None else [Fault("--plot-style", "requires --plot; give that too")]
 
 
+def excerpt_of(args: argparse.Namespace, seconds: float | None) -> "Excerpt":
+    """What of a MIDI file the options choose. seconds: how long it is, if it is not all"""
+    from engine.live.midi_parts import Excerpt
+
+    channels = frozenset(int(channel) for channel in (args.channels or "").split(",") if channel)
+    tracks = tuple(track.strip() for track in (args.tracks or "").split(",") if track)
+    return Excerpt(channels, tracks, seconds=seconds)
+
+
+def check_parts(args: argparse.Namespace) -> list[Fault]:
+    """What is wrong with the parts of a MIDI file that are chosen."""
+    faults = []
+    for option, text in (("--channels", args.channels), ("--tracks", args.tracks)):
+        if text is not None and not (args.midi and Path(args.midi).suffix.lower() in MIDI_ENDINGS):
+            faults.append(Fault(option, "requires --midi with a file; give that too"))
+        elif text is not None and not all(item.strip() for item in text.split(",")):
+            faults.append(Fault(option, f'"{text}" is not a list; separate its items by commas, such as 1,2'))
+    numbers = [channel.strip() for channel in (args.channels or "").split(",")]
+    if args.channels and not faults and not all(n.isdecimal() and 1 <= int(n) <= MIDI_CHANNELS for n in numbers):
+        message = f'"{args.channels}" are not MIDI channels; give numbers from 1 to {MIDI_CHANNELS}, such as 1,2'
+        faults.append(Fault("--channels", message))
+    return faults
+
+
 def check_kernel(args: argparse.Namespace) -> list[Fault]:
     """What is wrong with the kernel that --kernel or the environment asks for."""
     try:
@@ -136,8 +163,13 @@ def check_kernel(args: argparse.Namespace) -> list[Fault]:
 
 
 def sound_path(args: argparse.Namespace) -> Path:
-    """The sound to write, if one is written: as asked for, or named like the patch, in this folder."""
-    return Path(args.output) if args.output else Path(f"{Path(args.patch).stem}.wav")
+    """The sound to write, if one is written: as asked for, or named like the patch, in this folder; of a MIDI file,
+    like the file and the patch."""
+    if args.output:
+        return Path(args.output)
+    options = vars(args)
+    tune = [Path(options["midi"]).stem] if options.get("midi") else []
+    return Path(f"{'_'.join([*tune, 'mix' if options.get('play') else Path(args.patch).stem])}.wav")
 
 
 def plot_path(args: argparse.Namespace) -> Path | None:

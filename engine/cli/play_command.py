@@ -8,6 +8,7 @@ from engine.cli.messages import print_error, print_faults, read_patch
 from engine.cli.option_checks import (
     accuracy_options,
     check_kernel,
+    check_parts,
     check_paths,
     check_rate_and_channels,
     numeric_options,
@@ -40,6 +41,7 @@ def add_play_command(commands: "arguments.Commands") -> None:
     arguments.add_cores(parser)
     arguments.add_kernel(parser)
     parser.add_argument("--midi", metavar="PORT|FILE", help="play the notes of a MIDI file, or of a MIDI port")
+    arguments.add_parts(parser)
     arguments.add_voices(parser)
     text = "receive Open Sound Control on this UDP port; only from this machine unless HOST is given"
     parser.add_argument("--osc", metavar="[HOST:]PORT", help=text)
@@ -109,7 +111,7 @@ def check_play_options(args: argparse.Namespace) -> list[Fault]:
             faults.append(Fault("--watch", f"cannot be combined with {option}; give one of them"))
     if args.voices is not None and not args.midi:
         faults.append(Fault("--voices", "requires --midi; give that too"))
-    return faults
+    return faults + check_parts(args)
 
 
 def parse_latency(text: str | None) -> str | float | None:

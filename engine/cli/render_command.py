@@ -6,13 +6,23 @@ import sys
 from typing import TYPE_CHECKING
 
 from engine.cli import arguments
-from engine.cli.messages import describe_bodies, describe_leftover, print_error, print_faults, read_patch
+from engine.cli.messages import (
+    describe_bodies,
+    describe_leftover,
+    describe_midi_file,
+    print_error,
+    print_faults,
+    read_patch,
+)
+from engine.cli.mix_command import PARTS_REMEDY, mix_command, read_assignments
 from engine.cli.option_checks import (
     NumericOptions,
     accuracy_options,
     check_kernel,
+    check_parts,
     check_paths,
     check_rate_and_channels,
+    excerpt_of,
     numeric_options,
     optional_path,
     plot_path,
@@ -39,6 +49,7 @@ if TYPE_CHECKING:
 
 # what a render of notes takes no notice of
 NOT_OF_NOTES = {"--trace": "trace", "--plot": "plot", "--report": "report", "--target-error": "target_error"}
+NOT_OF_MIXES = NOT_OF_NOTES | {"--oversample": "oversample", "--error-estimate": "error_estimate"}
 NOT_OF_NOTES |= {"--cores": "cores", "--oversample": "oversample", "--error-estimate": "error_estimate"}
 
 
@@ -48,7 +59,7 @@ def add_render_command(commands: "arguments.Commands") -> None:
         "render", help="render a patch to a sound file", description="Render a patch to a sound file."
     )
     arguments.add_patch(parser)
-    help_text = "sound file to write (default: PATCH.wav in this folder)"
+    help_text = "sound file to write (default: PATCH.wav in this folder, or TUNE_PATCH.wav with --midi)"
     parser.add_argument("-o", "--output", metavar="OUT.wav", help=help_text)
     arguments.add_length_and_rate(parser)
     arguments.add_sound_format(parser)
@@ -61,6 +72,9 @@ def add_render_command(commands: "arguments.Commands") -> None:
     help_text = "estimate the error of the motion with a second, several times finer rendering"
     parser.add_argument("--error-estimate", action="store_true", default=None, help=help_text)
     parser.add_argument("--midi", metavar="FILE.mid", help="play the notes of a MIDI file")
+    arguments.add_parts(parser)
+    help_text = "with --midi: give channels or tracks to other patches, and mix; PATCH plays the rest (see the guide)"
+    parser.add_argument("--play", metavar="2=guitar,10=snare", help=help_text)
     arguments.add_key(parser, "play one note of an instrument, such as C4 or F#3")
     arguments.add_voices(parser)
     help_text = "also write the displacements, forces and energies of every sample"
@@ -87,9 +101,11 @@ def render_command(args: argparse.Namespace) -> int:
     scene, note_faults = scene_of_key(scene, args)
     if args.trace_shapes and args.trace is None:
         option_faults.append(Fault("--trace-shapes", "requires --trace; give that too, with the name of a file"))
-    option_faults += ignored_options(scene, args) + check_kernel(args) + note_faults
+    option_faults += ignored_options(scene, args) + check_kernel(args) + check_parts(args) + note_faults
+    assignments, assignment_faults = read_assignments(args)
+    option_faults += assignment_faults
     if scene is not None and not option_faults:
-        channels = scene.channels
+        channels = max(scene.channels, *(each.scene.channels for each in assignments), 0)
         option_faults += check_rate_and_channels("--output", output, samplerate_of(numbers), channels)
     faults += option_faults
     if scene is None or faults:
@@ -97,13 +113,19 @@ def render_command(args: argparse.Namespace) -> int:
         return 2
     if not args.midi:
         return scene_command(scene, numbers, args)
+    if assignments:
+        return mix_command(scene, assignments, numbers, args)
     return instrument_command(scene, numbers, args) if scene.instrument else midi_command(scene, numbers, args)
 
 
 def ignored_options(scene: "Scene | None", args: argparse.Namespace) -> list[Fault]:
     """Options that would do nothing, given what else is asked for."""
     if not args.midi:
-        return [Fault("--voices", "requires --midi; give that too")] if args.voices is not None else []
+        given = [name for name in ("voices", "play") if getattr(args, name) is not None]
+        return [Fault(f"--{name}", "requires --midi; give that too") for name in given]
+    if args.play is not None:
+        given = [option for option, name in NOT_OF_MIXES.items() if getattr(args, name) is not None]
+        return [Fault(option, "cannot be combined with --play") for option in given]
     if scene is None or scene.instrument:
         message = "every key of an instrument has its own bodies; leave it out"
         return [Fault("--voices", message)] if scene is not None and args.voices is not None else []
@@ -142,11 +164,14 @@ def instrument_command(scene: "Scene", numbers: NumericOptions, args: argparse.N
     from engine.live.midi_notes import MidiError
 
     try:
-        played = scene_of_file(scene, Path(args.midi))
+        played = scene_of_file(scene, Path(args.midi), excerpt_of(args, numbers["seconds"]))
     except MidiError as error:
         print_error(error)
         return 2
-    for line in describe_leftover(played.refused, played.ignored):
+    for line in [
+        *describe_midi_file(args.midi, played.file, PARTS_REMEDY),
+        *describe_leftover(played.refused, played.ignored),
+    ]:
         print(line, file=sys.stderr)
     return scene_command(played.scene, numbers, args)
 
@@ -163,8 +188,9 @@ def midi_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespa
     try:
         limits.build_modal_bodies(scene, rate, scene.accuracy.scheme)
         with progress_feedback("rendering", f"{voice_count(args)} voices of {describe_bodies(scene)}") as progress:
-            audio, player, voices = midi.render_notes(
-                scene, args.midi, rate, numbers["seconds"], voice_count(args), progress
+            excerpt = excerpt_of(args, numbers["seconds"])
+            audio, player, voices, file = midi.render_notes(
+                scene, args.midi, rate, numbers["seconds"], voice_count(args), progress, excerpt
             )
         audio, gain = apply_gain(audio, float(abs(audio).max()), numbers["gain"], args.subtype)
         save_audio(output, audio, rate, args.subtype)
@@ -183,7 +209,10 @@ def midi_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespa
     for warning in describe_lowered_gain(output, gain, numbers["gain"]):
         print(warning, file=sys.stderr)
     reading, played = player.meter(), voices.played_notes()
-    for line in describe_leftover([], voices.ignored, voices.stolen, voices.refused):
+    for line in [
+        *describe_midi_file(args.midi, file, PARTS_REMEDY),
+        *describe_leftover([], voices.ignored, voices.stolen, voices.refused),
+    ]:
         print(line, file=sys.stderr)
     reasons = explain_doubts(reading.newton, reading.energy_error, not reading.not_finite)
     stats = {"patch": args.patch, "output": str(output), "seconds": len(audio) / rate, "gain_db": gain}

@@ -1,6 +1,7 @@
 """Keys by name and number: C4 is 60, as in MIDI."""
 
 import re
+from functools import lru_cache
 
 PITCH_CLASSES = ["C", "C#", "D", "D#", "E", "F", "F#", "G", "G#", "A", "A#", "B"]
 LOWEST_KEY, HIGHEST_KEY = 0, 127
@@ -25,6 +26,7 @@ def note_frequency(key: int, a4: float = 440.0) -> float:
     return float(a4 * 2.0 ** ((key - 69) / 12))
 
 
+@lru_cache(1024)
 def parse_key(text: str) -> int:
     """The number of a key by its name. Raises ValueError."""
     match = KEY_PATTERN.fullmatch(text.strip())
@@ -38,6 +40,7 @@ def parse_key(text: str) -> int:
     return key
 
 
+@lru_cache(1024)
 def parse_keys(text: str) -> range:
     """The keys of a range such as "A0..C8", or the one key that a text names. Raises ValueError."""
     low, separator, high = text.partition(RANGE_SEPARATOR)

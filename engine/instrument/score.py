@@ -1,7 +1,9 @@
 """The score of an instrument: notes, and how pedals are moved."""
 
+from bisect import bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 from engine.instrument.key_names import parse_key
@@ -54,11 +56,19 @@ class Score:
 
     def pedal_at(self, name: str, time: float) -> float:
         """How far down a pedal is at a time, from 0 to 1."""
-        value = 0.0
-        for move in self.pedals:
-            if move.name == name and move.time <= time:
-                value = move.value
-        return value
+        times, values = self._moves_by_pedal.get(name, ([], []))
+        before = bisect_right(times, time)
+        return values[before - 1] if before else 0.0
+
+    @cached_property
+    def _moves_by_pedal(self) -> dict[str, tuple[list[float], list[float]]]:
+        """The times and values of the moves of each pedal."""
+        moves: dict[str, tuple[list[float], list[float]]] = {}
+        for time, name, value in self.pedals:
+            times, values = moves.setdefault(name, ([], []))
+            times.append(time)
+            values.append(value)
+        return moves
 
 
 def make_score(notes: Iterable[PlayedNote], pedals: Iterable[PedalMove] = ()) -> Score:

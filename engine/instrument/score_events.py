@@ -106,17 +106,21 @@ def damped_spans(notes: list[PlayedNote], score: Score, seconds: float) -> list[
     times = {0.0, seconds, *(note.time for note in notes), *(note.end for note in notes)}
     times |= {move.time for move in score.pedals if move.name != "soft"}
     ordered = sorted(time for time in times if 0.0 <= time <= seconds)
-    is_kept, spans = False, list[Span]()
+    sostenuto = [move for move in score.pedals if move.name == "sostenuto"]
+    is_kept, begun, moved, last_end, spans = False, 0, 0, 0.0, list[Span]()
     for begin, end in pairwise(ordered):
-        is_down = any(note.time <= begin < note.end for note in notes)
-        sostenuto = [move for move in score.pedals if move.name == "sostenuto" and move.time == begin]
-        for move in sostenuto:
-            is_kept = move.value >= SOSTENUTO_HALF and (is_kept or is_down)
+        while begun < len(notes) and notes[begun].time <= begin:
+            last_end = max(last_end, notes[begun].end)
+            begun += 1
+        is_down = begin < last_end
+        while moved < len(sostenuto) and sostenuto[moved].time <= begin:
+            is_kept = sostenuto[moved].value >= SOSTENUTO_HALF and (is_kept or is_down)
+            moved += 1
         lifted = 1.0 if is_down or is_kept else score.pedal_at("sustain", begin)
         share = round((1.0 - lifted) * PEDAL_STEPS) / PEDAL_STEPS
         if share == 0.0:
             continue
-        release = next((n.release / FULL_VELOCITY for n in reversed(notes) if n.end <= begin), UNKNOWN_RELEASE)
+        release = notes[begun - 1].release / FULL_VELOCITY if begun else UNKNOWN_RELEASE
         if spans and spans[-1][1:] == (begin, share, release):
             spans[-1] = spans[-1]._replace(end=end)
         else:

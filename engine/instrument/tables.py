@@ -2,11 +2,11 @@
 
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo
 from pydantic_core import PydanticCustomError
 
 from engine.bodies.table import Table
-from engine.instrument.key_names import parse_key, parse_keys
+from engine.instrument.key_names import HIGHEST_KEY, parse_key, parse_keys
 from engine.wording import format_value
 
 MAX_SCORE_SECONDS = 3_600.0  # as a rendering
@@ -38,6 +38,19 @@ def _check_keys(value: Any) -> Any:
     return value
 
 
+def _check_drums(drums: dict[str, str], info: ValidationInfo) -> dict[str, str]:
+    """Keys by those of General MIDI's drums. Raises PydanticCustomError."""
+    keys = info.data.get("keys", [])
+    known = {key for text in ([keys] if isinstance(keys, str) else keys) for key in parse_keys(text)}
+    for drum, key in drums.items():
+        if not (drum.isdecimal() and int(drum) <= HIGHEST_KEY):
+            message = "{value} is not the key of a drum; a whole number, such as 38 for the acoustic snare"
+            raise PydanticCustomError("scene", message, {"value": format_value(drum)})
+        if known and parse_key(key) not in known:
+            raise PydanticCustomError("scene", "the instrument has no key {key}", {"key": key})
+    return drums
+
+
 KeyName = Annotated[str, AfterValidator(_check_key)]
 KeyRange = Annotated[str | list[str], AfterValidator(_check_keys)]
 Time = Annotated[float, Field(ge=0.0, le=MAX_SCORE_SECONDS)]
@@ -66,6 +79,10 @@ class Keyboard(Table):
         ge=1,
         le=128,
         description="maximum number of keys that sound at a time; a new key replaces an old one",
+    )
+    drums: Annotated[dict[str, KeyName], AfterValidator(_check_drums)] = Field(
+        default={},
+        description='keys by the drums of General MIDI that they play, {38 = "D2"}: notes of MIDI channel 10',
     )
     values: dict[str, Any] = Field(
         default={}, description="named numbers of each key, for use in formulas: formulas, tables by key, or numbers"
@@ -133,3 +150,9 @@ class InstrumentDocument(BaseModel):
     pickup: list[dict[str, Any]] | None = None
     event: list[dict[str, Any]] | None = None
     force: list[dict[str, Any]] | None = None
+
+
+def drum_keys(document: dict[str, Any] | None) -> dict[int, int] | None:
+    """The keys of an instrument by the drums of General MIDI that they play; None if it is not one of drums."""
+    drums = (document or {}).get("keyboard", {}).get("drums", {})
+    return {int(drum): parse_key(key) for drum, key in drums.items()} or None

@@ -1,16 +1,20 @@
 """Notes of a MIDI file as the score of an instrument."""
 
+import math
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
 from engine.instrument.expansion import expand_for_score, keys_of
 from engine.instrument.key_names import note_name
 from engine.instrument.score import PedalMove, PlayedNote, Score, make_score
+from engine.instrument.tables import drum_keys
 from engine.live.key_bends import KeyBends, bend_events, bent_parameters
-from engine.live.midi_notes import MidiError, Note, read_notes
-from engine.patch.scene import Scene
+from engine.live.midi_files import HELD_SECONDS, MidiNotes, read_notes
+from engine.live.midi_notes import UNKNOWN_RELEASE, MidiError, Note, NothingToPlay
+from engine.live.midi_parts import ALL_NOTES, Excerpt
+from engine.patch.scene import MAX_EVENTS, Scene
 from engine.patch.tables import MAX_SECONDS
 
 
@@ -21,53 +25,72 @@ class PlayedFile(NamedTuple):
     score: Score
     refused: list[str]  # keys that the instrument has not
     ignored: dict[str, int]  # messages, by what they are
+    file: MidiNotes
 
 
-def scene_of_file(scene: Scene, path: Path) -> PlayedFile:
-    """An instrument that plays a MIDI file. Raises MidiError, ValidationError."""
+def scene_of_file(scene: Scene, path: Path, excerpt: Excerpt = ALL_NOTES) -> PlayedFile:
+    """An instrument that plays a MIDI file. Raises MidiError."""
     document = scene.instrument
     if document is None:
         raise MidiError("the patch is not an instrument: it has no [keyboard]")
-    notes, ignored, _ = read_notes(path, scene.midi)
-    score, known = score_of_notes(notes), set(keys_of(document["keyboard"]))
+    file = read_notes(path, scene.midi, excerpt=excerpt, drums=drum_keys(document))
+    notes, ignored = file.notes, file.ignored
+    score, known = score_of_notes(notes, file.end), set(keys_of(document["keyboard"]))
     refused = sorted({note.key for note in score.notes} - known)
     score = make_score([note for note in score.notes if note.key in known], score.pedals)
     if not score.notes:
-        raise MidiError(f"{path} has no note for any key of the instrument")
+        raise NothingToPlay(f"{path} has no note for any key of the instrument")
     if score.end > MAX_SECONDS:
-        raise MidiError(f"{path} lasts {score.end:.0f} s; at most {MAX_SECONDS:g}")
+        limit = f"{MAX_SECONDS:g}"
+        raise MidiError(f"{path} lasts {score.end:.0f} s; at most {limit}, such as --seconds {limit} of it")
     try:
-        expansion = expand_for_score(document | {"seconds": None}, score)
+        expansion = expand_for_score(document | {"seconds": excerpt.seconds}, score)
         if count := sum(note.kind == "bend" for note in notes):
             bends = KeyBends(list(bent_parameters(expansion.document["body"], known)))
             expansion.document["event"] = [*expansion.document.get("event", []), *bend_events(bends, notes)]
             ignored = ignored if bends.parameters else ignored | {"pitch bend": count}
+        check_events(path, expansion.document.get("event", []), score)
         played = scene.with_expansion(expansion)
     except ValidationError as error:
         raise MidiError(f"{path} cannot be played ({error.errors()[0]['msg']})") from None
-    return PlayedFile(played, score, [note_name(key) for key in refused], ignored)
+    return PlayedFile(played, score, [note_name(key) for key in refused], ignored, file)
 
 
-def score_of_notes(notes: list[Note]) -> Score:
-    """The notes and pedals of messages; a key that is never let go is held to the last message."""
-    end = max((note.seconds for note in notes), default=0.0)
-    begun: dict[int, Note] = {}
+def check_events(path: Path, events: list[dict[str, Any]], score: Score) -> None:
+    """Raise MidiError if a scene cannot hold all events of a score, with how much of it a scene can hold."""
+    if len(events) <= MAX_EVENTS:
+        return
+    times = sorted(event.get("time", 0.0) for event in events)
+    seconds = math.floor(times[MAX_EVENTS] * 10.0) / 10.0
+    notes = sum(note.time < seconds for note in score.notes)
+    raise MidiError(
+        f"{path} makes {len(events)} events of keys and dampers, at most {MAX_EVENTS}; the first {notes} of its"
+        f" {len(score.notes)} notes are the first {seconds:g} s: give --seconds {seconds:g}"
+    )
+
+
+def score_of_notes(notes: list[Note], end: float | None = None) -> Score:
+    """The notes and pedals of messages; a key that is never let go is held to the end, which is a second after the last
+    message if it is None. A key that is let go in one part of a file is held as long as it is down in another."""
+    if end is None:
+        end = max((note.seconds for note in notes), default=0.0) + HELD_SECONDS
+    begun: dict[tuple[int, int], Note] = {}
     played, moves = list[PlayedNote](), list[PedalMove]()
 
-    def finish(number: int, seconds: float, release: float) -> None:
-        note = begun.pop(number, None)
+    def finish(key: tuple[int, int], seconds: float, release: float) -> None:
+        note = begun.pop(key, None)
         if note is not None:
             duration = max(1e-3, seconds - note.seconds)
-            played.append(PlayedNote(note.seconds, number, int(note.value), duration, int(release)))
+            played.append(PlayedNote(note.seconds, note.number, int(note.value), duration, int(release)))
 
     for note in notes:
         if note.kind == "on":
-            finish(note.number, note.seconds, 64)
-            begun[note.number] = note
+            finish((note.part, note.number), note.seconds, UNKNOWN_RELEASE)
+            begun[note.part, note.number] = note
         elif note.kind == "off":
-            finish(note.number, note.seconds, note.value)
+            finish((note.part, note.number), note.seconds, note.value)
         elif note.kind != "bend":
             moves.append(PedalMove(note.seconds, note.kind, note.value / 127.0))
-    for number in list(begun):
-        finish(number, end + 1.0, 64)
+    for key in list(begun):
+        finish(key, end, UNKNOWN_RELEASE)
     return make_score(played, moves)

@@ -1,18 +1,24 @@
 """Notes of a MIDI file or port, played by the voices of a scene: live, or rendered."""
 
 import math
+import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from engine.instrument.tables import drum_keys
 from engine.live.controls import Controls, takes_move
+from engine.live.general_midi import DRUM_CHANNEL
 from engine.live.key_allocator import KeyAllocator
-from engine.live.midi_notes import MidiError, MidiNotes, open_port, parse_message, parse_move, read_notes
+from engine.live.midi_files import MidiNotes, read_notes
+from engine.live.midi_notes import MidiError, open_port, parse_message, parse_move
+from engine.live.midi_parts import ALL_NOTES, Excerpt
 from engine.live.mpe import LOWER_MASTER, UPPER_MASTER, MpeZones
 from engine.live.player import Player
-from engine.live.shared_memory import Slot
+from engine.live.shared_memory import Gauge, Slot
 from engine.live.voice_allocator import VoiceAllocator, nearest_body, pitched_bodies
 from engine.patch.scene import Scene
 from engine.patch.tables import MAX_SECONDS
@@ -79,11 +85,13 @@ def has_notes(scene: Scene, text: str) -> bool:
     return True
 
 
-def open_source(text: str, keys: Allocator | None, controls: Controls) -> Source | None:
+def open_source(text: str, keys: Allocator | None, controls: Controls, excerpt: Excerpt = ALL_NOTES) -> Source | None:
     """What has to be called often for the notes of a file or a port to be played, and for a port to move controls;
-    None if there is nothing to call. Raises MidiError."""
+    None if there is nothing to call. excerpt: of a file. Raises MidiError."""
     if is_file(text):
-        return None if keys is None else MidiFilePlayer(keys, read_for(controls.scene, text), LEAD_IN, controls).poll
+        if keys is None:
+            return None
+        return MidiFilePlayer(keys, read_for(controls.scene, text, excerpt), LEAD_IN, controls).poll
     midi_port, zones = open_port(text), MpeZones(controls.scene.midi)
 
     def poll() -> bool:
@@ -103,20 +111,25 @@ def take_message(message: Any, zones: MpeZones, keys: Allocator | None, controls
         targets = None if keys is None else keys.targets(move, zones.is_of_one_note(move.channel))
         controls.move(move, targets)
     note = parse_message(message, 0.0, zones)
+    if note and note.kind in ("on", "off") and zones.part_channel(message.channel + 1) == DRUM_CHANNEL:
+        drums = drum_keys(controls.scene.instrument) or {}
+        note = note._replace(number=drums.get(note.number, note.number))
     if note and keys is not None and not (is_taken and note.kind == "bend"):
         keys.play(note)
 
 
-def read_for(scene: Scene, text: str) -> MidiNotes:
+def read_for(scene: Scene, text: str, excerpt: Excerpt = ALL_NOTES) -> MidiNotes:
     """The notes of a file, and the moves that a scene has controls for. Raises MidiError."""
-    return read_notes(Path(text), scene.midi, lambda move: any(takes_move(control, move) for control in scene.control))
+    return read_notes(
+        Path(text), scene.midi, lambda move: any(takes_move(control, move) for control in scene.control), excerpt
+    )
 
 
-def lowest_ratio(text: str, scene: Scene) -> float:
+def lowest_ratio(text: str, scene: Scene, excerpt: Excerpt = ALL_NOTES) -> float:
     """Ratio of the lowest pitch that will be played: that of a file's lowest note; for a port, two octaves down."""
     if is_file(text):
         bodies = pitched_bodies(scene)
-        notes = read_for(scene, text).notes
+        notes = read_for(scene, text, excerpt).notes
         bends: dict[int, float] = {}
         for note in notes:
             if note.kind == "bend":
@@ -129,14 +142,29 @@ def lowest_ratio(text: str, scene: Scene) -> float:
     return 0.25
 
 
+class RenderedNotes(NamedTuple):
+    """The notes of a file as sound."""
+
+    audio: np.ndarray  # SI units, [frames, channels]
+    player: Player
+    keys: VoiceAllocator
+    file: MidiNotes
+
+
 def render_notes(
-    scene: Scene, text: str, samplerate: int, seconds: float | None, voices: int, progress: Any = None
-) -> tuple[np.ndarray, Player, VoiceAllocator]:
-    """What the notes of a file sound like, in SI units [frames, channels]; the player and what gave the notes to its
-    voices, for what they can tell. Raises MidiError."""
-    file = read_for(scene, text)
-    player = Player(scene, samplerate, math.inf, RENDER_GAIN, voices, lowest_ratio(text, scene))
-    player.shared[Slot.FADE_IN_FRAMES] = 0  # a file begins with its first note
+    scene: Scene,
+    text: str,
+    samplerate: int,
+    seconds: float | None,
+    voices: int,
+    progress: Any = None,
+    excerpt: Excerpt = ALL_NOTES,
+) -> RenderedNotes:
+    """Render the notes of a file, from the first of them on. seconds: how many of them. Raises MidiError."""
+    excerpt = replace(excerpt, seconds=seconds)
+    file = read_for(scene, text, excerpt)
+    player = Player(scene, samplerate, math.inf, RENDER_GAIN, voices, lowest_ratio(text, scene, excerpt))
+    player.shared[Slot.FADE_IN_FRAMES] = 0  # it begins with a note
     keys = VoiceAllocator(player)
     keys.ignored |= file.ignored
     controls = Controls(scene, player)
@@ -149,9 +177,11 @@ def render_notes(
     seconds_of_block = CONTROL_SECONDS if file.moves else LOOKAHEAD / 2
     out, block = np.zeros((frames, player.channels), np.float32), round(seconds_of_block * samplerate)
     for begin in range(0, frames, block):
+        started = time.perf_counter()
         sequencer.poll()
         controls.poll()
         player.render_into(out[begin : begin + block])
+        player.gauges[Gauge.SECONDS_USED] += time.perf_counter() - started
         if progress is not None:
             progress(min(1.0, (begin + block) / frames))
-    return out / RENDER_GAIN, player, keys
+    return RenderedNotes(out / RENDER_GAIN, player, keys, file)

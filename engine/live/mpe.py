@@ -58,6 +58,10 @@ class MpeZones:
         """The master channel of the zone that a channel is in; None outside zones."""
         return next((master for master in self._members if channel in self._channels_of(master)), None)
 
+    def part_channel(self, channel: int) -> int:
+        """The channel, or the master of its zone."""
+        return self.master(channel) or channel
+
     def is_of_one_note(self, channel: int) -> bool:
         """Whether what comes on a channel is of the note on it alone."""
         return channel not in self._members and self.master(channel) is not None

@@ -3,6 +3,7 @@
 import math
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from engine.output_files import SILENT_PEAK, largest_safe_gain
@@ -39,6 +40,20 @@ def print_notes_summary(stats: dict[str, Any], voices: int, verbose: bool = Fals
     rows |= {"energy error": f"{stats['live']['energy_error']:.1e} of the maximum stored energy"} if verbose else {}
     rows |= {} if stats["trusted"] else {"NOT TO BE TRUSTED": "; ".join(stats["reasons"])}
     print_rows(_headline_rows(stats, f", {voices} voices") | rows)
+    print(stats["output"])
+
+
+def print_mix_summary(stats: dict[str, Any]) -> None:
+    """Print the same of a mix, with a line for each of its patches. stats: as `--json` prints them"""
+    length, level, _ = _headline_rows(stats | {"real_time_factor": 0.0, "kernel": ""}, "").items()
+    rows = dict([length, (level[0], level[1].partition(", gain")[0])])
+    for part in stats["parts"]:
+        channels = ", ".join(str(channel) for channel in sorted({one["channel"] for one in part["parts"]}))
+        rows[f"{Path(part['patch']).stem} ({channels})"] = (
+            f"gain {part['gain_db']:+.1f} dB on SI units, {format_factor(part['real_time_factor'])} real time,"
+            f" {part['kernel']} kernel, energy error {part['energy_error']:.1e}"
+        )
+    print_rows(rows | ({} if stats["trusted"] else {"NOT TO BE TRUSTED": "; ".join(stats["reasons"])}))
     print(stats["output"])
 
 

@@ -148,11 +148,11 @@ def frequency(audio):
 
 
 def test_the_wheel_bends_what_sounds_and_what_comes(path, tmp_path):
-    """A tone down before the note, and a semitone up while it sounds."""
+    """A tone down before the note, with which the scene begins, and a semitone up while it sounds."""
     messages = [(wheel(-200), 0.0), (on(60), 0.1), (wheel(100), 0.9), (off(60), 1.0)]
     played = scene_of_file(engine.load(path), write_midi(tmp_path / "a.mid", *messages))
     rendering, half = engine.render(played.scene), RATE // 2
-    begin = round(0.3 * RATE), round(1.2 * RATE)
+    begin = round(0.2 * RATE), round(1.1 * RATE)
     plain = frequency(engine.render(engine.load(path)).audio[round(0.2 * RATE) :][:half, 0])
     cents = [1200 * math.log2(frequency(rendering.audio[at : at + half, 0]) / plain) for at in begin]
     assert cents == pytest.approx([-200.0, 100.0], abs=2.0) and played.ignored == {}

@@ -17,7 +17,7 @@ from sweeps import plan
 import engine
 from engine.bodies.csv_files import read_modes as measured
 from engine.faults import PatchError
-from engine.live import midi_notes
+from engine.live import midi_files, midi_notes
 from engine.live.player import Player
 from engine.live.replay import read_log, replay
 from engine.patch.reader import load
@@ -86,12 +86,12 @@ def test_midi_files(tmp_path):
     for _ in range(2000):
         path.write_bytes(damaged(notes(draw), draw))
         try:
-            found = midi_notes.read_notes(path).notes
+            found = midi_files.read_notes(path).notes
         except midi_notes.MidiError as error:
             one_line(error)
             continue
         good += 1
-        assert all(0.0 <= note.seconds <= midi_notes.MAX_FILE_SECONDS and 0 <= note.number <= 127 for note in found)
+        assert all(0.0 <= note.seconds <= midi_files.MAX_FILE_SECONDS and 0 <= note.number <= 127 for note in found)
         assert [note.seconds for note in found] == sorted(note.seconds for note in found)
     assert 50 < good < 1950
 

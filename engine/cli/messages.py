@@ -104,10 +104,7 @@ def describe_midi_file(path: str, file: "MidiNotes", remedy: str = "--channels o
     elif notes:
         parts = list_parts(file.left_out)
         lines.append(f"{path}: {notes} notes were left out that are not drums: {parts}; {remedy}")
-    lines += describe_unknown_drums(file)
-    if file.begin > SHORTEST_SILENCE:
-        lines.append(f"{path}: it begins with its first note, after {file.begin:.3g} s of silence")
-    return lines
+    return lines + describe_unknown_drums(file) + describe_leading_silence(path, file.begin)
 
 
 def describe_unknown_drums(file: "MidiNotes") -> list[str]:
@@ -116,3 +113,8 @@ def describe_unknown_drums(file: "MidiNotes") -> list[str]:
 
     names = [f"{drum_name(key)} {count} ×" for key, count in sorted(file.unknown_drums.items()) if count]
     return [f"drums left out because the patch does not have them: {', '.join(names)}"] if names else []
+
+
+def describe_leading_silence(path: str, seconds: float) -> list[str]:
+    """What is left out before the first note of a MIDI file. seconds: how long that is"""
+    return [f"{path}: {seconds:.3g} s of silence before the first note were left out"] * (seconds > SHORTEST_SILENCE)

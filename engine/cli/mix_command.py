@@ -9,7 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from engine.cli.arguments import patch_file
-from engine.cli.messages import describe_leftover, describe_unknown_drums, print_error, read_patch
+from engine.cli.messages import (
+    describe_leading_silence,
+    describe_leftover,
+    describe_unknown_drums,
+    print_error,
+    read_patch,
+)
 from engine.cli.option_checks import (
     MIDI_CHANNELS,
     NumericOptions,
@@ -197,6 +203,8 @@ def assign_parts(
         print(f"{args.midi}: {count} notes were left out: {list_parts(left_out)}; {PARTS_REMEDY}", file=sys.stderr)
     played = set().union(*(mixed.parts for mixed in patches.values()))
     begin = min(part.begin for part in parts if part.key in played)
+    for line in describe_leading_silence(args.midi, begin):
+        print(line, file=sys.stderr)
     return [mixed for mixed in patches.values() if mixed.parts], replace(excerpt, begin=begin)
 
 

@@ -3,7 +3,13 @@
 DRUM_CHANNEL = 10  # from 1
 LOWEST_DRUM = 35  # the key of the first of DRUMS
 
-PROGRAMS = tuple(
+
+def _names(text: str) -> tuple[str, ...]:
+    """The names of a list on several lines."""
+    return tuple(" ".join(text.split()).split(", "))
+
+
+PROGRAMS = _names(
     """Acoustic Grand Piano, Bright Acoustic Piano, Electric Grand Piano, Honky-tonk Piano, Electric Piano 1,
     Electric Piano 2, Harpsichord, Clavinet, Celesta, Glockenspiel, Music Box, Vibraphone, Marimba, Xylophone,
     Tubular Bells, Dulcimer, Drawbar Organ, Percussive Organ, Rock Organ, Church Organ, Reed Organ, Accordion,
@@ -18,18 +24,16 @@ PROGRAMS = tuple(
     Pad, Warm Pad, Polysynth Pad, Choir Pad, Bowed Pad, Metallic Pad, Halo Pad, Sweep Pad, Rain, Soundtrack,
     Crystal, Atmosphere, Brightness, Goblins, Echoes, Sci-fi, Sitar, Banjo, Shamisen, Koto, Kalimba, Bagpipe,
     Fiddle, Shanai, Tinkle Bell, Agogo, Steel Drums, Woodblock, Taiko Drum, Melodic Tom, Synth Drum, Reverse
-    Cymbal, Guitar Fret Noise, Breath Noise, Seashore, Bird Tweet, Telephone Ring, Helicopter, Applause, Gunshot""".replace(
-        "\n    ", " "
-    ).split(", ")
+    Cymbal, Guitar Fret Noise, Breath Noise, Seashore, Bird Tweet, Telephone Ring, Helicopter, Applause, Gunshot"""
 )
 
-DRUMS = tuple(
+DRUMS = _names(
     """Acoustic Bass Drum, Bass Drum 1, Side Stick, Acoustic Snare, Hand Clap, Electric Snare, Low Floor Tom, Closed
     Hi-Hat, High Floor Tom, Pedal Hi-Hat, Low Tom, Open Hi-Hat, Low-Mid Tom, Hi-Mid Tom, Crash Cymbal 1, High Tom,
     Ride Cymbal 1, Chinese Cymbal, Ride Bell, Tambourine, Splash Cymbal, Cowbell, Crash Cymbal 2, Vibraslap, Ride
     Cymbal 2, Hi Bongo, Low Bongo, Mute Hi Conga, Open Hi Conga, Low Conga, High Timbale, Low Timbale, High Agogo,
     Low Agogo, Cabasa, Maracas, Short Whistle, Long Whistle, Short Guiro, Long Guiro, Claves, Hi Wood Block, Low
-    Wood Block, Mute Cuica, Open Cuica, Mute Triangle, Open Triangle""".replace("\n    ", " ").split(", ")
+    Wood Block, Mute Cuica, Open Cuica, Mute Triangle, Open Triangle"""
 )
 
 

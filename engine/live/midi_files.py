@@ -3,6 +3,7 @@
 import io
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -87,12 +88,19 @@ def read_parts(path: Path, midi: Midi = PLAIN) -> tuple[list[TimedMessage], list
     file = open_midi_file(path)
     try:
         messages = time_messages(file)
-        parts = find_parts(messages, [track.name for track in file.tracks], midi)
+        parts = find_parts(messages, [read_name(track.name) for track in file.tracks], midi)
     except Exception as error:  # whatever mido stumbles over
         raise unreadable_file(path, error) from error
     if not parts:
         raise MidiError(f"{path} has no notes")
     return messages, parts
+
+
+def read_name(name: str) -> str:
+    """The name of a track as it was meant: mido reads all text as Latin-1; many programs write UTF-8, and pad names."""
+    with suppress(UnicodeError):
+        name = name.encode("latin-1").decode("utf-8")
+    return name.strip("\0 \t\r\n")
 
 
 class PartReader:

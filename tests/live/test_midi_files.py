@@ -204,6 +204,13 @@ def test_a_key_that_one_part_lets_go_sounds_on_in_another(tmp_path):
     assert [(n.key, n.time, n.duration) for n in score.notes] == [(60, 0.0, 2.0), (48, 0.5, 1.0), (60, 0.5, 0.25)]
 
 
+def test_names_of_tracks_are_as_they_were_written(tmp_path):
+    """In UTF-8, or padded with spaces and zeros."""
+    for written, name in {"Bratsche ": "Bratsche", "Fl\xf6te": "Fl\xf6te", "Piano\0": "Piano"}.items():
+        write(tmp_path / "a.mid", notes((60, 0.0, 0.1), name=written.encode().decode("latin-1")))
+        assert [part.name for part in read_notes(tmp_path / "a.mid").parts] == [name]
+
+
 # --- several patches
 
 

@@ -164,7 +164,8 @@ def instrument_command(scene: "Scene", numbers: NumericOptions, args: argparse.N
     from engine.live.midi_notes import MidiError
 
     try:
-        played = scene_of_file(scene, Path(args.midi), excerpt_of(args, numbers["seconds"]))
+        with progress_feedback("reading the notes"):
+            played = scene_of_file(scene, Path(args.midi), excerpt_of(args, numbers["seconds"]))
     except MidiError as error:
         print_error(error)
         return 2

@@ -74,6 +74,7 @@ def expand_keys(document: dict[str, Any], keys: list[int], score: Score, is_live
     is_live: plucks are forces that wait, and dampers stay down until they are lifted
     """
     writer = KeyWriter(document)
+    writer.check_formulas()
     for key in keys:
         writer.write_key(key)
     plain = {name: value for name, value in document.items() if name not in SECTIONS}

@@ -2,13 +2,13 @@
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 
 from engine.bodies.table import KeyPath, is_number
-from engine.instrument.formula import FormulaError, evaluate, is_formula
+from engine.instrument.formula import FormulaError, evaluate, is_formula, parse
 from engine.instrument.key_names import RANGE_SEPARATOR, note_frequency, note_name, parse_key, parse_keys
 
 UNKNOWN = re.compile(r": unknown (?:name|function) (\w+)$")
@@ -55,10 +55,7 @@ def value_at_key(value: Any, key: int, names: Mapping[str, float], path: KeyPath
         try:
             return evaluate(value, names)
         except FormulaError as error:
-            where = f"at key {note_name(key)}: {error}"
-            message, separator, remedy = where.partition("; ")
-            remedy = remedy if separator else "a formula that has a value at every key"
-            raise KeyValueError(path, value, message, remedy) from None
+            raise _formula_fault(path, value, f"at key {note_name(key)}: {error}") from None
     if is_key_table(value):
         return _read_key_table(value, key, names, path)
     if isinstance(value, dict):
@@ -66,6 +63,24 @@ def value_at_key(value: Any, key: int, names: Mapping[str, float], path: KeyPath
     if isinstance(value, list):
         return [value_at_key(inner, key, names, (*path, i)) for i, inner in enumerate(value)]
     return value
+
+
+def wrong_formulas(value: Any, path: KeyPath = ()) -> Iterator[KeyValueError]:
+    """What is wrong with those formulas in a value that no key can have. path: of the value"""
+    if is_formula(value):
+        try:
+            parse(value)
+        except FormulaError as error:
+            yield _formula_fault(path, value, str(error))
+    elif isinstance(value, dict | list):
+        for name, inner in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from wrong_formulas(inner, (*path, name))
+
+
+def _formula_fault(path: KeyPath, formula: str, text: str) -> KeyValueError:
+    """What is wrong with a formula, and the remedy if the text has one."""
+    message, _, remedy = text.partition("; ")
+    return KeyValueError(path, formula, message, remedy or "a formula that has a value at every key")
 
 
 def _read_key_table(table: dict[str, Any], key: int, names: Mapping[str, float], path: KeyPath) -> Any:

@@ -5,7 +5,7 @@ from typing import Any
 
 from engine.bodies.table import KeyPath, is_number, make_fault
 from engine.instrument.key_names import name_of_copy, note_name, parse_keys
-from engine.instrument.key_values import KeyValueError, names_of_key, value_at_key
+from engine.instrument.key_values import KeyValueError, names_of_key, value_at_key, wrong_formulas
 
 SECTIONS = ("body", "contact", "connection", "pickup")  # of what each key has
 REFERENCES = ("body", "on")  # keys of tables that name a body
@@ -26,6 +26,12 @@ class KeyWriter:
         self.faults: list[Any] = []
         self.without_value: set[str] = set()  # names that formulas want, and of which a fault is kept already
         self.copies: dict[int, dict[str, int | None]] = {}  # of each body of each key; None of what there is once
+
+    def check_formulas(self) -> None:
+        """Keep the faults of formulas that no key can have, whether or not a key of the score uses them."""
+        values = self.keyboard.get("values") or {}
+        for error in [*wrong_formulas(values, ("keyboard", "values")), *wrong_formulas(self.tables, ("key",))]:
+            self.add_fault(error.path, error.value, error.message, error.remedy)
 
     def names(self, key: int) -> dict[str, float]:
         """What formulas know of a key: what it is, and the values of the patch."""

@@ -217,7 +217,7 @@ def test_keys_of_one_string_sound_one_at_a_time(load):
         ('mass = "= mass"', 'mass = "= -mass"', "key.body[0].mass", "(key C4)"),
         ('mass = "= mass"', 'mass = "= 10**10**10"', "key.body[0].mass", "it has no value"),
         ('mass = "= mass"', "mass = \"= open('x')\"", "key.body[0].mass", "unknown function open"),
-        ('mass = "= mass"', 'mass = "= f.real.__class__"', "key.body[0].mass", "at key C4"),
+        ('mass = "= mass"', 'mass = "= f.real.__class__"', "key.body[0].mass", "f.real.__class__ is not arithmetic"),
         ('"C4..C5" = 7e-3', '"E4..C5" = 7e-3', "key.body[1].mass", "no range contains key C4"),
         ("copies = 2", "copies = 99", "key.body[0].copies", "0 to 8"),
         ("displacement = -0.05", "displacment = -0.05", "key.body[1].displacment", 'did you mean "displacement"?'),

@@ -22,6 +22,7 @@ from engine.offline.record import Record
 from engine.offline.statistics import Activity
 from engine.parallel.job_memory import RENDER_USE, block_output
 from engine.parallel.kernel_choice import prepare
+from engine.patch.frames import frame_count
 from engine.patch.scene import Scene
 
 TIMED_CHUNK_FRAMES = 4096
@@ -88,7 +89,7 @@ def profile_scene(
     settings = scene.accuracy.replace(**accuracy)
     model, state, layout = build(scene, samplerate, settings, seconds, one_partition_per_island=True)
     channels = scene.channels
-    mean, worst = _measure_costs(model, state, round(seconds * samplerate), channels, progress)
+    mean, worst = _measure_costs(model, state, frame_count(seconds, samplerate), channels, progress)
     return Profile(
         kernel=kernel_id(model, state),
         islands=[_profile_island(layout, model, state, n, mean[n], worst[n]) for n in range(mean.size)],

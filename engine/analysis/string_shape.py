@@ -13,6 +13,7 @@ from engine.kernel.codes import FlightFrame
 from engine.offline.simulation import Simulation
 from engine.offline.trace import allocate_trace
 from engine.patch.accuracy import Accuracy
+from engine.patch.frames import frame_count
 from engine.patch.scene import Scene
 
 if TYPE_CHECKING:
@@ -68,7 +69,7 @@ def string_shape(scene: Scene, rendering: "Rendering") -> StringShape | None:
     places = np.linspace(0.0, 1.0, PLACES)
     shapes = np.array([body.shape(place) for place in places]).T  # [modes, places]
     vibrating = body.omega[body.omega > 0.0]
-    frames = round(stats.seconds * rate)
+    frames = frame_count(stats.seconds, rate)
     period = 2 * math.pi / float(vibrating.min()) * rate if vibrating.size else float(frames)
     begin = max(0, onset - round(LEAD * period))
     step = max(1, math.ceil(PERIODS * period / MAX_TIMES))

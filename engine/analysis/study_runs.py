@@ -16,6 +16,7 @@ from engine.offline.decimation import decimate, decimation_tail
 from engine.offline.simulation import Simulation, time_block
 from engine.offline.statistics import SimulationStatistics, simulation_statistics
 from engine.patch.accuracy import Accuracy
+from engine.patch.frames import frame_count
 from engine.patch.scene import Scene
 from engine.patch.tables import MAX_CHANNELS
 
@@ -37,7 +38,7 @@ class StudyRuns:
     def __init__(self, scene: Scene, seconds: float, samplerate: int, progress: StudyProgress) -> None:
         self.scene, self.seconds, self.samplerate, self.progress = scene, seconds, samplerate, progress
         self.probed, self.columns = add_probes(scene)
-        self.frames = max(1, round(seconds * samplerate))
+        self.frames = frame_count(seconds, samplerate)
 
     def run(self, phase: str, accuracy: Accuracy, perturbation: float = 0.0) -> Run:
         """Run the scene with probes; perturbation: relative, of all that it begins with."""

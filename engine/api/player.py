@@ -13,6 +13,7 @@ from engine.live import audio_device, player
 from engine.live.audio_memory import RENDERED_AT_ONCE
 from engine.live.event_queue import QueuedEvent
 from engine.live.shared_memory import Gauge
+from engine.patch.frames import frame_count
 from engine.patch.reader import check_scene
 from engine.patch.scene import Scene
 
@@ -186,7 +187,7 @@ def pilot_gain(scene: Scene, samplerate: int, options: dict[str, Any]) -> float:
     pilot = player.Player(scene, samplerate, math.inf, 1.0, **options)
     if pilot.waiting:
         pilot.strike()
-    frames = round(min(PILOT_SECONDS, scene.seconds) * samplerate)
-    pilot.render_into(np.zeros((max(1, frames), pilot.channels), np.float32))
+    frames = frame_count(min(PILOT_SECONDS, scene.seconds), samplerate)
+    pilot.render_into(np.zeros((frames, pilot.channels), np.float32))
     peak = float(pilot.gauges[Gauge.PEAK])
     return 1.0 if peak == 0.0 or is_inaudible(scene) else player.HEADROOM / peak

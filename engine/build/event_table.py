@@ -9,6 +9,7 @@ from engine.build.layout import Layout
 from engine.build.spring_compensation import stiffness_beside
 from engine.kernel.codes import NO_END, UNUSED_SLOT, EventKind
 from engine.kernel.model import Events
+from engine.patch.frames import nearest_frame
 from engine.patch.tables import ChangeEvent, DampEvent, Event, StrikeEvent
 
 EventRow = tuple[
@@ -59,7 +60,7 @@ def event_rows(layout: Layout, event: Event, stiffness: np.ndarray, samplerate: 
 def _strike(layout: Layout, event: StrikeEvent, samplerate: float) -> EventRow:
     number = layout.body_index[event.body]
     hammer: Any = layout.scene.body[number]
-    start, mode = round(event.time * samplerate), layout.local_modes(number).start
+    start, mode = nearest_frame(event.time, samplerate), layout.local_modes(number).start
     displacement = hammer.displacement if event.displacement is None else event.displacement
     root = math.sqrt(hammer.mass)
     return (
@@ -76,8 +77,8 @@ def _strike(layout: Layout, event: StrikeEvent, samplerate: float) -> EventRow:
 
 def _damp(layout: Layout, event: DampEvent, samplerate: float) -> EventRow:
     number = layout.body_index[event.body]
-    modes, start = layout.local_modes(number), round(event.time * samplerate)
-    end = NO_END if event.duration is None else round((event.time + event.duration) * samplerate)
+    modes, start = layout.local_modes(number), nearest_frame(event.time, samplerate)
+    end = NO_END if event.duration is None else nearest_frame(event.time + event.duration, samplerate)
     # a decay rate σ takes the share 1 - exp(-2σh) of the energy; of a vibration, half is kinetic
     keep = math.exp(-2 * event.sigma / samplerate)
     return layout.island_of_body[number], start, end, EventKind.DAMP, modes.start, modes.stop, keep, 0.0
@@ -93,8 +94,8 @@ def _change(layout: Layout, event: ChangeEvent, stiffness: np.ndarray, samplerat
     island = layout.island_of_body[layout.body_index[contact.body]]
     offset = int(layout.islands.contact[island])
     first, last = slots[0] - offset, slots[-1] + 1 - offset
-    start = round(event.time * samplerate)
-    end = max(start + 1, round((event.time + event.duration) * samplerate))
+    start = nearest_frame(event.time, samplerate)
+    end = max(start + 1, nearest_frame(event.time + event.duration, samplerate))
     rows: list[EventRow] = []
     if event.stiffness is not None:
         count = contact.bridge.points if contact.bridge is not None else 1
@@ -112,8 +113,8 @@ def _change(layout: Layout, event: ChangeEvent, stiffness: np.ndarray, samplerat
 
 def _change_connection(layout: Layout, event: ChangeEvent, samplerate: float) -> list[EventRow]:
     """A change of the one coordinate that a spring has."""
-    start, rows = round(event.time * samplerate), list[EventRow]()
-    end = max(start + 1, round((event.time + event.duration) * samplerate))
+    start, rows = nearest_frame(event.time, samplerate), list[EventRow]()
+    end = max(start + 1, nearest_frame(event.time + event.duration, samplerate))
     for n, coordinates in enumerate(layout.coordinates):
         for i, item in enumerate(coordinates.items):
             if item.connection is None or layout.scene.connection[item.connection].name != event.connection:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from engine.build.noise import NOISE_RATE, draw_noise
+from engine.patch.frames import nearest_frame
 from engine.patch.tables import (
     ConstantForce,
     Force,
@@ -63,12 +64,12 @@ def _table(force: Force | PluckEvent, samplerate: float, last: int) -> ForceTabl
     elif isinstance(force, NoiseForce):
         begin, time = _sample_times(force, samplerate, last)
         values = np.zeros(time.size)
-        first = round(force.start * samplerate) - begin
+        first = nearest_frame(force.start, samplerate) - begin
         noise = read_noise(force, samplerate, time.size - first)
         values[first : first + noise.size] = noise
         values *= _fade(force, time) * _envelope(force.envelope, time)
     else:
-        begin = round(force.start * samplerate) - 1  # rises from 0 in the step before its first sample
+        begin = nearest_frame(force.start, samplerate) - 1  # rises from 0 in the step before its first sample
         values = np.concatenate([[0.0], read_samples(force, samplerate, max(0, last - begin)), [0.0]])
         values *= _envelope(force.envelope, (begin + np.arange(values.size)) / samplerate - force.start)
     ends = force.amplitude * values

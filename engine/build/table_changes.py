@@ -14,6 +14,7 @@ from engine.build.build import BuildResult, build
 from engine.build.pickup_points import channel_gains
 from engine.build.table_exchange import Copies, collect_copies, make_copies
 from engine.kernel.model import Model
+from engine.patch.frames import nearest_frame
 from engine.patch.live_parameters import LivePath, live_paths, value_at, with_value
 from engine.patch.scene import Scene
 from engine.patch.tables import ChangeEvent
@@ -89,7 +90,7 @@ class TableChanges:
             now = [new._replace(value=value) for new, value in zip(values, glided, strict=True)]
             for path, parameter, value in now:
                 scene = with_value(scene, path, parameter, value)
-            due = frame + round((n if number > 1 else 0) * seconds / number * self.samplerate)
+            due = frame + nearest_frame((n if number > 1 else 0) * seconds / number, self.samplerate)
             if only_levels:
                 copies = collect_copies([pair for new in now for pair in self._level_pairs(scene, new.path)])
             else:
@@ -152,7 +153,7 @@ def scored_changes(scene: Scene, samplerate: float) -> list[ScoredChange]:
     for event in events:
         name, value = event.parameter or "", event.value or 0.0
         new = NewValue(paths[name], name, value)
-        together.setdefault((round(event.time * samplerate), event.duration), []).append(new)
+        together.setdefault((nearest_frame(event.time, samplerate), event.duration), []).append(new)
     return [ScoredChange(*when, tuple(together[when])) for when in sorted(together)]
 
 

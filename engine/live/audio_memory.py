@@ -16,6 +16,7 @@ from engine.parallel.exchange import INSERT_EVENT, INSERT_USE
 from engine.parallel.job_memory import RENDER_USE, JobMemory
 from engine.parallel.kernel_choice import prepare
 from engine.patch.accuracy import Accuracy
+from engine.patch.frames import frame_count, nearest_frame
 
 FADE_SECONDS = 0.005
 RENDERED_AT_ONCE = 1024  # computed at once
@@ -50,7 +51,7 @@ class AudioMemory:
         self.gauges = np.zeros(len(Gauge))
         self.events = np.zeros((QUEUE_SIZE, len(EventSlot)), np.int64)
         self.quality_log = np.zeros((QUEUE_SIZE, 2), np.int64)  # frame, level
-        self.record = np.zeros((round(RECORD_SECONDS * samplerate), channels), np.float32)
+        self.record = np.zeros((nearest_frame(RECORD_SECONDS, samplerate), channels), np.float32)
         self.loads = np.zeros(LOAD_COUNT)  # of the last blocks, as shares of their deadlines
         self._buffers = _allocate_buffers(channels)
         self.models, uses = [model, *coarser_models(built, accuracy)], [RENDER_USE, INSERT_USE]
@@ -63,7 +64,7 @@ class AudioMemory:
 
     def _fill_slots(self, model: Model, samplerate: int, seconds: float) -> None:
         """Say where everything is."""
-        handles, buffers, fade = (self._models[0], self._state), self._buffers, max(1, round(FADE_SECONDS * samplerate))
+        handles, buffers, fade = (self._models[0], self._state), self._buffers, frame_count(FADE_SECONDS, samplerate)
         self._addresses = np.array([handle.address for handle in self._models], np.int64)
         values = {
             Slot.JOB: self.job_memory.address,
@@ -91,7 +92,7 @@ class AudioMemory:
             Slot.FADE_IN_FRAMES: fade,
             Slot.FADE_OUT_FRAMES: fade,
             Slot.SAMPLERATE: samplerate,
-            Slot.END: MAX_FRAMES if math.isinf(seconds) else max(1, round(seconds * samplerate)),
+            Slot.END: MAX_FRAMES if math.isinf(seconds) else frame_count(seconds, samplerate),
         }
         for slot, value in values.items():
             self.shared[slot] = value

@@ -11,6 +11,7 @@ from engine.live.controls import Targets, targets_of_all
 from engine.live.key_bends import KeyBends, bent_parameters
 from engine.live.midi_notes import UNKNOWN_RELEASE, Move, Note
 from engine.live.player import Player
+from engine.patch.frames import nearest_frame
 from engine.patch.scene import Scene
 from engine.patch.tables import MAX_SECONDS
 
@@ -185,7 +186,8 @@ class KeyAllocator:
 
     def _do(self, event: dict[str, Any], key: int, frame: int) -> None:
         """Let an event of a key happen."""
-        frame += round(event.get("time", 0.0) * self.player.samplerate)
+        if later := nearest_frame(event.get("time", 0.0), self.player.samplerate):
+            frame = max(frame, self.player.frame) + later
         kind = event.get("kind")
         if kind == "strike":
             self.player.strike(event["body"], event["velocity"], event.get("displacement"), frame)

@@ -20,6 +20,7 @@ from engine.live.mpe import LOWER_MASTER, UPPER_MASTER, MpeZones
 from engine.live.player import Player
 from engine.live.shared_memory import Gauge, Slot
 from engine.live.voice_allocator import VoiceAllocator, nearest_body, pitched_bodies
+from engine.patch.frames import nearest_frame
 from engine.patch.scene import Scene
 from engine.patch.tables import MAX_SECONDS
 
@@ -51,7 +52,7 @@ class MidiFilePlayer:
         rate, now = self.keys.player.samplerate, self.keys.player.frame
         while self._next < len(self.notes) and self.notes[self._next].seconds * rate < now + LOOKAHEAD * rate:
             note = self.notes[self._next]
-            self.keys.play(note, round(note.seconds * rate))
+            self.keys.play(note, nearest_frame(note.seconds, rate))
             self._next += 1
         while self._next_move < len(self._moves) and self._moves[self._next_move].seconds * rate <= now:
             _, move, is_of_one_note = self._moves[self._next_move]
@@ -173,9 +174,9 @@ def render_notes(
         raise MidiError(
             f"{text} lasts {sequencer.end:.0f} s; at most {MAX_SECONDS:g}, such as --seconds {MAX_SECONDS:g} of it"
         )
-    frames = round((seconds or sequencer.end) * samplerate)
+    frames = nearest_frame(seconds or sequencer.end, samplerate)
     seconds_of_block = CONTROL_SECONDS if file.moves else LOOKAHEAD / 2
-    out, block = np.zeros((frames, player.channels), np.float32), round(seconds_of_block * samplerate)
+    out, block = np.zeros((frames, player.channels), np.float32), nearest_frame(seconds_of_block, samplerate)
     for begin in range(0, frames, block):
         started = time.perf_counter()
         sequencer.poll()

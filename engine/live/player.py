@@ -37,6 +37,7 @@ from engine.live.voices import replicate, retune, striker_velocities
 from engine.offline.energy_statistics import energy_statistics
 from engine.offline.statistics import newton_statistics
 from engine.parallel.helpers import start_helpers
+from engine.patch.frames import nearest_frame
 from engine.patch.live_parameters import LivePath, live_paths
 from engine.patch.reader import check_scene
 from engine.patch.scene import Scene
@@ -150,7 +151,7 @@ class Player:
         """Let another player take over: one sound fades into the other. Raises ValueError if it has other channels."""
         if (following.channels, following.samplerate) != (self.channels, self.samplerate):
             raise ValueError(f"it has {following.channels} channels instead of {self.channels}; start anew")
-        frames = round(CROSS_FADE_SECONDS * self.samplerate)
+        frames = nearest_frame(CROSS_FADE_SECONDS, self.samplerate)
         if self.shared[Slot.STOP_REQUESTED] or self.frame + frames >= self.shared[Slot.END]:
             raise ValueError("what was played is over")
         self.shared[Slot.FADE_OUT_FRAMES] = following.shared[Slot.FADE_IN_FRAMES] = frames
@@ -276,7 +277,7 @@ class Player:
             frame = max(frame, self.frame)
         islands = len(self.state.sleep) // self.voices
         for n, (one, table) in enumerate(zip(ratios, tables, strict=True), 1):
-            due = frame + round(n * seconds / len(ratios) * self.samplerate)
+            due = frame + nearest_frame(n * seconds / len(ratios), self.samplerate)
             row = (EventKind.TUNE, voice * islands, len(table), islands, table.ctypes.data, due, 0.0, 0.0)
             self._queue.put(["tune", voice, one, *([] if body is None else [body])], row)
         self._tuning.keep(voice, ratio, body)

@@ -18,6 +18,7 @@ from engine.live.midi_notes import MidiError, Move, Note
 from engine.live.mpe import NoteChannels
 from engine.live.player import Player
 from engine.live.voices import plucks, sounding_bodies, striker_velocities, strikers
+from engine.patch.frames import nearest_frame
 from engine.patch.scene import Scene, connected_bodies
 
 NOMINAL_VELOCITY = 64  # velocity of a note at which hammers are as fast as the patch has them …
@@ -207,7 +208,7 @@ class VoiceAllocator:
         return weights
 
     def _samples(self, damper: tuple[float, float]) -> int:
-        return round(damper[1] * self.player.samplerate)
+        return nearest_frame(damper[1], self.player.samplerate)
 
     def _damp(self, voice: int, damper: tuple[float, float], frame: int) -> None:
         for name in sounding_bodies(self.player.patch):

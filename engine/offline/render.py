@@ -17,6 +17,7 @@ from engine.offline.simulation import Simulation
 from engine.offline.statistics import RenderStatistics, island_statistics, simulation_statistics
 from engine.offline.trace import allocate_trace, name_columns, trace_rows
 from engine.offline.trust import explain_build_doubts, explain_doubts, warn_of_strong_loss, warnings
+from engine.patch.frames import frame_count
 from engine.patch.scene import SAMPLE_RATE_RANGE, Scene
 from engine.patch.tables import MAX_SECONDS
 
@@ -73,7 +74,7 @@ def render(
     model, state, layout = built = build(scene, fine, used, seconds)
     exchanges = scored_exchanges(scene, built, accuracy=used, seconds=seconds)
     simulation = Simulation(model, state, cores or os.cpu_count() or 1, kernel=kernel, exchanges=exchanges)
-    frames = max(1, round(seconds * samplerate)) * used.oversample
+    frames = frame_count(seconds, samplerate) * used.oversample
     audio = np.zeros((frames + decimation_tail(used.oversample), scene.channels))
     kept = allocate_trace(model, len(audio)) if trace or trace_shapes else None
     snapshots = ShapeSnapshots(simulation, layout, frames) if trace_shapes else None

@@ -14,6 +14,7 @@ from typing import Any
 from engine.faults import PatchError
 from engine.instrument.key_names import parse_key
 from engine.output_files import apply_gain, error_reason, resolve_subtype, save_audio
+from engine.patch.frames import frame_count
 from engine.patch.scene import Scene
 from engine.provenance import source_digest
 from engine.sweep import index_csv
@@ -253,7 +254,7 @@ class SoundFolder:
             info = soundfile.info(str(path))
         except (OSError, RuntimeError):
             return False
-        return bool((info.frames, info.samplerate) == (max(1, round(seconds * rate)), rate))
+        return bool((info.frames, info.samplerate) == (frame_count(seconds, rate), rate))
 
     def _rows_done(self) -> list[tuple[int, IndexRow]]:
         return [(number, row) for number, row in self.rows.items() if row["status"] == "done"]

@@ -1,5 +1,6 @@
 """Instruments played by MIDI files and live: the same notes give the same sound, and what is not played is said."""
 
+import itertools
 import math
 
 import numpy as np
@@ -11,10 +12,12 @@ import engine
 from engine.cli import main
 from engine.live.instrument_notes import scene_of_file, score_of_notes
 from engine.live.key_allocator import KeyAllocator, live_scene
+from engine.live.midi import render_notes
 from engine.live.midi_notes import MidiError, Note
 from engine.live.mpe import NoteChannels
 from engine.live.player import Player
 from engine.live.replay import replay
+from engine.patch.frames import nearest_frame
 
 mido = pytest.importorskip("mido")
 SECOND = 960  # ticks, at 120 beats a minute and 480 ticks a beat
@@ -49,6 +52,26 @@ def test_a_midi_file_sounds_as_the_same_score_does(path, tmp_path):
     assert played.refused == [] and played.ignored == {}
     wanted = engine.render(engine.load(path), seconds=1.0).audio
     assert np.array_equal(engine.render(played.scene, seconds=1.0).audio, wanted)
+
+
+def test_a_time_between_two_frames_is_the_same_frame_in_a_score_and_in_midi(path, tmp_path):
+    """Times at the middle between two frames, and as a MIDI file adds them up: the later frame, of keys and of voices;
+    the sound is the same, bit for bit."""
+    times = [(5 + 10 * k) / 1000 for k in range(60)]
+    frames = [441 * k + 221 for k in range(60)]
+    assert [nearest_frame(time, RATE) for time in times] == frames
+    assert [nearest_frame(time, RATE) for time in itertools.accumulate([0.005] + [0.01] * 59)] == frames
+    track = mido.MidiTrack([mido.MetaMessage("set_tempo", tempo=1_000_000)])  # a tick is a millisecond
+    track += [message.copy(time=5) for _ in times for message in (on(60), off(60))]
+    file = tmp_path / "ties.mid"
+    mido.MidiFile(tracks=[track], ticks_per_beat=1000).save(file)
+    score = "".join(f'[[note]]\ntime = {t}\nkey = "C4"\nvelocity = 100\nduration = 0.005\n' for t in times)
+    path.write_text(STRINGS + score, "utf-8")
+    scene = engine.load(path)
+    wanted = engine.render(scene, seconds=0.7).audio
+    assert np.array_equal(engine.render(scene_of_file(scene, file).scene, seconds=0.7).audio, wanted)
+    _, player, _ = render_notes(engine.load("piano_c4"), str(file), RATE, 0.7, 2)
+    assert [event["row"][4] for event in player.log()["events"] if event["why"][0] == "strike"] == frames
 
 
 def test_the_command_says_what_of_a_file_is_not_played(path, tmp_path, capsys):
@@ -105,6 +128,18 @@ def test_live_keys_sound_as_the_score_does(path):
     heard = out[begin:, 0][: wanted.size]
     assert np.abs(heard - wanted).max() < 1e-5 * np.abs(wanted).max()
     assert allocator.player.meter().energy_error < 1e-12 and allocator.played_notes() == {"C4": "1 times"}
+
+
+def test_what_a_key_does_later_is_later_live_too(path):
+    """A strike 0.05 s after the key, which is pressed at once, when sound has been playing for a while."""
+    text = STRINGS.replace('velocity = "= 4*v"', 'velocity = "= 4*v"\ntime = 0.05') + SCORE
+    _, allocator = play(path, keys=[60], seconds=0.2, text=text)
+    player, out = allocator.player, np.zeros((4410, 1), np.float32)
+    pressed = player.frame
+    allocator.play(Note(0, "on", 60, 100))
+    player.render_into(out)
+    strike = next(event for event in player.log()["events"] if event["why"][0] == "strike")
+    assert strike["row"][4] == pressed + 2205
 
 
 def test_what_was_played_live_can_be_replayed(path):

@@ -148,11 +148,10 @@ def add_kernel(parser: CommandParser) -> None:
     parser.add_argument("--kernel", metavar="NAME", help=help_text)
 
 
-def add_voices(parser: CommandParser) -> None:
-    """Add the number of voices, for notes."""
-    parser.add_argument(
-        "--voices", metavar="N", help=f"maximum number of notes at a time, with --midi (default: {VOICES})"
-    )
+def add_voices(parser: CommandParser, sources: str = "--midi") -> None:
+    """Add the number of voices, for notes. sources: the options that notes come from"""
+    text = f"maximum number of notes at a time, with {sources} (default: {VOICES})"
+    parser.add_argument("--voices", metavar="N", help=text)
 
 
 def add_parts(parser: CommandParser) -> None:

@@ -9,6 +9,9 @@ from engine.live.controls import Controls
 from engine.live.key_allocator import KeyAllocator
 from engine.live.midi_parts import Excerpt
 from engine.live.osc import OscServer, parse_address
+from engine.live.osc_commands import OscCommands
+from engine.live.player import Player
+from engine.patch.scene import Scene
 
 
 class Inputs:
@@ -17,8 +20,14 @@ class Inputs:
     moves: called again and again beside the notes, which do not wait for the tables that they build
     """
 
-    def __init__(self, notes: midi.Source | None, osc: OscServer | None, moves: Sequence[Callable[[], None]]) -> None:
-        self._notes, self._osc, self._moves = notes, osc, moves
+    def __init__(
+        self,
+        notes: midi.Source | None,
+        osc: OscServer | None,
+        commands: OscCommands,
+        moves: Sequence[Callable[[], None]],
+    ) -> None:
+        self._notes, self._osc, self._commands, self._moves = notes, osc, commands, moves
         self._worker, self._made = ThreadPoolExecutor(1), Future[None]()
         self._made.set_result(None)
 
@@ -27,9 +36,23 @@ class Inputs:
         """Whether anything may come."""
         return self._notes is not None or self._osc is not None
 
+    def use(self, scene: Scene, player: Player) -> None:
+        """Act on another player, as that of an edited patch."""
+        self._commands.use(scene, player)
+
+    def take_notices(self) -> list[str]:
+        """Return the lines to be shown that came since the last call."""
+        return self._commands.notices.take()
+
+    @property
+    def osc_port(self) -> int | None:
+        """The UDP port that receives OSC."""
+        return None if self._osc is None else self._osc.port
+
     def poll(self) -> bool:
         """Tell what has come; returns whether all notes are over."""
         over = self._notes is not None and self._notes()
+        self._commands.poll()
         if self._made.done():
             self._made.result()  # raises what it raised
             self._made = self._worker.submit(self._make_moves)
@@ -45,7 +68,7 @@ class Inputs:
         if self._osc is None:
             return []
         self._osc.close()
-        return self._osc.remarks()
+        return [*self._osc.remarks(), *self._commands.remarks()]
 
 
 def open_inputs(
@@ -53,6 +76,7 @@ def open_inputs(
 ) -> Inputs:
     """What the options ask for. excerpt: of a MIDI file. Raises MidiError, OscError."""
     notes = midi.open_source(args.midi, allocator, controls, excerpt) if args.midi else None
-    osc = None if args.osc is None else OscServer(parse_address(args.osc), controls.receive)
+    commands = OscCommands(controls, allocator)
+    osc = None if args.osc is None else OscServer(parse_address(args.osc), commands.receive, commands.notices.add)
     bends = [allocator.poll] if isinstance(allocator, KeyAllocator) else []
-    return Inputs(notes, osc, [controls.poll, *bends])
+    return Inputs(notes, osc, commands, [controls.poll, *bends])

@@ -107,10 +107,10 @@ class PlayerFactory:
 
     def with_notes(self, scene: Scene) -> Scene:
         """The scene with the keys and the score that the notes ask for, if it is an instrument. Raises MidiError."""
-        if not self.args.midi or (self.is_port and not scene.instrument):
-            return scene
-        if self.is_port:
+        if scene.instrument and self.is_played_live:
             return live_scene(scene)
+        if not self.args.midi or self.is_played_live:
+            return scene
         lines = list[str]()
         if scene.instrument:
             played = scene_of_file(scene, Path(self.args.midi), self.excerpt)
@@ -127,9 +127,9 @@ class PlayerFactory:
         return excerpt_of(self.args, None if self.args.seconds is None else float(self.args.seconds))
 
     @property
-    def is_port(self) -> bool:
-        """Whether notes come from a port."""
-        return bool(self.args.midi) and not midi.is_file(self.args.midi)
+    def is_played_live(self) -> bool:
+        """Whether notes come from a MIDI port, or from OSC and no file."""
+        return not midi.is_file(self.args.midi) if self.args.midi else self.args.osc is not None
 
     def make_player(self, scene: Scene, pilot_seconds: float = PILOT_SECONDS) -> Player:
         """A player at a good level. Raises TooSlow unless told to play all the same, MidiError, BuildError."""
@@ -137,11 +137,12 @@ class PlayerFactory:
         many: dict[str, Any] = {"cores": os.cpu_count() or 1 if args.cores is None else int(float(args.cores))}
         many["kernel"] = args.kernel
         seconds = None if args.seconds is None else float(args.seconds)
-        if scene.instrument and self.is_port:
+        if scene.instrument and self.is_played_live:
             many["waiting"] = True
-        elif args.midi and not scene.instrument and midi.has_notes(scene, args.midi):
-            many |= {"voices": voice_count(args), "lowest": midi.lowest_ratio(args.midi, scene, self.excerpt)}
-        if (args.midi or args.watch) and seconds is None:
+        elif not scene.instrument and (args.midi or args.voices is not None) and midi.has_notes(scene, args.midi or ""):
+            lowest = midi.lowest_ratio(args.midi or "", scene, self.excerpt)
+            many |= {"voices": voice_count(args), "lowest": lowest}
+        if (args.midi or args.watch or args.osc is not None) and seconds is None:
             seconds = math.inf
         make = partial(Player, scene, self.samplerate, **many)
         with progress_feedback("measuring the speed", describe_bodies(scene)):
@@ -182,15 +183,16 @@ def play_patch(args: argparse.Namespace, scene: Scene, gain: float | None, accur
             player = factory.make_player(scene)
             compiled, wait = args.callback != "python", parse_latency(args.latency)
             stream = audio_device.open_stream(player, args.device, int(args.block_size), wait, compiled)
-            allocator = midi.make_allocator(player, args.midi) if args.midi else None
+            allocator = midi.make_allocator(player)
             controls = Controls(scene, player)
             source = open_inputs(args, allocator, controls, factory.excerpt)
         except (audio_device.DeviceError, midi_notes.MidiError, OscError, TooSlow) as error:
             print_error(error)
             return 1
         announcement = f"{scene.title or path.stem}, on {name} at {samplerate} Hz, blocks of {args.block_size}"
+        announcement += f", OSC at port {source.osc_port}" if source.osc_port else ""
         print(announcement, file=sys.stderr if args.json else sys.stdout, flush=True)
-        making = path, scene, player, factory.make_quickly, factory.prepare, controls.use
+        making = path, scene, player, factory.make_quickly, factory.prepare, source.use
         watch = PatchWatcher(*making) if args.watch else None
         with background.postponed():
             wish, code = play_to_end(args, player, stream, name, watch, source)
@@ -266,6 +268,8 @@ def run_session(
             shown = time.monotonic()
             write(first.fetch_recording())
             show(player)
+        for line in inputs.take_notices():
+            print(line, file=sys.stderr)
         if watch is not None:
             for line in watch.poll():
                 print(line, file=sys.stderr)

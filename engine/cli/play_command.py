@@ -42,7 +42,7 @@ def add_play_command(commands: "arguments.Commands") -> None:
     arguments.add_kernel(parser)
     parser.add_argument("--midi", metavar="PORT|FILE", help="play the notes of a MIDI file, or of a MIDI port")
     arguments.add_parts(parser)
-    arguments.add_voices(parser)
+    arguments.add_voices(parser, "--midi or --osc")
     text = "receive Open Sound Control on this UDP port; only from this machine unless HOST is given"
     parser.add_argument("--osc", metavar="[HOST:]PORT", help=text)
     parser.add_argument("--watch", action="store_true", help="reload the patch whenever it is saved")
@@ -109,8 +109,8 @@ def check_play_options(args: argparse.Namespace) -> list[Fault]:
     for option, text in (("--midi", args.midi), ("--event-log", args.event_log)):
         if args.watch and text:
             faults.append(Fault("--watch", f"cannot be combined with {option}; give one of them"))
-    if args.voices is not None and not args.midi:
-        faults.append(Fault("--voices", "requires --midi; give that too"))
+    if args.voices is not None and not args.midi and args.osc is None:
+        faults.append(Fault("--voices", "requires --midi or --osc; give one of them"))
     return faults + check_parts(args)
 
 

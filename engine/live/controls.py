@@ -15,9 +15,11 @@ from engine.live.player import Player
 from engine.patch.control_rules import paths_of_keys
 from engine.patch.live_parameters import current_path
 from engine.patch.scene import Scene
+from engine.wording import to_one_line
 
 STEP_SECONDS = 0.005  # between two steps of a control, at least …
 MAX_STEP_SECONDS = 0.05  # … and how long the sound takes for one at most
+MAX_ADDRESS_CHARACTERS = 60  # of an unknown address in a message
 CLOSE = 1e-4  # of the way: what is nearer has arrived
 
 Targets = Callable[[Player, str], list[str]]  # the live parameters of a player that a path of the patch stands for
@@ -56,6 +58,10 @@ class Controls:
         """Whether a move of MIDI changes anything."""
         return any(takes_move(control, move) for control in self.scene.control)
 
+    def has_address(self, address: str) -> bool:
+        """Whether there is a control with an address of OSC."""
+        return any(control.kind == "osc" and control.address == address for control in self.scene.control)
+
     def has_kind(self, kind: str) -> bool:
         """Whether there is a control of a kind."""
         return kind in self._midi_kinds
@@ -68,9 +74,9 @@ class Controls:
                 if paths or notes is None:  # a key that sounds nothing changes nothing
                     self._aim(i, paths, move.value)
 
-    def receive(self, address: str, value: float) -> None:
+    def receive(self, address: str, value: float) -> bool:
         """Remember a number of OSC: of a control with this address; or the address is the path of a live parameter,
-        as `/contact/felt/stiffness`, and the number its value."""
+        as `/contact/felt/stiffness`, and the number its value. Returns whether it is either."""
         known = False
         for i, control in enumerate(self.scene.control):
             if control.kind == "osc" and control.address == address:
@@ -81,8 +87,11 @@ class Controls:
         with self._lock:
             if not known and address in self._addresses:
                 self._direct[self._addresses[address]] = value
-            elif not known and (address in self.unknown or len(self.unknown) < 100):
-                self.unknown[address] = self.unknown.get(address, 0) + 1
+                known = True
+            shown = to_one_line(address, MAX_ADDRESS_CHARACTERS)
+            if not known and (shown in self.unknown or len(self.unknown) < 100):
+                self.unknown[shown] = self.unknown.get(shown, 0) + 1
+        return known
 
     def poll(self) -> None:
         """Make the steps that are due."""

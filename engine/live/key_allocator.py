@@ -45,8 +45,8 @@ class KeyAllocator:
         self.ignored: dict[str, int] = {}  # messages, by what they are
         self.polyphony = document["keyboard"].get("polyphony") or DEFAULT_POLYPHONY
         self._mono = document["keyboard"].get("mono")
-        self._keys = [key for key in keys_of(document["keyboard"]) if self._has_bodies(key)]
-        for key in self._keys:
+        self.keys = [key for key in keys_of(document["keyboard"]) if self._has_bodies(key)]
+        for key in self.keys:
             self._writer.write_key(key)
         self._down: set[int] = set()
         self._kept: set[int] = set()  # by the sostenuto pedal
@@ -55,7 +55,7 @@ class KeyAllocator:
         self._played: dict[int, int] = {}
         self._on_channel: dict[int, int] = {}  # of an MPE zone: the key pressed last
         bodies = [body.model_dump(exclude_unset=True) for body in player.scene.body]
-        bent = [one for one in bent_parameters(bodies, self._keys) if one.path in player.live_paths]
+        bent = [one for one in bent_parameters(bodies, self.keys) if one.path in player.live_paths]
         self._bends, self._bent = KeyBends(bent), {one.path: one.value for one in bent}
 
     def played_notes(self) -> dict[str, str]:
@@ -72,7 +72,7 @@ class KeyAllocator:
             self._move_pedal(note.kind, note.value / FULL_VELOCITY, frame)
         elif note.kind == "off":
             self._release(note.number, note.value / FULL_VELOCITY, frame)
-        elif note.number not in self._keys:
+        elif note.number not in self.keys:
             self.refused += 1
         else:
             self._on_channel[note.channels.channel] = note.number
@@ -177,7 +177,7 @@ class KeyAllocator:
                 self._damp(key, UNKNOWN_RELEASE / FULL_VELOCITY, frame)
         if name != "sustain" or round(before * PEDAL_STEPS) == round(value * PEDAL_STEPS):
             return
-        for key in self._keys:
+        for key in self.keys:
             if key not in self._down and key not in self._kept:
                 self._lift(key, frame)
                 self._damp(key, UNKNOWN_RELEASE / FULL_VELOCITY, frame)

@@ -67,12 +67,11 @@ def is_file(text: str) -> bool:
     return Path(text).suffix.lower() in (".mid", ".midi")
 
 
-def make_allocator(player: Player, text: str) -> Allocator | None:
-    """What gives the notes of a file or a port to a player; None if the score of its scene has them already, or if a
-    port only moves its controls. Raises MidiError."""
-    if player.patch.instrument is not None:
-        return None if is_file(text) else KeyAllocator(player)
-    return VoiceAllocator(player) if player.voices else None
+def make_allocator(player: Player) -> Allocator | None:
+    """What gives notes to a player; None if it plays the score of its scene alone. Raises MidiError."""
+    if player.voices:
+        return VoiceAllocator(player)
+    return KeyAllocator(player) if player.waiting and player.patch.instrument is not None else None
 
 
 def has_notes(scene: Scene, text: str) -> bool:

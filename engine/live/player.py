@@ -201,11 +201,9 @@ class Player:
         if not 0.0 < checked_number("scale", scale) <= 1e6:
             raise ValueError(f"scale = {scale:g} is out of range; more than 0, at most 1e6")
         self._body(body)
-        over = self._brief_forces()
-        chosen = [j for j, force in over if force.body == body]
+        chosen = [j for j, force in self._brief_forces() if force.body == body]
         if not chosen:
-            others = dict.fromkeys(force.body for _, force in over)
-            raise KeyError(f"nothing plucks {body}; the plucked bodies are {', '.join(others) or 'none'}")
+            raise KeyError(f"nothing plucks {body}; the plucked bodies are {', '.join(self.plucked) or 'none'}")
         self.lift(body, frame)
         island = self.layout.island_of_body[self.layout.body_index[body]]
         for j in chosen:
@@ -300,6 +298,11 @@ class Player:
         """Masses and oscillators that are thrown, at first or by an event; of all voices."""
         names = list(striker_velocities(self.patch))
         return [f"{name}_{n}" for n in range(self.voices) for name in names] if self.voices else names
+
+    @property
+    def plucked(self) -> list[str]:
+        """Bodies that `pluck` can pluck; of all voices."""
+        return list(dict.fromkeys(force.body for _, force in self._brief_forces()))
 
     @property
     def live_parameters(self) -> list[str]:

@@ -17,7 +17,8 @@ from engine.live.key_allocator import KeyAllocator, live_scene
 from engine.live.midi import take_message
 from engine.live.midi_notes import Move
 from engine.live.mpe import MpeZones
-from engine.live.osc import OscError, OscServer, parse_address
+from engine.live.osc import OscError, OscServer, number_in, parse_address
+from engine.live.osc_commands import OscCommands
 from engine.live.player import Player
 from engine.live.replay import replay
 from engine.live.voice_allocator import VoiceAllocator
@@ -162,12 +163,19 @@ def test_a_wrong_control_is_explained(change, said):
 def server():
     """A server at a free port, and what it received."""
     received: list[tuple[str, float]] = []
-    opened = OscServer(parse_address("0"), lambda address, value: received.append((address, value)))
+
+    def receive(address: str, arguments: list) -> bool:
+        value = number_in(arguments)
+        if value is not None:
+            received.append((address, value))
+        return value is not None
+
+    opened = OscServer(parse_address("0"), receive)
     yield opened, received
     opened.close()
 
 
-def packet(address: str, *values: float) -> bytes:
+def packet(address: str, *values: float | str) -> bytes:
     """A message of OSC."""
     from pythonosc.osc_message_builder import OscMessageBuilder
 
@@ -217,7 +225,7 @@ def test_a_flood_is_held(server):
                        ("parameter", "range", "curve")} | {"smoothing": 0.0})  # fmt: skip
     player = Player(scene, gain=1e-3, seconds=math.inf)
     controls, out = Controls(scene, player), np.zeros((441, player.channels), np.float32)
-    flood = OscServer(parse_address("0"), controls.receive)
+    flood = OscServer(parse_address("0"), OscCommands(controls, None).receive)
     try:
         for block in range(50):
             sent(flood.port, *(packet("/felt", (n * 7 + block) % 101) for n in range(100)))
@@ -254,9 +262,9 @@ def test_any_live_parameter_has_an_address():
 
 def test_addresses_and_ports_are_explained():
     assert parse_address("9000") == ("127.0.0.1", 9000) and parse_address("0.0.0.0:9") == ("0.0.0.0", 9)
-    first = OscServer(parse_address("0"), lambda address, value: None)
+    first = OscServer(parse_address("0"), lambda address, arguments: True)
     with pytest.raises(OscError, match=r"cannot listen at 127.0.0.1:\d+ \(.*\); give another --osc PORT"):
-        OscServer(("127.0.0.1", first.port), lambda address, value: None)
+        OscServer(("127.0.0.1", first.port), lambda address, arguments: True)
     first.close()
 
 

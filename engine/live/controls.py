@@ -19,7 +19,7 @@ from engine.wording import to_one_line
 
 STEP_SECONDS = 0.005  # between two steps of a control, at least …
 MAX_STEP_SECONDS = 0.05  # … and how long the sound takes for one at most
-MAX_ADDRESS_CHARACTERS = 60  # of an unknown address in a message
+MAX_UNKNOWN, MAX_ADDRESS_CHARACTERS = 100, 60  # addresses that are counted; and shown of each
 CLOSE = 1e-4  # of the way: what is nearer has arrived
 
 Targets = Callable[[Player, str], list[str]]  # the live parameters of a player that a path of the patch stands for
@@ -74,24 +74,31 @@ class Controls:
                 if paths or notes is None:  # a key that sounds nothing changes nothing
                     self._aim(i, paths, move.value)
 
-    def receive(self, address: str, value: float) -> bool:
+    def knows(self, address: str) -> bool:
+        """Whether an address of OSC is that of a control or of a live parameter."""
+        return self.has_address(address) or address in self._addresses
+
+    def receive(self, address: str, value: float) -> None:
         """Remember a number of OSC: of a control with this address; or the address is the path of a live parameter,
-        as `/contact/felt/stiffness`, and the number its value. Returns whether it is either."""
-        known = False
-        for i, control in enumerate(self.scene.control):
-            if control.kind == "osc" and control.address == address:
-                low, high = control.input
-                share = min(1.0, max(0.0, (value - low) / (high - low)))
-                self._aim(i, targets_of_all(self.player, control.parameter), share)
-                known = True
+        as `/contact/felt/stiffness`, and the number its value."""
+        path = self._addresses.get(address)
+        controls = [(i, c) for i, c in enumerate(self.scene.control) if c.kind == "osc" and c.address == address]
+        for i, control in controls:
+            low, high = control.input
+            share = min(1.0, max(0.0, (value - low) / (high - low)))
+            self._aim(i, targets_of_all(self.player, control.parameter), share)
+        if not controls and path is not None:
+            with self._lock:
+                self._direct[path] = value
+        elif not controls:
+            self.count_unknown(address)
+
+    def count_unknown(self, address: str) -> None:
+        """Count a message to an address that nothing belongs to."""
+        shown = to_one_line(address, MAX_ADDRESS_CHARACTERS)
         with self._lock:
-            if not known and address in self._addresses:
-                self._direct[self._addresses[address]] = value
-                known = True
-            shown = to_one_line(address, MAX_ADDRESS_CHARACTERS)
-            if not known and (shown in self.unknown or len(self.unknown) < 100):
+            if shown in self.unknown or len(self.unknown) < MAX_UNKNOWN:
                 self.unknown[shown] = self.unknown.get(shown, 0) + 1
-        return known
 
     def poll(self) -> None:
         """Make the steps that are due."""

@@ -64,17 +64,21 @@ class OscCommands:
         self.keys = make_allocator(player)
 
     def receive(self, address: str, arguments: list[Any]) -> bool:
-        """Keep a message until it is played, or move what it controls. Returns whether it makes sense."""
+        """Keep a message until it is played, or move what it controls. Returns whether it is well formed."""
         if address in self._commands and not self._controls.has_address(address):
             if len(self._waiting) < MAX_WAITING:
                 self._waiting.append((address, arguments))
             else:
                 self.refused += 1
             return True
-        value = number_in(arguments)
-        if value is not None and not self._controls.receive(address, value):
+        if not self._controls.knows(address):
+            self._controls.count_unknown(address)
             shown = to_one_line(address, MAX_SHOWN)
             self.notices.add(f"OSC: no control or live parameter is called {shown}; {', '.join(USAGES)} play")
+            return True
+        value = number_in(arguments)
+        if value is not None:
+            self._controls.receive(address, value)
         return value is not None
 
     def poll(self) -> None:

@@ -180,6 +180,10 @@ def test_notes_are_played_by_voices(start):
         (("/note", 60, 200), "/note: velocity 200 is out of range; 0, which lets the key go, to 127"),
         (("/mute", "now"), '/mute: cannot take "now"; /mute'),
         (("/strike", "a\n\x1b[2J" + "b" * 5000), r'/strike: no hammer is called "a\n\x1b[2Jbbb'),
+        (
+            ("/strik", "hammer"),
+            "no control or live parameter is called /strik; /strike, /pluck, /damp, /note, /mute play",
+        ),
         (("/volume\x1b[2J" + "x" * 5000, 1.0), r"no control or live parameter is called /volume\x1b[2Jxxx"),
     ],
 )

@@ -25,11 +25,12 @@ from engine.cli.progress import progress_feedback
 from engine.cli.terminal import meter_parts, read_keyboard, show_meter
 from engine.compiler import background
 from engine.faults import PatchError
+from engine.instrument.score_events import FULL_VELOCITY
 from engine.live import audio_device, midi, midi_notes, recovery
 from engine.live.controls import Controls
 from engine.live.hot_reload import PatchWatcher
 from engine.live.instrument_notes import scene_of_file
-from engine.live.key_allocator import live_scene
+from engine.live.key_allocator import KeyAllocator, live_scene
 from engine.live.midi_parts import Excerpt
 from engine.live.osc import OscError
 from engine.live.player import HEADROOM, Player
@@ -49,6 +50,7 @@ PILOT_SECONDS = 1.5  # how long a patch is measured before it is played …
 QUICK_PILOT_SECONDS = 0.06  # … or an edit of it …
 MAX_PILOT_SECONDS = 30.0  # … and how much of it at most
 WINDOW = 0.05  # s, of which the dearest counts
+KEY_SECONDS = 0.25  # of a key that is played to find the level of an instrument
 RETRIES = 2  # of a patch that seems too heavy
 DRIVER_TIMEOUT = 2.0  # s, for the driver to end
 SOFTEST = 0.2  # of a hammer's own speed, for key 1; key 5 is as the patch has it
@@ -87,7 +89,17 @@ def window_costs(player: Player, block: int, most: float, pilot_seconds: float) 
             spent, played = 0.0, 0
     if played and not costs:
         costs.append(spent / played * rate)
+    press_middle_key(player, block)
     return np.array(costs), float(player.gauges[Gauge.PEAK])
+
+
+def press_middle_key(player: Player, block: int) -> None:
+    """Play the middle key of an instrument that waits for notes, as loud as can be, so that its level is known."""
+    keys = midi.make_allocator(player)
+    if isinstance(keys, KeyAllocator):
+        keys.play(midi_notes.Note(0.0, "on", keys.keys[len(keys.keys) // 2], FULL_VELOCITY))
+        for _ in range(math.ceil(KEY_SECONDS * player.samplerate / block)):
+            player.render_into(np.zeros((block, player.channels), np.float32))
 
 
 class PlayerFactory:
@@ -144,7 +156,7 @@ class PlayerFactory:
             many |= {"voices": voice_count(args), "lowest": lowest}
         if (args.midi or args.watch or args.osc is not None) and seconds is None:
             seconds = math.inf
-        make = partial(Player, scene, self.samplerate, **many)
+        make = partial(Player, scene, self.samplerate, math.inf, **many)
         with progress_feedback("measuring the speed", describe_bodies(scene)):
             speed, peak = measure_speed(make, int(args.block_size), pilot_seconds)
         if speed < 1.0 and not args.ignore_speed:
@@ -153,7 +165,7 @@ class PlayerFactory:
                 f"TOO SLOW for real time: {speed:.2f} × in the worst case; {remedy}; or give a lower --samplerate, or"
                 " --ignore-speed"
             )
-        silent = peak == 0.0 or is_inaudible(scene)
+        silent = peak == 0.0 or (not many.get("waiting") and is_inaudible(scene))
         factor = 10 ** (self.gain / 20) if self.gain is not None else 1.0 if silent else HEADROOM / peak
         return Player(scene, self.samplerate, seconds, factor, **many)
 

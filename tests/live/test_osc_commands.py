@@ -1,6 +1,7 @@
 """Messages of Open Sound Control play a patch: hammers, plucks, dampers and notes; what cannot be played is said once,
 and the sound goes on. All messages come over a real UDP socket."""
 
+import argparse
 import json
 import logging
 import math
@@ -18,9 +19,11 @@ from conftest import ROOT, needs_alsa, needs_portaudio
 from test_controls import packet, sent, waited
 
 import engine
+from engine.cli.live_session import PlayerFactory
 from engine.live.controls import Controls
 from engine.live.key_allocator import live_scene
 from engine.live.midi import make_allocator
+from engine.live.midi_notes import Note
 from engine.live.notices import MAX_LINES
 from engine.live.osc import OscServer, parse_address
 from engine.live.osc_commands import MAX_WAITING, OscCommands
@@ -264,6 +267,19 @@ def test_many_unknown_addresses_are_few_and_short_lines(start):
 
 
 # --- the command
+
+
+@pytest.mark.parametrize("name", ["snare", "guitar"])
+def test_an_instrument_that_waits_for_notes_has_a_level(name):
+    """Its middle key, played as loud as can be, is near half of full scale, whatever unit its pickups have."""
+    asked = argparse.Namespace(cores="1", seconds=None, midi=None, osc="0", voices=None, watch=False, block_size="256")
+    asked.kernel, asked.json, asked.ignore_speed = "general", True, True
+    factory = PlayerFactory(asked, None, {}, 44_100, 2)
+    player = factory.make_player(factory.prepare(engine.load(name)), 0.1)
+    keys = make_allocator(player)
+    keys.play(Note(0.0, "on", keys.keys[len(keys.keys) // 2], 127))
+    player.render_into(np.zeros((11_025, player.channels), np.float32))
+    assert 0.3 < player.meter().peak < 0.6 and player.meter().limited == 0
 
 
 @needs_portaudio

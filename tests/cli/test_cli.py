@@ -263,7 +263,7 @@ def test_a_scene_that_takes_minutes_is_rendered_in_short_blocks(monkeypatch):
 
     monkeypatch.setattr(Simulation, "render_block", slow)
     engine.render(engine.load(BALL), seconds=0.005)
-    assert sum(sizes) == 220 and max(sizes) <= 64 and sizes[-2] <= 8
+    assert sum(sizes) == 221 and max(sizes) <= 64 and sizes[-2] <= 8
 
 
 def test_a_failed_write_keeps_the_old_file(tmp_path, monkeypatch, capsys):

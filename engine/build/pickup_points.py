@@ -64,7 +64,7 @@ def channel_gains(pickup: Pickup | DrivePickup) -> list[tuple[int, float]]:
     if isinstance(pickup, DrivePickup):
         return [(-1 - pickup.point, 1.0)]
     if pickup.pan is None:
-        return [(pickup.channel - 1, pickup.gain)]
+        return [(channel - 1, pickup.gain) for channel in pickup.channels]
     angle = (pickup.pan + 1) * math.pi / 4
     return [(0, pickup.gain * math.cos(angle)), (1, pickup.gain * math.sin(angle))]
 

@@ -178,9 +178,7 @@ def mono_to_stereo(scene: Scene) -> Scene:
     """A patch of one channel, to be heard on two: a driver may give one channel to one loudspeaker."""
     if scene.channels > 1:
         return scene
-    return scene.model_copy(
-        update={"pickup": [p.model_copy(update={"channel": c}) for c in (1, 2) for p in scene.pickup]}
-    )
+    return scene.model_copy(update={"pickup": [p.model_copy(update={"channel": [1, 2]}) for p in scene.pickup]})
 
 
 def play_patch(args: argparse.Namespace, scene: Scene, gain: float | None, accuracy: dict[str, Any]) -> int:

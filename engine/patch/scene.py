@@ -195,7 +195,7 @@ class Scene(Table):
     @property
     def channels(self) -> int:
         """How many channels its sound has."""
-        return max(2 if p.pan is not None else p.channel for p in self.pickup)
+        return max(channel for p in self.pickup for channel in p.channels)
 
 
 def _warn_of_old_names(renamed: RenamedKeys) -> None:

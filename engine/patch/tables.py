@@ -3,11 +3,13 @@
 Field descriptions carry unit and meaning; ranges are part of the fields.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import AfterValidator, Discriminator, Field, Tag, WithJsonSchema
+from pydantic_core import PydanticCustomError
 
 from engine.bodies.table import Displacement, Fraction, Metres, Name, Offsets, Positions, Positive, Table, Velocity
+from engine.wording import format_value
 
 MAX_SECONDS = 3_600.0  # of a rendering
 MAX_CHANNELS = 16
@@ -26,6 +28,21 @@ Stiffness = Annotated[float, Field(ge=0.0, le=MAX_FORCE_AT_1_MM * 1e3**MAX_EXPON
 Exponent = Annotated[float, Field(ge=1.0, le=MAX_EXPONENT)]
 Seconds = Annotated[float, Field(ge=0.0, le=MAX_SECONDS)]
 EnvelopePoint = Annotated[list[Annotated[float, Field(ge=-1e6, le=1e6)]], Field(min_length=2, max_length=2)]
+
+
+def validate_channels(value: Any) -> Any:
+    """A channel, or a list of different channels. Raises PydanticCustomError."""
+    items = value if isinstance(value, list) else [value]
+    good = all(isinstance(n, int) and not isinstance(n, bool) and 1 <= n <= MAX_CHANNELS for n in items)
+    if not items or not good or len(set(items)) < len(items):
+        message = "{value} is no channel; give a whole number from 1 to {most}, or a list of different ones"
+        raise PydanticCustomError("scene", message, {"value": format_value(value), "most": MAX_CHANNELS})
+    return value
+
+
+_CHANNEL = {"type": "integer", "minimum": 1, "maximum": MAX_CHANNELS}
+_CHANNEL_LIST = {"type": "array", "items": _CHANNEL, "minItems": 1, "maxItems": MAX_CHANNELS, "uniqueItems": True}
+Channels = Annotated[Any, AfterValidator(validate_channels), WithJsonSchema({"anyOf": [_CHANNEL, _CHANNEL_LIST]})]
 
 
 def max_stiffness(exponent: float) -> float:
@@ -337,7 +354,9 @@ class Pickup(Table):
     distance: float | None = Field(
         default=None, ge=1e-3, le=1e6, description="distance of a pressure from the body, m; 1 if absent"
     )
-    channel: int = Field(default=1, ge=1, le=MAX_CHANNELS, description="output channel; 1 is left")
+    channel: Channels = Field(
+        default=1, description="output channel, or a list of channels that it is heard on alike; 1 is left"
+    )
     pan: float | None = Field(
         default=None,
         ge=-1.0,
@@ -345,3 +364,10 @@ class Pickup(Table):
         description="position between channels 1 and 2: -1 is left, 1 is right; constant power; instead of a channel",
     )
     gain: float = Field(default=1.0, ge=-1e12, le=1e12, description="gain, a factor")
+
+    @property
+    def channels(self) -> list[int]:
+        """The output channels that it is heard on, from 1."""
+        if self.pan is not None:
+            return [1, 2]
+        return self.channel if isinstance(self.channel, list) else [self.channel]

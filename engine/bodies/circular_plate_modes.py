@@ -5,7 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from engine.bodies.plate_modes import Edge, PlateModes
+from engine.bodies.plate_modes import PlateModes
+from engine.bodies.side_functions import Edge
 
 
 class RimValues(NamedTuple):

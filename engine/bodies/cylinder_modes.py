@@ -1,14 +1,18 @@
 """Modes of thin cylindrical shells, such as that of a drum."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from engine.bodies.plate_modes import Edge, PlateModes, SideFunctions, lowest_vectors, with_signs
+from engine.bodies.body import UnfitBody
+from engine.bodies.plate_modes import MAX_WORK, PlateModes, lowest_vectors, with_signs
+from engine.bodies.side_functions import Edge, SideFunctions
 
 FIRST_ORDER = 2  # n = 0 and n = 1 are left out: breathing and torsion, and the bending of the whole tube
+FIRST_RING = 6 / math.sqrt(5)  # ω·R² of the slowest ring, of two waves around, in √(D/ρh)
+ORDER_COST = 150  # functions: what an order takes beside its matrices
 ROOM = 1.15  # how much the wave number of a mode may be above that of a plane wave of its frequency
 
 ENDS: dict[Edge, tuple[Edge, Edge, Edge]] = {  # what the motions along, around and outward do at the ends
@@ -64,7 +68,8 @@ def cylinder_modes(
     count: of modes at most; max_omega: all are below it, rad/s
     """
     plane = 2 * count / (shell.radius * shell.length)  # wave number² below which a flat sheet has so many
-    limit = min(plane * math.sqrt(shell.rigidity() / (shell.density * shell.thickness)), max_omega)
+    ring = FIRST_RING / shell.radius**2  # below it, there are hardly any
+    limit = min(max(plane, ring) * math.sqrt(shell.rigidity() / (shell.density * shell.thickness)), max_omega)
     while True:
         waves = supported_waves(shell, limit) if ends == "supported" else ritz_waves(shell, ends, limit)
         if 2 * waves.omega.size >= count or limit >= max_omega:
@@ -105,16 +110,13 @@ def strain_rows(shell: Shell, n: float, u: Any, v: Any, w: Any) -> list[list[Any
     ]
 
 
-def elastic_energy(shell: Shell, rows: np.ndarray) -> np.ndarray:
-    """The matrix of twice the energy per area, over cos² or sin² nθ, in N/m³.
-
-    rows: of strains, [..., 6, points, functions], with the weights of a quadrature in them
-    """
+def elastic_law(shell: Shell) -> np.ndarray:
+    """The matrix of twice the energy per area of the strains [6, 6], N/m, of curvatures N·m."""
     poisson = shell.poisson
     plane = np.array([[1, poisson, 0], [poisson, 1, 0], [0, 0, (1 - poisson) / 2]])
     law = np.zeros((6, 6))
     law[:3, :3], law[3:, 3:] = shell.stretching() * plane, shell.rigidity() * plane
-    return np.asarray(np.einsum("...api,ab,...bpj->...ij", rows, law, rows, optimize=True))
+    return law
 
 
 def supported_waves(shell: Shell, limit: float) -> Waves:
@@ -124,7 +126,8 @@ def supported_waves(shell: Shell, limit: float) -> Waves:
     m, n = (grid.ravel() for grid in np.meshgrid(half_waves, orders, indexing="ij"))
     k, one = m * math.pi / shell.length, np.ones(m.size)
     rows = np.array(strain_rows(shell, n, [one, -k], [one, k], [one, k, -(k**2)]))  # [6, 3, waves]
-    square, vectors = np.linalg.eigh(elastic_energy(shell, np.moveaxis(rows, -1, 0)[:, :, None, :]))
+    energy = np.einsum("aiw,ab,bjw->wij", rows, elastic_law(shell), rows, optimize=True)
+    square, vectors = np.linalg.eigh(energy)
     omega = np.sqrt(np.maximum(square, 0.0) / (shell.density * shell.thickness))  # [waves, 3]
     wave, root = np.nonzero(omega < limit)
     scale = 1 / math.sqrt(math.pi * shell.radius * shell.length / 2 * shell.density * shell.thickness)
@@ -137,12 +140,48 @@ def supported_waves(shell: Shell, limit: float) -> Waves:
     return Waves(omega[wave, root], n[wave], motion)
 
 
+def check_work(functions: int, orders: int) -> None:
+    """Raise UnfitBody if the modes of so many orders, of so many functions of the height, would take minutes."""
+    most = ((MAX_WORK / (2 * orders)) ** (1 / 3) - ORDER_COST) / 1.5  # of three motions, even or odd
+    if functions > most:
+        message = f"needs {functions} functions of its height for each of {orders} orders of its modes"
+        limit = f"at most {max(0.0, most):.0f} for so many orders, or they take minutes"
+        raise UnfitBody(f"{message}; {limit}: fewer modes, or nearer to a drum")
+
+
+class RitzEnergy:
+    """Twice the energy of sums of functions of the height, for any order n.
+
+    motions: functions of u, of v and of w [derivatives, points, functions], with the weights of a quadrature in them
+    """
+
+    def __init__(self, shell: Shell, motions: Sequence[np.ndarray]) -> None:
+        self.shell, self.law = shell, elastic_law(shell)
+        self.series = [values for motion in motions for values in motion]  # [points, functions] of each derivative
+        ends = np.cumsum([0, *(motion.shape[-1] for motion in motions)])
+        self.places = [slice(*ends[i : i + 2]) for i, motion in enumerate(motions) for _ in motion]  # in the matrix
+        self.size, self.integrals = int(ends[-1]), dict[tuple[int, int], np.ndarray]()
+
+    def matrix(self, n: float) -> np.ndarray:
+        """Over cos² or sin² nθ [functions of all motions, the same], N/m³."""
+        ones = np.eye(len(self.series)).reshape(3, -1, len(self.series))
+        strains = np.array(strain_rows(self.shell, n, *ones)).sum(axis=1)  # [6, series]
+        factors = strains.T @ self.law @ strains
+        total = np.zeros((self.size, self.size))
+        for i, j in zip(*np.nonzero(factors), strict=True):
+            if (i, j) not in self.integrals:
+                self.integrals[i, j] = self.series[i].T @ self.series[j]
+            total[self.places[i], self.places[j]] += factors[i, j] * self.integrals[i, j]
+        return total
+
+
 def ritz_waves(shell: Shell, ends: Edge, limit: float) -> Waves:
     """Modes of a shell whose ends are alike, by the Rayleigh-Ritz method."""
     half = shell.length / 2
     waves = shell.highest_wave_number(limit) * half
     border = half / math.sqrt(shell.radius * shell.thickness)  # bending falls off from an end in √(Rh)
     number = math.ceil(waves + 1.5 * waves ** (1 / 3) + 2 * math.sqrt(border)) + 8
+    check_work(number, orders_below(shell, limit).size)
     motions = [SideFunctions((end, end), number, []) for end in ENDS[ends]]
     t, weight = np.polynomial.legendre.leggauss(number + 6)
     lengths = shell.length ** -np.arange(3.0)[:, None, None]
@@ -150,16 +189,15 @@ def ritz_waves(shell: Shell, ends: Edge, limit: float) -> Waves:
     outward = motions[2]
     scale = 1 / math.sqrt(math.pi * shell.radius * shell.length * shell.density * shell.thickness)
     omegas, orders, factors = [np.zeros(0)], [np.zeros(0)], [np.zeros((number, 0))]
-    for n in orders_below(shell, limit):
-        rows = np.array([np.concatenate(row, axis=-1) for row in strain_rows(shell, n, u, v, w)])
-        stiffness = elastic_energy(shell, rows) / (shell.density * shell.thickness)
-        for odd in (0, 1):  # about the middle; u is odd where v and w are even
-            chosen = np.concatenate([motions[0].odd != odd, motions[1].odd == odd, motions[2].odd == odd])
-            block = stiffness[np.ix_(chosen, chosen)]
-            square, vectors = lowest_vectors(block, np.eye(block.shape[0]), 0.0, [], block.shape[0])
+    for odd in (0, 1):  # about the middle; u is odd where v and w are even
+        chosen = [motions[0].odd != odd, motions[1].odd == odd, motions[2].odd == odd]
+        energy = RitzEnergy(shell, [motion[..., keep] for motion, keep in zip((u, v, w), chosen, strict=True)])
+        for n in orders_below(shell, limit):
+            block = energy.matrix(n) / (shell.density * shell.thickness)
+            square, vectors = lowest_vectors(block, np.eye(block.shape[0]), 0.0, [], block.shape[0], limit)
             below = np.sqrt(square) < limit
             of_block = np.zeros((3 * number, int(np.count_nonzero(below))))
-            of_block[chosen] = with_signs(vectors[:, below])
+            of_block[np.concatenate(chosen)] = with_signs(vectors[:, below])
             omegas.append(np.sqrt(square[below]))
             orders.append(np.full(of_block.shape[1], n))
             factors.append(scale * of_block[2 * number :])

@@ -9,15 +9,14 @@ from typing import Any, Literal, NamedTuple, Self
 import numpy as np
 
 from engine.bodies.body import UnfitBody
+from engine.bodies.side_functions import Edge, SideFunctions
 
-Edge = Literal["supported", "clamped", "free"]
-
-POWERS: dict[Edge, int] = {"free": 0, "supported": 1, "clamped": 2}  # of the distance from an edge in all shapes
 MAX_RITZ_MODES = 400  # of a body whose modes are found so and that does not say how many
 MAX_RATE_STEPS = 2_000  # of a search, 5 % each
 MAX_FUNCTIONS = 400  # of one side
-MAX_PRODUCTS = 6_000  # of functions: beyond, matrices take gigabytes and minutes
+MAX_WORK = 2.5e10  # third powers of the sizes of all matrices: ten seconds; beyond, they take minutes and gigabytes
 PLACES_KEPT, MAX_NUMBERS_KEPT = 128, 100_000  # of shapes that were asked for: a live change asks for the same again
+ROUNDING = 1e-9  # relative, of an eigenvalue
 ROOM_ABOVE = 1.02  # the highest mode may be so much above the frequency for which the functions were chosen
 
 
@@ -142,14 +141,16 @@ def rectangle_plate_modes(
         return supported_plate_modes(sides, stiffness, density, tension, count, max_omega)
     sheet = Sheet(sides, stiffness, density, tension, ((x0, x1), (y0, y1)), ribs)
     top = min(expected_top(sheet, count), max_omega)
-    if ribs:  # a rough calculation tells how much higher they make it
-        rough = ritz_modes(sheet, [math.ceil(0.7 * n) for n in polynomial_counts(sheet, top)], count, max_omega)
+    few = [math.ceil(0.7 * n) for n in polynomial_counts(sheet, top)]
+    if ribs and count < math.prod(few):  # a rough calculation tells how much higher they make it
+        rough = ritz_modes(sheet, few, count, max_omega)
         top = float(rough.omega[-1]) if rough.omega.size == count else top
     while True:
         top = min(top, max_omega)
-        modes = ritz_modes(sheet, polynomial_counts(sheet, top), count, max_omega)
-        if modes.omega.size < count and top < max_omega:
-            top *= 1.3
+        numbers = polynomial_counts(sheet, top)
+        modes = ritz_modes(sheet, numbers, count, max_omega)
+        if modes.omega.size < count and top < max_omega:  # too few functions, or the others lie above
+            top = 1.3 * top if math.prod(numbers) < count else max_omega
         elif modes.omega.size == count and modes.omega[-1] > ROOM_ABOVE * top:
             top = float(modes.omega[-1])  # not below the exact one
         else:
@@ -169,6 +170,10 @@ class Sheet(NamedTuple):
     def ribs_across(self, axis: int) -> list[Rib]:
         """Ribs that cross the side x (0) or y (1)."""
         return [rib for rib in self.ribs if rib.along == "yx"[axis]]
+
+    def is_symmetrical(self, axis: int) -> bool:
+        """Whether it is the same from both ends of x (0) or y (1)."""
+        return self.edges[axis][0] == self.edges[axis][1] and are_mirrored(self.ribs_across(axis))
 
 
 def expected_top(sheet: Sheet, count: int) -> float:
@@ -223,118 +228,16 @@ def rib_rates(sheet: Sheet, rib: Rib, omega: float) -> tuple[float, float]:
     return k, math.sqrt(max(mean + math.sqrt(max(mean**2 - product**2, 0.0)), product))
 
 
-class SideFunctions:
-    """Functions of one coordinate, a fraction of a side, orthonormal from 0 to 1, that vanish as the ends want.
-
-    They are (1 - x)^p·x^q·(Jacobi polynomials of weight (1 - x)^2p·x^2q), and that of the cubics |x - r|³ at the
-    places r of ribs which is orthogonal to these.
-    """
-
-    def __init__(self, ends: tuple[Edge, Edge], polynomials: int, places: Sequence[float]) -> None:
-        self.powers = POWERS[ends[0]], POWERS[ends[1]]
-        self.polynomials = polynomials
-        self.places = np.unique(np.array(places, float))
-        mirrored = bool(np.allclose(self.places, 1 - self.places[::-1], rtol=0, atol=1e-12))
-        self.has_parity = ends[0] == ends[1] and mirrored
-        self.odd = np.arange(polynomials) % 2 * self.has_parity  # [functions], 1 where f(1 - x) = -f(x)
-        t, weight = np.polynomial.legendre.leggauss(polynomials + 3)
-        borders = np.unique(np.concatenate([[0.0, 1.0], self.places]))
-        width = np.diff(borders)[:, None] / 2
-        x, weight = (borders[:-1, None] + width * (1 + t)).ravel(), (width * weight).ravel()
-        self.mixture = np.eye(polynomials)  # [polynomials and cubics, functions]
-        if self.places.size:
-            self.add_cubics(x, weight)
-        f = self.values(x, 3)
-        self.integrals = np.einsum("dxi,x,exj->deij", f, weight, f, optimize=True)  # of products of derivatives d, e
-
-    def add_cubics(self, x: np.ndarray, weight: np.ndarray) -> None:
-        """Adds what the cubics have beyond the polynomials, by quadrature with points x and weights."""
-        number = self.places.size
-        mirror = np.eye(number)[::-1]
-        half = number // 2
-        even, odd = (np.eye(number) + mirror)[:, : number - half], (np.eye(number) - mirror)[:, :half]
-        root = np.sqrt(weight)[:, None]
-        smooth = root * self.smooth_functions(x, 1)[0]
-        cubic = root * self.cubics(x, 1)[0]
-        for sign, pairs in ((0, even), (1, odd)) if self.has_parity else ((0, np.eye(number)),):
-            rest = cubic @ pairs
-            size = np.linalg.norm(rest, axis=0)
-            share = smooth.T @ rest
-            rest -= smooth @ share
-            remainder = smooth.T @ rest  # what rounding left
-            rest, share = rest - smooth @ remainder, share + remainder
-            norm = np.linalg.norm(rest, axis=0)
-            keep = norm > 1e-13 * size  # at an edge it is a polynomial
-            rest, norm, share, pairs = rest[:, keep], norm[keep], share[:, keep], pairs[:, keep]
-            value, vector = np.linalg.eigh(rest.T @ rest / norm / norm[:, None])
-            keep = value > 1e-9
-            turn = vector[:, keep] / np.sqrt(value[keep]) / norm[:, None]
-            new = np.concatenate([-share @ turn, pairs @ turn])
-            old = np.concatenate([self.mixture, np.zeros((new.shape[0] - self.mixture.shape[0], self.odd.size))])
-            self.mixture = np.concatenate([old, new], axis=1)
-            self.odd = np.concatenate([self.odd, np.full(turn.shape[1], sign)])
-
-    def values(self, x: np.ndarray, derivatives: int = 1) -> np.ndarray:
-        """The functions and their derivatives, [derivatives, *x.shape, functions]."""
-        smooth = self.smooth_functions(x, derivatives)
-        if not self.places.size:
-            return smooth
-        return np.asarray(np.concatenate([smooth, self.cubics(x, derivatives)], axis=-1) @ self.mixture)
-
-    def smooth_functions(self, x: np.ndarray, derivatives: int) -> np.ndarray:
-        """The polynomials and their derivatives, [derivatives, *x.shape, polynomials].
-
-        Recurrence of the orthonormal Jacobi polynomials: Gautschi, Orthogonal Polynomials, table 1.1.
-        """
-        q, p = self.powers
-        alpha, beta, both = 2 * p, 2 * q, 2 * p + 2 * q
-        t = 2 * x - 1
-        k = np.arange(1.0, self.polynomials + 1)
-        middle = 2 * k + both
-        off = np.sqrt(4 * k * (k + alpha) * (k + beta) * (k + both) / (middle**2 * (middle**2 - 1)))
-        centre = np.zeros(k.size)
-        if p != q:
-            centre = (beta**2 - alpha**2) / ((middle - 2) * middle)
-        mass = 2.0**both * math.factorial(alpha) * math.factorial(beta) / math.factorial(both + 1)
-        f = np.zeros((self.polynomials, derivatives, *x.shape))  # derivatives with respect to t
-        f[0, 0] = 1 / math.sqrt(mass)
-        order = np.arange(derivatives).reshape(-1, *(1 for _ in x.shape))
-        for i in range(self.polynomials - 1):
-            f[i + 1] = (t - centre[i]) * f[i]
-            f[i + 1, 1:] += order[1:] * f[i, :-1]
-            if i:
-                f[i + 1] -= off[i - 1] * f[i - 1]
-            f[i + 1] /= off[i]
-        factor = np.polynomial.Polynomial([1, -1]) ** p * np.polynomial.Polynomial([1, 1]) ** q
-        out = np.empty((derivatives, *x.shape, self.polynomials))
-        for d in range(derivatives):  # Leibniz
-            terms = (math.comb(d, j) * factor.deriv(d - j)(t) * f[:, j] for j in range(d + 1))
-            out[d] = 2.0**d * np.moveaxis(sum(terms, np.zeros(1)), 0, -1)
-        return out
-
-    def cubics(self, x: np.ndarray, derivatives: int) -> np.ndarray:
-        """|x - r|³ less the polynomial that has its values and slopes at the ends where shapes may have none."""
-        far = x[..., None] - self.places
-        out = np.stack([np.abs(far) ** 3, 3 * far * np.abs(far), 6 * np.abs(far)][:derivatives])
-        conditions = [(end, d) for end, power in zip((0.0, 1.0), self.powers, strict=True) for d in range(power)]
-        if not conditions:
-            return out
-        powers = [np.polynomial.Polynomial.basis(j) for j in range(len(conditions))]
-        rows = np.array([[power.deriv(d)(end) for power in powers] for end, d in conditions])
-        distance = {end: np.abs(end - self.places) for end in (0.0, 1.0)}
-        wanted = [distance[end] ** 3 if d == 0 else 3 * (end - self.places) * distance[end] for end, d in conditions]
-        factors = np.linalg.solve(rows, np.array(wanted))
-        for d in range(derivatives):
-            out[d] -= np.stack([power.deriv(d)(x) for power in powers], axis=-1) @ factors
-        return out
-
-
 def ritz_modes(sheet: Sheet, polynomials: Sequence[int], count: int, max_omega: float) -> PlateModes:
     """Modes in products of so many polynomials of x and of y, and of the cubics of the ribs."""
     ribs = [len({rib.at for rib in sheet.ribs_across(axis)}) for axis in range(2)]
     along, across = (n + more for n, more in zip(polynomials, ribs, strict=True))
-    if along * across > MAX_PRODUCTS or max(along, across) > MAX_FUNCTIONS:
-        raise UnfitBody(f"needs {along} by {across} functions for its modes; fewer modes or ribs, or nearer to a board")
+    symmetries = math.prod(2 if sheet.is_symmetrical(axis) else 1 for axis in range(2))
+    most = symmetries * (MAX_WORK / symmetries) ** (1 / 3)
+    if along * across > most or max(along, across) > MAX_FUNCTIONS:
+        message = f"needs {along} by {across} functions for its modes"
+        limit = f"at most {MAX_FUNCTIONS} of a side and {most:.0f} in all, or they take minutes"
+        raise UnfitBody(f"{message}; {limit}: fewer modes or ribs, or nearer to a board")
     axes = [
         SideFunctions(sheet.edges[axis], polynomials[axis], [rib.at for rib in sheet.ribs_across(axis)])
         for axis in range(2)
@@ -345,7 +248,8 @@ def ritz_modes(sheet: Sheet, polynomials: Sequence[int], count: int, max_omega: 
     blocks = []
     for x, y in product(*(parity_groups(sheet, axes[axis], axis) for axis in range(2))):
         first = [j for j, pair in enumerate(product(x.tolist(), y.tolist())) if pair in rigid]
-        square, vectors = lowest_vectors(add_products(stiffness, x, y), add_products(mass, x, y), shift, first, count)
+        matrices = add_products(stiffness, x, y), add_products(mass, x, y)
+        square, vectors = lowest_vectors(*matrices, shift, first, count, max_omega)
         blocks.append((square, x, y, vectors))
     omega = np.sqrt(np.concatenate([square for square, *_ in blocks]))
     order = np.argsort(omega, kind="stable")[:count]
@@ -418,9 +322,8 @@ def rigid_products(sheet: Sheet) -> list[tuple[int, int]]:
 
 def parity_groups(sheet: Sheet, functions: SideFunctions, axis: int) -> list[np.ndarray]:
     """The functions of a side that are even about its middle, and those that are odd, where these do not mix."""
-    ribs = sheet.ribs_across(axis)
     all_of_them = np.arange(functions.odd.size)
-    if not functions.has_parity or not are_mirrored(ribs):
+    if not functions.has_parity or not sheet.is_symmetrical(axis):
         return [all_of_them]
     return [all_of_them[functions.odd == sign] for sign in (0, 1)]
 
@@ -438,12 +341,20 @@ def add_products(terms: Products, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def lowest_vectors(
-    stiffness: np.ndarray, mass: np.ndarray, shift: float, rigid: Sequence[int], count: int
+    stiffness: np.ndarray,
+    mass: np.ndarray,
+    shift: float,
+    rigid: Sequence[int],
+    count: int,
+    max_omega: float = math.inf,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Squares of the lowest angular frequencies, and vectors [functions, modes] of modal mass 1.
 
     Largest eigenvalues 1/(ω² + shift) of M against K + shift·M: so rounding is small against the low modes, though
-    the highest functions are stiffer by many orders. rigid: functions that span the motions of ω = 0
+    the highest functions are stiffer by many orders.
+
+    rigid: functions that span the motions of ω = 0
+    count: of vectors at most; if there are no more in all, only those up to max_omega (rad/s) are found
     """
     from scipy.linalg import cholesky, eigh, solve_triangular
     from scipy.linalg.lapack import dsygst
@@ -451,7 +362,10 @@ def lowest_vectors(
     size = stiffness.shape[0]
     root = cholesky(stiffness + shift * mass)
     reduced, _ = dsygst(mass, root)
-    value, vectors = eigh(reduced, lower=False, subset_by_index=(max(size - count, 0), size - 1))
+    subset: dict[str, Any] = {"subset_by_index": (max(size - count, 0), size - 1)}
+    if count >= size and max_omega < math.inf:
+        subset = {"subset_by_value": ((1 - ROUNDING) / (max_omega**2 + shift), math.inf)}
+    value, vectors = eigh(reduced, lower=False, **subset)
     value, vectors = value[::-1], solve_triangular(root, vectors[:, ::-1] / np.sqrt(value[::-1]))
     square = np.maximum(1 / value - shift, 0.0)
     basis = np.zeros((size, 0))

@@ -11,7 +11,6 @@ from scipy.special import eval_jacobi, jn_zeros, poch
 
 from engine.bodies.circular_plate_modes import circular_plate_modes
 from engine.bodies.plate_modes import (
-    POWERS,
     PlateStiffness,
     Rib,
     Sheet,
@@ -20,6 +19,7 @@ from engine.bodies.plate_modes import (
     ritz_modes,
     supported_plate_modes,
 )
+from engine.bodies.side_functions import POWERS
 
 SIDES = (1.4, 0.9)
 STEEL = PlateStiffness.isotropic(90.0, 0.3)

@@ -35,23 +35,10 @@ def build_modal_bodies(scene: Scene, samplerate: float, scheme: str) -> list[Mod
     for i, body in enumerate(scene.body):
         path = f"body[{i}]"
         try:
-            modal = body.modal_body(MAX_FREQUENCY_SHARE * samplerate)
-        except TooManyModes as error:
-            faults.append(Fault(path, f"{error}; give modes = the number to build"))
+            modal = build_modal_body(body, path, samplerate, scheme)
+        except BuildError as error:
+            faults += error.faults
             continue
-        except UnfitBody as error:
-            faults.append(Fault(path, str(error)))
-            continue
-        except (ArithmeticError, ValueError):
-            faults.append(
-                Fault(path, "its numbers are too large or too small to compute with; nearer to those of a body")
-            )
-            continue
-        if message := _explain_unfit(body, modal, samplerate, scheme):
-            faults.append(Fault(path, message))
-        if isinstance(body, String) and not faults and body.tension_and_bending()[0] <= 0.0:
-            message = f"its bending stiffness alone makes it vibrate faster than {body.frequency:g} Hz"
-            faults.append(Fault(f"{path}.frequency", f"{message}; a higher frequency, or less bending_stiffness"))
         bodies.append(modal)
         total += modal.omega.size
         if total > MAX_SCENE_MODES:
@@ -62,6 +49,25 @@ def build_modal_bodies(scene: Scene, samplerate: float, scheme: str) -> list[Mod
     if faults:
         raise BuildError(*faults)
     return bodies
+
+
+def build_modal_body(body: Body, path: str, samplerate: float, scheme: str) -> ModalBody:
+    """The modes of a body. Raises BuildError if it has none that can be built. path: of the body"""
+    try:
+        modal = body.modal_body(MAX_FREQUENCY_SHARE * samplerate)
+    except TooManyModes as error:
+        raise BuildError(Fault(path, f"{error}; give modes = the number to build")) from None
+    except UnfitBody as error:
+        raise BuildError(Fault(path, str(error))) from None
+    except (ArithmeticError, ValueError):
+        message = "its numbers are too large or too small to compute with; nearer to those of a body"
+        raise BuildError(Fault(path, message)) from None
+    if message := _explain_unfit(body, modal, samplerate, scheme):
+        raise BuildError(Fault(path, message))
+    if isinstance(body, String) and body.tension_and_bending()[0] <= 0.0:
+        message = f"its bending stiffness alone makes it vibrate faster than {body.frequency:g} Hz"
+        raise BuildError(Fault(f"{path}.frequency", f"{message}; a higher frequency, or less bending_stiffness"))
+    return modal
 
 
 def _explain_unfit(body: Body, modal: ModalBody, samplerate: float, scheme: str) -> str:

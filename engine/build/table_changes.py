@@ -4,12 +4,14 @@ tables are exchanged between two samples."""
 import heapq
 import math
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from engine.build import limits
 from engine.build.build import BuildResult, build
 from engine.build.pickup_points import channel_gains
 from engine.build.table_exchange import Copies, collect_copies, make_copies
@@ -75,42 +77,90 @@ class TableChanges:
         """The value that a parameter has, or glides to."""
         return value_at(self._scene, path)
 
-    def steps(self, values: Sequence[NewValue], seconds: float, frame: int) -> list[Exchange]:
+    def check(self, values: Sequence[NewValue]) -> None:
+        """Raise ValueError (BuildError) if values are out of range, or bodies whose modes are computed in a moment
+        cannot have them; the rest is found when the tables are made."""
+        scene, accuracy = self._with_values(values), self._options.get("accuracy") or self._scene.accuracy
+        for number in {path.number for path, _, _ in values if path.section == "body"}:
+            body = scene.body[number]
+            if body.IS_LUMPED or body.HAS_LENGTH:
+                limits.build_modal_body(body, f"body[{number}]", self.samplerate, accuracy.scheme)
+
+    def steps(
+        self,
+        values: Sequence[NewValue],
+        seconds: float,
+        frame: int,
+        now: Callable[[], int] = lambda: 0,
+        budget: float = math.inf,
+    ) -> list[Exchange]:
         """The steps in which parameters glide to values, from a frame on or when the last changes of their subsystems
-        are over. Raises ValueError (BuildError, CannotExchange) if they cannot have these; nothing has changed then."""
+        are over. Raises ValueError (BuildError, CannotExchange) if they cannot have these; nothing has changed then.
+
+        now:    the frame that the sound has reached, asked when the tables are ready
+        budget: seconds; if the tables of all steps took longer, there are fewer steps
+        """
         only_levels = all(new.path.is_level for new in values)
-        first, count = self._islands([new.path for new in values])
-        frame = max([frame, *(self._busy_until.get(n, 0) for n in range(first, first + max(1, count)))])
         shortest = LEVEL_STEP_SECONDS if only_levels else STEP_SECONDS
-        before = [self.value(new.path) for new in values]
         number = max(1, min(MAX_STEPS, math.ceil(seconds / shortest)))
-        scene, known, steps = self._scene, self._known, list[Exchange]()
-        for n in range(1, number + 1):
-            glided = [glide_between(v, new.value, n / number) for v, new in zip(before, values, strict=True)]
-            now = [new._replace(value=value) for new, value in zip(values, glided, strict=True)]
-            for path, parameter, value in now:
-                scene = with_value(scene, path, parameter, value)
-            due = frame + nearest_frame((n if number > 1 else 0) * seconds / number, self.samplerate)
-            if only_levels:
-                copies = collect_copies([pair for new in now for pair in self._level_pairs(scene, new.path)])
-            else:
-                known, copies = self._copy_tables(scene, known)
-            steps.append(Exchange(tuple(now), copies, first, count, due))
-        self._scene, self._known = scene, known
-        for n in range(first, first + max(1, count)):
-            self._busy_until[n] = steps[-1].due
+        if only_levels:
+            glide = self._glide(values, number)
+            copies = [self._level_copies(step) for step in glide]
+        else:
+            begin = time.perf_counter()
+            last = self._build(self._with_values(values))  # first of all: it may be impossible
+            affordable = budget / max(1e-9, time.perf_counter() - begin)
+            glide = self._glide(values, max(1, int(min(number, affordable))))
+            copies = self._table_copies(glide, last)
+        self._scene = self._with_values(values)
+        first, count = self._islands([new.path for new in values])
+        islands, number = range(first, first + max(1, count)), len(glide)
+        frame = max([frame, now(), *(self._busy_until.get(n, 0) for n in islands)])
+        due = [
+            frame + nearest_frame((n if number > 1 else 0) * seconds / number, self.samplerate)
+            for n in range(1, number + 1)
+        ]
+        steps = [Exchange(step, one, first, count, at) for step, one, at in zip(glide, copies, due, strict=True)]
+        self._busy_until |= dict.fromkeys(islands, due[-1])
         self._kept += steps
         return steps
+
+    def _glide(self, values: Sequence[NewValue], number: int) -> list[tuple[NewValue, ...]]:
+        """The values of each of some steps to new ones."""
+        before = [self.value(new.path) for new in values]
+        return [
+            tuple(
+                new._replace(value=glide_between(old, new.value, n / number))
+                for new, old in zip(values, before, strict=True)
+            )
+            for n in range(1, number + 1)
+        ]
+
+    def _level_copies(self, values: Sequence[NewValue]) -> Copies:
+        """What gives pickups other levels."""
+        scene = self._with_values(values)
+        return collect_copies([pair for new in values for pair in self._level_pairs(scene, new.path)])
+
+    def _table_copies(self, glide: Sequence[tuple[NewValue, ...]], last: list[Model]) -> list[Copies]:
+        """What makes the targets the Models of each step of a glide. last: those of the last step"""
+        known, copies = self._known or self._build(self._scene), list[Copies]()
+        for step in glide:
+            after = last if step is glide[-1] else self._build(self._with_values(step))
+            copies.append(make_copies(self._targets, self._state, known, after))
+            known = after
+        self._known = known
+        return copies
+
+    def _with_values(self, values: Sequence[NewValue]) -> Scene:
+        """The scene with other values. Raises ValueError if they are out of range."""
+        scene = self._scene
+        for path, parameter, value in values:
+            scene = with_value(scene, path, parameter, value)
+        return scene
 
     def forget(self) -> None:
         """Forget what has been read; the audio thread must not wait for any."""
         self._kept.clear()
-
-    def _copy_tables(self, scene: Scene, known: list[Model] | None) -> tuple[list[Model], Copies]:
-        """The Models of a scene, and what makes the targets such. known: the numbers that these have"""
-        known = self._build(self._scene) if known is None else known
-        after = self._build(scene)
-        return after, make_copies(self._targets, self._state, known, after)
 
     def _build(self, scene: Scene) -> list[Model]:
         built = build(scene, self.samplerate, like=self._layout.modal_bodies, **self._options)

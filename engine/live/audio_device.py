@@ -77,6 +77,7 @@ def open_stream(
         "dtype": "float32",
         "latency": latency,
     }
+    player.leave_to_device()
     try:
         if not compiled:
             return sounddevice.OutputStream(callback=_python_callback(player, sounddevice), **options)
@@ -113,6 +114,7 @@ def open_duplex_stream(player: Any, device: str | None, frames: int, latency: st
         player.play_block(out, np.clip(np.nan_to_num(heard[:, 0]), -1.0, 1.0))  # some drivers give what is in memory
 
     options = {"samplerate": player.samplerate, "blocksize": frames, "latency": latency, "dtype": "float32"}
+    player.leave_to_device()
     try:
         return sounddevice.Stream(device=(None, number), channels=(1, player.channels), callback=fill_block, **options)
     except (sounddevice.PortAudioError, ValueError) as error:

@@ -116,6 +116,7 @@ class Controls:
             self._set(course.paths, value_of(course.control, course.share), passed)
         for path, value in direct.items():
             self._set([path], value, passed)
+        self.refused = self.player.refused | self.refused
 
     def _aim(self, number: int, paths: list[str], target: float) -> None:
         if not paths:
@@ -139,6 +140,7 @@ class Controls:
 
     def remarks(self) -> list[str]:
         """What there is to be said at the end."""
+        self.refused = self.player.refused | self.refused
         lines = [f"{path}: {reason}" for path, reason in self.refused.items()]
         unknown = ", ".join(f"{address} ({count} times)" for address, count in list(self.unknown.items())[:10])
         return lines + ([f"OSC: no control or live parameter belongs to {unknown}"] if unknown else [])

@@ -18,7 +18,7 @@ from engine.wording import describe_violation
 QueuedEvent = tuple[int, int, int, int, int, int, float, float]  # the slots of an event but TAKEN_AT; its values
 EVENTS_PER_ISLAND = 64  # at a time, or …
 EVENTS_PER_BODY = 4  # … so many for each body, if that is more: all dampers may move at once
-DROPPED_WHY = "dropped: too many at once"
+DROPPED_WHY, REFUSED_WHY = "dropped: too many at once", "refused: "
 NO_ROW = [0, 0, 0, 0, 0, 0, 0.0, 0.0]
 E = TypeVar("E", StrikeEvent, DampEvent, ChangeEvent)
 
@@ -52,10 +52,17 @@ class EventQueue:
         with self._lock:
             return bool(kernels.enqueue()(self._memory.shared.ctypes.data, *row))
 
-    def refuse(self, description: list[Any]) -> None:
+    def drop(self, description: list[Any]) -> None:
         """Note that an event was not put in, as there is no room for it."""
+        self._note([*description, DROPPED_WHY])
+
+    def refuse(self, description: list[Any], reason: str) -> None:
+        """Note that an event was not put in, as it is impossible."""
+        self._note([*description, REFUSED_WHY + reason])
+
+    def _note(self, description: list[Any]) -> None:
         with self._lock:
-            self._log.append({"frame": None, "why": [*description, DROPPED_WHY], "row": NO_ROW})
+            self._log.append({"frame": None, "why": description, "row": NO_ROW})
 
     def entries(self) -> list[dict[str, Any]]:
         """The log up to now: events that were taken or dropped, and changes of quality, in the order in which they were
@@ -72,7 +79,8 @@ class EventQueue:
 
     def dropped(self) -> int:
         """How many events were dropped."""
-        return sum(entry["frame"] is None for entry in self.entries())
+        lost = [str(entry["why"][-1]) for entry in self.entries() if entry["frame"] is None]
+        return sum(not reason.startswith(REFUSED_WHY) for reason in lost)
 
     def _drain(self) -> None:
         """Note the frames of events that have been taken, and the changes of quality."""

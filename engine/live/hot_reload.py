@@ -74,9 +74,12 @@ class PatchWatcher:
             try:
                 for path, value in parameters.items():
                     self.player.set(path, value)
-            except ValueError:  # it takes other tables than those that sound
-                pass
+                self.player.make_tables()
+            except ValueError:
+                is_changed = False
             else:
+                is_changed = not self.player.refused.keys() & parameters.keys()
+            if is_changed:  # it takes no other tables than those that sound
                 self.scene = scene
                 return [f"{path} → {value:g}" for path, value in parameters.items()]
         self._thread = threading.Thread(target=self._prepare, args=(scene,), daemon=True)

@@ -199,6 +199,7 @@ class KeyAllocator:
             self.player.damp(event["body"], event["sigma"], event.get("duration", DAMPER_SECONDS), frame)
         elif kind == "change" and event.get("parameter") is not None:
             self.player.set(event["parameter"], event["value"], event.get("duration", CHANGE_SECONDS), frame)
+            self.player.make_tables()  # what the key does next is done with them
         elif kind == "change":
             section = "contact" if event.get("contact") else "connection"
             for name in CHANGES:

@@ -1,8 +1,9 @@
 """New values of live parameters that tables are made of: built here, exchanged by the audio thread."""
 
 import math
+import threading
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from engine.argument_checks import checked_number
 from engine.build.table_changes import MAX_STEPS, Exchange, NewValue, TableChanges, scored_changes
@@ -15,11 +16,26 @@ from engine.patch.live_parameters import LivePath, current_path, explain_unknown
 from engine.patch.scene import Scene
 from engine.patch.tables import MAX_SECONDS
 
+GLIDE_BUDGET = (
+    0.5  # s, for the tables of a glide that are made beside the sound: if they took longer, it has fewer steps
+)
 MOST_WAITING = QUEUE_SIZE - 2 * MAX_STEPS  # exchanges: one more change has room
+
+
+class Request(NamedTuple):
+    """New values whose tables are to be made together."""
+
+    values: tuple[NewValue, ...]
+    seconds: float  # of the glide
+    frame: int
+    thread: int  # that asked for it
 
 
 class ParameterQueue:
     """Builds the tables of live parameters, and puts their exchanges into the queue of the audio thread.
+
+    Nobody waits for tables but the thread that renders, and for nothing but what it has set itself: so a program that
+    sets and renders in turn gets the same samples each time. All else is made by a thread of its own, beside the sound.
 
     paths: of the live parameters of a player; tables: of what it plays; queue, memory: its own
     """
@@ -29,6 +45,12 @@ class ParameterQueue:
     ) -> None:
         self._paths, self._tables, self._queue, self._shared = paths, tables, queue, memory.shared
         self._values: dict[str, float] = {}  # of those that glide in the audio thread
+        self._requests: list[Request] = []  # in the order in which their tables are made
+        self._current: Request | None = None  # whose tables are being made
+        self._lock = threading.Lock()  # of the requests
+        self._worker: threading.Thread | None = None
+        self.renderer: int | None = threading.get_ident()  # the thread that renders; None: that of a device
+        self.refused: dict[str, str] = {}  # parameters that could not have their last value, and why
 
     def checked_value(self, parameter: str, value: float) -> NewValue:
         """A value as it can be queued. Raises KeyError if there is no such parameter, TypeError, ValueError."""
@@ -46,25 +68,94 @@ class ParameterQueue:
         path = self._paths[parameter]
         if path.is_glided:
             return self._values.get(parameter, self._tables.value(path))
-        return self._tables.value(path)
+        with self._lock:
+            asked = [request.values for request in (self._current, *self._requests) if request is not None]
+        wanted = [new.value for values in asked for new in values if new.path == path]
+        return wanted[-1] if wanted else self._tables.value(path)
+
+    # --- what is asked for
 
     def put(self, values: Sequence[NewValue], seconds: float, frame: int) -> None:
-        """Build the tables of values, and let the audio thread exchange them; if it has too many before it, they are
-        dropped, and that is said. Raises ValueError (BuildError, CannotExchange)."""
+        """Ask for the tables of values; what waits for older ones of the same parameters is forgotten. Raises
+        ValueError (BuildError) if it is soon seen that they are impossible."""
         for _, name, value in values:
             if not (0.0 <= seconds <= MAX_SECONDS and math.isfinite(value)):
                 raise ValueError(f"{name} = {value:g} in {seconds:g} s is out of range; 0 to {MAX_SECONDS:g} s")
-        with self._tables.lock:
-            if self._queue.pending() + int(self._shared[Slot.WAITING_TUNINGS]) > MOST_WAITING:
-                self._queue.refuse(["set", *_named(values)])
-                return
-            if (
-                self._shared[Slot.READ_INDEX] == self._shared[Slot.WRITE_INDEX]
-                and not self._shared[Slot.WAITING_TUNINGS]
-            ):
-                self._tables.forget()
-            for step in self._tables.steps(values, seconds, max(frame, int(self._shared[Slot.FRAME]))):
-                self._put_exchange("set", step)
+        self._tables.check(values)
+        request = Request(tuple(values), seconds, frame, threading.get_ident())
+        with self._lock:
+            self._requests = with_newest(self._requests, request)
+        if self.renderer != request.thread or self._shared[Slot.CALLS]:
+            self._make_beside()
+
+    def before_block(self) -> None:
+        """Make the tables that the thread that renders has asked for; those of others are made beside."""
+        self.renderer = threading.get_ident()
+        with self._lock:
+            asking = {request.thread for request in (self._current, *self._requests) if request is not None}
+        if self.renderer in asking:
+            self.make_tables()
+        elif asking:
+            self._make_beside()
+
+    def leave_to(self, renderer: int | None) -> None:
+        """Let a thread render from now on; None: that of a device, and all tables are made beside."""
+        self.renderer = renderer
+        if renderer is None:
+            self._make_beside()
+
+    # --- what is made
+
+    def make_tables(self, budget: float = math.inf) -> None:
+        """Make all tables that were asked for, and let the audio thread exchange them. budget: seconds for a glide"""
+        while True:
+            with self._tables.lock:
+                with self._lock:
+                    self._current = self._requests.pop(0) if self._requests else None
+                if self._current is None:
+                    return
+                names, reason = [new.parameter for new in self._current.values], ""
+                try:
+                    self._make(self._current, budget)
+                except Exception as error:  # whatever it is, the sound goes on
+                    reason = str(error) or type(error).__name__
+                    self._queue.refuse(["set", *_named(self._current.values)], reason)
+                finally:
+                    self._current = None
+                kept = {name: why for name, why in self.refused.items() if name not in names}
+                self.refused = kept | dict.fromkeys(names, reason) if reason else kept
+
+    def _make_beside(self) -> None:
+        """Let a thread make the tables that were asked for, unless one does."""
+        with self._lock:
+            if self._worker is None and self._requests:
+                self._worker = threading.Thread(target=self._work, name="tables", daemon=True)
+                self._worker.start()
+
+    def _work(self) -> None:
+        """Make tables until there are none to make."""
+        while True:
+            self.make_tables(GLIDE_BUDGET)
+            with self._lock:
+                if not self._requests:
+                    self._worker = None
+                    return
+
+    def _make(self, request: Request, budget: float) -> None:
+        """Build the tables of values, and let the audio thread exchange them; if it has too many before it, they are
+        dropped, and that is said. Raises ValueError (BuildError, CannotExchange)."""
+        waiting = int(self._shared[Slot.WAITING_TUNINGS])
+        if self._queue.pending() + waiting > MOST_WAITING:
+            self._queue.drop(["set", *_named(request.values)])
+            return
+        if self._shared[Slot.READ_INDEX] == self._shared[Slot.WRITE_INDEX] and not waiting:
+            self._tables.forget()
+        for step in self._tables.steps(request.values, request.seconds, request.frame, self._now, budget):
+            self._put_exchange("set", step)
+
+    def _now(self) -> int:
+        """The frame that the sound has reached."""
+        return int(self._shared[Slot.FRAME])
 
     def put_score(self, scene: Scene) -> None:
         """Put the changes of tables that a score asks for into the queue; they wait there for their frames. Raises
@@ -83,6 +174,20 @@ class ParameterQueue:
         table = step.copies.table
         row = (EventKind.TUNE, step.island, len(table), step.islands, table.ctypes.data, step.due, 0.0, 0.0)
         self._queue.put([why, *_named(step.values)], row)
+
+
+def with_newest(requests: Sequence[Request], newest: Request) -> list[Request]:
+    """Requests with another, without what they ask for the same parameters: it takes the place of one of the same
+    parameters, so that none waits for ever."""
+    names, kept, is_placed = {new.parameter for new in newest.values}, list[Request](), False
+    for request in requests:
+        rest = tuple(new for new in request.values if new.parameter not in names)
+        if not rest and not is_placed and len(request.values) == len(names):
+            kept.append(newest)
+            is_placed = True
+        elif rest:
+            kept.append(request._replace(values=rest))
+    return kept if is_placed else [*kept, newest]
 
 
 def _named(values: Sequence[NewValue]) -> list[Any]:

@@ -126,7 +126,15 @@ class Player:
         """Play the next len(out) frames into out, single precision [frames, channels]."""
         if out.dtype != np.float32 or not out.flags.c_contiguous or out.shape[1:] != (self.channels,):
             raise ValueError(f"out must be float32 [frames, {self.channels}], contiguous")
+        player: Player | None = self
+        while player is not None:
+            player._parameters.before_block()
+            player = player._successor
         kernels.play_into()(self.shared.ctypes.data, out.ctypes.data, len(out))
+
+    def leave_to_device(self) -> None:
+        """Let a device render from now on: nothing waits for the tables that `set` asks for."""
+        self._parameters.leave_to(None)
 
     @property
     def frame(self) -> int:
@@ -156,6 +164,7 @@ class Player:
             raise ValueError("what was played is over")
         self.shared[Slot.FADE_OUT_FRAMES] = following.shared[Slot.FADE_IN_FRAMES] = frames
         self._successor = following
+        following._parameters.leave_to(self._parameters.renderer)
         self.shared[Slot.SUCCESSOR] = following.shared.ctypes.data
 
     def fetch_recording(self) -> np.ndarray:
@@ -237,10 +246,13 @@ class Player:
     ) -> None:
         """Set a live parameter: one of `live_parameters`, such as `contact.NAME.stiffness`, `body.NAME.tension` or
         `pickup.0.gain`. The value glides, and what that does to the energy is accounted for, so that it cannot blow up
-        the sound. What tables have to be made for takes some milliseconds, and glides when these are ready.
+        the sound. What needs new tables glides when these are ready: they are made before the next block of the thread
+        that renders if that has set the value, and otherwise beside the sound, in milliseconds to seconds. Of values
+        that wait for their tables, the newest of each parameter counts.
 
         parameter: or several and their values, as {parameter: value}; their tables are made together
-        Raises KeyError if there is no such parameter, ValueError (BuildError) if it cannot have that value."""
+        Raises KeyError if there is no such parameter, ValueError (BuildError) if it cannot have that value. What is
+        found only when tables are made is in `refused` and in the log, and the value stays what it was."""
         values = dict(parameter) if isinstance(parameter, Mapping) else {parameter: value}
         chosen = [self._parameters.checked_value(name, one) for name, one in values.items()]
         duration, frame = checked_number("seconds", seconds), checked_frame(frame)
@@ -252,6 +264,15 @@ class Player:
                 self._parameters.keep(name, one)
         if tabled := [new for new in chosen if not new.path.is_glided]:
             self._parameters.put(tabled, duration, frame)
+
+    def make_tables(self) -> None:
+        """Make all tables that `set` has asked for, and wait until they are made."""
+        self._parameters.make_tables()
+
+    @property
+    def refused(self) -> dict[str, str]:
+        """Parameters that could not have their last value, as was found when its tables were made, and why."""
+        return self._parameters.refused
 
     def value(self, parameter: str) -> float:
         """The value of a live parameter: where it glides to. Raises KeyError if there is no such parameter."""

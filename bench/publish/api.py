@@ -27,7 +27,7 @@ one it is. The command `fdh` works in such a folder, too; `python -m engine` doe
 """
 PLAYING = "read", "start", "wait", "close", "stop", "cross_fade_to", "render_into", "fetch_recording"
 EVENTS = "strike", "pluck", "lift", "damp", "set", "tune"
-READINGS = "live_parameters", "strikers", "frame", "finished", "meter", "log"
+READINGS = "live_parameters", "refused", "strikers", "frame", "finished", "meter", "log"
 MADE_BY_FUNCTIONS = "Scene", "Parameter", "Rendering", "ErrorEstimate"
 # in the order of the page: where each name is imported from, and those of its methods and properties that are for users
 NAMES: dict[str, tuple[str, tuple[str, ...]]] = {

@@ -17,7 +17,8 @@ from engine.build.pickup_points import channel_gains
 from engine.build.table_exchange import Copies, collect_copies, make_copies
 from engine.kernel.model import Model
 from engine.patch.frames import nearest_frame
-from engine.patch.live_parameters import LivePath, live_paths, value_at, with_value
+from engine.patch.live_parameters import LivePath, check_range, live_paths, value_at, with_value
+from engine.patch.live_ranges import LiveRange, live_range
 from engine.patch.scene import Scene
 from engine.patch.tables import ChangeEvent
 
@@ -72,6 +73,14 @@ class TableChanges:
     def samplerate(self) -> float:
         """Of the tables, Hz."""
         return self._targets[0].samplerate
+
+    def range_of(self, path: LivePath) -> LiveRange:
+        """What a parameter can be."""
+        return live_range(self._scene, path.section, path.number, path.keys)
+
+    def check_range(self, new: NewValue) -> None:
+        """Raise ValueError if a parameter cannot have a value."""
+        check_range(self._scene, *new)
 
     def value(self, path: LivePath) -> float:
         """The value that a parameter has, or glides to."""

@@ -125,8 +125,8 @@ def print_reference(args: argparse.Namespace) -> int:
 
 def print_parameters(args: argparse.Namespace) -> int:
     """List the numbers of a patch; returns the exit code."""
+    from engine.patch.number_format import format_number
     from engine.patch.parameters import list_parameters
-    from engine.patch.reference_page import format_number
     from engine.report.console import print_table
 
     scene, faults = read_patch(args.patch)

@@ -23,7 +23,10 @@ def changed_parameters(old: Scene, new: Scene) -> dict[str, float] | None:
         may_vanish = path.section != "contact" or before * after != 0.0
         if before != after and may_vanish:
             changed[name] = after
-            scene = with_value(scene, path, name, after)
+            try:
+                scene = with_value(scene, path, name, after)
+            except ValueError:  # further than what sounds can be turned
+                return None
     return changed if scene.model_dump(exclude_none=True) == new.model_dump(exclude_none=True) else None
 
 

@@ -16,9 +16,7 @@ from engine.patch.live_parameters import LivePath, current_path, explain_unknown
 from engine.patch.scene import Scene
 from engine.patch.tables import MAX_SECONDS
 
-GLIDE_BUDGET = (
-    0.5  # s, for the tables of a glide that are made beside the sound: if they took longer, it has fewer steps
-)
+GLIDE_BUDGET = 0.5  # s, for the tables of a glide that are made beside the sound; it has no more steps than that allows
 MOST_WAITING = QUEUE_SIZE - 2 * MAX_STEPS  # exchanges: one more change has room
 
 
@@ -51,13 +49,17 @@ class ParameterQueue:
         self._worker: threading.Thread | None = None
         self.renderer: int | None = threading.get_ident()  # the thread that renders; None: that of a device
         self.refused: dict[str, str] = {}  # parameters that could not have their last value, and why
+        for path in paths.values():
+            tables.range_of(path)  # to find it takes 10 ms a table the first time, which `set` then need not wait for
 
     def checked_value(self, parameter: str, value: float) -> NewValue:
         """A value as it can be queued. Raises KeyError if there is no such parameter, TypeError, ValueError."""
         name = current_path(self._paths, parameter)
         if name not in self._paths:
             raise KeyError(explain_unknown(parameter, list(self._paths)))
-        return NewValue(self._paths[name], name, checked_number(name, value))
+        new = NewValue(self._paths[name], name, checked_number(name, value))
+        self._tables.check_range(new)
+        return new
 
     def keep(self, parameter: str, value: float) -> None:
         """Remember what a parameter that glides in the audio thread has been given."""
@@ -78,9 +80,8 @@ class ParameterQueue:
     def put(self, values: Sequence[NewValue], seconds: float, frame: int) -> None:
         """Ask for the tables of values; what waits for older ones of the same parameters is forgotten. Raises
         ValueError (BuildError) if it is soon seen that they are impossible."""
-        for _, name, value in values:
-            if not (0.0 <= seconds <= MAX_SECONDS and math.isfinite(value)):
-                raise ValueError(f"{name} = {value:g} in {seconds:g} s is out of range; 0 to {MAX_SECONDS:g} s")
+        if not 0.0 <= seconds <= MAX_SECONDS:
+            raise ValueError(f"seconds = {seconds:g} is out of range; 0 to {MAX_SECONDS:g}")
         self._tables.check(values)
         request = Request(tuple(values), seconds, frame, threading.get_ident())
         with self._lock:

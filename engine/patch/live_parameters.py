@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ValidationError
 
+from engine.patch.live_ranges import live_range
 from engine.patch.renamed_keys import RENAMED
-from engine.patch.tables import MAX_GRAVITY, SpringConnection
+from engine.patch.tables import SpringConnection
 from engine.wording import describe_violation
 
 GLIDED_KEYS = {
@@ -140,14 +141,20 @@ def value_at(scene: Any, path: LivePath) -> float:
     return float(value or 0.0)
 
 
+def check_range(scene: Any, path: LivePath, parameter: str, value: float) -> None:
+    """Raise ValueError if a live parameter cannot have a value. parameter: its path as one writes it"""
+    limits = live_range(scene, path.section, path.number, path.keys)
+    if value not in limits:
+        raise ValueError(f"{parameter} = {value:g} is out of range; {limits}")
+
+
 def with_value(scene: Any, path: LivePath, parameter: str, value: float) -> Any:
     """The scene with another value of a live parameter. Raises ValueError if that is out of range.
 
     parameter: its path as one writes it
     """
+    check_range(scene, path, parameter, value)
     if not path.section:
-        if not abs(value) <= MAX_GRAVITY:
-            raise ValueError(f"{parameter} = {value:g} is out of range; at most {MAX_GRAVITY:g} m/s² either way")
         return scene.model_copy(update={"gravity": value})
     table = getattr(scene, path.section)[path.number]
     data = table.model_dump(exclude_unset=True)

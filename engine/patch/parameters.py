@@ -6,8 +6,10 @@ from typing import Any
 
 from engine.bodies.table import is_number
 from engine.patch.json_schema import patch_schema, resolve_ref, variants
-from engine.patch.live_parameters import live_parameters
-from engine.patch.reference_page import SECTIONS, format_range, split_unit, top_level
+from engine.patch.live_parameters import live_parameters, live_paths
+from engine.patch.live_ranges import live_range
+from engine.patch.number_format import split_unit
+from engine.patch.reference_page import SECTIONS, format_range, top_level
 from engine.patch.scene import Scene
 
 LIVE_DEFAULTS = {
@@ -26,7 +28,7 @@ class Parameter:
     path:    as `Scene.replace` takes it, and `--vary`
     value:   in its unit
     unit:    "" where it has none
-    range:   what it may be, in words
+    range:   what it may be, in words; of a live parameter, what it may be while the patch is played
     meaning: from the reference of patches
     live:    whether it can be changed while the patch is played, by `Player.set`
     """
@@ -45,7 +47,7 @@ def list_parameters(scene: Scene) -> list[Parameter]:
     A path names a table by its name, or by its number from 0 where it has none.
     """
     schema, data = patch_schema(), scene.model_dump(exclude_unset=True)
-    live = set(live_parameters(scene))
+    live, paths = set(live_parameters(scene)), live_paths(scene)
     parameters = list(_table_parameters("", data, top_level(schema), schema))
     for section in SECTIONS:
         node, value = schema["properties"][section], data.get(section)
@@ -61,7 +63,12 @@ def list_parameters(scene: Scene) -> list[Parameter]:
                 parameters += _table_parameters(
                     f"{section}.{name}.", table, tables[table.get("kind") or next(iter(tables))], schema
                 )
-    return [replace(p, live=p.path in live) for p in parameters]
+    return [
+        replace(p, live=True, range=str(live_range(scene, *paths[p.path][:3])._replace(unit="")))
+        if p.path in live
+        else p
+        for p in parameters
+    ]
 
 
 def _table_parameters(

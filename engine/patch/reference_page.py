@@ -4,7 +4,6 @@ A description is "meaning, unit; more" or "meaning, unit: more" (`split_unit`); 
 fields.
 """
 
-import math
 import re
 from collections.abc import Iterator
 from dataclasses import astuple, dataclass
@@ -13,13 +12,9 @@ from typing import Any
 from engine.bodies.decay import DECAY_LAWS
 from engine.bodies.initial_shape import INITIAL_SHAPES
 from engine.patch.json_schema import patch_schema, resolve_ref, variants
+from engine.patch.number_format import format_number, split_unit
 from engine.patch.renamed_keys import RENAMED
 
-UNITS = (
-    *("m", "m³", "kg", "s", "Hz", "N", "dB", "m/s", "m/s²", "m²/s", "m³/s", "1/s", "s/m", "1/√kg"),
-    *("kg/m", "kg/m²", "kg/m³", "kg/s", "N/m", "N·m", "N·m²", "N/m^exponent", "Pa", "rad"),
-)
-UNIT_PATTERN = re.compile(rf", ({'|'.join(map(re.escape, sorted(UNITS, key=len, reverse=True)))})(?=[;:,]|$)")
 REFERENCE_PREFACE = """# Patches: every key
 
 Written by `fdh reference > docs/patches.md` from the models in `engine/`; edit those.
@@ -144,12 +139,6 @@ def key_row(name: str, node: dict[str, Any], required: bool) -> KeyRow:
     return KeyRow(name, unit, format_range(node), default, meaning)
 
 
-def split_unit(description: str) -> tuple[str, str]:
-    """Split a description in its meaning and its unit, which is "" where it has none."""
-    unit = UNIT_PATTERN.search(description)
-    return (description, "") if unit is None else (description[: unit.start()] + description[unit.end() :], unit[1])
-
-
 def format_range(node: dict[str, Any]) -> str:
     """The range of a key in words: of its items, if it is a list; or the words that it may be."""
     if "enum" in node:
@@ -180,13 +169,3 @@ def _format_length(least: int, most: int | None) -> str:
     if most and not least:
         return f"list of at most {most}"
     return "list" if most is None and least < 2 else f"list of {least} to {most}"
-
-
-def format_number(number: float) -> str:
-    """A number as one writes it: 0.12, 1e-15, 20000, 4.5e9."""
-    if math.isinf(number):
-        return f"{number:g}"
-    mantissa, exponent = f"{number:.9e}".split("e")
-    scientific = f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"
-    plain = f"{number:.10g}"
-    return scientific if "e" in plain or len(plain) > len(scientific) + 2 else plain

@@ -125,7 +125,7 @@ def test_damping_gain_and_place_are_turned(path):
 def test_a_value_that_cannot_be_is_refused_and_nothing_has_changed():
     player = Player(engine.load(PIANO))
     before = player.model.step.kick.copy()
-    with pytest.raises(ValueError, match=r"body.string.frequency = -1 is out of range; .* greater than 0"):
+    with pytest.raises(ValueError, match=r"body.string.frequency = -1 is out of range; 0.001 to 1e6 Hz"):
         player.set(STRING, -1.0)
     with pytest.raises(ValueError, match="no mode below"):
         player.set(STRING, 1e6, seconds=0.0)

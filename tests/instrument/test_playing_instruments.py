@@ -62,16 +62,19 @@ def test_a_time_between_two_frames_is_the_same_frame_in_a_score_and_in_midi(path
     assert [nearest_frame(time, RATE) for time in times] == frames
     assert [nearest_frame(time, RATE) for time in itertools.accumulate([0.005] + [0.01] * 59)] == frames
     track = mido.MidiTrack([mido.MetaMessage("set_tempo", tempo=1_000_000)])  # a tick is a millisecond
+    track += [on(60).copy(time=0), off(60).copy(time=4)]  # a file begins with its first note
     track += [message.copy(time=5) for _ in times for message in (on(60), off(60))]
+    track[3].time = 1
     file = tmp_path / "ties.mid"
     mido.MidiFile(tracks=[track], ticks_per_beat=1000).save(file)
-    score = "".join(f'[[note]]\ntime = {t}\nkey = "C4"\nvelocity = 100\nduration = 0.005\n' for t in times)
+    notes = [(0.0, 0.004), *((time, 0.005) for time in times)]
+    score = "".join(f'[[note]]\ntime = {t}\nkey = "C4"\nvelocity = 100\nduration = {d}\n' for t, d in notes)
     path.write_text(STRINGS + score, "utf-8")
     scene = engine.load(path)
     wanted = engine.render(scene, seconds=0.7).audio
     assert np.array_equal(engine.render(scene_of_file(scene, file).scene, seconds=0.7).audio, wanted)
-    _, player, _ = render_notes(engine.load("piano_c4"), str(file), RATE, 0.7, 2)
-    assert [event["row"][4] for event in player.log()["events"] if event["why"][0] == "strike"] == frames
+    _, player, *_ = render_notes(engine.load("piano_c4"), str(file), RATE, 0.7, 2)
+    assert [event["row"][4] for event in player.log()["events"] if event["why"][0] == "strike"] == [0, *frames]
 
 
 def test_the_command_says_what_of_a_file_is_not_played(path, tmp_path, capsys):

@@ -21,8 +21,8 @@ class KeyValueError(ValueError):
     def __init__(self, path: KeyPath, value: Any, message: str, remedy: str) -> None:
         super().__init__(f"{message}; {remedy}")
         self.path, self.value, self.message, self.remedy = path, value, message, remedy
-        found = UNKNOWN.search(message)
-        self.unknown = found[1] if found else ""
+        match = UNKNOWN.search(message)
+        self.unknown = match[1] if match else ""
 
 
 def names_of_key(key: int, a4: float) -> dict[str, float]:

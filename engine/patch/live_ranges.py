@@ -99,6 +99,6 @@ def _find_number(
         inner = [node["properties"][keys[0]]] if keys[0] in node.get("properties", {}) else []
         inner += node.get("patternProperties", {}).values()
     options = [*node.get("anyOf", []), *node.get("oneOf", []), *node.get("allOf", [])]
-    found = [_find_number(schema, option, keys, unit) for option in options]
-    found += [_find_number(schema, one, keys[1:], unit) for one in inner]
-    return next((one for one in found if one is not None), None)
+    numbers = [_find_number(schema, option, keys, unit) for option in options]
+    numbers += [_find_number(schema, one, keys[1:], unit) for one in inner]
+    return next((one for one in numbers if one is not None), None)

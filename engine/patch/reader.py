@@ -119,17 +119,17 @@ def validate_document(
     result = _validate(data, folder, RenamedKeys() if renamed is None else renamed)
     if isinstance(result, Scene):
         return result
-    found = list[BlamedError]()
+    misspelt = list[BlamedError]()
     for _ in range(MAX_SPELLINGS):
         slips = find_slips(data, ((blamed.error, blamed.path) for blamed in result))
         if not slips:
             break
-        found += [BlamedError(slip.error, slip.path, "") for slip in slips]
+        misspelt += [BlamedError(slip.error, slip.path, "") for slip in slips]
         data = spell_right(data, slips)
         result = _validate(data, folder, RenamedKeys())
         if isinstance(result, Scene):
             result = []
-    faults = _make_faults(file, text, found + result)
+    faults = _make_faults(file, text, misspelt + result)
     raise PatchError(faults if text else [replace(fault, line=None) for fault in faults])
 
 

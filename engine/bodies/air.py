@@ -20,7 +20,7 @@ WALL_LOSS = 3e-5  # √s: what walls take of a wave per length, times radius ove
 
 
 class AirBody(DistributedBody):
-    """Vibrating air, whose pickup measures the pressure of its opening. If no loss above 0 is given, it loses at its
+    """Vibrating air, whose pickup measures the pressure of its opening. If no loss is given, be it 0, it loses at its
     walls, and by the sound that it radiates."""
 
     HEARD: ClassVar[str] = "pressure"
@@ -38,8 +38,8 @@ class AirBody(DistributedBody):
 
     def has_loss(self) -> bool:
         """Whether the patch gives its losses."""
-        rates = (self.sigma0, self.sigma_beta, self.sigma_beta3, self.b3)
-        return self.decay is not None or self.t60 is not None or any(rates)
+        keys = self.model_fields_set & {"sigma0", "sigma_beta", "sigma_beta3", "b3", "t60", "decay"}
+        return any(getattr(self, key) is not None for key in keys)
 
     def quadrature(self, modes: int, kinks: list[float]) -> Quadrature:
         return line_quadrature(modes + 2, kinks, self.total_mass())
@@ -81,8 +81,8 @@ class Hole(Table):
 
 class AirBox(AirBody):
     """The air in a rigid box: its Helmholtz resonance, if it has a hole, and its lowest standing waves. Plates on its
-    walls drive it by connections of kind "air". If no loss above 0 is given, it is that of its walls and of the sound
-    that its hole radiates."""
+    walls drive it by connections of kind "air". If no loss is given, it is that of its walls and of the sound that
+    its hole radiates."""
 
     kind: Literal["air"]
     size: list[Positive] = Field(min_length=3, max_length=3, description="sides of the box, m: x, y, and its height")
@@ -167,8 +167,8 @@ class AirBox(AirBody):
 
 
 class Tube(AirBody):
-    """The air in a tube, such as a resonator under a bar: 0 is its first end, 1 its open mouth. If no loss above 0 is
-    given, it is that of its walls and of the sound that it radiates."""
+    """The air in a tube, such as a resonator under a bar: 0 is its first end, 1 its open mouth. If no loss is given, it
+    is that of its walls and of the sound that it radiates."""
 
     kind: Literal["tube"]
     length: float = Field(gt=0.0, le=1e3, description="length, m")

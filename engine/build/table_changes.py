@@ -93,7 +93,8 @@ class TableChanges:
         for number in {path.number for path, _, _ in values if path.section == "body"}:
             body = scene.body[number]
             if body.IS_LUMPED or body.HAS_LENGTH:
-                limits.build_modal_body(body, f"body[{number}]", self.samplerate, accuracy.scheme)
+                name = ", ".join(new.parameter for new in values if new.path[:2] == ("body", number))
+                limits.build_modal_body(body, name, self.samplerate, accuracy.scheme)
 
     def steps(
         self,

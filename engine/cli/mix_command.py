@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from engine.patch.scene import Scene
 
 PARTS_REMEDY = "--channels or --tracks choose, and --play gives channels to other patches"
+MAX_LEVEL = 200.0  # dB, either way
 PLAY_HELP = "give CHANNEL=PATCH, such as 2=guitar,10=snare; t3=PATCH or NAME=PATCH for a track"
 
 
@@ -105,6 +106,8 @@ def read_assignments(args: argparse.Namespace) -> tuple[list[Assignment], list[F
             faults.append(
                 Fault("--play", f"{chosen} is not a MIDI channel; 1 to {MIDI_CHANNELS}, or t{chosen} for a track")
             )
+        elif not abs(level) <= MAX_LEVEL:
+            faults.append(Fault("--play", f"{level:g} dB is out of range; -{MAX_LEVEL:g} to {MAX_LEVEL:g} dB"))
         else:
             path = patch_file(patch)
             if path not in scenes:
@@ -119,7 +122,7 @@ def split_level(text: str) -> tuple[str, float]:
     """A patch and its level in dB, of PATCH@DB; the level is 0 if there is none."""
     patch, _, level = text.rpartition("@")
     try:
-        return (patch, float(level)) if patch and math.isfinite(float(level)) else (text, 0.0)
+        return (patch, float(level)) if patch else (text, 0.0)
     except ValueError:
         return text, 0.0
 
@@ -194,9 +197,14 @@ def assign_parts(
         mixed = MixedPatch(assignment.patch, assignment.scene, assignment.level)
         patches.setdefault((mixed.patch, mixed.level), mixed).parts.update(chosen)
     given = set().union(*(mixed.parts for mixed in patches.values()))
-    rest, left_out = excerpt.choose(
-        [part for part in parts if part.key not in given], drum_keys(scene.instrument) is not None
-    )
+    takes_drums = drum_keys(scene.instrument) is not None
+    if excerpt.channels or excerpt.tracks:
+        excerpt.choose(parts, takes_drums)  # what is chosen must be in the file, whoever plays it
+    others = [part for part in parts if part.key not in given]
+    try:
+        rest, left_out = excerpt.choose(others, takes_drums)
+    except MidiError:  # all that is chosen was given to others
+        rest, left_out = [], []
     patches[args.patch, 0.0].parts.update(part.key for part in rest)
     if left_out:
         count = sum(part.notes for part in left_out)

@@ -48,9 +48,9 @@ if TYPE_CHECKING:
     from engine.patch.scene import Scene
 
 # what a render of notes takes no notice of
-NOT_OF_NOTES = {"--trace": "trace", "--plot": "plot", "--report": "report", "--target-error": "target_error"}
-NOT_OF_MIXES = NOT_OF_NOTES | {"--oversample": "oversample", "--error-estimate": "error_estimate"}
-NOT_OF_NOTES |= {"--cores": "cores", "--oversample": "oversample", "--error-estimate": "error_estimate"}
+NOT_OF_MIXES = {"--trace": "trace", "--plot": "plot", "--report": "report", "--target-error": "target_error"}
+NOT_OF_MIXES |= {"--oversample": "oversample", "--error-estimate": "error_estimate"}
+NOT_OF_NOTES = NOT_OF_MIXES | {"--cores": "cores"}
 
 
 def add_render_command(commands: "arguments.Commands") -> None:

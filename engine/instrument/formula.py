@@ -49,8 +49,8 @@ FUNCTIONS: dict[str, Callable[..., float]] = {
     "floor": lambda x: float(math.floor(x)),
     "ceil": lambda x: float(math.ceil(x)),
     "abs": abs,
-    "min": min,
-    "max": max,
+    "min": lambda *values: min(values),
+    "max": lambda *values: max(values),
     "round": round_number,
     "cents": cents,
     "pick": pick,
@@ -129,6 +129,8 @@ def _parts(node: ast.AST, text: str) -> list[ast.AST]:
             name = to_one_line(node.func.id, MAX_SHOWN)
             raise FormulaError(f"unknown function {name}; the functions are {', '.join(FUNCTIONS)}")
         return [*node.args, *node.keywords]
+    if isinstance(node, ast.Name) and node.id in FUNCTIONS:
+        raise FormulaError(f"{node.id} is a function; give its arguments, as in {node.id}(n)")
     if not isinstance(node, COMPOUNDS + SYMBOLS):
         part = ast.get_source_segment(text, node) or text  # a symbol alone has no place in the text
         raise FormulaError(f"{to_one_line(part, MAX_SHOWN)} is not arithmetic; {REMEDY}")
@@ -150,4 +152,6 @@ def _describe(error: Exception, names: Mapping[str, float]) -> str:
     """What is wrong with a formula."""
     if isinstance(error, NameNotDefined):
         return f"unknown name {to_one_line(error.name, MAX_SHOWN)}; the names are {', '.join(names)}"
+    if isinstance(error, TypeError):
+        return "a function has the wrong number of arguments"
     return f"it has no value ({' '.join(str(error).split())[:120] or type(error).__name__})"

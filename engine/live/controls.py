@@ -52,7 +52,6 @@ class Controls:
             self._courses: dict[tuple[int, tuple[str, ...]], Course] = {}
             self._direct: dict[str, float] = {}
             self._addresses = {"/" + path.replace(".", "/"): path for path in player.live_parameters}
-            self._midi_kinds = {control.kind for control in scene.control}
 
     def takes(self, move: Move) -> bool:
         """Whether a move of MIDI changes anything."""
@@ -61,10 +60,6 @@ class Controls:
     def has_address(self, address: str) -> bool:
         """Whether there is a control with an address of OSC."""
         return any(control.kind == "osc" and control.address == address for control in self.scene.control)
-
-    def has_kind(self, kind: str) -> bool:
-        """Whether there is a control of a kind."""
-        return kind in self._midi_kinds
 
     def move(self, move: Move, notes: Targets | None = None) -> None:
         """Remember a move of MIDI. notes: the targets of the notes that a pressure is of, if it is not of all"""

@@ -79,7 +79,7 @@ def read_notes(
             raise MidiError(f"{path} lasts {seconds / 3600:.3g} hours; at most {hours:g}, or --seconds of it")
         end = max((note.seconds for note in reader.notes), default=0.0) + HELD_SECONDS
     if not any(note.kind == "on" for note in reader.notes) and not reader.unknown_drums:
-        raise NothingToPlay(f"{path}: {list_parts(played)} has no notes in the first {excerpt.seconds:g} s")
+        raise NothingToPlay(f"{path}: no notes of {list_parts(played)} in the first {excerpt.seconds:g} s")
     return MidiNotes(reader.notes, reader.ignored, reader.moves, played, left_out, reader.unknown_drums, begin, end)
 
 

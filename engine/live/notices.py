@@ -2,11 +2,12 @@
 
 import threading
 
-MAX_LINES = 20  # that are shown in all
+MAX_LINES = 50  # that are shown in all
 
 
 class Notices:
-    """Lines that any thread may add, and one shows: each once, and not too many, however often their cause comes."""
+    """Lines that any thread may add, and one shows: each once, and not too many, however often their cause comes. The
+    last line says that others are not shown."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -19,6 +20,8 @@ class Notices:
             if line not in self._added and len(self._added) < MAX_LINES:
                 self._added.add(line)
                 self._waiting.append(line)
+                if len(self._added) == MAX_LINES:
+                    self._waiting.append("further messages of this kind are not shown; their number is, at the end")
 
     def take(self) -> list[str]:
         """Return the lines that were added since the last call."""

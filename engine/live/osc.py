@@ -129,7 +129,7 @@ def number_in(arguments: list[Any]) -> float | None:
 def finite_number(argument: Any) -> float | None:
     """An argument of a message as a number; None if it is no finite one."""
     try:
-        value = float(argument) if isinstance(argument, int | float) else math.nan
+        value = float(argument) if isinstance(argument, int | float) and not isinstance(argument, bool) else math.nan
     except OverflowError:
         return None
     return value if math.isfinite(value) else None

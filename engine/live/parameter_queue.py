@@ -32,8 +32,9 @@ class Request(NamedTuple):
 class ParameterQueue:
     """Builds the tables of live parameters, and puts their exchanges into the queue of the audio thread.
 
-    Nobody waits for tables but the thread that renders, and for nothing but what it has set itself: so a program that
-    sets and renders in turn gets the same samples each time. All else is made by a thread of its own, beside the sound.
+    Nobody waits for tables but the thread that renders, and that only if it has set something itself: so a program that
+    sets and renders in turn gets the same samples each time. It then waits for all that was asked for before, too. All
+    else is made by another thread, beside the sound.
 
     paths: of the live parameters of a player; tables: of what it plays; queue, memory: its own
     """

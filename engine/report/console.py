@@ -49,7 +49,9 @@ def print_mix_summary(stats: dict[str, Any]) -> None:
     rows = dict([length, (level[0], level[1].partition(", gain")[0])])
     for part in stats["parts"]:
         channels = ", ".join(str(channel) for channel in sorted({one["channel"] for one in part["parts"]}))
-        rows[f"{Path(part['patch']).stem} ({channels})"] = (
+        name = f"{Path(part['patch']).stem} ({channels})"
+        name += "" if name not in rows else f" {len(rows) - 1}"  # the same patch at another level
+        rows[name] = (
             f"gain {part['gain_db']:+.1f} dB on SI units, {format_factor(part['real_time_factor'])} real time,"
             f" {part['kernel']} kernel, energy error {part['energy_error']:.1e}"
         )

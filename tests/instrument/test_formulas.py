@@ -191,3 +191,16 @@ def test_a_formula_is_refused_at_its_line_even_where_no_key_uses_it(tmp_path):
     ]
     assert "it is not an arithmetic expression; use numbers" in error.value.faults[0].message
     assert "'a' is not arithmetic; use numbers" in error.value.faults[1].message
+
+
+@pytest.mark.parametrize(
+    ("formula", "says"),
+    [
+        ("= exp", "exp is a function; give its arguments, as in exp(n)"),
+        ("= exp(1, 2, 3)", "a function has the wrong number of arguments"),
+        ("= 2 * min + 1", "min is a function"),
+    ],
+)
+def test_a_function_without_its_arguments_is_said_in_plain_words(formula, says):
+    with pytest.raises(FormulaError, match=re.escape(says)):
+        evaluate(formula, {"n": 1.0})

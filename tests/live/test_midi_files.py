@@ -260,7 +260,7 @@ def test_a_patch_with_nothing_to_play_does_not_end_the_mix(rods, tmp_path, capsy
     song = write(tmp_path / "song.mid", MELODY, notes((36, 2.0, 0.2), channel=2))
     alone = render(rods, "--midi", song, "--channels", "1", "--seconds", "0.5")
     np.testing.assert_array_equal(render(rods, "--midi", song, "--play", "2=rods.toml@-3", "--seconds", "0.5"), alone)
-    assert "rods: song.mid: track 1 (channel 2) has no notes in the first 0.5 s" in capsys.readouterr().err
+    assert "rods: song.mid: no notes of track 1 (channel 2) in the first 0.5 s" in capsys.readouterr().err
 
 
 # --- length

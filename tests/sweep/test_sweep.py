@@ -321,6 +321,11 @@ def come_to(folder, points, run):
     until(lambda: run.poll() is not None or ((folder / "index.csv").exists() and len(rows(folder)) >= points), 60.0)
 
 
+def is_progress(line: str) -> bool:
+    """Whether a line says how far a sweep is, or how long it will take."""
+    return "% done" in line or ": about " in line
+
+
 @pytest.mark.hard
 def test_workers_of_a_cluster_render_the_same_and_one_may_be_killed(tmp_path, cluster):
     """A scheduler and two workers, in folders of their own; one is killed half-way. Nothing is lost or done twice."""
@@ -333,7 +338,7 @@ def test_workers_of_a_cluster_render_the_same_and_one_may_be_killed(tmp_path, cl
     second.kill()
     assert len(rows(tmp_path / "a")) < 40
     _, said = run.communicate(timeout=60)
-    assert run.returncode == 0 and all("% done" in line for line in said.splitlines())
+    assert run.returncode == 0 and all(is_progress(line) for line in said.splitlines())
     plain = dict.fromkeys(("scheme", "order", "substeps", "tolerance", "oversample", "precision"))
     swept(tmp_path / "b", many, seconds=2.0, **plain)
     assert (tmp_path / "a" / "index.csv").read_bytes() == (tmp_path / "b" / "index.csv").read_bytes()
@@ -351,11 +356,11 @@ def test_when_all_workers_are_gone_it_is_said_and_others_may_come(tmp_path, clus
     come_to(tmp_path / "a", 3, run)
     first.kill()
     assert len(rows(tmp_path / "a")) < 60
-    said = next(line for line in run.stderr if "% done" not in line)
+    said = next(line for line in run.stderr if not is_progress(line))
     assert "all workers are gone; waiting for others" in said
     worker("two")
     _, said = run.communicate(timeout=60)
-    other_lines = [line for line in said.splitlines() if "% done" not in line]
+    other_lines = [line for line in said.splitlines() if not is_progress(line)]
     assert (run.returncode, other_lines) == (0, [])
     assert len(rows(tmp_path / "a")) == 60
 

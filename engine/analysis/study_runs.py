@@ -93,11 +93,11 @@ def add_probes(scene: Scene) -> tuple[Scene, tuple[int, int]]:
     moving = [name for name in touching if name in lumped][: (MAX_CHANNELS - channels) // 2]
     touching = touching[: MAX_CHANNELS - channels - len(moving)]
     probes = [(name, "force") for name in touching] + [(name, "velocity") for name in moving]
-    pickups = [p.model_dump(exclude_unset=True) for p in scene.pickup]
+    pickups = [p.model_dump(exclude_none=True) for p in scene.pickup]
     pickups += [
         {"body": name, "quantity": quantity, "channel": channels + 1 + i} for i, (name, quantity) in enumerate(probes)
     ]
-    probed = Scene.model_validate(scene.model_dump(exclude_unset=True) | {"pickup": pickups})
+    probed = Scene.model_validate(scene.model_dump(exclude_none=True) | {"pickup": pickups})
     return probed, (channels, channels + len(touching))
 
 

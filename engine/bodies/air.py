@@ -23,6 +23,10 @@ class AirBody(DistributedBody):
     """Vibrating air, whose pickup measures the pressure of its opening. If no loss is given, be it 0, it loses at its
     walls, and by the sound that it radiates."""
 
+    sigma0: float | None = Field(  # type: ignore[assignment]
+        default=None, ge=0.0, le=1e6, description="decay rate of all modes, 1/s; 0: nothing damps them"
+    )
+
     HEARD: ClassVar[str] = "pressure"
     HAS_AREA: ClassVar[bool] = True
 
@@ -38,8 +42,8 @@ class AirBody(DistributedBody):
 
     def has_loss(self) -> bool:
         """Whether the patch gives its losses."""
-        keys = self.model_fields_set & {"sigma0", "sigma_beta", "sigma_beta3", "b3", "t60", "decay"}
-        return any(getattr(self, key) is not None for key in keys)
+        ways = (self.sigma0, self.decay, self.t60)
+        return any(way is not None for way in ways) or any((self.sigma_beta, self.sigma_beta3, self.b3))
 
     def quadrature(self, modes: int, kinks: list[float]) -> Quadrature:
         return line_quadrature(modes + 2, kinks, self.total_mass())

@@ -138,7 +138,7 @@ class DistributedBody(BodyTable):
         if self.t60 is not None:
             return t60_rates(self.t60, self.t60_at, omega)
         per_wave = self.sigma_beta * wave_number + self.sigma_beta3 * wave_number**3
-        return np.asarray(self.sigma0 + per_wave + self.b3 * omega**2)
+        return np.asarray((self.sigma0 or 0.0) + per_wave + self.b3 * omega**2)
 
     @classmethod
     def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:

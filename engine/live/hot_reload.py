@@ -27,7 +27,7 @@ def changed_parameters(old: Scene, new: Scene) -> dict[str, float] | None:
                 scene = with_value(scene, path, name, after)
             except ValueError:  # further than what sounds can be turned
                 return None
-    return changed if scene.model_dump(exclude_unset=True) == new.model_dump(exclude_unset=True) else None
+    return changed if scene.model_dump(exclude_none=True) == new.model_dump(exclude_none=True) else None
 
 
 class PatchWatcher:

@@ -363,7 +363,7 @@ class Player:
 
     def log(self) -> dict[str, Any]:
         """All that was done, as JSON can hold it; `engine.live.replay` makes the same sound of it."""
-        scene = json.loads(self.patch.model_dump_json(exclude_unset=True))
+        scene = json.loads(self.patch.model_dump_json(exclude_none=True))
         settings = {"scene": scene, "samplerate": self.samplerate, "gain": self.gain, "frames": self.frame}
         settings |= {"voices": self.voices, "lowest": self.lowest, "general": self.general, "waiting": self.waiting}
         ends = {"end": Slot.END, "fade": Slot.FADE_IN_FRAMES, "leave": Slot.FADE_OUT_FRAMES}

@@ -222,9 +222,12 @@ def test_a_flood_of_commands_takes_neither_memory_nor_the_session(start):
     """50 000 strikes: what there is no room for is counted, one look at them is short, and the sound goes on."""
     session = start(engine.load("piano_c4"))
     strike = packet("/strike", "hammer", 1.0)
-    for n in range(500):
-        sent(session.server.port, *[strike] * 100)
-        waited(lambda n=n: session.server.messages >= 0.9 * (n + 1) * 100)
+
+    def have_come() -> bool:
+        sent(session.server.port, *[strike] * 100)  # some get lost on a busy machine
+        return session.server.messages >= 50_000
+
+    waited(have_come)
     assert len(session.commands._waiting) == MAX_WAITING and session.commands.refused >= 40_000
     begin = time.perf_counter()
     session.commands.poll()

@@ -1,7 +1,7 @@
 """Scenes of a string that connections hold, alone or with other bodies."""
 
 import engine
-from scenes.choirs import string
+from bench.scenes.choirs import string
 
 MODES = 54
 PLUCK = [{"kind": "pluck", "body": "s", "at": 0.2, "amplitude": 5.0, "duration": 2e-3}]

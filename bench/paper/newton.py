@@ -11,9 +11,9 @@ import engine
 from bench.accuracy.metric import ALPHAS, DECADES, RATE, collision
 from bench.performance.instruments import measure
 from bench.publish.report import ROOT, figure, pin, publish
+from bench.scenes.families import tanpuras
 from engine.offline.statistics import newton_statistics
 from engine.patch.accuracy import Accuracy
-from scenes.families import tanpuras
 
 BODIES = 24
 CLOSE = 1e-9  # relative change of x at which the paper's iteration ends; rounding in its formula stalls finer ones

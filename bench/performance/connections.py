@@ -10,10 +10,10 @@ import numpy as np
 import engine
 from bench.performance.instruments import measure
 from bench.publish.report import figure, pin, publish
+from bench.scenes.choirs import choir, keyboard, struck_choir
 from engine.build.build import build
 from engine.kernel.modes import free_step
 from engine.offline.simulation import Simulation, time_block
-from scenes.choirs import choir, keyboard, struck_choir
 
 RATE = 44_100
 FRAMES = 256

@@ -13,11 +13,11 @@ import numpy as np
 import engine
 from bench.performance.stripped import strip
 from bench.publish.report import ROOT, figure, pin, publish
+from bench.scenes.families import EFFECTS, NOTHING, with_effects
 from engine.build.build import build
 from engine.kernel.axes import arrays_of
 from engine.offline.simulation import Simulation
 from engine.patch.accuracy import Accuracy
-from scenes.families import EFFECTS, NOTHING, with_effects
 
 RATE = 44_100
 FRAMES = 8_192

@@ -6,11 +6,11 @@ import numpy as np
 
 import engine
 from bench.publish.report import pin, publish
+from bench.scenes.families import bank, hammered, tanpuras
 from engine.build.build import build
 from engine.kernel.axes import arrays_of
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import newton_statistics
-from scenes.families import bank, hammered, tanpuras
 
 RATE = 44_100
 FRAMES = 16_384

@@ -18,8 +18,8 @@ import numpy as np
 
 import engine
 from bench.publish.report import ROOT, publish
+from bench.scenes.families import bank, hammered, tanpuras
 from engine.live.shared_memory import Gauge, Slot
-from scenes.families import bank, hammered, tanpuras
 
 SECONDS = 3.0
 SIZES = (64, 128, 256, 512)

@@ -20,7 +20,7 @@ TURNS = 4
 def documents() -> dict[str, dict]:
     """Scenes by name: the shipped patches, and bridges of many points."""
     import engine
-    from scenes.families import tanpuras
+    from bench.scenes.families import tanpuras
 
     found = {path.stem: engine.load(path) for path in sorted(Path("patches").glob("*.toml"))}
     for points, exponent in ((60, 1.5), (30, 1.5), (16, 1.5), (30, 1.0), (16, 1.0)):

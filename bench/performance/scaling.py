@@ -10,9 +10,9 @@ import numpy as np
 import engine
 from bench.performance.instruments import measure
 from bench.publish.report import figure, pin, publish
+from bench.scenes.families import bank, colliding, hammered, tanpuras
 from engine.build.build import build
 from engine.offline.simulation import Simulation
-from scenes.families import bank, colliding, hammered, tanpuras
 
 RATE = 44_100
 REPEATS = 3

@@ -20,6 +20,7 @@ from bench.accuracy.hard import scene_of
 from bench.performance.instruments import FRAMES, RATE, measure
 from bench.publish.report import ROOT, pin, publish
 from bench.rivals.leapfrog import Leapfrog
+from bench.scenes.families import bank, hammered
 from engine.analysis.other_method_kernels import SingleBody
 from engine.analysis.work_precision import measure_work_precision
 from engine.build.build import build
@@ -29,7 +30,6 @@ from engine.kernel.model import Model
 from engine.kernel.state import State
 from engine.offline.simulation import Simulation
 from engine.patch.accuracy import Accuracy
-from scenes.families import bank, hammered
 
 RIVALS = ROOT / "bench" / "rivals"
 # no -ffast-math: sums become vector code where a pragma says so, and what rounding leaves of a step is carried
@@ -231,7 +231,7 @@ def in_c(case: Case, folder: Path) -> list[str]:
 
 # --- explicit mass-interaction models
 
-# the hammer, the oscillator, and a string of masses (that of scenes.families.hammered, without stiffness)
+# the hammer, the oscillator, and a string of masses (that of bench.scenes.families.hammered, without stiffness)
 HAMMER, FROM, SPEED = 2.97e-3, -1e-3, 2.0  # kg, m, m/s
 OSCILLATOR, PITCH = 0.01, 440.0  # kg, Hz
 MASSES, HIT, EAR, LENGTH, WEIGHT, TENSION = 60, 7, 54, 0.62, 3.93e-3, 670.0

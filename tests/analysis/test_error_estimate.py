@@ -5,11 +5,11 @@ import pytest
 
 import engine
 from bench.ruler.problems import ruler_scene
+from bench.scenes.small import mass, scene
+from bench.scenes.struck import random_collision
 from engine import ruler
 from engine.analysis.error_estimate import trusted_frames
 from engine.analysis.metrics import relative_rms_error
-from scenes.small import mass, scene
-from scenes.struck import random_collision
 
 MOST = 3.0  # what an estimate may be over the error, and the error over it
 ROUNDING = 1e-11

@@ -9,11 +9,11 @@ import soundfile
 from conftest import ROOT
 
 import engine
+from bench.scenes.small import barrier, mass, oscillator, scene
 from engine.cli import main
 from engine.faults import BuildError
 from engine.offline.statistics import NewtonStatistics, SolveOutcomes
 from engine.offline.trust import explain_doubts, warnings
-from scenes.small import barrier, mass, oscillator, scene
 
 PIANO = ROOT / "patches" / "piano_c4.toml"
 

@@ -13,7 +13,7 @@ from engine.compiler.tricks import FOUND, Trick
 
 SOUND = """
 import hashlib, sys, engine
-from scenes.families import tanpuras
+from bench.scenes.families import tanpuras
 for name in sys.argv[1:]:
     seconds = {"repelled_oscillator": 0.1, "guitar_frets": 0.02, "a bridge of twelve points": 0.05}[name]
     scene = tanpuras(1, 12, 1.5) if " " in name else engine.load(name)

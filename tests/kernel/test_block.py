@@ -5,10 +5,10 @@ import pytest
 from conftest import PATCHES, mostly_hard
 
 import engine
+from bench.scenes.small import barrier, mass, oscillator, scene
 from engine.build.build import build
 from engine.kernel.axes import arrays_of
 from engine.offline.simulation import Simulation
-from scenes.small import barrier, mass, oscillator, scene
 
 
 def run(scene: engine.Scene, frames: int, sizes: list[int]) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:

@@ -9,6 +9,7 @@ import pytest
 from conftest import mostly_hard
 
 import engine
+from bench.scenes.families import tanpuras
 from engine.build import contact_basis
 from engine.build.build import build
 from engine.build.initial_state import allocate_scratch
@@ -20,7 +21,6 @@ from engine.kernel.model import BasisCoefficients, ContactBasis
 from engine.kernel.reduced_contact_solver import basis_of_island, solve_reduced
 from engine.kernel.state import Scratch
 from engine.live.player import Player
-from scenes.families import tanpuras
 
 
 @kernel

@@ -8,11 +8,11 @@ import pytest
 from conftest import mostly_hard
 
 import engine
+from bench.scenes.small import scene
 from engine.build.build import build
 from engine.live.player import Player
 from engine.live.replay import replay
 from engine.offline.simulation import Simulation
-from scenes.small import scene
 
 RATE = 44_100
 QUANTITIES = ("displacement", "velocity", "acceleration")

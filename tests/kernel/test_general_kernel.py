@@ -13,11 +13,11 @@ from conftest import PATCHES, ROOT
 from hypothesis import HealthCheck, given, settings
 
 import engine
+from bench.scenes.choirs import struck_choir
+from bench.scenes.drawn import scenes
+from bench.scenes.families import EFFECTS, tanpuras, with_effects
 from engine.compiler import background, kernel_name
 from engine.parallel import kernel_choice
-from scenes.choirs import struck_choir
-from scenes.drawn import scenes
-from scenes.families import EFFECTS, tanpuras, with_effects
 
 SECONDS = 0.25
 HARD, SLOW = (partial(pytest.param, marks=mark) for mark in (pytest.mark.hard, pytest.mark.slow))

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import engine
+from bench.scenes.families import hammered
 from engine.build.build import build
 from engine.live.player import Player
 from engine.offline.simulation import Simulation
 from engine.parallel.helpers import Helpers
 from engine.parallel.partitions import Crew
-from scenes.families import hammered
 
 RATE = 44_100
 

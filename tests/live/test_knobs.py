@@ -9,9 +9,9 @@ from conftest import ROOT
 from turned_knobs import sweep_knobs
 
 import engine
+from bench.scenes.small import scene as small_scene
 from engine.live.player import Player
 from engine.live.replay import replay
-from scenes.small import scene as small_scene
 
 PIANO = ROOT / "patches" / "piano_c4.toml"
 RANGES = {"stiffness": (1e4, 1e12), "gap": (-2e-3, 2e-3), "exponent": (1.0, 8.0)}

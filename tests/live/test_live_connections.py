@@ -9,11 +9,11 @@ from conftest import ROOT
 from turned_knobs import sweep_knobs
 
 import engine
+from bench.scenes.choirs import struck_choir
 from engine.live.hot_reload import changed_parameters
 from engine.live.player import Player
 from engine.live.replay import replay
 from engine.live.voices import retune, sounding_bodies
-from scenes.choirs import struck_choir
 
 BOLT = ROOT / "patches" / "bolt_on_a_string.toml"
 RANGES = {"stiffness": (1e3, 1e7), "damping_coefficient": (1e-2, 1e2), "rest": (-1e-3, 1e-3)}

@@ -7,11 +7,11 @@ import pytest
 from conftest import ROOT, slope
 
 import engine
+from bench.scenes.small import barrier, mass, oscillator, scene
+from bench.scenes.struck import random_collision
 from engine.build.build import build
 from engine.offline.simulation import Simulation
 from engine.patch.accuracy import Accuracy
-from scenes.small import barrier, mass, oscillator, scene
-from scenes.struck import random_collision
 
 REPELLED = ROOT / "patches" / "repelled_oscillator.toml"
 

@@ -8,8 +8,8 @@ from poles import engine_poles, exact_poles
 from scipy.special import jn_zeros
 
 import engine
+from bench.scenes.small import scene
 from engine.bodies import AirBox, Membrane, Tube
-from scenes.small import scene
 
 RHO, C = 1.204, 343.2
 BOX = {

@@ -7,10 +7,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import engine
+from bench.scenes.small import scene
 from engine.bodies import Bar
 from engine.build.build import build
 from engine.offline.simulation import Simulation
-from scenes.small import scene
 
 BAR = {"name": "b", "kind": "bar", "length": 0.52, "mass": 0.24, "frequency": 130.81, "ratios": [1.0, 3.99, 10.65]}
 MALLET = {"name": "m", "kind": "mass", "mass": 0.02, "displacement": -1e-4, "velocity": 2.0}

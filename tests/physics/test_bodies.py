@@ -8,11 +8,11 @@ import pytest
 from scipy.special import jn_zeros
 
 import engine
+from bench.scenes.small import scene
 from engine.bodies import Bar, MeasuredBody, Membrane, Plate, String
 from engine.bodies.bar import bar_roots, bar_shape
 from engine.bodies.body import TO_60_DB
 from engine.build.build import build
-from scenes.small import scene
 
 HIGHEST = 21_609.0  # Hz
 

@@ -350,7 +350,7 @@ def test_cores_change_no_bit():
 @pytest.mark.parametrize("stiffness", [4.39e8, 1e10])
 def test_a_lossless_tanpura_drifts_nowhere(stiffness):
     """Energy within 1e-11 over 600 000 steps on its bridge."""
-    from scenes.families import tanpuras
+    from bench.scenes.families import tanpuras
 
     scene = tanpuras(1, 30, stiffness=stiffness)
     bare = scene.body[0].model_copy(update={"sigma0": 0.0, "sigma_beta": 0.0, "sigma_beta3": 0.0})

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import engine
-from scenes.choirs import board, string
+from bench.scenes.choirs import board, string
 
 STRINGS = 12
 SILENT = {"kind": "pluck", "body": "string_0", "at": 0.2, "amplitude": 1e-30, "duration": 1e-3}  # then all is looked at

@@ -10,9 +10,9 @@ from poles import SAMPLERATE, cents, engine_poles, errors, exact_poles, nearest,
 from scipy.integrate import solve_ivp
 
 import engine
+from bench.scenes.choirs import choir, string
 from engine.build.build import build
 from engine.faults import BuildError
-from scenes.choirs import choir, string
 
 SPRINGS = [1e3, 1e4, 3e4, 1e5, 3e5, 1e6, 1e7, 1e9, "rigid"]  # N/m
 DAMPERS = [0.01, 0.1, 1.0, 10.0, 100.0, 1e4]  # kg/s

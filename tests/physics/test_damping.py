@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import engine
+from bench.scenes.small import barrier, mass, oscillator, scene
 from engine.faults import BuildError
-from scenes.small import barrier, mass, oscillator, scene
 
 RATES = (8_000, 44_100, 192_000)
 DAMPINGS = (0.0, 1e-6, 1e-3, 1.0, 60.0, 1e3, 1e4, 1e5, 1e6)  # γ, 1/s

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import engine
+from bench.scenes.small import scene
 from engine.bodies import String
 from engine.bodies.body import TO_60_DB
-from scenes.small import scene
 
 L, MASS, F1 = 0.62, 3.93e-3, 261.6
 # by kind, its numbers, and σ of frequency f and wave number β as its source has it

@@ -8,11 +8,11 @@ import os
 import numpy as np
 import pytest
 
+from bench.scenes import random_scenes
 from engine.build.build import build
 from engine.faults import BuildError
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import newton_statistics
-from scenes import random_scenes
 
 FRAMES = 2205
 HARD = int(os.environ.get("FDH_SCENES", "1000"))

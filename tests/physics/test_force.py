@@ -6,9 +6,9 @@ import soundfile
 from scipy import signal
 
 import engine
+from bench.scenes.small import mass, oscillator, scene
 from engine.build.force_table import force_table
 from engine.patch.tables import NoiseForce
-from scenes.small import mass, oscillator, scene
 
 BAND = [50.0, 1000.0]  # Hz
 

@@ -15,6 +15,8 @@ from worst_case_solves import EXPONENTS, exact_force, worst_case_solves
 
 import engine
 from bench.accuracy.metric import preservation
+from bench.scenes.families import tanpuras
+from bench.scenes.small import barrier, mass, oscillator, scene
 from engine.build import contact_basis
 from engine.build.build import build
 from engine.build.initial_state import allocate_scratch
@@ -27,8 +29,6 @@ from engine.kernel.state import Scratch
 from engine.offline import render
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import newton_statistics
-from scenes.families import tanpuras
-from scenes.small import barrier, mass, oscillator, scene
 
 RATE = 44_100
 

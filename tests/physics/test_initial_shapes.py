@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import engine
+from bench.scenes.small import scene
 from engine.bodies import Bar, Membrane, Plate, String
-from scenes.small import scene
 
 L, MASS = 0.62, 3.93e-3
 

@@ -7,10 +7,10 @@ import pytest
 from conftest import mostly_hard
 
 import engine
+from bench.scenes.small import scene
 from engine.bodies import Plate, String
 from engine.build.build import build
 from engine.offline.simulation import Simulation
-from scenes.small import scene
 
 STRING = {
     "name": "s",

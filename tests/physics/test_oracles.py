@@ -8,7 +8,7 @@ from conftest import slope
 from scipy.special import gamma, lambertw
 
 import engine
-from scenes.small import barrier, mass, oscillator, scene
+from bench.scenes.small import barrier, mass, oscillator, scene
 
 RATES = [96_000, 192_000, 384_000]
 

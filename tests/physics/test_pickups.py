@@ -7,7 +7,7 @@ import pytest
 from scipy.special import jn_zeros
 
 import engine
-from scenes.small import scene
+from bench.scenes.small import scene
 
 DRUM = {
     "name": "d",

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import engine
+from bench.scenes.small import scene
 from engine.bodies import Membrane, Plate
-from scenes.small import scene
 
 STEEL = {"young": 2.0e11, "poisson": 0.3, "thickness": 1e-3, "area_density": 7.85}
 D = 2.0e11 * 1e-9 / (12 * (1 - 0.09))  # N·m

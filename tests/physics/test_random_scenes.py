@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import engine
+from bench.scenes.drawn import decades, either, scenes
 from engine.build.build import build
 from engine.compiler.decorators import kernel
 from engine.compiler.struct_handle import StructHandle
@@ -19,7 +20,6 @@ from engine.offline.simulation import Simulation
 from engine.offline.statistics import newton_statistics
 from engine.parallel.event_insertion import make_island_ready
 from engine.patch.accuracy import Accuracy
-from scenes.drawn import decades, either, scenes
 
 RATE = 44_100
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import engine
+from bench.scenes.small import scene
 from engine.bodies import CylindricalShell, Soundboard
 from engine.bodies.soundboard import WOODS
-from scenes.small import scene
 
 PLAIN = {"name": "b", "kind": "soundboard", "size": [1.4, 0.9], "thickness": 9e-3, "modes": 30}
 RIBS = {"count": 12, "width": 0.025, "height": 0.022}

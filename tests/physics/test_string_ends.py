@@ -8,8 +8,8 @@ from held_strings import PLUCK, held
 from poles import SAMPLERATE, engine_poles, errors, exact_poles
 
 import engine
+from bench.scenes.choirs import board, choir, string
 from engine.bodies import String
-from scenes.choirs import board, choir, string
 
 
 def test_a_choir_on_a_board_has_the_right_pitch_and_decay():

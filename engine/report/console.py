@@ -36,8 +36,11 @@ def print_rows(rows: dict[str, str]) -> None:
 
 def print_notes_summary(stats: dict[str, Any], voices: int, verbose: bool = False) -> None:
     """Print the same of the notes of a MIDI file, rendered by the voices of a patch. stats: as `--json` prints them"""
-    rows = {name: f"plays {notes}" for name, notes in stats["notes"].items()} if verbose else {}
-    rows |= {"energy error": f"{stats['live']['energy_error']:.1e} of the maximum stored energy"} if verbose else {}
+    rows = dict[str, str]()
+    if verbose:
+        rows = {name: f"plays {notes}" for name, notes in stats["notes"].items()}
+        rows["kernel"] = stats["kernel"]
+        rows["energy error"] = f"{stats['live']['energy_error']:.1e} of the maximum stored energy"
     rows |= {} if stats["trusted"] else {"NOT TO BE TRUSTED": "; ".join(stats["reasons"])}
     print_rows(_headline_rows(stats, f", {voices} voices") | rows)
     print(stats["output"])
@@ -45,15 +48,14 @@ def print_notes_summary(stats: dict[str, Any], voices: int, verbose: bool = Fals
 
 def print_mix_summary(stats: dict[str, Any]) -> None:
     """Print the same of a mix, with a line for each of its patches. stats: as `--json` prints them"""
-    length, level, _ = _headline_rows(stats | {"real_time_factor": 0.0, "kernel": ""}, "").items()
-    rows = dict([length, (level[0], level[1].partition(", gain")[0])])
+    rows = {"length": _describe_length(stats), "level": _describe_peak(stats)}
     for part in stats["parts"]:
         channels = ", ".join(str(channel) for channel in sorted({one["channel"] for one in part["parts"]}))
         name = f"{Path(part['patch']).stem} ({channels})"
         name += "" if name not in rows else f" {len(rows) - 1}"  # the same patch at another level
         rows[name] = (
             f"gain {part['gain_db']:+.1f} dB on SI units, {format_factor(part['real_time_factor'])} real time,"
-            f" {part['kernel']} kernel, energy error {part['energy_error']:.1e}"
+            f" energy error {part['energy_error']:.1e}"
         )
     print_rows(rows | ({} if stats["trusted"] else {"NOT TO BE TRUSTED": "; ".join(stats["reasons"])}))
     print(stats["output"])
@@ -74,12 +76,17 @@ def detailed_rows(stats: dict[str, Any]) -> dict[str, str]:
 
 def _headline_rows(stats: dict[str, Any], shared_by: str) -> dict[str, str]:
     """Length, level and speed. shared_by: cores or voices, if there are several"""
-    channels = {1: "mono", 2: "stereo"}.get(stats["channels"], f"{stats['channels']} channels")
     return {
-        "length": f"{stats['seconds']:g} s at {stats['samplerate']} Hz, {channels}",
+        "length": _describe_length(stats),
         "level": _describe_level(stats),
-        "speed": f"{describe_speed(stats['real_time_factor'])}{shared_by}, {stats['kernel']} kernel",
+        "speed": f"{describe_speed(stats['real_time_factor'])}{shared_by}",
     }
+
+
+def _describe_length(stats: dict[str, Any]) -> str:
+    """Return the length of a sound, its sample rate and its channels in words."""
+    channels = {1: "mono", 2: "stereo"}.get(stats["channels"], f"{stats['channels']} channels")
+    return f"{stats['seconds']:g} s at {stats['samplerate']} Hz, {channels}"
 
 
 def _requested_rows(stats: dict[str, Any]) -> dict[str, str]:
@@ -104,6 +111,7 @@ def _detail_rows(stats: dict[str, Any]) -> dict[str, str]:
         f"{BRANCH_NAMES.get(name, name.replace('_', ' '))} {n / samples:.2%}" for name, n in outcomes.items() if n
     )
     return {
+        "kernel": stats["kernel"],
         "cost": f"{stats['ns_per_sample']:.1f} ns per sample",
         "Newton iterations": iterations if newton["solves"] else "none",
         "solver branches": shares or "no contacts",
@@ -118,17 +126,23 @@ def _detail_rows(stats: dict[str, Any]) -> dict[str, str]:
 
 
 def _describe_level(stats: dict[str, Any]) -> str:
-    """The peak of a file and its gain, or why it is silent."""
-    peak = stats["peak"]
+    """Return the peak of a file and its gain, or why it is silent."""
     if stats.get("silent"):
         return f"silent: {stats['silent']}"
+    gain = "" if stats["peak"] <= SILENT_PEAK else f", gain {stats['gain_db']:+.1f} dB on SI units"
+    return _describe_peak(stats) + gain
+
+
+def _describe_peak(stats: dict[str, Any]) -> str:
+    """Return the peak of a file, and whether it is above full scale."""
+    peak = stats["peak"]
     if peak <= SILENT_PEAK:
         return "silent"
     level = f"peak {20 * math.log10(peak):.1f} dBFS"
     if peak > 1.0:
         cut = f"{stats['clipped']} samples are clipped" if stats.get("clipped") else "players will clip it"
         level += f" (above full scale: {cut}; --gain {largest_safe_gain(stats['gain_db'], peak):.1f} fits)"
-    return f"{level}, gain {stats['gain_db']:+.1f} dB on SI units"
+    return level
 
 
 def _error_estimate_rows(estimate: dict[str, Any] | None) -> dict[str, str]:

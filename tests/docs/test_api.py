@@ -1,4 +1,4 @@
-"""docs/api.md: it is that of the docstrings as they are, and every example in it works."""
+"""docs/api.md and docs/cli.md: they are those of the docstrings and parsers as they are, and every example works."""
 
 import doctest
 import inspect
@@ -6,6 +6,7 @@ import inspect
 import pytest
 
 import engine
+from bench.publish import cli
 from bench.publish.api import PAGE, compose_page, documented
 
 DOCUMENTED = dict(documented())
@@ -14,6 +15,10 @@ WITH_EXAMPLES = [name for name, value in DOCUMENTED.items() if ">>>" in (inspect
 
 def test_the_page_is_that_of_the_docstrings():
     assert PAGE.read_text("utf-8") == compose_page(), "a docstring has changed: uv run python -m bench api"
+
+
+def test_the_page_of_commands_is_that_of_the_parsers():
+    assert cli.PAGE.read_text("utf-8") == cli.compose_page(), "an option has changed: uv run python -m bench cli"
 
 
 def test_every_public_name_is_on_the_page():

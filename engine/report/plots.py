@@ -43,6 +43,7 @@ SPECTROGRAM_DEPTH_DB = 90.0
 SPECTROGRAM_ROWS = 400  # frequencies, evenly spread on a logarithmic axis
 SPECTROGRAM_RANGE = 30.0, 20e3  # Hz
 MAX_SHADED_INTERVALS = 400  # more contact intervals are shaded together with those near them
+MIN_CONTACT_SPREAD = 0.02  # of the time, from the first contact to the end of the last, for a panel of iterations
 MAX_SCALED_CHANNELS = 4  # of more channels, the scale of each is no longer labelled
 LANE = 1.15  # half the height of a channel's lane, in peaks
 PANEL_HEIGHTS = {"waveform": 2.2, "spectrogram": 2.6, "energies": 2.3, "iterations": 1.7}  # inches
@@ -59,7 +60,7 @@ def plot_rendering(
     Raises ValueError if it has no trace, OSError if it cannot be written.
     """
     contact = first_contact(rendering)
-    heights = {name: PANEL_HEIGHTS[name] for name in PANELS if name != "iterations" or contact is not None}
+    heights = {name: PANEL_HEIGHTS[name] for name in PANELS if name != "iterations" or can_show_contacts(rendering)}
     heights["waveform"] = waveform_height(rendering)
     details: dict[str, Callable[[Any], None]] = {}
     if contact is not None:
@@ -197,6 +198,12 @@ PANELS: dict[str, Callable[[Any, "Rendering"], None]] = {
     "energies": plot_energies,
     "iterations": plot_iterations,
 }
+
+
+def can_show_contacts(rendering: "Rendering") -> bool:
+    """True if contacts are spread over enough of the time that a panel over all of it shows them apart."""
+    intervals = contact_intervals(require_trace(rendering)["force"], trace_rate(rendering))
+    return bool(intervals) and intervals[-1][1] - intervals[0][0] >= MIN_CONTACT_SPREAD * _seconds(rendering)
 
 
 def shade_contact(axes: Any, rendering: "Rendering") -> bool:

@@ -169,6 +169,17 @@ def noisy_rendering(begin: float, seconds: float) -> SimpleNamespace:
     return SimpleNamespace(audio=audio, samplerate=rate, trace=trace)
 
 
+@pytest.mark.parametrize(("seconds", "shown"), [(0.001, False), (0.2, True)])
+def test_iterations_have_a_panel_only_where_it_would_show_something(seconds, shown, tmp_path, monkeypatch):
+    """One blow of a millisecond is a line at the edge of four seconds; the picture of the contact below has it."""
+    drawn_panels = []
+    monkeypatch.setitem(plots.PANELS, "iterations", lambda *_: drawn_panels.append("iterations"))
+    rendering = noisy_rendering(1.0, seconds)
+    rendering.trace |= {"contacts": np.array(["felt"]), "contact_positions": np.zeros((1, 1))}
+    plots.plot_rendering(rendering, "blow", tmp_path / "blow.png")
+    assert drawn_panels == ["iterations"] * shown
+
+
 @pytest.mark.parametrize("dpi", [50, 72, 120, 300])
 @pytest.mark.parametrize("begin", [1.0, 1.001, 1.0025, 2.7181])
 def test_a_short_contact_is_shaded_over_two_pixels(dpi, begin):

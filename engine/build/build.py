@@ -152,8 +152,8 @@ def mode_coefficients(layout: Layout, samplerate: float, accuracy: Accuracy) -> 
     omega, sigma, h = layout.concatenate_modes("omega"), layout.concatenate_modes("sigma"), 1.0 / samplerate
     if accuracy.order > 2 and sigma.max(initial=0.0) * h > MAX_DAMPING_BACKWARDS:
         message = f"order {accuracy.order} has steps back in time, in which heavy damping would create energy"
-        limit = f"decay rates up to {MAX_DAMPING_BACKWARDS * samplerate:.4g} 1/s ({sigma.max():.4g} here)"
-        raise BuildError(Fault("accuracy.order", f"{message}; {limit}, or order = 2 and substeps"))
+        limit = f"allows decay rates up to {MAX_DAMPING_BACKWARDS * samplerate:.4g} 1/s ({sigma.max():.4g} here)"
+        raise BuildError(Fault("accuracy.order", f"{message}, and {limit}; use order = 2 with substeps"))
     damped = loses_in_drift(omega, sigma, h, accuracy)
     kick, drift, decay, drag, dragged = np.empty((5, omega.size))
     kick[~damped], drift[~damped] = SCHEMES[accuracy.scheme](omega[~damped], sigma[~damped], h)
@@ -280,7 +280,7 @@ def _force_table(scene: Scene, force: object, samplerate: float, seconds: float)
         return force_table(force, samplerate, seconds)  # type: ignore[arg-type]
     except (OSError, RuntimeError, TypeError, ValueError) as error:  # it was there when the patch was read
         path = f"force[{scene.force.index(force)}].file"  # type: ignore[arg-type]
-        message = f"cannot be read as audio ({error_reason(error)}); a WAV, FLAC or OGG file"
+        message = f"cannot be read as audio ({error_reason(error)}); give a WAV, FLAC or OGG file"
         raise BuildError(Fault(path, message)) from None
 
 
@@ -323,8 +323,8 @@ def _refuse_deep(layout: Layout, state: State) -> None:
             unit = float(state.potential_coefficient[slot])
             force = unit * (exponent + 1) * np.float64(max(depth, 0.0)) ** exponent
         if force > MAX_FORCE_AT_START:
-            message = f"begins {depth:.3g} m deep, where it pushes with {force:.1e} N"
-            remedy = f"at most {MAX_FORCE_AT_START:g} N; mind the signs of gap and side"
+            message = f"begins with a compression of {depth:.3g} m, at which it pushes with {force:.1e} N"
+            remedy = f"at most {MAX_FORCE_AT_START:g} N is allowed; check the signs of gap and side"
             faults.append(Fault(f"contact[{k}]", f"{message}; {remedy}"))
     if faults:
         raise BuildError(*(faults[:1] if len({fault.path for fault in faults}) == 1 else faults))

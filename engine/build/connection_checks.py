@@ -27,8 +27,8 @@ def check_connections(layout: Layout, accuracy: Accuracy, samplerate: float) -> 
             faults += _find_unequal_loss(layout, accuracy)
     for coordinates in layout.coordinates:
         if len(coordinates.items) > MAX_ISLAND_COORDINATES:
-            message = f"with it over {MAX_ISLAND_COORDINATES} coordinates of connections join the same bodies"
-            faults.append(Fault(coordinates.items[MAX_ISLAND_COORDINATES].path, f"{message}; fewer of them"))
+            message = f"with this one, more than {MAX_ISLAND_COORDINATES} connection coordinates join the same bodies"
+            faults.append(Fault(coordinates.items[MAX_ISLAND_COORDINATES].path, f"{message}; use fewer connections"))
     if faults:
         raise BuildError(*faults)
 
@@ -52,8 +52,8 @@ def _find_still(layout: Layout) -> list[Fault]:
             remedy = (
                 '; kind = "end" lets the end of a string move' if isinstance(body, LineBody) and key == "at" else ""
             )
-            message = f'"{name}" does not move there, and nothing would be held'
-            faults.append(Fault(f"connection[{k}].{key}", f"{message}; another place{remedy}"))
+            message = f'"{name}" does not move there, so the connection would hold nothing'
+            faults.append(Fault(f"connection[{k}].{key}", f"{message}; choose another position{remedy}"))
     return faults
 
 
@@ -81,11 +81,13 @@ def _find_apart(layout: Layout) -> list[Fault]:
         path = f"connection[{k}]"
         if abs(gap) > MAX_GAP + 1e-12 * size:
             rest = connection.rest + gap
-            message = f"a rigid joint that begins {gap:.6g} m apart"
-            faults.append(Fault(f"{path}.rigid", f"{message}; rest = {rest:.6g}, or the bodies where they meet"))
+            message = f"the sides of this rigid joint are {abs(gap):.6g} m apart at time 0"
+            faults.append(
+                Fault(f"{path}.rigid", f"{message}; give rest = {rest:.6g}, or start the bodies where they meet")
+            )
         elif abs(speed) > 1e-12:
-            message = f"a rigid joint whose sides begin to part at {speed:.6g} m/s"
-            faults.append(Fault(f"{path}.rigid", f"{message}; the same velocity for both"))
+            message = f"the sides of this rigid joint move apart at {speed:.6g} m/s at time 0"
+            faults.append(Fault(f"{path}.rigid", f"{message}; give both the same velocity"))
     return faults
 
 
@@ -104,7 +106,7 @@ def _find_overdamped(layout: Layout, accuracy: Accuracy, samplerate: float) -> l
             limit = 2 * MAX_DAMPING_OUTSIDE * samplerate / max(_mobility(item), 1e-300)
             if damping > limit:
                 message = f"order {accuracy.order} has steps back in time, in which a damper would create energy"
-                remedy = f"at most {limit:.3g} kg/s here, or order = 2 and substeps"
+                remedy = f"give at most {limit:.3g} kg/s here, or use order = 2 with substeps"
                 faults.append(Fault(f"{item.path}.damping_coefficient", f"{message}; {remedy}"))
     return faults
 
@@ -123,8 +125,8 @@ def _find_unequal_loss(layout: Layout, accuracy: Accuracy) -> list[Fault]:
             sigma = np.concatenate([layout.modal_bodies[b].sigma[row != 0.0] for b, row in item.parts.items()])
             if np.ptp(sigma) > 0.0:
                 stages = f"order {accuracy.order} with an even number of substeps"
-                message = f"{stages} moves a rigid joint wrongly if its bodies lose unequally"
-                faults.append(Fault(item.path, f"{message}; an odd number of substeps, or order = 2"))
+                message = f"{stages} moves a rigid joint wrongly if its bodies have unequal losses"
+                faults.append(Fault(item.path, f"{message}; use an odd number of substeps, or order = 2"))
     return faults
 
 

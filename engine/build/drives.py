@@ -64,7 +64,7 @@ def order_islands(scene: Scene, island_of: Sequence[int], numbers: dict[str, int
     for drive, (before, after) in zip(drives, pairs, strict=True):
         if depth[after] <= depth[before] or max(depth) >= len(depth):
             message = f'"{drive.string}" drives "{drive.body}", which acts back on it through other bodies'
-            raise BuildError(Fault(f"connection[{drive.connection}].one_way", f"{message}; one_way = false"))
+            raise BuildError(Fault(f"connection[{drive.connection}].one_way", f"{message}; give one_way = false"))
     first = list(range(len(depth)))  # of the islands that drive each other: so those of a voice stay together
     for _ in first:
         for before, after in pairs:

@@ -43,7 +43,9 @@ def build_modal_bodies(scene: Scene, samplerate: float, scheme: str) -> list[Mod
         total += modal.omega.size
         if total > MAX_SCENE_MODES:
             faults.append(
-                Fault(path, f"with it the bodies have over {MAX_SCENE_MODES} modes; give fewer modes, or fewer bodies")
+                Fault(
+                    path, f"with this one, the bodies have more than {MAX_SCENE_MODES} modes; use fewer modes or bodies"
+                )
             )
             break
     if faults:
@@ -60,13 +62,13 @@ def build_modal_body(body: Body, path: str, samplerate: float, scheme: str) -> M
     except UnfitBody as error:
         raise BuildError(Fault(path, str(error))) from None
     except (ArithmeticError, ValueError):
-        message = "its numbers are too large or too small to compute with; nearer to those of a body"
+        message = "its numbers are too large or too small to compute with; give values nearer to those of real bodies"
         raise BuildError(Fault(path, message)) from None
     if message := _explain_unfit(body, modal, samplerate, scheme):
         raise BuildError(Fault(path, message))
     if isinstance(body, String) and body.tension_and_bending()[0] <= 0.0:
         message = f"its bending stiffness alone makes it vibrate faster than {body.frequency:g} Hz"
-        raise BuildError(Fault(f"{path}.frequency", f"{message}; a higher frequency, or less bending_stiffness"))
+        raise BuildError(Fault(f"{path}.frequency", f"{message}; give a higher frequency, or less bending_stiffness"))
     return modal
 
 
@@ -75,14 +77,15 @@ def _explain_unfit(body: Body, modal: ModalBody, samplerate: float, scheme: str)
     highest = MAX_FREQUENCY_SHARE * samplerate
     if modal.omega.size == 0:
         message = f"has no mode below {highest:g} Hz, {MAX_FREQUENCY_SHARE} of the sample rate"
-        return f"{message}; a lower frequency, or a higher --samplerate"
+        return f"{message}; give a lower frequency, or render with a higher --samplerate"
     if not body.total_mass() >= MIN_BODY_MASS:
-        return f"weighs {body.total_mass():.3g} kg; at least {MIN_BODY_MASS:g}"
+        return f"has a mass of {body.total_mass():.3g} kg; give at least {MIN_BODY_MASS:g} kg"
     if not np.all(modal.sigma >= 0.0):
-        return "a mode of it would grow, or its decay is not a number; other decay rates"
+        return "one of its modes has a decay rate that is negative or not a number; give other losses"
     worst = float(np.max(modal.sigma))
     if worst > MAX_DECAY_RATE:
-        return f"a mode of it decays at {worst:.3g} 1/s; at most {MAX_DECAY_RATE:g}: less loss, or fewer modes"
+        message = f"one of its modes has a decay rate of {worst:.3g} 1/s, and the limit is {MAX_DECAY_RATE:g}"
+        return f"{message}; give less loss, or fewer modes"
     fastest = math.sqrt(max(0.0, float(np.max(modal.omega**2 - modal.sigma**2)))) / (2 * math.pi)
     if scheme == "exact" and fastest > highest:
         message = f"vibrates at {fastest:g} Hz, above {MAX_FREQUENCY_SHARE} of the sample rate of {samplerate:g} Hz"
@@ -100,7 +103,10 @@ def check_sizes(scene: Scene, modal_bodies: list[ModalBody]) -> None:
         shapes += count * (modes[contact.body] + (modes[contact.on] if contact.on is not None else 0))
         if points > MAX_SCENE_CONTACT_POINTS:
             raise BuildError(
-                Fault(f"contact[{k}]", f"with it there are over {MAX_SCENE_CONTACT_POINTS} points of contact; fewer")
+                Fault(
+                    f"contact[{k}]",
+                    f"with this one, there are more than {MAX_SCENE_CONTACT_POINTS} contact points; use fewer",
+                )
             )
         _check_shapes(f"contact[{k}]", shapes)
     for k, connection in enumerate(scene.connection):
@@ -125,8 +131,8 @@ def check_forces(scene: Scene, samplerate: float, seconds: float) -> None:
     for path, force in _external_forces(scene):
         steps += _count_steps(path, force, samplerate, seconds)
         if steps > MAX_FORCE_STEPS:
-            message = f"with it the forces last over {MAX_FORCE_STEPS / samplerate:.0f} s in all"
-            raise BuildError(Fault(path, f"{message}; fewer seconds, or shorter ones"))
+            message = f"with this one, the forces last more than {MAX_FORCE_STEPS / samplerate:.0f} s in total"
+            raise BuildError(Fault(path, f"{message}; give fewer seconds, or shorter forces"))
 
 
 def _external_forces(scene: Scene) -> Iterator[tuple[str, Force | PluckEvent]]:
@@ -139,14 +145,14 @@ def _count_steps(path: str, force: Force | PluckEvent, samplerate: float, second
     try:
         return count_steps(force, samplerate, seconds)
     except (OSError, RuntimeError, TypeError) as error:  # its file was there when the patch was read
-        message = f"cannot be read as audio ({error_reason(error)}); a WAV, FLAC or OGG file"
+        message = f"cannot be read as audio ({error_reason(error)}); give a WAV, FLAC or OGG file"
         raise BuildError(Fault(f"{path}.file", message)) from None
 
 
 def _check_shapes(path: str, shapes: int) -> None:
     if shapes > MAX_SHAPES:
-        message = f"with it, modes times the places that are touched, pushed or heard are over {MAX_SHAPES}"
-        raise BuildError(Fault(path, f"{message}; fewer modes, or fewer places"))
+        message = f"with this one, the scene needs more than {MAX_SHAPES} mode-shape values (modes × points)"
+        raise BuildError(Fault(path, f"{message}; use fewer modes, contacts, forces or pickups"))
 
 
 def check_islands(layout: Layout) -> None:
@@ -154,10 +160,10 @@ def check_islands(layout: Layout) -> None:
     scene, contacts, modes = layout.scene, np.diff(layout.islands.contact), np.diff(layout.islands.mode)
     n = int(np.argmax(contacts))
     names = [b.name for b in scene.body if layout.island_of_body[layout.body_index[b.name]] == n]
-    message = f"{contacts[n]} points of contact join {', '.join(names[:4])}{' …' if len(names) > 4 else ''}"
+    message = f"{contacts[n]} contact points join {', '.join(names[:4])}{' …' if len(names) > 4 else ''}"
     if contacts[n] > MAX_ISLAND_CONTACTS:
-        raise BuildError(Fault("contact", f"{message}; at most {MAX_ISLAND_CONTACTS} in an island"))
+        raise BuildError(Fault("contact", f"{message}; an island may have {MAX_ISLAND_CONTACTS}"))
     if int(np.max(contacts * modes)) > MAX_SHAPES:
         n = int(np.argmax(contacts * modes))
-        message = f"{contacts[n]} points of contact join bodies of {modes[n]} modes"
-        raise BuildError(Fault("contact", f"{message}; both multiplied, at most {MAX_SHAPES} in an island"))
+        message = f"{contacts[n]} contact points join bodies with {modes[n]} modes in total"
+        raise BuildError(Fault("contact", f"{message}; the product may be {MAX_SHAPES} in an island"))

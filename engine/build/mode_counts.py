@@ -24,7 +24,9 @@ def fit_modes(
     fitted: list[ModalBody] = []
     for i, (body, other) in enumerate(zip(with_residual_modes(scene, cut, samplerate), like, strict=True)):
         if body.residual != other.residual:
-            raise BuildError(Fault(f"body[{i}]", "it would need other modes than those that sound; start anew"))
+            raise BuildError(
+                Fault(f"body[{i}]", "this change needs other modes than those that sound; stop and start again")
+            )
         fitted.append(_with_silent_modes(body, other.omega.size - body.omega.size))
     return fitted
 

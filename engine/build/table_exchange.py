@@ -60,11 +60,15 @@ def collect_copies(pairs: Sequence[tuple[np.ndarray, np.ndarray]]) -> Copies:
 def _differences(ours: Any, old: Any, new: Any, name: str) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """The parts of arrays that differ: to write to, and to read from."""
     if type(old) is not type(new) or (isinstance(old, np.ndarray) and old.shape != new.shape):
-        raise CannotExchange(f"its {name.replace('_', ' ')} would be other than what sounds; start anew")
+        raise CannotExchange(
+            f"its {name.replace('_', ' ')} would have another structure than what sounds; stop and start again"
+        )
     if isinstance(old, np.ndarray):
         if old.dtype.itemsize != WORD_BYTES:
             if not np.array_equal(old, new):
-                raise CannotExchange(f"its {name.replace('_', ' ')} would lie elsewhere; start anew")
+                raise CannotExchange(
+                    f"its {name.replace('_', ' ')} would be arranged differently; stop and start again"
+                )
             return
         different = np.flatnonzero((old != new).ravel())
         if different.size:

@@ -158,7 +158,7 @@ class Player:
     def cross_fade_to(self, following: "Player") -> None:
         """Let another player take over: one sound fades into the other. Raises ValueError if it has other channels."""
         if (following.channels, following.samplerate) != (self.channels, self.samplerate):
-            raise ValueError(f"it has {following.channels} channels instead of {self.channels}; start anew")
+            raise ValueError(f"it has {following.channels} channels instead of {self.channels}; stop and start again")
         frames = nearest_frame(CROSS_FADE_SECONDS, self.samplerate)
         if self.shared[Slot.STOP_REQUESTED] or self.frame + frames >= self.shared[Slot.END]:
             raise ValueError("what was played is over")

@@ -145,5 +145,5 @@ def test_a_contact_harder_than_anything_is_refused(stiffness, exponent):
 
 def test_a_contact_that_begins_deeper_than_any_force_is_refused():
     deep = scene([oscillator(frequency=1.0)], contact=[barrier(barrier=-1e3, stiffness=1e13, exponent=1.0)])
-    with pytest.raises(BuildError, match=r"begins 1e.03 m deep, where it pushes with 1.0e.16 N"):
+    with pytest.raises(BuildError, match=r"begins with a compression of 1e.03 m, at which it pushes with 1.0e.16 N"):
         engine.render(deep, seconds=0.01)

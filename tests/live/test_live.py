@@ -300,7 +300,7 @@ def test_other_channels_cannot_take_over():
     scene = engine.load(PIANO)
     mono = scene.model_copy(update={"pickup": [p.model_copy(update={"channel": 1}) for p in scene.pickup]})
     player = Player(scene)
-    with pytest.raises(ValueError, match="start anew"):
+    with pytest.raises(ValueError, match="stop and start again"):
         player.cross_fade_to(Player(mono))
 
 

@@ -296,7 +296,7 @@ def test_forces_for_which_there_is_no_room_are_refused():
     scene = forced(3600.0)
     scene = scene.model_copy(update={"force": scene.force * 3})
     for seconds in (3600.0, math.inf):
-        with pytest.raises(ValueError, match=r"force\[1\]: with it the forces last over 6087 s in all"):
+        with pytest.raises(ValueError, match=r"force\[1\]: with this one, the forces last more than 6087 s in total"):
             build(scene, 44_100, seconds=seconds)
 
 

@@ -365,5 +365,5 @@ def test_too_many_points_of_contact_are_refused():
 
     rail = {"body": "string", "at": [i / 300 for i in range(1, 257)], "barrier": -1e-3, "side": "below"}
     rails = [rail | {"stiffness": 1e7, "exponent": 1.5, "name": f"rail{i}"} for i in range(3)]
-    with pytest.raises(BuildError, match="769 points of contact join string, hammer; at most 512 in an island"):
+    with pytest.raises(BuildError, match="769 contact points join string, hammer; an island may have 512"):
         engine.render(build(body=[STRING, HAMMER], contact=[FELT, *rails], pickup=[EAR]))

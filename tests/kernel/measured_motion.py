@@ -1,0 +1,108 @@
+"""The motion of a scene by the measured step alone: every sample part by part, with each force measured from the
+momenta that the bodies have by then. Nothing is flown or slept through, and no two passes are joined."""
+
+from types import FunctionType
+from typing import NamedTuple
+
+import numpy as np
+
+import engine
+from engine.build.build import build
+from engine.build.general import generalise
+from engine.compiler.array_view import row_view
+from engine.compiler.decorators import INT64_0, INT64_1, inline, kernel
+from engine.compiler.struct_handle import StructHandle
+from engine.compiler.struct_types import load_struct
+from engine.kernel.codes import CHUNK_FRAMES, FLIGHT_FRAMES, Ledger
+from engine.kernel.contacts import reset_line_search_budget, resync_open_contacts
+from engine.kernel.drive import clear_drive
+from engine.kernel.events import finish_score, run_score
+from engine.kernel.island_view import island_bounds, island_model, island_state
+from engine.kernel.model import Model
+from engine.kernel.pickups import add_pickups
+from engine.kernel.recording import write_trace
+from engine.kernel.refinement import composed_step
+from engine.kernel.state import State, Trace
+from engine.kernel.step import Acting, step_in_passes
+from engine.offline.trace import allocate_trace
+from engine.parallel.job_memory import block_output
+
+
+@inline
+def measured_step(model, force, h, state, frame):
+    """A step of any length, part by part. Returns a StepOutcome."""
+    return step_in_passes(None, Acting(model.contact, model.connection, force, model.weight), h, state, frame)
+
+
+_NAMES = composed_step.py_func.__globals__ | {"step": measured_step}
+measured_sample_in_stages = inline(FunctionType(composed_step.py_func.__code__, _NAMES, "measured_sample_in_stages"))
+
+
+@inline
+def advance(refinement, model, state, frame):
+    """A sample by measured steps. Returns a StepOutcome."""
+    if refinement is None:
+        return measured_step(model, model.force, model.step, state, frame)
+    else:
+        return measured_sample_in_stages(model, model.force, refinement, state, frame)
+
+
+@kernel
+def render_measured(model_handle, state_handle, output_handle, frames):
+    """Render the first frames of all islands."""
+    model, state, output = load_struct(model_handle), load_struct(state_handle), load_struct(output_handle)
+    audio, islands = row_view(output.audio, INT64_0), model.islands
+    last = islands.mode.shape[0] - 1
+    for begin in range(0, frames, CHUNK_FRAMES):
+        end = min(begin + CHUNK_FRAMES, frames)
+        clear_drive(model.drive, state.drive, (INT64_0, last), begin, end - begin)
+        for n in range(last):
+            bounds = island_bounds(islands, INT64_0, n)
+            part, part_state = island_model(model, state, bounds), island_state(state, bounds)
+            for frame in range(begin, end):
+                if frame % FLIGHT_FRAMES == 1:
+                    reset_line_search_budget(part_state.scratch, part_state)
+                    if part_state.in_contact[0] == 0:  # or the rounding of steps between contacts would add up
+                        resync_open_contacts(part.contact, part_state)
+                add_pickups(part.pickups, part.drive, part_state, part.samplerate, audio, frame, frame)
+                write_trace(output.trace, frame, INT64_1, bounds, part, part_state, frame)
+                run_score(part, part.events, part_state, frame)
+                outcome = advance(part.refinement, part, part_state, frame)
+                finish_score(part, part.events, part_state)
+                part_state.in_contact[0] = outcome.in_contact
+                part_state.law_evaluations[0] = outcome.evaluations
+
+
+class Motion(NamedTuple):
+    """Every sample of a scene."""
+
+    audio: np.ndarray  # [frames, channels]
+    trace: Trace  # its bodies in the order of the arrays
+    order: np.ndarray  # of these, by the order of the patch
+
+
+def disturb(model: Model, state: State, disturbance: float) -> None:
+    """Change each displacement and momentum at time 0 by this share, of either sign; and forces and strikes."""
+    rng = np.random.default_rng(0)
+    for start in (state.q, state.p):
+        start[:] *= 1.0 + disturbance * rng.choice([-1.0, 1.0], start.size)
+    if model.force is not None:
+        model.force.scale[:] *= 1.0 + disturbance
+    if model.events is not None:
+        model.events.value2[:] *= 1.0 + disturbance
+
+
+def measured_motion(scene: engine.Scene, seconds: float, samplerate: int = 44_100, disturbance: float = 0.0) -> Motion:
+    """Compute a scene by measured steps.
+
+    disturbance: relative change of the start, of external forces and of strikes
+    """
+    model, state, layout = build(scene, samplerate, scene.accuracy, seconds)
+    if disturbance:
+        disturb(model, state, disturbance)
+    model, state = generalise(model, state)
+    frames = round(seconds * samplerate)
+    audio, trace = np.zeros((frames, scene.channels)), allocate_trace(model, frames)
+    output = block_output(audio, np.zeros((len(Ledger), 0)), False, trace)
+    render_measured(StructHandle(model), StructHandle(state), StructHandle(output), frames)
+    return Motion(audio, trace, np.array(layout.body_order))

@@ -4,7 +4,7 @@ import io
 import math
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -84,7 +84,7 @@ class ErrorKeepingFile(io.FileIO):
         return count
 
 
-def save_trace(output: Path, trace: "dict[str, np.ndarray]") -> None:
+def save_trace(output: Path, trace: Mapping[str, object]) -> None:
     """Write the arrays of a trace to an .npz file. Raises OSError."""
     import numpy as np
 

@@ -28,14 +28,16 @@ one it is. The command `fdh` works in such a folder, too; `python -m engine` doe
 PLAYING = "read", "start", "wait", "close", "stop", "cross_fade_to", "render_into", "fetch_recording"
 EVENTS = "strike", "pluck", "lift", "damp", "set", "tune"
 READINGS = "live_parameters", "refused", "strikers", "frame", "finished", "meter", "log"
-MADE_BY_FUNCTIONS = "Scene", "Parameter", "Rendering", "ErrorEstimate"
+MADE_BY_FUNCTIONS = "Scene", "Parameter", "Rendering", "TraceArrays", "ContactSummary", "ErrorEstimate"
 # in the order of the page: where each name is imported from, and those of its methods and properties that are for users
 NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "load": ("engine", ()),
     "Scene": ("engine", ("parameters", "replace", "channels")),
     "Parameter": ("engine.patch.parameters", ()),
     "render": ("engine", ()),
-    "Rendering": ("engine", ("plot", "save")),
+    "Rendering": ("engine", ("contacts", "plot", "save")),
+    "TraceArrays": ("engine.offline.trace", ()),
+    "ContactSummary": ("engine.analysis.contact_summaries", ()),
     "estimate_error": ("engine", ()),
     "ErrorEstimate": ("engine", ()),
     "features": ("engine.analysis.features", ()),

@@ -6,13 +6,15 @@ from dataclasses import dataclass, replace
 from html import escape
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 import engine.offline.render as offline
+from engine.analysis.contact_summaries import ContactSummaries
 from engine.analysis.silence import explain_silence
 from engine.argument_checks import checked_integer, checked_number
+from engine.offline.trace import TraceArrays, contact_names
 from engine.output_files import apply_gain, atomic_write, check_audio_format, count_clipped, save_audio, save_trace
 from engine.patch.accuracy import Accuracy
 from engine.patch.error_messages import suggestion
@@ -36,26 +38,9 @@ class Rendering(offline.Rendering):
     samplerate: Hz
     stats:      what is known of it, by the names of `fdh render --json`: `stats.energy.error_max`, or
                 `stats["energy"]["error_max"]`; `stats.as_dict()` has all
-    trace:      arrays of every sample by name, or None; sample 0 is the initial state
+    trace:      arrays of every sample by name (engine.offline.trace.TraceArrays), or None; sample 0 is the initial
+                state
     scene:      what was rendered
-
-    A trace has, by name:
-
-    time:         [n], s; sample 0 is the initial state
-    displacement: [n, bodies], m; where each body is traced is in `positions`
-    velocity:     [n, bodies], m/s
-    compression:  [n, contacts], m; a contact at several points has a column for each
-    force:        [n, contacts], N; the mean over the step that ends at the sample
-    iterations:   [n], of the contact solve
-    kinetic, potential, contact, dissipated, supplied, total: [n], J
-    bodies, contacts: the names of the columns
-    positions:    [bodies], as JSON: a place as in a patch, `null` of a body of one mode; "" where a body is not traced
-    contact_positions: [contacts], as JSON: the place on the body, and on the other
-    samplerate:   Hz, of the trace: oversampled, it is higher than that of the sound
-    units:        [arrays, 2]: name and unit
-    shape_time:   [m], s; this and what follows with trace_shapes
-    shape.NAME:   [m, 65] of a string or bar, m; [m, 17, 17] of a sheet: rows along y, NaN outside of a round one
-    shape_positions.NAME: [65] or [17, 17, 2]: the places, as fractions; of a sheet, x and y
 
     >>> import engine
     >>> rendering = engine.render(engine.load("bouncing_ball"), seconds=0.5, trace=True)
@@ -73,6 +58,31 @@ class Rendering(offline.Rendering):
         parts += [f"peak {self.stats.peak:.3g}", f"energy error {self.stats.energy.error_max:.1e}"]
         parts += ["trace of every sample"] if self.trace is not None else []
         return f"<Rendering: {', '.join(parts)}{'' if self.stats.trusted else '; NOT TO BE TRUSTED'}>"
+
+    @property
+    def contacts(self) -> ContactSummaries:
+        """Each contact in plain numbers (engine.analysis.contact_summaries.ContactSummary), by its name in the patch:
+        when it touches, how long, how strongly. A contact without a name is `contact.0`, `contact.1`, …, by its place
+        in the patch.
+
+        A contact at several points is listed once: it touches as long as any of its points does, and its force is the
+        sum of theirs. The points are found as `NAME.0`, `NAME.1`, …; where they lie is in
+        `trace["contact_positions"]`.
+
+        Raises ValueError without a trace; and KeyError, which names the nearest one, for an unknown name.
+
+        >>> import engine
+        >>> rendering = engine.render(engine.load("piano_c4"), seconds=0.1, trace=True)
+        >>> felt = rendering.contacts["felt"]
+        >>> print(f"{felt.first_duration * 1e3:.2f} ms, {felt.peak_force:.1f} N, {felt.touches} touch")
+        2.01 ms, 11.9 N, 1 touch
+        >>> rendering.contacts["fellt"]
+        Traceback (most recent call last):
+        KeyError: 'no contact "fellt"; did you mean "felt"?'
+        """
+        if self.trace is None:
+            raise ValueError("contacts need a trace; render with trace=True")
+        return ContactSummaries(self.trace, contact_names(self.scene))
 
     def plot(self, *panels: str, style: str = "screen") -> np.ndarray:
         """Draw the rendering with matplotlib's pyplot, a panel below another, as `fdh render --plot` does.
@@ -190,7 +200,7 @@ class Rendering(offline.Rendering):
 
         axes = figure.subplots(len(names), sharex=True, squeeze=False)[:, 0]
         untouched = {"time": np.zeros(len(self.audio)), "force": np.zeros((len(self.audio), 0))}
-        drawn = self if self.trace is not None else replace(self, trace=untouched)
+        drawn = self if self.trace is not None else replace(self, trace=cast(TraceArrays, untouched))
         for panel_axes, name in zip(axes, names, strict=True):
             PANELS[name](panel_axes, drawn)
             panel_axes.label_outer()

@@ -2,7 +2,7 @@
 
 import argparse
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -153,7 +153,8 @@ def write_outputs(outputs: Outputs, args: argparse.Namespace) -> list[Path]:
         with atomic_write(path) as part:
             part.write_text(page, "utf-8")
 
-    trace, page = outputs.rendering.trace or {}, to_utf8_text(outputs.page or "")
+    trace: Mapping[str, object] = outputs.rendering.trace or {}
+    page = to_utf8_text(outputs.page or "")
     companions: list[tuple[Path | None, Callable[[Path], object]]] = [
         (optional_path(args.trace), lambda path: save_trace(path, trace)),
         (plot_path(args), picture),

@@ -4,7 +4,7 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from engine.offline.decimation import decimate, decimation_tail
 from engine.offline.shape_snapshots import ShapeSnapshots
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import RenderStatistics, island_statistics, simulation_statistics
-from engine.offline.trace import allocate_trace, name_columns, trace_rows
+from engine.offline.trace import TraceArrays, allocate_trace, name_columns, trace_rows
 from engine.offline.trust import explain_build_doubts, explain_doubts, warn_of_strong_loss, warnings
 from engine.patch.frames import frame_count
 from engine.patch.scene import SAMPLE_RATE_RANGE, Scene
@@ -38,7 +38,7 @@ class Rendering:
     audio: np.ndarray
     samplerate: int
     stats: RenderStatistics
-    trace: dict[str, np.ndarray] | None
+    trace: TraceArrays | None
 
 
 def render(
@@ -104,8 +104,8 @@ def render(
     )
     named = None if kept is None else name_columns(trace_rows(kept, 0, frames), layout, fine)
     if named is not None and snapshots is not None:
-        named |= snapshots.arrays(fine)
         named["units"] = np.concatenate([named["units"], snapshots.units])
+        named = cast(TraceArrays, {**named, **snapshots.arrays(fine)})
     return Rendering(audio, samplerate, stats, named)
 
 

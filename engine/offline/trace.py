@@ -1,6 +1,7 @@
 """Traces: every sample's displacements, forces and energies."""
 
 import json
+from typing import NotRequired, TypedDict
 
 import numpy as np
 
@@ -8,10 +9,56 @@ from engine.build.build import trace_points
 from engine.build.layout import Layout
 from engine.kernel.model import Model
 from engine.kernel.state import Trace
+from engine.patch.scene import Scene
 
 ENERGIES = "kinetic", "potential", "contact", "dissipated", "supplied", "total"
 UNITS = {"time": "s", "displacement": "m", "velocity": "m/s", "compression": "m", "force": "N", "iterations": "1"}
 UNITS |= {**dict.fromkeys(ENERGIES, "J"), "samplerate": "Hz", "positions": "1", "contact_positions": "1"}
+
+
+class TraceArrays(TypedDict):
+    """The arrays of a trace by name, as `rendering.trace` has them and `fdh render --trace` writes them.
+
+    time:         [n], s; sample 0 is the initial state
+    displacement: [n, bodies], m; where each body is traced is in `positions`
+    velocity:     [n, bodies], m/s
+    compression:  [n, contacts], m: positive in contact, negative apart; NaN of a contact that can never touch. A
+                  contact at several points has a column for each
+    force:        [n, contacts], N; the mean over the step that ends at the sample
+    iterations:   [n], of the contact solve
+    kinetic, potential, contact, dissipated, supplied, total: [n], J
+    bodies, contacts: the names of the columns
+    positions:    [bodies], as JSON: a place as in a patch, `null` of a body of one mode; "" where a body is not traced
+    contact_positions: [contacts], as JSON: the place on the body, and on the other
+    samplerate:   Hz, of the trace: oversampled, it is higher than that of the sound
+    units:        [arrays, 2]: name and unit
+    shape_time:   [m], s; this and what follows with trace_shapes
+    shape.NAME:   [m, 65] of a string or bar, m; [m, 17, 17] of a sheet: rows along y, NaN outside of a round one
+    shape_positions.NAME: [65] or [17, 17, 2]: the places, as fractions; of a sheet, x and y
+
+    Type checkers and editors know all names but those with the NAME of a body: read these from
+    `typing.cast(dict[str, numpy.ndarray], rendering.trace)`.
+    """
+
+    time: np.ndarray
+    displacement: np.ndarray
+    velocity: np.ndarray
+    compression: np.ndarray
+    force: np.ndarray
+    iterations: np.ndarray
+    kinetic: np.ndarray
+    potential: np.ndarray
+    contact: np.ndarray
+    dissipated: np.ndarray
+    supplied: np.ndarray
+    total: np.ndarray
+    bodies: np.ndarray
+    positions: np.ndarray
+    contacts: np.ndarray
+    contact_positions: np.ndarray
+    samplerate: np.ndarray
+    units: np.ndarray
+    shape_time: NotRequired[np.ndarray]
 
 
 def allocate_trace(model: Model, frames: int) -> Trace:
@@ -33,7 +80,7 @@ def trace_rows(trace: Trace, begin: int, end: int) -> Trace:
     return Trace(*(a[begin:end] for a in trace))
 
 
-def name_columns(trace: Trace, layout: Layout, samplerate: int) -> dict[str, np.ndarray]:
+def name_columns(trace: Trace, layout: Layout, samplerate: int) -> TraceArrays:
     """The arrays of a trace by their public names, columns in the order of the patch; and what each column is."""
     frames = trace.iterations.size
     body = np.argsort(layout.body_order)
@@ -43,7 +90,8 @@ def name_columns(trace: Trace, layout: Layout, samplerate: int) -> dict[str, np.
     for place, (k, _) in enumerate(layout.contact_points):
         compression[:, begin[k]], force[:, begin[k]] = trace.compression[:, place], trace.force[:, place]
         begin[k] += 1
-    arrays = {
+    labels = column_labels(layout)
+    return {
         "time": np.arange(frames) / samplerate,
         "displacement": trace.displacement[:, body],
         "velocity": trace.velocity[:, body],
@@ -56,8 +104,13 @@ def name_columns(trace: Trace, layout: Layout, samplerate: int) -> dict[str, np.
         "dissipated": trace.dissipated,
         "supplied": trace.supplied,
         "total": trace.kinetic + trace.potential + trace.contact,
+        "bodies": labels["bodies"],
+        "positions": labels["positions"],
+        "contacts": labels["contacts"],
+        "contact_positions": labels["contact_positions"],
+        "samplerate": np.array(samplerate),
+        "units": np.array([*UNITS.items()]),
     }
-    return arrays | column_labels(layout) | {"samplerate": np.array(samplerate), "units": np.array([*UNITS.items()])}
 
 
 def column_begins(layout: Layout) -> list[int]:
@@ -71,8 +124,8 @@ def column_labels(layout: Layout) -> dict[str, np.ndarray]:
     scene, points = layout.scene, trace_points(layout)
     places = {p.body: json.dumps(p.position) for p in points if p.body is not None}
     contacts, contact_places = list[str](), list[str]()
-    for k, contact in enumerate(scene.contact):
-        name, joined = contact.name or f"contact.{k}", layout.points_of(contact)
+    for name, contact in zip(contact_names(scene), scene.contact, strict=True):
+        joined = layout.points_of(contact)
         contacts += [name] if len(joined) == 1 else [f"{name}.{n}" for n in range(len(joined))]
         contact_places += [json.dumps([point.at, point.on_at]) for point in joined]
     return {
@@ -81,3 +134,8 @@ def column_labels(layout: Layout) -> dict[str, np.ndarray]:
         "contacts": np.array(contacts, dtype=str),
         "contact_positions": np.array(contact_places, dtype=str),
     }
+
+
+def contact_names(scene: Scene) -> list[str]:
+    """The names of the contacts of a scene in its order; those without one have a number."""
+    return [contact.name or f"contact.{k}" for k, contact in enumerate(scene.contact)]

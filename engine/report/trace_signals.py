@@ -9,6 +9,7 @@ from engine.analysis.metrics import contact_intervals
 
 if TYPE_CHECKING:
     from engine.offline.render import Rendering
+    from engine.offline.trace import TraceArrays
 
 PLOT_COLUMNS = 1600  # to which long signals are reduced, by their extremes
 FIRST_CONTACT_SECONDS = 0.05  # of the first contact that are looked at
@@ -17,7 +18,7 @@ CONTACT_MARGIN = 0.2  # of its length, that is looked at before and after a cont
 MIN_MARGIN_SAMPLES = 4
 
 
-def require_trace(rendering: "Rendering") -> dict[str, np.ndarray]:
+def require_trace(rendering: "Rendering") -> "TraceArrays":
     """The trace of a rendering. Raises ValueError if it has none."""
     if rendering.trace is None:
         raise ValueError("there is no trace to draw; render with trace=True")

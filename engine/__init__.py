@@ -13,11 +13,12 @@ if TYPE_CHECKING:
     from engine.api.audio_input import AudioInput
     from engine.api.player import Player
     from engine.api.rendering import Rendering, render
-    from engine.api.sweeping import run_sweep
+    from engine.api.sweeping import run_sweep, run_sweep_rows
     from engine.faults import BuildError, PatchError, PatchWarning
     from engine.patch.reader import load
     from engine.patch.scene import Scene
     from engine.sweep.dataset import read_sweep
+    from engine.sweep.rows import read_sweep_rows
 
     __version__: str
 
@@ -33,8 +34,10 @@ __all__ = [
     "estimate_error",
     "load",
     "read_sweep",
+    "read_sweep_rows",
     "render",
     "run_sweep",
+    "run_sweep_rows",
 ]
 
 _HOME = {
@@ -49,8 +52,10 @@ _HOME = {
     "Scene": "patch.scene",
     "load": "patch.reader",
     "read_sweep": "sweep.dataset",
+    "read_sweep_rows": "sweep.rows",
     "render": "api.rendering",
     "run_sweep": "api.sweeping",
+    "run_sweep_rows": "api.sweeping",
 }
 _FROM_SOURCE = "0+source"  # the version of what is not installed
 

@@ -18,7 +18,7 @@ numbers are in SI units. Importing the engine takes a moment, for what a name ne
 
 ```sh
 pip install ".[plot]"             # Rendering.plot draws with matplotlib
-pip install ".[sweep]"            # run_sweep and read_sweep give an xarray.Dataset
+pip install ".[sweep]"            # run_sweep and read_sweep give an xarray.Dataset; run_sweep_rows needs no extra
 ```
 
 Python looks in the folder of your script first. A file `engine.py` or a folder `engine/` of yours there is imported in
@@ -42,7 +42,9 @@ NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "ErrorEstimate": ("engine", ()),
     "features": ("engine.analysis.features", ()),
     "run_sweep": ("engine", ()),
+    "run_sweep_rows": ("engine", ()),
     "read_sweep": ("engine", ()),
+    "read_sweep_rows": ("engine", ()),
     "Player": ("engine", (*PLAYING, *EVENTS, *READINGS)),
     "AudioInput": ("engine", ()),
     "PatchError": ("engine", ()),

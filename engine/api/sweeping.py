@@ -1,7 +1,8 @@
 """Sweeps from Python: a scene at many values, as a labelled data set."""
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,7 @@ from engine.sweep.axes import MAX_GRID_POINTS, SweepAxis, parse_axis
 from engine.sweep.dataset import load_xarray, read_sweep
 from engine.sweep.local_workers import run_local
 from engine.sweep.plan import SweepPlan, check_axes, grid_points
+from engine.sweep.rows import SweepRow, read_sweep_rows
 from engine.sweep.sweep import Renderer
 from engine.sweep.sweep import run_sweep as sweep_to_folder
 from engine.sweep.task import RenderTask, Results, render_task
@@ -46,7 +48,7 @@ def run_sweep(
     settings: seconds, samplerate and accuracy, as of `render`
 
     A point that fails is NaN, and `status` says why. Raises TypeError if an argument is of the wrong kind, PatchError
-    if a path leads nowhere or a value is out of range, ImportError without xarray.
+    if a path leads nowhere or a value is out of range; ImportError without xarray, which `run_sweep_rows` does without.
 
     >>> import engine
     >>> scene = engine.load("bouncing_ball").replace("seconds", 1.0)
@@ -57,21 +59,57 @@ def run_sweep(
     >>> found.peak.sel({"body.ball.mass": 0.1}).dims, found.contact.attrs["units"]
     (('contact.0.stiffness',), '1')
     """
-    check_scene(scene)
     load_xarray()
+    with _sweep_folder(folder) as place:
+        _render_grid(scene, vary, place, cores, settings)
+        found = read_sweep(place, scene, sounds)
+        return found if folder is not None else found.drop_vars("file").drop_attrs(deep=False)
+
+
+def run_sweep_rows(
+    scene: Scene,
+    vary: Mapping[str, Sequence[Any] | np.ndarray | str],
+    folder: str | Path | None = None,
+    cores: int = 1,
+    **settings: Any,
+) -> list[SweepRow]:
+    """Render a scene at every point of a grid, and return a list of dicts, one per point; see `read_sweep_rows`.
+
+    Arguments and errors are those of `run_sweep`, but it needs no xarray. Without a folder, sounds are not kept, and
+    `file` is None. A point that fails has None for what was not computed, and `status` says why.
+
+    >>> import engine
+    >>> scene = engine.load("bouncing_ball").replace("seconds", 1.0)
+    >>> rows = engine.run_sweep_rows(scene, {"body.ball.displacement": [0.1, 0.2]})
+    >>> [f"{row['body.ball.displacement']} m: {row['peak']:.2f} m/s" for row in rows]
+    ['0.1 m: 1.42 m/s', '0.2 m: 1.99 m/s']
+    """
+    with _sweep_folder(folder) as place:
+        _render_grid(scene, vary, place, cores, settings)
+        rows = read_sweep_rows(place)
+        return rows if folder is not None else [row | {"file": None} for row in rows]
+
+
+@contextmanager
+def _sweep_folder(folder: str | Path | None) -> Iterator[Path]:
+    """The folder of a sweep, or a temporary one."""
+    if folder is not None:
+        yield Path(folder)
+        return
+    with tempfile.TemporaryDirectory() as place:
+        yield Path(place)
+
+
+def _render_grid(scene: Scene, vary: Any, folder: Path, cores: int, settings: dict[str, Any]) -> None:
+    """Render a scene at every point of a grid into a folder. Raises TypeError, PatchError."""
+    check_scene(scene)
     cores, rate = checked_integer("cores", cores), checked_integer("samplerate", settings.pop("samplerate", 44_100))
     seconds = settings.pop("seconds", None)
     options = {"seconds": None if seconds is None else checked_number("seconds", seconds), "samplerate": rate}
-    check_accuracy_names(settings, "run_sweep")
+    check_accuracy_names(settings, "a sweep")
     options |= scene.accuracy.replace(**settings).model_dump(include={*settings})
-    plan = plan_grid(scene, vary)
     renderer: Renderer = render_here if cores == 1 else partial(run_local, cores=cores)
-    if folder is not None:
-        sweep_to_folder(plan, Path(folder), renderer, options)
-        return read_sweep(folder, scene, sounds)
-    with tempfile.TemporaryDirectory() as place:
-        sweep_to_folder(plan, Path(place), renderer, options)
-        return read_sweep(place, scene, sounds).drop_vars("file").drop_attrs(deep=False)
+    sweep_to_folder(plan_grid(scene, vary), folder, renderer, options)
 
 
 def plan_grid(scene: Scene, vary: Any) -> SweepPlan:

@@ -6,15 +6,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from engine.analysis.features import FEATURE_NAMES
 from engine.patch.scene import Scene
 from engine.sweep.common_gain import sound_path
-from engine.sweep.index_csv import STATISTIC_NAMES, IndexRow, read_index
+from engine.sweep.index_csv import IndexRow
+from engine.sweep.rows import MEASURE_NAMES, is_number, read_index_rows, varied_paths
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-NO_XARRAY = 'a data set needs xarray; pip install "fdh-engine[sweep]", or uv sync --extra sweep'
+NO_XARRAY = (
+    'a data set needs xarray; pip install "fdh-engine[sweep]", or uv sync --extra sweep; '
+    "run_sweep_rows and read_sweep_rows give rows without it"
+)
 MAX_SOUND_NUMBERS = 1 << 26  # of all sounds together: 256 MB
 MEASURES = {  # unit, and what it is
     "peak": ("SI unit of the pickups", "largest sample"),
@@ -44,7 +47,8 @@ def read_sweep(folder: str | Path, scene: Scene | None = None, sounds: bool = Fa
     the values as coordinates. Variables are the features and statistics of index.csv, with `units` and `long_name`;
     `file` and `status` too. What was not rendered, or is not defined, is NaN.
 
-    Raises ImportError without xarray, ValueError if the folder is none of a sweep, or its sounds are over 256 MB.
+    Raises ImportError without xarray, which `read_sweep_rows` does without; ValueError if the folder is none of a
+    sweep, or its sounds are over 256 MB.
 
     >>> import engine
     >>> scene = engine.load("bouncing_ball")
@@ -54,16 +58,8 @@ def read_sweep(folder: str | Path, scene: Scene | None = None, sounds: bool = Fa
     (2, 'kg')
     """
     xarray = load_xarray()
-    if not isinstance(folder, str | Path):
-        raise TypeError(f"{folder!r} is not a path; give the folder of a sweep")
-    folder = Path(folder)
-    rows = [row for _, row in sorted(read_index(folder / "index.csv").items())]
-    if not rows or not {"number", "file", "status", *MEASURES} <= set(rows[0]):
-        raise ValueError(
-            f"{folder} holds no sweep; give a folder that fdh sweep has written, with an index.csv of rows"
-        )
-    columns = list(rows[0])
-    paths = columns[1 : columns.index("file")]
+    rows = read_index_rows(folder)
+    folder, paths = Path(folder), varied_paths(rows)
     values = {path: _values([row[path] for row in rows]) for path in paths}
     dims, coordinates, place = arrange(values, len(rows))
     shape = tuple(len(coordinates[dim]) for dim in dims)
@@ -75,7 +71,7 @@ def read_sweep(folder: str | Path, scene: Scene | None = None, sounds: bool = Fa
         return array
 
     data: dict[str, Any] = {}
-    for name in (*FEATURE_NAMES, *STATISTIC_NAMES):
+    for name in MEASURE_NAMES:
         cells = [float(row[name]) if row[name] else math.nan for row in rows]
         units, meaning = MEASURES[name]
         data[name] = dims, over_points(cells, math.nan, float), {"units": units, "long_name": meaning}
@@ -104,10 +100,7 @@ def arrange(
 
 def _values(cells: list[str]) -> np.ndarray:
     """The values of an axis: numbers if all are."""
-    try:
-        return np.array([float(cell) for cell in cells])
-    except ValueError:
-        return np.array(cells)
+    return np.array([float(cell) for cell in cells] if all(map(is_number, cells)) else cells)
 
 
 def _with_sounds(dataset: "Dataset", folder: Path, rows: list[IndexRow], place: list[tuple[int, ...]]) -> "Dataset":

@@ -15,6 +15,7 @@ INTRODUCTION = """# The Python interface
 
 What `import engine` offers, made of the docstrings by `uv run python -m bench api`; a test runs every example. All
 numbers are in SI units. Importing the engine takes a moment, for what a name needs is imported when it is first used.
+Whole scripts to copy are in the [examples](examples/README.md).
 
 ```sh
 pip install ".[plot]"             # Rendering.plot draws with matplotlib

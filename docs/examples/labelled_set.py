@@ -3,8 +3,8 @@
     uv run python docs/examples/labelled_set.py [FOLDER]
 
 Writes a WAV file per sound with index.csv, and labelled_set.npz: `audio` [sounds, frames] in SI units, `parameters`
-[sounds, parameters], `names` of the parameters, `features` [sounds, 2] (rms, spectral centroid in Hz), and `samplerate`.
-A run that was stopped goes on where it was. `fdh sweep --random 1000` draws values at random instead.
+[sounds, parameters], `names` of the parameters, `features` [sounds, 2] (rms, and spectral centroid in Hz), and
+`samplerate`. A run that was stopped goes on where it was. `fdh sweep --random 1000` draws values at random instead.
 """
 
 import sys

@@ -3,8 +3,8 @@
     uv run --extra midi python docs/examples/midi_keyboard.py [PATCH [PORT]]
 
 PATCH is an instrument, that is, a patch with a [keyboard] (kalimba_keys if it is absent), and PORT the name of a port
-(the first one if it is absent). Pedals work, too. Ctrl-C ends it. `fdh play kalimba_keys --midi PORT` does the same, and
-follows pitch bend.
+(the first one if it is absent). Pedals work, too. Ctrl-C ends it. `fdh play kalimba_keys --midi PORT` does the same,
+and follows pitch bend.
 """
 
 import contextlib

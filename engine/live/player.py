@@ -206,6 +206,7 @@ class Player:
 
     def pluck(self, body: str, scale: float = 1.0, frame: int = 0) -> None:
         """Pluck a body again, by its forces that are over after a while, so many times as strong; and lift its dampers.
+        A body has one pluck at a time: one that is planned for a later frame replaces the one before it at once.
         Raises KeyError if there is none such, ValueError if `scale` is not above 0."""
         if not 0.0 < checked_number("scale", scale) <= 1e6:
             raise ValueError(f"scale = {scale:g} is out of range; more than 0, at most 1e6")

@@ -1,0 +1,148 @@
+"""`uv run python -m bench site [FOLDER]`: the guides as a static site, in build/site if no folder is given.
+
+README.md is its front page, and all of docs/*.md is in it, with the files that they link to: pictures and sounds as
+they are, sources and notebooks as pages. A link or an anchor that leads nowhere stops the build. The site loads nothing
+from another host. It can be opened from its folder; its search needs a server (`python -m http.server -d FOLDER`).
+"""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[2]
+CONFIGURATION = Path(__file__).with_name("site.yml")
+NAVIGATION = {  # pages of docs; those that are not named here come last
+    "Start here": ["installation", "first_patch", "gallery", "glossary"],
+    "Guides": ["joining", "bodies", "instruments", "live", "accuracy", "limits"],
+    "Reference": ["cli", "patches", "api", "start_up"],
+    "Science": ["scheme", "paper", "guarantees", "ruler", "bench"],
+    "For developers": ["architecture", "design", "extending"],
+}
+OTHERS = "More"
+LINK = re.compile(r"(?<=\]\()([^()\s#]+)(?=(?:#[^()\s]*)?\))")
+TITLE = re.compile(r"^# (.+)$", re.MULTILINE)
+LANGUAGES = {".py": "python", ".toml": "toml", ".json": "json", ".csv": "text", ".sh": "sh", ".txt": "text"}
+
+
+def main(words: list[str]) -> int:
+    """Build the site; returns the exit code."""
+    if len(words) > 1 or words[:1] in (["--help"], ["-h"]):
+        print(__doc__, file=sys.stderr)
+        return 2
+    folder = Path(words[0]) if words else ROOT / "build" / "site"
+    if folder.exists() and any(folder.iterdir()) and not (folder / "404.html").exists():
+        print(f"bench site: {folder} has files that are no site; name an empty folder", file=sys.stderr)
+        return 2
+    return build(folder)
+
+
+def build(folder: Path, root: Path = ROOT) -> int:
+    """Build the site of a copy of the project; returns 0, or 1 if something is broken, and the folder is as before."""
+    from mkdocs.commands.build import build as build_site
+    from mkdocs.config import load_config
+    from mkdocs.exceptions import MkDocsException
+
+    with tempfile.TemporaryDirectory() as place:
+        source, built = Path(place) / "source", Path(place) / "built"
+        source.mkdir()
+        stage(root, source)
+        settings: dict[str, Any] = {"docs_dir": str(source), "site_dir": str(built), "nav": navigation(source)}
+        try:
+            build_site(load_config(str(CONFIGURATION), strict=True, **settings))
+        except (MkDocsException, ValueError) as error:
+            print(f"bench site: {error}", file=sys.stderr)
+            return 1
+        if folder.exists():
+            shutil.rmtree(folder)
+        shutil.copytree(built, folder)
+    return 0
+
+
+def stage(root: Path, folder: Path) -> None:
+    """Copy the guides and all that they link to, each to its own place in the folder."""
+    known = files_of(root)
+    waiting = ["README.md", *sorted(name for name in known if re.fullmatch(r"docs/[^/]+\.md", name))]
+    done: set[str] = set()
+    while waiting:
+        name = waiting.pop()
+        if name in done:
+            continue
+        done.add(name)
+        if not page_of(name):
+            target = folder / name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(root / name, target)
+            continue
+        text, linked = redirect_links(read_page(root / name), name, root, known)
+        waiting += linked
+        target = folder / page_of(name)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_text(text, "utf-8")
+
+
+def files_of(root: Path) -> set[str]:
+    """The files of the project: those that Git tracks or would track."""
+    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    listed = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True).stdout
+    return {name for name in listed.split("\0") if name and (root / name).exists()}
+
+
+def page_of(name: str) -> str:
+    """The Markdown file of the site that shows a file; empty for one that is copied as it is."""
+    suffix = Path(name).suffix
+    return name if suffix == ".md" else f"{name}.md" if suffix in LANGUAGES or suffix == ".ipynb" else ""
+
+
+def read_page(path: Path) -> str:
+    """A file as Markdown."""
+    text = path.read_text("utf-8")
+    if path.suffix == ".md":
+        return text
+    if path.suffix == ".ipynb":
+        cells = ((cell["cell_type"], "".join(cell["source"])) for cell in json.loads(text)["cells"])
+        return "\n\n".join(source if kind == "markdown" else fenced(source, "python") for kind, source in cells)
+    return f"# {path.name}\n\n{fenced(text, LANGUAGES[path.suffix])}"
+
+
+def fenced(text: str, language: str) -> str:
+    """Text as a block of code."""
+    return f"````{language}\n{text.rstrip()}\n````\n"
+
+
+def redirect_links(text: str, name: str, root: Path, known: set[str]) -> tuple[str, list[str]]:
+    """A page with its links to sources led to the pages of these, and the files of the project that it links to.
+
+    Others are left as they are: the build finds those that lead nowhere.
+    """
+    linked: list[str] = []
+
+    def redirect(match: re.Match[str]) -> str:
+        target = (root / name).parent.joinpath(match[1]).resolve()
+        relative = target.relative_to(root.resolve()).as_posix() if target.is_relative_to(root.resolve()) else ""
+        if relative not in known:
+            return match[1]
+        linked.append(relative)
+        return match[1] + page_of(relative).removeprefix(relative)
+
+    return LINK.sub(redirect, text), linked
+
+
+def navigation(source: Path) -> list[Any]:
+    """The navigation of all guides, in the groups that are named above."""
+    pages = {path.stem: path for path in sorted((source / "docs").glob("*.md")) if "." not in path.stem}
+    groups = {group: [name for name in names if name in pages] for group, names in NAVIGATION.items()}
+    named = {name for names in groups.values() for name in names}
+    groups[OTHERS] = [name for name in pages if name not in named]
+    parts = {group: [{title_of(pages[name]): f"docs/{name}.md"} for name in names] for group, names in groups.items()}
+    return [{"FDH engine": "README.md"}, *({group: part} for group, part in parts.items() if part)]
+
+
+def title_of(page: Path) -> str:
+    """The first heading of a page."""
+    found = TITLE.search(page.read_text("utf-8"))
+    return found[1] if found else page.stem

@@ -33,7 +33,8 @@ HEADER = ["patch", "s", "fundamental, Hz", "decay T60, s", "centroid, Hz", "peak
 INTRODUCTION = """# Gallery
 
 Every patch in `patches/`, as it renders. Each has two changes to try, with what they do to it, measured: edit the
-patch, or let `fdh sweep` do it. This page, its pictures and sounds are made by `uv run python -m bench gallery`.
+patch, or let `fdh sweep` do it. The [glossary](glossary.md) explains the words. This page, its pictures and sounds are
+made by `uv run python -m bench gallery`.
 """
 LEGEND = """Fundamental: the lowest partial within 20 dB of the strongest; none where no partial stands out. T60: from
 the energy that is still to come between -5 and -25 dB; none where the sound does not fall so far. Centroid: mean

@@ -28,7 +28,7 @@ MEASUREMENTS = {  # in this order
         "endurance",
     ],
     "accuracy": ["price", "jvari", "metric", "hard", "one_way"],
-    "paper": ["newton", "figures"],
+    "paper": ["newton", "figures", "equations"],
     "rivals": ["peers"],
     "ruler": ["ruler", "slope", "loss"],
     "publish": ["signs", "gallery", "api", "cli"],

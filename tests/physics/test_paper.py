@@ -7,6 +7,10 @@ import pytest
 from scipy.optimize import brentq
 
 import engine
+from bench.paper import equations
+
+SHORTER = {"5": 0.5, "7": 1.2}  # s: a bounce, and two; the figures show more, and take longer
+FOLLOWED = {"7": 1e-11}  # relative to the largest displacement; a bounce makes a difference before it larger
 
 
 @pytest.mark.parametrize("scheme", ["exact", "fdh"])
@@ -50,3 +54,12 @@ def test_nonlinear_damping_lowers_every_bounce(patch):
     assert np.all(np.diff(tops) < 0)
     flight = slice(landings[0] + 40, landings[1] - 2)
     assert np.ptp(trace["total"][flight]) < 1e-15
+
+
+@pytest.mark.parametrize("figure", equations.CASES)
+def test_the_engine_follows_the_equations_of_the_paper(figure):
+    """Solved in fifty digits as they are printed: the displacement of every sample, and the energy, is the same."""
+    what, seconds = equations.CASES[figure]
+    difference, error, drift = equations.compare(what, SHORTER.get(figure, seconds))
+    assert difference < FOLLOWED.get(figure, 2e-14) and error < 5e-14
+    assert figure == "7" or drift < 1e-30  # without loss and force, the equations conserve their energy (eq. 16)

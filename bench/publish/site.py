@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,10 @@ NAVIGATION = {  # pages of docs; those that are not named here come last
     "For developers": ["architecture", "design", "extending"],
 }
 OTHERS = "More"
+MATH_CHARACTERS = [  # Latin, Greek, punctuation, letter-like, arrows and operators, italic and sans-serif letters
+    *((0x20, 0x7E), (0xA0, 0xFF), (0x370, 0x3FF), (0x2000, 0x205F), (0x2100, 0x22FF)),
+    *((0x1D434, 0x1D467), (0x1D5A0, 0x1D5D3), (0x1D6E2, 0x1D71B)),
+]
 LINK = re.compile(r"(?<=\]\()([^()\s#]+)(?=(?:#[^()\s]*)?\))")
 TITLE = re.compile(r"^# (.+)$", re.MULTILINE)
 LANGUAGES = {".py": "python", ".toml": "toml", ".json": "json", ".csv": "text", ".sh": "sh", ".txt": "text"}
@@ -32,8 +37,8 @@ LANGUAGES = {".py": "python", ".toml": "toml", ".json": "json", ".csv": "text", 
 def main(words: list[str]) -> int:
     """Build the site; returns the exit code."""
     if len(words) > 1 or words[:1] in (["--help"], ["-h"]):
-        print(__doc__, file=sys.stderr)
-        return 2
+        print(__doc__)
+        return 2 if len(words) > 1 else 0
     folder = Path(words[0]) if words else ROOT / "build" / "site"
     if folder.exists() and any(folder.iterdir()) and not (folder / "404.html").exists():
         print(f"bench site: {folder} has files that are no site; name an empty folder", file=sys.stderr)
@@ -51,6 +56,7 @@ def build(folder: Path, root: Path = ROOT) -> int:
         source, built = Path(place) / "source", Path(place) / "built"
         source.mkdir()
         stage(root, source)
+        write_math_font(source / "styles" / "math.woff")
         settings: dict[str, Any] = {"docs_dir": str(source), "site_dir": str(built), "nav": navigation(source)}
         try:
             build_site(load_config(str(CONFIGURATION), strict=True, **settings))
@@ -78,11 +84,28 @@ def stage(root: Path, folder: Path) -> None:
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(root / name, target)
             continue
-        text, linked = redirect_links(read_page(root / name), name, root, known)
+        page = list_folder(name, known) if name.endswith("/") else read_page(root / name)
+        text, linked = redirect_links(page, name, root, known)
         waiting += linked
         target = folder / page_of(name)
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_text(text, "utf-8")
+
+
+def write_math_font(path: Path) -> None:
+    """Write a font for formulas, since few systems have one: the characters in use, out of STIX Two Math."""
+    from fontTools import subset
+
+    package = find_spec("ziamath")
+    if package is None or package.origin is None:
+        raise ModuleNotFoundError("ziamath, which brings the font of formulas: uv sync installs it")
+    options = subset.Options(layout_features=["*"], name_IDs=["*"], flavor="woff")
+    font = subset.load_font(str(Path(package.origin).parent / "fonts" / "STIXTwoMath-Regular.ttf"), options)
+    subsetter = subset.Subsetter(options)
+    subsetter.populate(unicodes=[code for first, last in MATH_CHARACTERS for code in range(first, last + 1)])
+    subsetter.subset(font)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    subset.save_font(font, str(path), options)
 
 
 def files_of(root: Path) -> set[str]:
@@ -93,7 +116,9 @@ def files_of(root: Path) -> set[str]:
 
 
 def page_of(name: str) -> str:
-    """The Markdown file of the site that shows a file; empty for one that is copied as it is."""
+    """The Markdown file of the site that shows a file or a folder; empty for a file that is copied as it is."""
+    if name.endswith("/"):
+        return f"{name}index.md"
     suffix = Path(name).suffix
     return name if suffix == ".md" else f"{name}.md" if suffix in LANGUAGES or suffix == ".ipynb" else ""
 
@@ -109,21 +134,31 @@ def read_page(path: Path) -> str:
     return f"# {path.name}\n\n{fenced(text, LANGUAGES[path.suffix])}"
 
 
+def list_folder(name: str, known: set[str]) -> str:
+    """A folder as Markdown: links to the files of the project in it."""
+    files = sorted(other.removeprefix(name) for other in known if other.startswith(name))
+    return "\n".join([f"# {name}", "", *(f"- [{file}]({file})" for file in files if "/" not in file), ""])
+
+
 def fenced(text: str, language: str) -> str:
     """Text as a block of code."""
     return f"````{language}\n{text.rstrip()}\n````\n"
 
 
 def redirect_links(text: str, name: str, root: Path, known: set[str]) -> tuple[str, list[str]]:
-    """A page with its links to sources led to the pages of these, and the files of the project that it links to.
+    """A page with its links to sources and folders led to the pages of these, and what of the project it links to.
 
     Others are left as they are: the build finds those that lead nowhere.
     """
     linked: list[str] = []
+    here = root / name if name.endswith("/") else (root / name).parent
 
     def redirect(match: re.Match[str]) -> str:
-        target = (root / name).parent.joinpath(match[1]).resolve()
+        target = (here / match[1]).resolve()
         relative = target.relative_to(root.resolve()).as_posix() if target.is_relative_to(root.resolve()) else ""
+        if any(other.startswith(f"{relative}/") for other in known):
+            linked.append(f"{relative}/")
+            return f"{match[1].rstrip('/')}/index.md"
         if relative not in known:
             return match[1]
         linked.append(relative)

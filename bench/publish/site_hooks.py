@@ -37,11 +37,11 @@ def on_page_content(html: str, **_: Any) -> str:
 
 
 def formula(match: re.Match[str]) -> str:
-    """A formula in LaTeX as MathML. Raises ValueError if it has a command that is not known."""
+    """A formula in LaTeX as MathML. Raises ValueError if it has a command or an environment that is not known."""
     latex = html.unescape(match[2]).strip()
     display = "block" if match[1] == "div" else "inline"
-    mathml = convert(latex, display=display)
-    if "\\" in mathml:
+    mathml = convert(latex.replace("{aligned}", "{align*}"), display=display)  # which is the one that is known
+    if "\\" in mathml or "<mi>&</mi>" in mathml:
         raise ValueError(f"no MathML for the formula {latex}")
     return f'<div class="formula">{mathml}</div>' if display == "block" else mathml
 

@@ -142,7 +142,10 @@ def test_a_broken_link_or_anchor_or_formula_stops_the_build(tmp_path):
     root = tmp_path / "project"
     (root / "docs").mkdir(parents=True)
     (root / "code.py").write_text('"""A `link`: [x](nowhere.md)."""\n', "utf-8")
-    (root / "README.md").write_text("# Front\n\n[guide](docs/guide.md#part), [code](code.py)\n", "utf-8")
+    (root / "docs" / "examples").mkdir()
+    (root / "docs" / "examples" / "play.py").write_text("print(1)\n", "utf-8")
+    front = "# Front\n\n[guide](docs/guide.md#part), [code](code.py), [examples](docs/examples)\n"
+    (root / "README.md").write_text(front, "utf-8")
     guide = root / "docs" / "guide.md"
     subprocess.run(["git", "init", "-q"], cwd=root, check=True)
     good = "# Guide\n\n## Part\n\n[front](../README.md), [code](../code.py)\n\n$x^2$\n"
@@ -151,10 +154,12 @@ def test_a_broken_link_or_anchor_or_formula_stops_the_build(tmp_path):
         (good.replace("code.py", "cod.py"), 1),
         (good.replace("Part", "Other"), 1),
         (good.replace("x^2", r"\unknown"), 1),
+        (good.replace("x^2", r"\begin{unknown} a & b \end{unknown}"), 1),
     ):
         guide.write_text(text, "utf-8")
         assert site.build(tmp_path / "built", root) == code, text
     assert "nowhere.md" in (tmp_path / "built" / "code.py.html").read_text("utf-8")
+    assert 'href="play.py.html"' in (tmp_path / "built" / "docs" / "examples" / "index.html").read_text("utf-8")
 
 
 def test_a_folder_that_is_no_site_is_left_alone(tmp_path, capsys):

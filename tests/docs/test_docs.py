@@ -78,21 +78,6 @@ def test_the_worked_example_of_a_law(tmp_path):
     assert "energy off by" in follow("extending", tmp_path, {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}, copy)
 
 
-LINK = re.compile(r"\]\(([^)#]+)(#[^)]*)?\)")
-
-
-@pytest.mark.parametrize("page", [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))], ids=lambda p: p.stem)
-def test_links_lead_somewhere(page):
-    for target, _ in LINK.findall(page.read_text("utf-8")):
-        assert target.startswith("https://") or (page.parent / target).exists(), f"{page.name}: {target}"
-
-
-@pytest.mark.parametrize("page", [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))], ids=lambda p: p.stem)
-def test_files_named_in_pages_exist(page):
-    named = set(re.findall(r"`((?:engine|tests|bench|patches|docs)/[\w/]+(?:\.\w+)+)", page.read_text("utf-8")))
-    assert all((ROOT / name).exists() for name in named), [name for name in named if not (ROOT / name).exists()]
-
-
 CLAIMS_OF_THE_NOTEBOOK = """
 assert felt.touches == 1 and 1.5e-3 < felt.duration < 2.5e-3 and round(felt.peak_force) == 12
 assert rendering.stats.energy.error_max < 1e-12

@@ -1,5 +1,6 @@
-"""All contact solvers find the same forces and steps: of one contact, of several, of those that persist, and in the space
-of their basis. That these are on the laws is tested against fifty digits elsewhere (test_solve.py, test_hard.py)."""
+"""All contact solvers find the same forces and steps: of one contact, of several, of those that persist, and in the
+space of their basis. That these are on the laws is tested against fifty digits elsewhere (test_solve.py, test_hard.py).
+"""
 
 import numpy as np
 
@@ -21,7 +22,7 @@ TOLERANCE = 1e-15  # of the solvers
 
 @kernel
 def scalar(law, loss_rate, compliance, s, g, found):
-    eta, end, force, _, _, status = solve_scalar_contact(law, loss_rate, 0, s[0], g[0], compliance[0], TOLERANCE)
+    eta, _, force, _, _, status = solve_scalar_contact(law, loss_rate, 0, s[0], g[0], compliance[0], TOLERANCE)
     found[0], found[1] = eta, force
     return status
 

@@ -1,4 +1,4 @@
-"""Which sample rates and how many channels an audio format holds.
+"""The sample rates and channel counts that each audio format can hold.
 
 libsndfile does not tell before it writes: OGG above 200 kHz ends in a segmentation fault, and some formats keep another
 rate than they are given. The rules below were found by writing each format and reading it back (libsndfile 1.2.2).

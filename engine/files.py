@@ -40,7 +40,7 @@ def _open_without_waiting(path: str, flags: int) -> int:
 
 
 def path_exists(path: Path) -> bool:
-    """Whether anything has that name; nothing has one that is too long, or that is no name at all."""
+    """True if a file or folder has that name; False if the name is too long, or not a name at all."""
     try:
         return path.exists()
     except (OSError, ValueError):
@@ -48,7 +48,7 @@ def path_exists(path: Path) -> bool:
 
 
 def is_folder(path: Path) -> bool:
-    """Whether a path leads to a folder; not if it is not a path at all, or may not be looked at."""
+    """True if a path leads to a folder; False if it is not a path at all, or may not be looked at."""
     try:
         return path.is_dir()
     except (OSError, ValueError):

@@ -98,7 +98,7 @@ def to_utf8_text(text: str) -> str:
 
 
 def is_writable_folder(folder: Path) -> bool:
-    """Whether a file can be made in a folder. It is tried, for permissions do not always tell."""
+    """True if a file can be made in a folder. It is tried, because permissions do not always show it."""
     import tempfile
 
     try:
@@ -195,7 +195,7 @@ def resolve_subtype(output: Path, requested: str | None) -> str | None:
 
 
 def check_audio_format(output: Path, subtype: str | None, option: str) -> list[Fault]:
-    """What is wrong with the format of an audio file that is to be written.
+    """List the faults of the format of an audio file that is to be written.
 
     option: the one that names the file
     """

@@ -58,7 +58,7 @@ def describe_range(
 
 
 def describe_violation(error: Mapping[str, Any]) -> str:
-    """What would be right for a value that an error of pydantic is of."""
+    """Describe the valid values, for an error of pydantic."""
     limits = {key: value for key, value in error.get("ctx", {}).items() if key in ("ge", "gt", "le", "lt")}
     if error["type"] == "literal_error":
         return str(error["ctx"]["expected"])
@@ -66,7 +66,7 @@ def describe_violation(error: Mapping[str, Any]) -> str:
 
 
 def program_name() -> str:
-    """How messages name this program: as it was started, or else as it is installed."""
+    """Return the name of this program for messages: as it was started, or else as it is installed."""
     started = Path(sys.argv[0] if sys.argv else "")
     if started.name == "render.py":
         return started.name

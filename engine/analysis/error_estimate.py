@@ -1,4 +1,5 @@
-"""How far a rendering is from the motion of the continuous system, from a second, finer one."""
+"""Estimate the error of a rendering: its distance from the motion of the continuous system, by a second, finer
+rendering."""
 
 import contextlib
 import math
@@ -89,7 +90,7 @@ def finer_settings(used: Accuracy) -> list[Accuracy]:
 
 
 def _has_loss(scene: Scene, rendering: Rendering, used: Accuracy) -> bool:
-    """Whether modes of a scene decay."""
+    """True if any mode of a scene decays."""
     layout = build(scene, rendering.samplerate * used.oversample, used, seconds=0.0).layout
     return bool(layout.concatenate_modes("sigma").any())
 

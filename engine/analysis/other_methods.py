@@ -143,8 +143,8 @@ def dop853_with_events(case: SingleBodyCase, reference: np.ndarray, samplerate: 
 
 
 def _integrate(case: SingleBodyCase, frames: int, samplerate: int, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-    """What the pickup hears [at most frames], as far as SciPy comes before its time is up; and the energies where it
-    stopped."""
+    """Integrate the motion with SciPy until its time limit; return the displacement at the pickup [at most frames], and
+    the energies at the times where the integration stopped."""
     from scipy.integrate import solve_ivp
 
     body, y, v, column = case

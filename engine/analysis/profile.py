@@ -64,7 +64,7 @@ class IslandProfile(Record):
 
 @dataclass(frozen=True)
 class Profile(Record):
-    """What was built of a scene, and what it costs; the names of `fdh inspect --json`."""
+    """The islands, effects and cost of a scene, by the names of `fdh inspect --json`."""
 
     kernel: str  # scenes with the same one share compiled code
     islands: list[IslandProfile]
@@ -153,7 +153,7 @@ def _profile_island(layout: Layout, model: Model, state: State, n: int, mean: fl
 
 
 def _modes_dropped(layout: Layout, number: int) -> int:
-    """How many of the modes that a body asks for are too high for the sample rate."""
+    """Count the modes requested for a body that are left out, because they are too high for the sample rate."""
     body = layout.scene.body[number]
     requested = len(body.frequency or []) if isinstance(body, MeasuredBody) else getattr(body, "modes", None) or 0
     return max(0, requested - layout.modal_bodies[number].omega.size + layout.modal_bodies[number].residual)

@@ -21,7 +21,7 @@ GENERIC_POSITIONS = 0.137, 0.29, 0.41  # at no simple fraction, and so at no nod
 def explain_silence(
     scene: Scene, seconds: float, samplerate: int, peak: float, simulated: SimulationStatistics
 ) -> str | None:
-    """What makes a rendering silent, and what would make it sound; None if it sounds.
+    """Explain why a rendering is silent and what would make it sound; return None if it is not silent.
 
     samplerate: Hz
     peak:       its largest absolute sample
@@ -49,13 +49,13 @@ def explain_silence(
 
 
 def is_inaudible(scene: Scene) -> bool:
-    """Whether no pickup can hear anything but rounding."""
+    """True if all pickups are at positions where nothing but rounding can reach them."""
     audible = [p for p in scene.pickup if p.gain != 0.0]
     return all(p.quantity not in HEARD_AT_NODES and is_node(scene, p.body, p.at) for p in audible)
 
 
 def is_node(scene: Scene, name: str, at: Any) -> bool:
-    """Whether a position is a node of every mode of a body, such as the end of a string."""
+    """True if a position is a node of every mode of a body, such as the end of a string."""
     body = next(b for b in scene.body if b.name == name)
     if at is None or isinstance(body, Mass | Oscillator):
         return False
@@ -145,7 +145,7 @@ def _explain_pickup(scene: Scene, pickup: Pickup, moving: list[str], has_touched
 
 
 def _explain_open_contact(scene: Scene, contact: Contact, moving: list[str], seconds: float) -> str:
-    """What keeps a contact open to the end (s)."""
+    """Explain why a contact stays open until the end (s)."""
     mover, target = (contact.body, contact.on) if contact.body in moving else (contact.on, contact.body)
     target_name = f'"{target}"' if target else "the barrier"
     remedy = "give more velocity, less distance, or more seconds"

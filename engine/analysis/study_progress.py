@@ -1,4 +1,4 @@
-"""How far a work-precision study is, and how long the rest will take, from the times of the runs that are over.
+"""The progress of a work-precision study, and the time that is left, estimated from the runs that have ended.
 
 A run takes one time to be built and another for each stage of a sample. Both are fitted to the runs up to now, of which
 the dearest on the ladder comes early; so the references, which have many times the stages, are foreseen. What compiling
@@ -18,7 +18,7 @@ RUNS_SHARE = 0.95  # of a study; the rest is for the comparison with other metho
 
 
 def stages_of(accuracy: Accuracy) -> int:
-    """How many steps a sample of the output takes where contact is possible."""
+    """Count the steps of one output sample where contact is possible."""
     return len(stage_lengths(accuracy)) * accuracy.oversample
 
 
@@ -61,7 +61,8 @@ class StudyProgress:
         self._tell(phase, is_over=True)
 
     def seconds_left(self) -> float | None:
-        """What the present run and those to come will take, s; None as long as the runs over do not show it."""
+        """Estimate the time of the present run and of those to come, s; None until the finished runs suffice for an
+        estimate."""
         stages, seconds = np.array(self._over).reshape(-1, 2).T
         if np.unique(stages).size < 2:
             return None

@@ -61,7 +61,8 @@ class SettingResult(Record):
 
 @dataclass(frozen=True)
 class WorkPrecisionStudy(Record):
-    """What accuracy costs; the names of `fdh accuracy --json`. Where nothing can be measured, there are no rows."""
+    """Error and time of each accuracy setting, by the names of `fdh accuracy --json`. There are no rows if errors
+    cannot be measured."""
 
     seconds: float
     samplerate: int
@@ -192,7 +193,7 @@ def _result_row(setting: Setting, run: Run, reference: Reference, samplerate: in
 
 
 def summarise(study: WorkPrecisionStudy) -> str:
-    """What more accuracy brings, in a sentence."""
+    """Describe the most accurate setting and its cost in a sentence."""
     rows = [row for row in study.rows if row.changes.get("scheme") != "fdh"]
     plain = rows[0]
     best = min(rows, key=lambda row: row.error)
@@ -223,7 +224,7 @@ def cheapest_within(study: WorkPrecisionStudy, error: float, decibels: bool) -> 
 
 
 def _allows_order_2_only(scene: Scene, samplerate: int, base: Accuracy) -> bool:
-    """Whether no higher order can be built, where bodies are heavily damped."""
+    """True if orders 4 and 6 cannot be built, because bodies are heavily damped."""
     build(scene, samplerate, base.replace(order=2, substeps=1))
     try:
         for order, substeps in ((4, 1), (6, 4)):

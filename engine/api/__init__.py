@@ -1,1 +1,1 @@
-"""What `import engine` adds to the parts: renderings that draw, save and show themselves."""
+"""The Python interface: renderings that draw, save and show themselves, and players."""

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class AudioInput:
-    """Where audio input acts on a scene that is played, and how strongly.
+    """The body that audio input drives while a scene is played, its position, and the force at full scale.
 
     body:      the body it pushes
     newtons:   the force at full scale, N; positive pushes upwards

@@ -154,7 +154,7 @@ class Rendering(offline.Rendering):
         return applied
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: a player of the first minute, the numbers to look at first, and a picture."""
+        """Return the HTML that a notebook shows: a player of the first minute, the main numbers, and a picture."""
         return "\n".join(self._html())
 
     def _html(self) -> Iterator[str]:

@@ -41,7 +41,7 @@ class AirBody(DistributedBody):
         """The volume that flows out of it per mode [modes], m²/√kg. body: its modes"""
 
     def has_loss(self) -> bool:
-        """Whether the patch gives its losses."""
+        """True if the patch gives losses for the air."""
         ways = (self.sigma0, self.decay, self.t60)
         return any(way is not None for way in ways) or any((self.sigma_beta, self.sigma_beta3, self.b3))
 

@@ -87,7 +87,7 @@ class BodyTable(Table):
 
     @classmethod
     def has_position(cls, table: dict[str, Any], item: Any) -> bool:
-        """Whether a value of a patch is a position on the body of a table. The table is as it was read."""
+        """True if a value of a patch is a position on the body of a table. The table is as it was read."""
         return is_number(item)
 
     @classmethod
@@ -97,7 +97,7 @@ class BodyTable(Table):
 
     @classmethod
     def position_help(cls, table: dict[str, Any]) -> str:
-        """What a position on the body of a table is, in words."""
+        """Describe a position on the body of a table in words."""
         return "a fraction of its length, 0 to 1"
 
     @classmethod

@@ -119,7 +119,7 @@ class DistributedBody(BodyTable):
         return float(body.shape(at) @ body.q)
 
     def _modal(self, begin: InitialShape | None, body: ModalBody) -> np.ndarray:
-        """What modes begin with [modes]."""
+        """Return the initial modal coordinates of a displacement or a velocity [modes]; zeros without any."""
         if begin is None:
             return np.zeros(body.omega.size)
 
@@ -215,5 +215,5 @@ def mode_numbers(frequencies: Callable[[np.ndarray], np.ndarray], limit: int | N
 
 
 def rise_from_one(value: list[float]) -> bool:
-    """Whether numbers begin with 1, and each is larger than the one before."""
+    """True if a list of numbers begins with 1 and increases."""
     return value[0] == 1 and all(a < b for a, b in pairwise(value))

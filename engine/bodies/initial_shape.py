@@ -1,4 +1,4 @@
-"""What strings, bars, membranes and plates begin with: a displacement and a velocity, as functions of the position."""
+"""Initial shapes of strings, bars, membranes and plates: a displacement or a velocity as a function of the position."""
 
 import math
 from abc import abstractmethod
@@ -40,12 +40,12 @@ class InitialShape(Table):
     """A displacement or a velocity at time 0."""
 
     def kinks(self) -> list[float]:
-        """Where a profile along a line has kinks, fractions."""
+        """Return the positions of kinks of a profile along a line, as fractions of its length."""
         return []
 
     @abstractmethod
     def modal(self, shape: Shape, quadrature: Quadrature, peak: Callable[[Any], Profile]) -> np.ndarray:
-        """What the modes begin with [modes], √kg·m of a displacement, √kg·m/s of a velocity.
+        """Return the initial modal coordinates [modes]: √kg·m of a displacement, √kg·m/s of a velocity.
 
         shape:      of the modes
         quadrature: of the body

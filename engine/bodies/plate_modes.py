@@ -172,7 +172,7 @@ class Sheet(NamedTuple):
         return [rib for rib in self.ribs if rib.along == "yx"[axis]]
 
     def is_symmetrical(self, axis: int) -> bool:
-        """Whether it is the same from both ends of x (0) or y (1)."""
+        """True if the plate is the same from both ends of x (0) or y (1)."""
         return self.edges[axis][0] == self.edges[axis][1] and are_mirrored(self.ribs_across(axis))
 
 
@@ -191,7 +191,7 @@ def expected_top(sheet: Sheet, count: int) -> float:
 
 
 def polynomial_counts(sheet: Sheet, top: float) -> list[int]:
-    """How many polynomials of x and of y make all waves below an angular frequency (rad/s).
+    """Count the polynomials of x and of y that are needed for all waves below an angular frequency (rad/s).
 
     A wave of wave number k on a length L has Legendre coefficients up to degree kL/2; beyond, they fall off within a
     few times (kL/2)^⅓.
@@ -312,7 +312,8 @@ def energies(sheet: Sheet, axes: Sequence[SideFunctions]) -> tuple[Products, Pro
 
 
 def rigid_products(sheet: Sheet) -> list[tuple[int, int]]:
-    """Which products of functions move a plate without energy: 1, x and y, or the distance from a single hinge."""
+    """List the products of functions that move a plate without energy: 1, x and y, or the distance from a single
+    hinge."""
     edges = [edge for pair in sheet.edges for edge in pair]
     if edges.count("free") == 4:
         return [(0, 0)] if sheet.tension else [(0, 0), (1, 0), (0, 1)]
@@ -329,7 +330,7 @@ def parity_groups(sheet: Sheet, functions: SideFunctions, axis: int) -> list[np.
 
 
 def are_mirrored(ribs: Sequence[Rib]) -> bool:
-    """Whether ribs are symmetrical about the middle."""
+    """True if ribs are symmetrical about the middle."""
     here = sorted((rib.at, rib.bending, rib.density) for rib in ribs)
     there = sorted((1 - rib.at, rib.bending, rib.density) for rib in ribs)
     return bool(np.allclose(here, there, rtol=1e-12, atol=1e-12))

@@ -28,17 +28,17 @@ class Table(BaseModel):
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a number; True and False are none."""
+    """True if a value is a number; True and False do not count as numbers."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def are_positive(value: Any) -> TypeGuard[list[float]]:
-    """Whether a value of a patch is a list of positive numbers."""
+    """True if a value of a patch is a list of positive numbers."""
     return isinstance(value, list) and bool(value) and all(is_number(x) and 0 < x < math.inf for x in value)
 
 
 def is_given(table: dict[str, Any], key: str) -> bool:
-    """Whether a table has a value under a key."""
+    """True if a table has a value under a key."""
     return table.get(key) is not None
 
 

@@ -79,7 +79,7 @@ class CommandParser(Parser):
         return known, unknown
 
     def answer_old_option(self, option: str) -> str:
-        """What to write today for an option of before; nothing if it is none."""
+        """Return the message for an option of an earlier version, with its new name; "" if it is none."""
         if option in self._option_string_actions:
             return ""
         program = self.prog.rpartition(" ")[0]
@@ -91,7 +91,7 @@ class CommandParser(Parser):
         return ""
 
     def owners(self, option: str) -> str:
-        """Which commands have an option, as the end of a sentence."""
+        """Return the end of a sentence that names the commands with an option; "" if there are none."""
         programs = [other.prog for other in self.others.values() if option in other._option_string_actions]
         return f", and belongs to {', '.join(programs)}" if programs else ""
 

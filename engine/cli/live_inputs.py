@@ -1,4 +1,4 @@
-"""What comes in while a patch is played: notes, moves of controllers, Open Sound Control."""
+"""Input while a patch is played: notes, moves of controllers, Open Sound Control."""
 
 import argparse
 from collections.abc import Callable, Sequence
@@ -33,7 +33,7 @@ class Inputs:
 
     @property
     def is_open(self) -> bool:
-        """Whether anything may come."""
+        """True if any input is open."""
         return self._notes is not None or self._osc is not None
 
     def use(self, scene: Scene, player: Player) -> None:
@@ -74,7 +74,7 @@ class Inputs:
 def open_inputs(
     args: argparse.Namespace, allocator: midi.Allocator | None, controls: Controls, excerpt: Excerpt
 ) -> Inputs:
-    """What the options ask for. excerpt: of a MIDI file. Raises MidiError, OscError."""
+    """Open the inputs that the options name. excerpt: of a MIDI file. Raises MidiError, OscError."""
     notes = midi.open_source(args.midi, allocator, controls, excerpt) if args.midi else None
     commands = OscCommands(controls, allocator)
     osc = None if args.osc is None else OscServer(parse_address(args.osc), commands.receive, commands.notices.add)

@@ -103,7 +103,7 @@ def press_middle_key(player: Player, block: int) -> None:
 
 
 class PlayerFactory:
-    """How a patch is brought to a player: at the accuracy and the level asked for."""
+    """Makes a player for a patch, at the accuracy and the level that the options give."""
 
     def __init__(
         self, args: argparse.Namespace, gain: float | None, accuracy: dict[str, Any], samplerate: int, channels: int
@@ -135,12 +135,12 @@ class PlayerFactory:
 
     @property
     def excerpt(self) -> Excerpt:
-        """What of a MIDI file is played."""
+        """The excerpt of a MIDI file that is played."""
         return excerpt_of(self.args, None if self.args.seconds is None else float(self.args.seconds))
 
     @property
     def is_played_live(self) -> bool:
-        """Whether notes come from a MIDI port, or from OSC and no file."""
+        """True if notes come from a MIDI port, or from OSC without a file."""
         return not midi.is_file(self.args.midi) if self.args.midi else self.args.osc is not None
 
     def make_player(self, scene: Scene, pilot_seconds: float = PILOT_SECONDS) -> Player:
@@ -170,7 +170,7 @@ class PlayerFactory:
         return Player(scene, self.samplerate, seconds, factor, **many)
 
     def make_quickly(self, scene: Scene) -> Player:
-        """As `make_player`, for an edit that is to be heard at once."""
+        """Make a player with a shorter test run, as for an edited patch."""
         return self.make_player(scene, QUICK_PILOT_SECONDS)
 
 
@@ -299,7 +299,7 @@ def run_session(
 
 
 def handle_key(player: Player, key: str) -> None:
-    """What a key does, but for those that end it all."""
+    """Carry out the action of a key, except of the keys that end the session or change the patch."""
     if key == "m":
         player.damp()
     elif key in (" ", "s"):
@@ -328,7 +328,7 @@ def catch_signals() -> Iterator[list[int]]:
 
 @contextmanager
 def open_recording(args: argparse.Namespace, player: Player) -> Iterator[Recording | NoRecording]:
-    """What takes samples, and keeps them in a file if asked."""
+    """Open the recording that --record names, or a stand-in that keeps nothing."""
     if args.record is None:
         yield NoRecording()
         return
@@ -346,7 +346,7 @@ def open_recording(args: argparse.Namespace, player: Player) -> Iterator[Recordi
 
 
 def print_live_summary(player: Player, args: argparse.Namespace, allocator: midi.Allocator | None) -> None:
-    """What there is to be said at the end. allocator: what gave notes to the player, for what it can tell"""
+    """Print the summary of a session. allocator: the one that gave notes to the player"""
     now, played = player.meter(), allocator.played_notes() if allocator else {}
     if allocator is not None:
         for line in describe_leftover([], allocator.ignored, allocator.stolen, allocator.refused):

@@ -127,8 +127,8 @@ def list_shipped() -> str:
 
 
 def suggest_command(word: str, commands: list[str]) -> str:
-    """What was meant by a first word that is no command, no file and no shipped patch; nothing if it is one of these,
-    or a path, of which the reader of patches says more."""
+    """Suggest the command that was meant by a first word. Return "" if the word is a command, a file, a shipped patch,
+    or a path, which the reader of patches explains better."""
     if word.startswith("-") or not COMMAND_WORD.fullmatch(word) or path_exists(find_patch(word)):
         return ""
     files = sorted(Path().glob("*.toml")) if is_folder(Path()) else []

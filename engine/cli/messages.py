@@ -1,4 +1,4 @@
-"""What the command line says of errors: one line each, on standard error, with the name of the program."""
+"""Messages of the command line: one line each, on standard error, with the name of the program."""
 
 import sys
 import warnings
@@ -63,14 +63,14 @@ def read_patch(path: str) -> "tuple[Scene | None, list[Fault]]":
 
 
 def describe_bodies(scene: "Scene") -> str:
-    """How many bodies of each kind a scene has, the most frequent kind first, such as 226 strings and 2 plates."""
+    """Count the bodies of each kind in words, the most frequent kind first, such as 226 strings and 2 plates."""
     counts = Counter(body.kind for body in scene.body).most_common()
     texts = [f"{count} {BODIES_OF_KIND.get(kind, (kind, f'{kind}s'))[count > 1]}" for kind, count in counts]
     return " and ".join(filter(None, (", ".join(texts[:-1]), *texts[-1:])))
 
 
 def describe_leftover(unknown_keys: list[str], ignored: dict[str, int], stolen: int = 0, refused: int = 0) -> list[str]:
-    """What of the notes was not played, a line for each reason.
+    """Describe the notes and messages that were not played, a line for each reason.
 
     unknown_keys: that an instrument has not; ignored: messages by what they are
     stolen, refused: notes that ended for others; and notes, or bends, beyond the pitches that there are
@@ -89,7 +89,7 @@ def describe_leftover(unknown_keys: list[str], ignored: dict[str, int], stolen: 
 
 
 def describe_midi_file(path: str, file: "MidiNotes", remedy: str = "--channels or --tracks choose") -> list[str]:
-    """What of a MIDI file is played, a line for each thing that a user may not expect.
+    """Describe the part of a MIDI file that is played, a line for each thing that a user may not expect.
 
     remedy: how other parts would be played
     """
@@ -108,7 +108,7 @@ def describe_midi_file(path: str, file: "MidiNotes", remedy: str = "--channels o
 
 
 def describe_unknown_drums(file: "MidiNotes") -> list[str]:
-    """What drums of a MIDI file a patch does not have."""
+    """Describe the drums of a MIDI file that a patch does not have."""
     from engine.live.general_midi import drum_name
 
     names = [f"{drum_name(key)} {count} ×" for key, count in sorted(file.unknown_drums.items()) if count]
@@ -116,5 +116,5 @@ def describe_unknown_drums(file: "MidiNotes") -> list[str]:
 
 
 def describe_leading_silence(path: str, seconds: float) -> list[str]:
-    """What is left out before the first note of a MIDI file. seconds: how long that is"""
+    """Describe the silence that is left out before the first note of a MIDI file. seconds: its length"""
     return [f"{path}: {seconds:.3g} s of silence before the first note were left out"] * (seconds > SHORTEST_SILENCE)

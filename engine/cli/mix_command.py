@@ -58,7 +58,7 @@ class Assignment:
     scene: "Scene"
 
     def has(self, part: "Part") -> bool:
-        """Whether a part is of that channel or track."""
+        """True if a part is of that channel or track."""
         if self.chosen.isdecimal():
             return part.channel == int(self.chosen)
         track = self.chosen[1:]

@@ -84,7 +84,7 @@ def samplerate_of(numbers: NumericOptions) -> int:
 
 
 def voice_count(args: argparse.Namespace) -> int:
-    """How many notes may sound at a time."""
+    """Return the number of notes that may sound at a time."""
     return int(args.voices or VOICES)
 
 
@@ -101,7 +101,7 @@ def accuracy_options(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def check_accuracy_options(args: argparse.Namespace) -> list[Fault]:
-    """What is wrong with the accuracy asked for."""
+    """List the faults of the accuracy options."""
     from engine.patch.accuracy import Accuracy
     from engine.patch.error_messages import describe_value_error
 
@@ -120,7 +120,7 @@ def parse_error_target(text: str) -> tuple[float, bool]:
 
 
 def check_plot_style(args: argparse.Namespace) -> list[Fault]:
-    """What is wrong with the style asked for."""
+    """List the faults of --plot-style."""
     style = vars(args).get("plot_style")
     if style is None:
         return []
@@ -130,7 +130,7 @@ def check_plot_style(args: argparse.Namespace) -> list[Fault]:
 
 
 def excerpt_of(args: argparse.Namespace, seconds: float | None) -> "Excerpt":
-    """What of a MIDI file the options choose. seconds: how long it is, if it is not all"""
+    """Return the excerpt of a MIDI file that the options choose. seconds: its length; None for all of it"""
     from engine.live.midi_parts import Excerpt
 
     channels = frozenset(int(channel) for channel in (args.channels or "").split(",") if channel)
@@ -139,7 +139,7 @@ def excerpt_of(args: argparse.Namespace, seconds: float | None) -> "Excerpt":
 
 
 def check_parts(args: argparse.Namespace) -> list[Fault]:
-    """What is wrong with the parts of a MIDI file that are chosen."""
+    """List the faults of the options that choose parts of a MIDI file."""
     faults = []
     for option, text in (("--channels", args.channels), ("--tracks", args.tracks)):
         if text is not None and not (args.midi and Path(args.midi).suffix.lower() in MIDI_ENDINGS):
@@ -154,7 +154,7 @@ def check_parts(args: argparse.Namespace) -> list[Fault]:
 
 
 def check_kernel(args: argparse.Namespace) -> list[Fault]:
-    """What is wrong with the kernel that --kernel or the environment asks for."""
+    """List the faults of the kernel that --kernel or the environment names."""
     try:
         read_kernel_name(args.kernel)
     except ValueError as error:
@@ -188,7 +188,7 @@ def optional_path(text: str | None) -> Path | None:
 
 
 def check_paths(targets: dict[str, Path | None]) -> list[Fault]:
-    """What is wrong with the files to be written, by the options that name them; None is not to be written."""
+    """List the faults of the files to be written, by the options that name them; None is not written."""
     faults: list[Fault] = []
     paths = {option: path for option, path in targets.items() if path is not None}
     for name, path in paths.items():
@@ -208,7 +208,7 @@ def check_paths(targets: dict[str, Path | None]) -> list[Fault]:
 
 
 def check_rate_and_channels(option: str, output: Path, samplerate: int, channels: int) -> list[Fault]:
-    """What of a sound the format of its file cannot hold."""
+    """List the faults of a sound that the format of its file cannot hold."""
     message = audio_formats.explain_unsupported_format(output, samplerate, channels)
     return [Fault(option, message)] if message else []
 

@@ -88,7 +88,7 @@ def check_patches(args: argparse.Namespace) -> int:
 
 
 def check_build(path: str, scene: "Scene") -> tuple[list[Fault], list[str]]:
-    """What stands against rendering a patch at the usual sample rate; and what its author should know."""
+    """Build a patch at the usual sample rate; return the faults that prevent rendering, and notes for its author."""
     from engine.analysis.undamped import undamped_modes
     from engine.build import limits
     from engine.build.build import build
@@ -185,7 +185,7 @@ def read_templates() -> dict[str, str]:
 
 
 def start_command() -> str:
-    """How this program is started, from here."""
+    """Return the command that starts this program from the current folder."""
     script = Path(sys.argv[0])
     if program_name() != "render.py":
         return program_name()

@@ -91,7 +91,7 @@ def live_command(args: argparse.Namespace) -> int:
 
 
 def check_play_options(args: argparse.Namespace) -> list[Fault]:
-    """What is wrong with the options of live sound."""
+    """List the faults of the options of live sound."""
     faults: list[Fault] = []
     if not args.block_size.isdecimal() or not 1 <= int(args.block_size) <= MAX_BLOCK_SIZE:
         what = f'"{args.block_size}" is not a size of a block; 1 to {MAX_BLOCK_SIZE} frames'

@@ -1,5 +1,5 @@
-"""What a person is told while something takes long: how long it will take, as soon as that is known; then a bar on a
-terminal, and elsewhere a line every ten seconds."""
+"""Progress of long tasks: the time that a task will take, as soon as it is known; then a bar on a terminal, or
+elsewhere a line every ten seconds."""
 
 import signal
 import sys
@@ -98,12 +98,12 @@ class ProgressDisplay:
         return f"{self.task}: {self.share:.0%} done{phase}{self.describe_rest()}"
 
     def describe_rest(self) -> str:
-        """How long the rest of the task will take, after a comma; nothing as long as that is not known."""
+        """Return the time left, after a comma; "" until it is known."""
         left = self.seconds_left()
         return "" if left is None else f", {format_duration(left)} left"
 
     def stage(self) -> str:
-        """What is done at present. Numba is imported only to compile, which comes before the first share."""
+        """Name the present stage of the task. Numba is imported only to compile, which comes before the first share."""
         if self.share is not None:
             return f"{self.task}: {self.phase}" if self.phase else self.task
         if "numba" in sys.modules:
@@ -122,7 +122,8 @@ class ProgressDisplay:
         return (now - begin) * (1.0 - self.share) / (self.share - share)
 
     def announcement(self) -> str | None:
-        """How long the task will take, once that is known, if it is long."""
+        """Return the time that a long task will take, once it is known; None before, if the task is short, or if this
+        was returned already."""
         if self.is_announced or self.first is None or time.perf_counter() - self.first[0] < MEASURED:
             return None
         left = self.seconds_left()

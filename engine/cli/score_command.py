@@ -50,7 +50,7 @@ def score_command(args: argparse.Namespace) -> int:
 
 
 def explain_output(args: argparse.Namespace) -> str:
-    """What is wrong with --output; nothing if it can be written, or is not asked for."""
+    """Explain why --output cannot be written; return "" if it can, or is not given."""
     if args.output is None:
         return ""
     if args.problem is None:
@@ -63,7 +63,7 @@ def explain_output(args: argparse.Namespace) -> str:
 
 
 def describe(name: str) -> dict[str, object]:
-    """What a problem is, by names."""
+    """Describe a problem: its title, sizes and horizon, by names."""
     from engine import ruler
 
     problem, reference = ruler.load_problem(name)

@@ -13,8 +13,8 @@ from engine.wording import program_name
 
 
 def escaped(error: UnicodeError) -> tuple[str | bytes, int]:
-    """What is written for a character that an encoding has not: \\u and its number, as in JSON. What stands for a byte
-    of a file name that is no text becomes that byte again."""
+    """Replace a character that an encoding does not have by \\u and its number, as in JSON; and restore a byte of a
+    file name that is not text."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     code, after = ord(error.object[error.start]), error.start + 1

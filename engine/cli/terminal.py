@@ -96,7 +96,8 @@ def format_meter(now: "MeterReading", block: int, columns: int = MAX_COLUMNS) ->
 
 
 def meter_parts(now: "MeterReading", block: int) -> list[str]:
-    """What a meter shows beside the level, the most important first. block: frames of one, as asked for"""
+    """Return the texts that a meter shows beside the level, the most important first. block: frames per block that the
+    options give"""
     parts = [
         f"load {now.worst_block:.0%}",
         f"dropouts {now.dropouts}" + (f" (try --block-size {2 * block})" if now.dropouts else ""),
@@ -123,6 +124,6 @@ def _describe_level(now: "MeterReading") -> str:
 
 
 def _describe_quality(now: "MeterReading") -> str:
-    """Whether the quality is reduced, and how often it has changed."""
+    """Describe the present quality, and the number of its changes; "" if it never changed."""
     changes = f"{now.quality_steps} change{'s' if now.quality_steps != 1 else ''}"
     return f"{f'reduced quality ({now.quality})' if now.quality else 'full quality'}, {changes}"

@@ -33,7 +33,8 @@ def forbidden() -> Iterator[None]:
 
 
 def is_allowed() -> bool:
-    """Whether kernels may be compiled beside: not in tests, in CI, or by a worker, and not if the user forbids it."""
+    """True if kernels may be compiled in the background: not in tests, in CI, by a worker, or if the user forbids
+    it."""
     unwanted = bool(_forbidden) or os.environ.get(VARIABLE, "").lower() in ("off", "0", "no")
     return not unwanted and parent_process() is None and not any(map(os.environ.get, FORBIDDING))
 
@@ -59,7 +60,7 @@ def compile_beside(requests: Sequence[Request]) -> None:
 
 
 def is_compiling() -> bool:
-    """Whether a process compiles for the next time."""
+    """True if a process compiles kernels in the background."""
     return _holder() == COMPILING
 
 
@@ -77,7 +78,7 @@ def postponed() -> Iterator[None]:
 
 
 def _holder() -> str | None:
-    """What the process that has the lock does; None if none has it."""
+    """Return the task of the process that has the lock; None if none has it."""
     try:
         path = cache_files.folder() / LOCK
         if not path.exists():

@@ -99,18 +99,18 @@ def _private(path: Path, shared: bool) -> None:
 
 
 def _keeps(path: Path) -> bool:
-    """Whether what this user has in a folder stays there, whoever else can write to it."""
+    """True if other users cannot replace the files of this user in a folder."""
     status = os.stat(path)
     return not hasattr(os, "geteuid") or bool(status.st_mode & stat.S_ISVTX) or not status.st_mode & 0o022
 
 
 def _owned(status: os.stat_result) -> bool:
-    """Whether something belongs to this user; Windows has no such number."""
+    """True if a file belongs to this user; Windows has no such number."""
     return not hasattr(os, "geteuid") or status.st_uid == os.geteuid()
 
 
 def _trusted(status: os.stat_result) -> bool:
-    """Whether no other user can have written to it."""
+    """True if no other user can have written to a file."""
     return not hasattr(os, "geteuid") or (_owned(status) and not status.st_mode & 0o022)
 
 
@@ -167,7 +167,7 @@ def files(base: Path) -> list[File]:
 
 
 def count(files: list[File]) -> tuple[int, int]:
-    """How many kernels there are among files, and how many bytes all take."""
+    """Count the kernels among files, and the bytes of all files."""
     return sum(file.path.suffix == KERNEL for file in files), sum(file.size for file in files)
 
 
@@ -198,7 +198,7 @@ def _files(part: Path) -> Iterator[File]:
 
 
 def limit() -> float:
-    """How many bytes all files may take. Raises ValueError."""
+    """Return the size limit of the cache, bytes. Raises ValueError."""
     text = os.environ.get("FDH_CACHE_LIMIT", "") or LIMIT
     try:
         size = float(text)

@@ -7,7 +7,7 @@ VARIABLE = "FDH_KERNEL"  # of the environment: the choice where none is made
 
 
 class KernelName(StrEnum):
-    """Which kernel runs, or is to run."""
+    """Names of the choices of a kernel."""
 
     SPECIAL = "special"
     GENERAL = "general"

@@ -35,7 +35,7 @@ def switched_off() -> frozenset[str]:
 
 
 def in_use(trick: Trick, self_test: Callable[[], bool] = lambda: True) -> bool:
-    """Whether to use a trick. A self-test that raises has failed."""
+    """True if a trick is to be used. A self-test that raises has failed."""
     FOUND[trick] = trick not in switched_off() and _passes(self_test)
     return FOUND[trick]
 

@@ -27,7 +27,7 @@ class Expansion:
 
 
 def is_instrument(document: Any) -> bool:
-    """Whether a document is that of an instrument."""
+    """True if a document describes an instrument."""
     return isinstance(document, dict) and any(document.get(name) is not None for name in OWN_TABLES)
 
 
@@ -54,7 +54,7 @@ def expand(document: dict[str, Any]) -> Expansion:
 
 
 def expand_for_score(document: dict[str, Any], score: Score) -> Expansion:
-    """As `expand`, for another score than that of the document, which may end sooner than its other events."""
+    """Write out an instrument for another score than that of its document, which may end before its other events."""
     seconds = document.get("seconds")
     if seconds is not None:
         events = [event for event in document.get("event") or [] if event.get("time", 0.0) < seconds]

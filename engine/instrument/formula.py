@@ -79,7 +79,7 @@ REMEDY = "use numbers, names, + - * / // % **, comparisons and functions"
 
 
 def is_formula(value: Any) -> bool:
-    """Whether a value of a patch is a formula."""
+    """True if a value of a patch is a formula."""
     return isinstance(value, str) and value.lstrip().startswith(FORMULA_MARK)
 
 
@@ -119,8 +119,8 @@ def parse(formula: str) -> ast.expr:
 
 
 def _parts(node: ast.AST, text: str) -> list[ast.AST]:
-    """What an expression is made of; a number becomes one in floating point. Raises FormulaError if it is not
-    arithmetic. text: of the formula"""
+    """List the nodes within an expression; a number becomes one in floating point. Raises FormulaError if the
+    expression is not arithmetic. text: of the formula"""
     if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
         node.value = _to_float(node.value)
         return []
@@ -149,7 +149,7 @@ def _to_float(number: float) -> float:
 
 
 def _describe(error: Exception, names: Mapping[str, float]) -> str:
-    """What is wrong with a formula."""
+    """Describe the error of a formula."""
     if isinstance(error, NameNotDefined):
         return f"unknown name {to_one_line(error.name, MAX_SHOWN)}; the names are {', '.join(names)}"
     if isinstance(error, TypeError):

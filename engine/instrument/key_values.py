@@ -26,12 +26,13 @@ class KeyValueError(ValueError):
 
 
 def names_of_key(key: int, a4: float) -> dict[str, float]:
-    """What formulas know of a key: its MIDI number, its number on a piano, and its frequency, Hz."""
+    """Return the names that formulas can use for a key: its MIDI number, its number on a piano, and its frequency,
+    Hz."""
     return {"key": float(key), "n": float(key - 20), "f": note_frequency(key, a4)}
 
 
 def is_key_table(value: Any) -> bool:
-    """Whether a value is a table by key: {A0 = 1.0, C8 = 2.0}, or by ranges of keys, {"A0..B1" = 1, "C2..C8" = 2}."""
+    """True if a value is a table by key: {A0 = 1.0, C8 = 2.0}, or by ranges of keys, {"A0..B1" = 1, "C2..C8" = 2}."""
     return isinstance(value, dict) and bool(value) and all(_is_key_or_range(name) for name in value)
 
 
@@ -66,7 +67,7 @@ def value_at_key(value: Any, key: int, names: Mapping[str, float], path: KeyPath
 
 
 def wrong_formulas(value: Any, path: KeyPath = ()) -> Iterator[KeyValueError]:
-    """What is wrong with those formulas in a value that no key can have. path: of the value"""
+    """Yield the faults of formulas in a value that no key can have. path: of the value"""
     if is_formula(value):
         try:
             parse(value)
@@ -78,7 +79,7 @@ def wrong_formulas(value: Any, path: KeyPath = ()) -> Iterator[KeyValueError]:
 
 
 def _formula_fault(path: KeyPath, formula: str, text: str) -> KeyValueError:
-    """What is wrong with a formula, and the remedy if the text has one."""
+    """Make the fault of a formula, with the remedy if the text has one."""
     message, _, remedy = text.partition("; ")
     return KeyValueError(path, formula, message, remedy or "a formula that has a value at every key")
 

@@ -1,4 +1,4 @@
-"""What a key of an instrument has, written out as the tables of a plain scene."""
+"""Writes out the tables of one key of an instrument as tables of a plain scene."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -34,7 +34,7 @@ class KeyWriter:
             self.add_fault(error.path, error.value, error.message, error.remedy)
 
     def names(self, key: int) -> dict[str, float]:
-        """What formulas know of a key: what it is, and the values of the patch."""
+        """Return the names that formulas can use at a key: those of the key, and the values of the patch."""
         if key in self._names:
             return self._names[key]
         names = self._names[key] = names_of_key(key, float(self.keyboard.get("a4", 440.0)))
@@ -101,7 +101,8 @@ class KeyWriter:
         return copies
 
     def copies_of(self, key: int, table: dict[str, Any]) -> int | None:
-        """How many copies the body has that a table names; of two such bodies, the one with more."""
+        """Count the copies of the body that a table names; of two such bodies, the larger count. None if no body has
+        copies."""
         counts = [self.copies[key].get(str(table.get(name))) for name in REFERENCES]
         return max((count for count in counts if count is not None), default=None)
 
@@ -151,11 +152,11 @@ class KeyWriter:
         return f"{section}.{name_of_copy(key, name, copy)}.{keys}"
 
     def has_name(self, section: str, name: str) -> bool:
-        """Whether each key has a contact or a connection of a name."""
+        """True if each key has a contact or a connection of a name."""
         return any(table.get("name") == name for table in self.tables.get(section) or [])
 
     def copies_by_name(self, section: str, key: int, name: str) -> int | None:
-        """How many copies a key has of a contact or a connection of a name."""
+        """Count the copies of a contact or a connection of a name at a key."""
         for _, table in self.tables_at(section, key):
             if table.get("name") == name:
                 return self.copies_of(key, table)

@@ -1,4 +1,4 @@
-"""What an instrument is at one key: every number that its formulas and tables give."""
+"""Lists an instrument at one key: every number that its formulas and tables give."""
 
 from typing import Any
 
@@ -16,7 +16,8 @@ class KeyFault(ValueError):
 
 
 def list_key(document: dict[str, Any], key: int, velocity: int) -> dict[str, Any]:
-    """What a key of an instrument has, and what happens when it is pressed at a velocity of 1 to 127 and let go.
+    """List the tables of a key of an instrument, and its events when it is pressed at a velocity of 1 to 127 and
+    released.
 
     Raises KeyFault.
     """

@@ -46,7 +46,7 @@ class Score:
         return max([note.end for note in self.notes] + [move.time for move in self.pedals], default=0.0)
 
     def uses_sustain(self) -> bool:
-        """Whether the sustain pedal is put down."""
+        """True if the score uses the sustain pedal."""
         return any(move.name == "sustain" and move.value > 0.0 for move in self.pedals)
 
     def with_middle_note(self, keys: list[int]) -> "Score":
@@ -55,7 +55,7 @@ class Score:
         return replace(self, notes=(PlayedNote(0.0, middle, DEFAULT_VELOCITY, 2.0, 64),))
 
     def pedal_at(self, name: str, time: float) -> float:
-        """How far down a pedal is at a time, from 0 to 1."""
+        """Return the position of a pedal at a time, from 0 (up) to 1 (down)."""
         times, values = self._moves_by_pedal.get(name, ([], []))
         before = bisect_right(times, time)
         return values[before - 1] if before else 0.0

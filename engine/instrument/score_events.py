@@ -18,7 +18,7 @@ Event = tuple[dict[str, Any], KeyPath, str]  # as in a patch; where in the patch
 
 
 def events_of_key(writer: KeyWriter, section: str, key: int, names: dict[str, float], time: float) -> list[Event]:
-    """What happens when a key is pressed ("on") or let go ("off"), as events of a scene.
+    """Return the events of a scene when a key is pressed ("on") or released ("off").
 
     names: what formulas know of the note: v, soft, release
     """

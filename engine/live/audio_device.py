@@ -17,7 +17,7 @@ DEVICE_UNAVAILABLE, INVALID_SAMPLE_RATE, INVALID_CHANNELS = -9985, -9997, -9998 
 
 
 class DeviceError(RuntimeError):
-    """What stands against playing, and what would be right."""
+    """The sound cannot be played. The message says why and what to do."""
 
 
 def load_sounddevice() -> Any:

@@ -99,7 +99,7 @@ class AudioMemory:
 
 
 class _Buffers(NamedTuple):
-    """What only the audio thread touches."""
+    """Arrays that only the audio thread uses."""
 
     spare: np.ndarray
     values: np.ndarray

@@ -27,7 +27,8 @@ Targets = Callable[[Player, str], list[str]]  # the live parameters of a player 
 
 @dataclass
 class Course:
-    """How far a control has moved what it controls. Shares: 0 at the low end of its range, 1 at the high."""
+    """The progress of a control from its old value to its new one. Shares: 0 at the low end of its range, 1 at the
+    high."""
 
     control: Any
     paths: list[str]
@@ -54,11 +55,11 @@ class Controls:
             self._addresses = {"/" + path.replace(".", "/"): path for path in player.live_parameters}
 
     def takes(self, move: Move) -> bool:
-        """Whether a move of MIDI changes anything."""
+        """True if a move of a MIDI controller changes a parameter."""
         return any(takes_move(control, move) for control in self.scene.control)
 
     def has_address(self, address: str) -> bool:
-        """Whether there is a control with an address of OSC."""
+        """True if a control has this OSC address."""
         return any(control.kind == "osc" and control.address == address for control in self.scene.control)
 
     def move(self, move: Move, notes: Targets | None = None) -> None:
@@ -70,7 +71,7 @@ class Controls:
                     self._aim(i, paths, move.value)
 
     def knows(self, address: str) -> bool:
-        """Whether an address of OSC is that of a control or of a live parameter."""
+        """True if an OSC address is that of a control or of a live parameter."""
         return self.has_address(address) or address in self._addresses
 
     def receive(self, address: str, value: float) -> None:
@@ -134,7 +135,7 @@ class Controls:
                 self.refused.setdefault(path, str(error))
 
     def remarks(self) -> list[str]:
-        """What there is to be said at the end."""
+        """Return the lines for the summary: refused values and unknown addresses."""
         self.refused = self.player.refused | self.refused
         lines = [f"{path}: {reason}" for path, reason in self.refused.items()]
         unknown = ", ".join(f"{address} ({count} times)" for address, count in list(self.unknown.items())[:10])
@@ -142,7 +143,7 @@ class Controls:
 
 
 def takes_move(control: Any, move: Move) -> bool:
-    """Whether a control is of a move of MIDI."""
+    """True if a control follows a move of a MIDI controller."""
     if control.kind != move.kind or control.channel not in (None, move.channel):
         return False
     return bool(control.kind != "cc" or control.number == move.number)
@@ -168,7 +169,7 @@ def targets_of_voice(player: Player, parameter: str, voice: int) -> list[str]:
 
 
 def approach(share: float, target: float, seconds: float, smoothing: float) -> float:
-    """Where a share is after some time on its way to a target, of which 63 % are made in the time of smoothing."""
+    """Return the share after some time on its way to a target; 63 % of the way takes the smoothing time."""
     if smoothing <= 0.0:
         return target
     share = target + (share - target) * math.exp(-seconds / smoothing)

@@ -72,13 +72,13 @@ class EventQueue:
             return sorted(self._log, key=lambda e: -1 if e["frame"] is None else e["frame"])
 
     def pending(self) -> int:
-        """How many events were not taken yet."""
+        """Number of events that the audio thread has not taken yet."""
         with self._lock:
             self._drain()
             return len(self._pending)
 
     def dropped(self) -> int:
-        """How many events were dropped."""
+        """Number of events that were dropped."""
         lost = [str(entry["why"][-1]) for entry in self.entries() if entry["frame"] is None]
         return sum(not reason.startswith(REFUSED_WHY) for reason in lost)
 
@@ -121,5 +121,5 @@ def checked_frame(value: int) -> int:
 
 
 def event_capacity(scene: Scene, is_instrument: bool) -> int:
-    """How many events there is room for at a time, in each subsystem."""
+    """Return the number of events that each subsystem can hold at a time."""
     return max(EVENTS_PER_ISLAND, EVENTS_PER_BODY * len(scene.body) if is_instrument else 0)

@@ -59,7 +59,7 @@ class KeyAllocator:
         self._bends, self._bent = KeyBends(bent), {one.path: one.value for one in bent}
 
     def played_notes(self) -> dict[str, str]:
-        """How often each key was played."""
+        """Count the notes of each key that was played."""
         return {note_name(key): f"{count} times" for key, count in sorted(self._played.items())}
 
     def play(self, note: Note, frame: int = 0) -> None:
@@ -90,7 +90,8 @@ class KeyAllocator:
                 self.refused += 1
 
     def targets(self, move: Move, is_of_one_note: bool) -> Targets | None:
-        """What a move of a controller changes, if it is of some notes alone: what their keys have."""
+        """Return the live parameters that a move of a controller changes if it concerns some notes alone: those of
+        their keys."""
         if not is_of_one_note and move.kind != "poly_pressure":
             return None
         key = move.number if move.kind == "poly_pressure" else self._on_channel.get(move.channel)
@@ -104,7 +105,7 @@ class KeyAllocator:
     # --- keys
 
     def _has_bodies(self, key: int) -> bool:
-        """Whether the scene was written out with a key."""
+        """True if the scene was written out with a key."""
         return any(body.startswith(f"{plain_note_name(key)}_") for body in self.player.layout.body_index)
 
     def _press(self, key: int, v: float, frame: int) -> None:
@@ -208,7 +209,7 @@ class KeyAllocator:
                     self.player.set(f"{section}.{event[section]}.{name}", event[name], glide, frame)
 
     def _full_amplitude(self, key: int, body: str) -> float:
-        """How strong the waiting pluck of a body is, N."""
+        """Return the full force of the pluck of a body that waits for its key, N."""
         names = {"v": 1.0, "soft": 0.0, "release": 0.5}
         events = [event for event, _, _ in events_of_key(self._writer, "on", key, names, 0.0)]
         return float(next((e["amplitude"] for e in events if e["kind"] == "pluck" and e["body"] == body), 0.0))

@@ -21,7 +21,7 @@ class BentParameter(NamedTuple):
 
 
 class KeyBends:
-    """How far each key is bent. Outside MPE zones, the wheel bends all keys; in one, those of its channel.
+    """The present pitch bend of each key. Outside MPE zones, the wheel bends all keys; in one, those of its channel.
 
     parameters: of the keys
     """
@@ -49,7 +49,7 @@ class KeyBends:
 
 
 def bent_parameters(bodies: Iterable[dict[str, Any]], keys: Iterable[int]) -> Iterator[BentParameter]:
-    """What bends the keys of an instrument. bodies: as its patch, written out, gives them"""
+    """Yield the parameters that bend the keys of an instrument. bodies: as its patch, written out, gives them"""
     names = {plain_note_name(key): key for key in keys}
     for body in bodies:
         key = names.get(body["name"].partition("_")[0])

@@ -1,4 +1,4 @@
-"""What a meter shows of live sound."""
+"""The reading of a meter of live sound."""
 
 from dataclasses import dataclass
 

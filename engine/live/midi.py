@@ -63,19 +63,21 @@ class MidiFilePlayer:
 
 
 def is_file(text: str) -> bool:
-    """Whether notes come from a file, and not from a port."""
+    """True if notes come from a file, and not from a port."""
     return Path(text).suffix.lower() in (".mid", ".midi")
 
 
 def make_allocator(player: Player) -> Allocator | None:
-    """What gives notes to a player; None if it plays the score of its scene alone. Raises MidiError."""
+    """Make the allocator that gives notes to a player; None if it plays the score of its scene alone. Raises
+    MidiError."""
     if player.voices:
         return VoiceAllocator(player)
     return KeyAllocator(player) if player.waiting and player.patch.instrument is not None else None
 
 
 def has_notes(scene: Scene, text: str) -> bool:
-    """Whether a patch without a keyboard plays notes: it need not, if a port moves its controls. Raises MidiError."""
+    """True if a patch without a keyboard can play notes. It need not, if a port moves its controls. Raises
+    MidiError."""
     try:
         pitched_bodies(scene)
     except MidiError:
@@ -86,8 +88,8 @@ def has_notes(scene: Scene, text: str) -> bool:
 
 
 def open_source(text: str, keys: Allocator | None, controls: Controls, excerpt: Excerpt = ALL_NOTES) -> Source | None:
-    """What has to be called often for the notes of a file or a port to be played, and for a port to move controls;
-    None if there is nothing to call. excerpt: of a file. Raises MidiError."""
+    """Open the notes of a file or a port; return a function to be called often, which plays them and moves controls.
+    None if there is nothing to play. excerpt: of a file. Raises MidiError."""
     if is_file(text):
         if keys is None:
             return None

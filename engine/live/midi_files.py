@@ -150,7 +150,7 @@ class PartReader:
 
 
 def describe_message(message: Any) -> str:
-    """What kind of message is ignored."""
+    """Name the kind of a message that is ignored."""
     if message.type == "control_change":
         return f"controller {message.control}"
     return str(message.type.replace("_", " "))

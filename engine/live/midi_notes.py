@@ -9,7 +9,7 @@ UNKNOWN_RELEASE = 64  # velocity with which a key is let go, where that was not 
 
 
 class MidiError(RuntimeError):
-    """What stands against playing notes, and what would be right."""
+    """The notes cannot be played. The message says why and what to do."""
 
 
 class NothingToPlay(MidiError):

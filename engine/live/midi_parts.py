@@ -41,11 +41,11 @@ class Part(NamedTuple):
 
     @property
     def is_drums(self) -> bool:
-        """Whether its notes are drums of General MIDI."""
+        """True if its notes are drums of General MIDI."""
         return self.channel == DRUM_CHANNEL
 
     def is_on_track(self, track: str) -> bool:
-        """Whether it is of a track, given by its number or its name."""
+        """True if it is of a track, given by its number or its name."""
         return self.track == int(track) if track.isdecimal() else self.name.casefold() == track.casefold()
 
     def __str__(self) -> str:
@@ -56,7 +56,8 @@ class Part(NamedTuple):
 
 @dataclass(frozen=True)
 class Excerpt:
-    """What of a file is played. If nothing is chosen, that is all parts but drums; on a patch of drums, the drums."""
+    """The parts of a file that are played. If nothing is chosen, that is all parts but drums; on a patch of drums, the
+    drums."""
 
     channels: frozenset[int] = frozenset()  # from 1
     tracks: tuple[str, ...] = ()  # numbers, from 0, or names

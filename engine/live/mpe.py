@@ -50,7 +50,7 @@ class MpeZones:
         return True
 
     def channels(self, channel: int) -> NoteChannels:
-        """What a note on a channel follows."""
+        """Return the channels that a note on a channel follows."""
         master = self.master(channel)
         return NoteChannels(ALL, ALL) if master is None else NoteChannels(channel, master)
 
@@ -63,11 +63,11 @@ class MpeZones:
         return self.master(channel) or channel
 
     def is_of_one_note(self, channel: int) -> bool:
-        """Whether what comes on a channel is of the note on it alone."""
+        """True if messages on a channel concern only the note on it."""
         return channel not in self._members and self.master(channel) is not None
 
     def bend_cents(self, channel: int, pitch: int) -> float:
-        """How far a pitch wheel at -8192 to 8191 bends."""
+        """Return the cents that a pitch wheel at -8192 to 8191 bends."""
         return pitch / 8192 * 100.0 * self._range[channel]
 
     def _configure(self, master: int, members: int) -> None:

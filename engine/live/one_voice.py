@@ -52,7 +52,7 @@ def strikes_of_note(scene: Scene, body: PitchedBody, share: float) -> list[Event
 
 
 def dampers(scene: Scene, time: float) -> list[Event]:
-    """What the dampers do when a key is let go."""
+    """Return the damping events of a key that is released."""
     sigma, duration = RELEASE_DAMPER
     names = sounding_bodies(scene)
     return [DampEvent(kind="damp", time=time, body=name, sigma=sigma, duration=duration) for name in names]

@@ -16,7 +16,7 @@ MAX_PORT = 65_535
 
 
 class OscError(RuntimeError):
-    """What stands against receiving OSC, and what would be right."""
+    """OSC cannot be received. The message says why and what to do."""
 
 
 def parse_address(text: str) -> tuple[str, int]:
@@ -79,7 +79,7 @@ class OscServer:
         self._socket.close()
 
     def remarks(self) -> list[str]:
-        """What there is to be said at the end."""
+        """Return the line for the summary: the number of malformed packets."""
         return [f"OSC: {self.malformed} malformed packets or messages were ignored"] if self.malformed else []
 
     def _serve(self) -> None:

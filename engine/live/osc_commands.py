@@ -169,7 +169,7 @@ def _name_and_number(arguments: list[Any], address: str) -> tuple[str | None, fl
 
 
 def _wrong_arguments(arguments: list[Any], address: str) -> str:
-    """What is wrong with the arguments of a message."""
+    """Describe the error in the arguments of a message."""
     shown = to_one_line(" ".join(format_value(argument) for argument in arguments[:4]), MAX_SHOWN)
     return f"cannot take {shown or 'no arguments'}; {USAGES[address]}"
 

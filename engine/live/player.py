@@ -143,12 +143,12 @@ class Player:
 
     @property
     def finished(self) -> bool:
-        """Whether all has been played, by this player and by those that took over."""
+        """True if all has been played, by this player and by its successors."""
         return bool(self.shared[Slot.FINISHED]) and (self._successor is None or self._successor.finished)
 
     @property
     def driver_stopped(self) -> bool:
-        """Whether the driver was told that all is over."""
+        """True if the driver has been told to stop."""
         return self.finished or (bool(self.shared[Slot.FINISHED]) and not self.shared[Slot.SUCCESSOR])
 
     def stop(self) -> None:
@@ -168,7 +168,7 @@ class Player:
         self.shared[Slot.SUCCESSOR] = following.shared.ctypes.data
 
     def fetch_recording(self) -> np.ndarray:
-        """What was played since the last call, by this player and by those that took over, single precision
+        """Return the sound played since the last call, by this player and by its successors, in single precision
         [frames, channels]; at most the last RECORD_SECONDS (engine.live.audio_memory)."""
         record, until = self.memory.record, int(self.shared[Slot.RECORDED])
         begin = max(self._fetched, until - len(record))
@@ -328,12 +328,13 @@ class Player:
 
     @property
     def live_parameters(self) -> list[str]:
-        """What `set` can change."""
+        """Paths that `set` can change."""
         return list(self.live_paths)
 
     @cached_property
     def live_paths(self) -> dict[str, LivePath]:
-        """Where what `set` can change is. Voices are tuned with `tune`, and of single precision no tables are made."""
+        """The live parameters that `set` can change, by path. Voices are tuned with `tune` instead, and a scene of
+        single precision has no tables that can change."""
         contact = self.model.contact
         paths = live_paths(self.scene, contact is not None and isinstance(contact.law, Power))
         if self.voices or self.model.step.kick.dtype != np.float64:

@@ -71,7 +71,7 @@ def lock_file(file: BinaryIO) -> bool:
 
 
 class NoRecording:
-    """What takes the place of a recording where none is asked for."""
+    """Takes the place of a recording if none is wanted."""
 
     def __init__(self) -> None:
         self.lines, self.is_complete = list[str](), True

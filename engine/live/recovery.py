@@ -24,7 +24,7 @@ def find_leftovers(folder: Path) -> list[tuple[Path, str]]:
 
 
 def _is_abandoned(path: Path) -> bool:
-    """Whether nobody writes to a file. The number of a process says little: another one may have it by now."""
+    """True if no process writes to a file. The process number says little: another process may have it by now."""
     try:
         if time.time() - path.stat().st_mtime < IDLE_SECONDS:
             return False
@@ -48,7 +48,7 @@ def delete_unusable(leftovers: list[tuple[Path, str]]) -> int:
 
 
 def describe_leftovers(folder: Path) -> str:
-    """What is to be said of a folder before something is recorded in it. Clears what is of no use."""
+    """List the unfinished recordings in a folder as a message for the user, and delete those without sound."""
     try:
         leftovers = find_leftovers(folder)
     except OSError:

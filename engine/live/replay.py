@@ -27,7 +27,8 @@ Real = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class LoggedEvent(BaseModel):
-    """What was done: `why` as a person said it, `row` as the audio thread took it at a frame; None: it was dropped."""
+    """One event of a log: `why` is the call as the user made it, `row` the event as the audio thread took it at a
+    frame; the frame is None if the event was dropped."""
 
     model_config = ConfigDict(strict=True)
 
@@ -37,7 +38,7 @@ class LoggedEvent(BaseModel):
 
 
 class Log(BaseModel):
-    """What Player.log gives."""
+    """The log that Player.log returns."""
 
     model_config = ConfigDict(strict=True, allow_inf_nan=False)
 
@@ -76,8 +77,8 @@ def _none(name: str) -> Any:
 
 
 def replay(record: dict[str, Any] | Log, progress: Callable[[float], None] | None = None) -> np.ndarray:
-    """What was played, from its log: single precision [frames, channels], the same bit for bit. Raises ValueError
-    (pydantic's, or BuildError) if the log is none.
+    """Compute the sound of a session from its log: single precision [frames, channels], the same bit for bit. Raises
+    ValueError (pydantic's, or BuildError) if the log is not valid.
 
     progress: called now and then with the share rendered, 0 to 1
     """
@@ -91,7 +92,7 @@ def replay(record: dict[str, Any] | Log, progress: Callable[[float], None] | Non
 
 
 def _played(log: Log, progress: Callable[[float], None]) -> np.ndarray:
-    """What was played."""
+    """Compute the sound of a valid log."""
     player = Player(
         log.made(), log.samplerate, math.inf, log.gain, log.voices, log.lowest, log.general, waiting=log.waiting
     )

@@ -1,4 +1,4 @@
-"""How a voice of a polyphonic model gets the pitch of another model: what has to be copied."""
+"""Retunes a voice of a polyphonic model: lists the numbers to copy from a model of one voice at the new pitch."""
 
 import math
 from collections.abc import Iterator
@@ -63,7 +63,7 @@ class VoiceTuning:
             self._tables.clear()
 
     def table(self, target: tuple[Model, Layout], voice: int, ratio: float, body: str | None) -> np.ndarray:
-        """What has to be copied for a voice to have a pitch [n, 3]; kept, for the audio thread reads it."""
+        """Return the copies that give a voice a pitch [n, 3]. They are kept, for the audio thread reads them."""
         key = voice, ratio, body
         if key not in self._tables:
             scene = retune(self._patch, ratio)
@@ -79,9 +79,9 @@ class VoiceTuning:
 
 
 def tuning_copies(target: tuple[Model, Layout], source: tuple[Model, Layout], voice: int) -> np.ndarray:
-    """What has to be copied so that a voice of a polyphonic model is as the only one of another: addresses to copy
-    to and from, and how many numbers [n, 3]. Modes that the other has not, for they would be above what the sample
-    rate carries, are made such that nothing moves or hears them."""
+    """List the copies that make a voice of a polyphonic model equal to the only voice of another: addresses to copy to
+    and from, and counts of numbers [n, 3]. Modes above the limit of the sample rate, which the other does not have, are
+    made such that nothing moves them and no pickup senses them. Raises ValueError if the voice is too small."""
     pairs = [(a, b) for a, b in _pairs(target, source, voice) if b.size]
     if any(a.size < b.size for a, b in pairs):
         raise ValueError("this pitch needs more modes or contacts than a voice has room for")
@@ -108,7 +108,7 @@ def _pairs(target: tuple[Model, Layout], source: tuple[Model, Layout], voice: in
 
 
 def _tuned_arrays(poly: Model, single: Model, *axes: Axis) -> Iterator[tuple[Items, np.ndarray, np.ndarray | None]]:
-    """What a pitch changes, of some axes: the coefficients of a step, and the restoring force."""
+    """Yield the arrays on some axes that a pitch changes: the coefficients of a step, and the restoring force."""
     records = (StepCoefficients, poly.step, single.step), (FreeFlight, poly.flight, single.flight)
     for record in records:
         for items, ours, theirs in pair_arrays(*record):
@@ -123,7 +123,7 @@ def _tuned_arrays(poly: Model, single: Model, *axes: Axis) -> Iterator[tuple[Ite
 
 
 def _mode_pairs(poly: Model, single: Model, to: slice, of: slice) -> Iterator[Arrays]:
-    """What each mode of a body has."""
+    """Yield the arrays of each mode of a body."""
     count = min(to.stop - to.start, of.stop - of.start)
     for items, ours, theirs in _tuned_arrays(poly, single, Axis.MODE):
         read = theirs[of.start : of.start + count] if theirs is not None else NEUTRAL[items.neutral][:count]
@@ -134,7 +134,7 @@ def _mode_pairs(poly: Model, single: Model, to: slice, of: slice) -> Iterator[Ar
 
 
 def _contact_pairs(poly: Model, single: Model, n: int, i: int) -> Iterator[Arrays]:
-    """How the bodies of an island give at its contacts and connections."""
+    """Yield the compliances of an island at its contacts and connections."""
     axes = Axis.CONTACT, Axis.COMPLIANCE, Axis.CONNECTION, Axis.CONNECTION_PAIR, Axis.CONNECTION_CONTACT
     for items, ours, theirs in _tuned_arrays(poly, single, *axes):
         if theirs is not None:
@@ -143,7 +143,7 @@ def _contact_pairs(poly: Model, single: Model, n: int, i: int) -> Iterator[Array
 
 
 def _basis_pairs(poly: Model, single: Model, n: int, i: int) -> Iterator[Arrays]:
-    """What the rows of the basis of an island's contacts move at these.
+    """Yield the motion at an island's contacts for each row of the basis of these contacts.
 
     Raises ValueError if that of the other cannot be one of as few rows.
     """
@@ -169,7 +169,7 @@ def _bases(model: Model) -> list[tuple[ContactBasis, BasisCoefficients]]:
 
 
 class PickupTables(NamedTuple):
-    """What goes with the rows of pickups."""
+    """The tables that belong to the rows of pickups."""
 
     table: np.ndarray  # [entries, 2 * FLIGHT_PART], of FreeFlight.pickup_tables
 
@@ -217,7 +217,8 @@ def _entry_pairs(to: RowsAt, of: RowsAt, write: tuple[int, int], read: tuple[int
 
 
 def _connection_pairs(target: tuple[Model, Layout], source: tuple[Model, Layout], b: int, c: int) -> Iterator[Arrays]:
-    """What a body has in each coordinate of its connections. b, c: its number in the one scene, and in the other"""
+    """Yield the entries of a body in each coordinate of its connections. b, c: its number in the one scene, and in the
+    other"""
     (poly, poly_layout), (single, layout) = target, source
     if poly.connection is None or single.connection is None:
         return

@@ -35,7 +35,7 @@ class Key(NamedTuple):
     channels: NoteChannels  # that it follows
 
     def follows(self, move: Move, is_of_one_note: bool) -> bool:
-        """Whether a move on a channel of one note, or of one key, is of it."""
+        """True if a move of a controller, on a channel of one note or of one key, concerns this key."""
         mine = move.channel == self.channels.channel
         return (mine or not is_of_one_note) and (move.kind != "poly_pressure" or move.number == self.number)
 
@@ -125,14 +125,16 @@ class VoiceAllocator:
             self._strike(note, key, frame)
 
     def targets(self, move: Move, is_of_one_note: bool) -> Targets | None:
-        """What a move of a controller changes, if it is of some notes alone: the copies in their voices."""
+        """Return the live parameters that a move of a controller changes if it concerns some notes alone: the copies in
+        their voices."""
         if not is_of_one_note and move.kind != "poly_pressure":
             return None
         voices = [n for n, key in enumerate(self._note) if key is not None and key.follows(move, is_of_one_note)]
         return lambda player, path: [one for n in voices for one in targets_of_voice(player, path, n)]
 
     def played_notes(self) -> dict[str, str]:
-        """Which notes each body has played: those in its own octave by name, with how far they are from its pitch."""
+        """List the notes that each body has played, by name, with their distance from its pitch if they are in its own
+        octave."""
         names: dict[str, list[str]] = {}
         for number, body in sorted(self.played.items()):
             cents = 1200 * math.log2(body.ratio(number))
@@ -201,7 +203,7 @@ class VoiceAllocator:
 
     @cached_property
     def _ears(self) -> np.ndarray:
-        """Which modes belong to bodies that are heard."""
+        """Weights of the modes [modes]: 1 for modes of bodies with a pickup, 0 for others."""
         layout, weights = self.player.layout, np.zeros(self.player.state.p.size)
         for pickup in self.player.scene.pickup:
             weights[layout.global_modes(layout.body_index[pickup.body])] = 1.0

@@ -7,7 +7,7 @@ KAISER_BETA = 20.5  # … and the β of its window: 190 dB
 
 
 def decimation_tail(oversample: int) -> int:
-    """How many samples a filter that brings a multiple of a sample rate down needs beyond the end."""
+    """Return the number of samples beyond the end that a decimation filter needs."""
     return HALF_LENGTH * oversample if oversample > 1 else 0
 
 

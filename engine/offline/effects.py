@@ -1,4 +1,4 @@
-"""What a scene may call for, and whether it is compiled."""
+"""The effects that a scene may have, and which of them are compiled."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -40,5 +40,5 @@ def effects_of(model: Model) -> EffectStatistics:
 
 
 def _at_contacts(model: Model, name: str) -> Any:
-    """What a step has at contacts; None without any."""
+    """Return an entry of the step at contacts; None without contacts."""
     return None if model.step.contact is None else getattr(model.step.contact, name)

@@ -100,7 +100,7 @@ class ShapeSnapshots:
         return job.memory.audio[:count]
 
     def arrays(self, samplerate: float) -> dict[str, np.ndarray]:
-        """What is kept by its public names; places that lie on no body are NaN."""
+        """Return the snapshots by their public names; positions that lie on no body are NaN."""
         found: dict[str, np.ndarray] = {"shape_time": np.arange(len(self.kept)) * self.every / samplerate}
         for shape in self.shapes:
             values = np.full((len(self.kept), *shape.is_inside.shape), np.nan)

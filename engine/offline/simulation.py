@@ -82,7 +82,7 @@ class Simulation:
         audio[:] = memory.audio[:frames]
 
     def memory(self, frames: int, channels: int) -> JobMemory:
-        """What blocks of so many frames are rendered in."""
+        """Return the memory for blocks of up to so many frames."""
         if self._memory is None or self._memory.audio.shape[0] < frames or self._memory.audio.shape[1] != channels:
             size = max(frames, MIN_BUFFER_FRAMES)
             self._memory = JobMemory(*self._handles, (size, channels), self.measure_energy, self._balance)
@@ -92,7 +92,7 @@ class Simulation:
         return self._memory
 
     def memory_of(self, change: Callable[[Model], Model], channels: int) -> JobMemory:
-        """What single samples are rendered in by a changed model, of the same state and balance; on one core.
+        """Make the memory for single samples of a changed model, with the same state and balance; on one core.
 
         change: gives a model of the same kind, which differs in what is traced
         """

@@ -1,4 +1,4 @@
-"""What a render has to tell beside its sound: iterations, energy, effects and activity."""
+"""Statistics of a render beside its sound: iterations, energy, effects and activity."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -17,7 +17,7 @@ from engine.offline.simulation import Simulation
 
 @dataclass(frozen=True)
 class SolveOutcomes(Record):
-    """How each sample of each island with contacts was solved, in samples."""
+    """Outcomes of the contact solves: numbers of samples, over all islands with contacts."""
 
     free: int  # no contact was in reach
     separation: int  # none closed
@@ -82,7 +82,7 @@ class IslandStatistics(Record):
 
 @dataclass(frozen=True)
 class SimulationStatistics(Record):
-    """What is known of a simulation up to now."""
+    """Statistics of a simulation up to the present sample."""
 
     newton: NewtonStatistics
     energy: EnergyStatistics
@@ -92,7 +92,7 @@ class SimulationStatistics(Record):
 
 @dataclass(frozen=True)
 class RenderStatistics(SimulationStatistics):
-    """What is known of a rendering: the names of `fdh render --json` (docs/design.md, sec. 6)."""
+    """Statistics of a rendering: the names of `fdh render --json` (docs/design.md, sec. 6)."""
 
     seconds: float
     samplerate: int  # Hz
@@ -126,7 +126,7 @@ def simulation_statistics(simulation: Simulation) -> SimulationStatistics:
 
 
 def island_statistics(layout: Layout) -> IslandStatistics:
-    """How many islands there are, and the largest."""
+    """Count the islands, and describe the largest."""
     modes = layout.mode_counts
     largest = int(np.argmax(modes * (1 + np.diff(layout.islands.contact))))
     names = [b.name for b in layout.scene.body if layout.island_of_body[layout.body_index[b.name]] == largest]

@@ -120,7 +120,7 @@ def column_begins(layout: Layout) -> list[int]:
 
 
 def column_labels(layout: Layout) -> dict[str, np.ndarray]:
-    """What the columns of a trace are: names of bodies and contacts, and places as JSON."""
+    """Return the labels of the columns of a trace: names of bodies and contacts, and positions as JSON."""
     scene, points = layout.scene, trace_points(layout)
     places = {p.body: json.dumps(p.position) for p in points if p.body is not None}
     contacts, contact_places = list[str](), list[str]()

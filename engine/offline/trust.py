@@ -1,4 +1,4 @@
-"""What is to be said of a render beside its sound: what begins inside something else, and what is not to be trusted."""
+"""Warnings of a render: bodies that begin inside others, and reasons not to trust the result."""
 
 import math
 from collections.abc import Iterator
@@ -74,7 +74,7 @@ def _initial_compression(
 
 
 def _suggest_sign(contact: Contact, begin: float, depth: float, hammer_share: float, offset: float) -> str:
-    """Which sign was likely meant."""
+    """Suggest the number or side whose sign was likely wrong."""
     if hammer_share > 0.0 and depth - 2 * hammer_share <= 0.0:
         return f"displacement = {-begin:g} is likely meant"
     key, value = ("gap", contact.gap) if contact.on is not None else ("barrier", contact.barrier)
@@ -111,7 +111,7 @@ def explain_doubts(
 
 
 def warn_of_strong_loss(state: State, order: int) -> list[str]:
-    """What is to be said where a sample of order 4 or 6 was of order 2, for its contact loss was too strong."""
+    """Warn of samples of order 4 or 6 that were computed at order 2, because their contact damping was too strong."""
     if state.refinement is None:
         return []
     samples, in_contact = int(state.refinement.samples_of_strong_loss.sum()), int(state.contact_samples.sum())
@@ -124,7 +124,7 @@ def warn_of_strong_loss(state: State, order: int) -> list[str]:
 
 
 def explain_build_doubts(scene: Scene, layout: Any, model: Any) -> list[str]:
-    """What can be doubted before anything has moved: damping that the step is too long for."""
+    """List the doubts that are known before anything has moved: damping that is too strong for the step."""
     rate, reasons = model.samplerate, list[str]()
     if scene.accuracy.scheme == "fdh":
         heavy = [

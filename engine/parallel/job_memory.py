@@ -25,7 +25,7 @@ def no_trace() -> Trace:
 def block_output(
     audio: np.ndarray, ledger: np.ndarray, measures_energy: bool, trace: Trace | None = None
 ) -> BlockOutput:
-    """Where a block of one partition goes; motion is traced if there is a trace."""
+    """Return the output arrays of a block of one partition; motion is traced if there is a trace."""
     wanted = np.zeros(len(Wanted), np.int64)
     wanted[[Wanted.ENERGIES, Wanted.MOTION]] = measures_energy, trace is not None
     return BlockOutput(audio, ledger, trace or no_trace(), wanted)

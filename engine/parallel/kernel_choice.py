@@ -1,5 +1,5 @@
-"""Which kernel runs a model: a special one, compiled for what the scene calls for and nothing else, or the general one,
-which has every effect and runs any scene (engine.build.general). The samples are the same, bit for bit.
+"""Chooses the kernel that runs a model: a special one, compiled for the effects of the scene and nothing else, or the
+general one, which has every effect and runs any scene (engine.build.general). The samples are the same, bit for bit.
 
 A special kernel takes 10 s to compile. A scene whose special kernel is not there runs on the general one at once, while
 the special one is compiled beside it, for the next time. The general kernel comes with the engine; where that does not
@@ -29,7 +29,7 @@ class Use(NamedTuple):
 
 
 class Prepared(NamedTuple):
-    """What runs: models and a state, whose arrays are those given, and the name of the kernel."""
+    """Models and a state that fit the chosen kernel and share the arrays given, and the name of the kernel."""
 
     models: list[Model]
     state: State
@@ -67,5 +67,5 @@ def requests_of(prepared: Prepared, uses: Sequence[Use]) -> list[Request]:
 
 
 def is_ready(prepared: Prepared, uses: Sequence[Use]) -> bool:
-    """Whether no kernel need be compiled."""
+    """True if no kernel need be compiled."""
     return all(use.kernel.is_ready(*kinds_of(prepared, use)) for use in uses)

@@ -1,4 +1,4 @@
-"""How exactly a scene is computed: the dial between error and time (docs/design.md, sec. 2)."""
+"""Accuracy settings of a scene: smaller errors for more time (docs/design.md, sec. 2)."""
 
 from typing import Any, Literal
 
@@ -12,7 +12,7 @@ MAX_OVERSAMPLE = 32
 
 
 class Accuracy(Table):
-    """What a patch says under [accuracy]; the energy balance is exact at every setting."""
+    """The table [accuracy] of a patch; the energy balance is exact at every setting."""
 
     scheme: Literal["exact", "fdh"] = Field(
         default="exact",
@@ -68,7 +68,7 @@ class Accuracy(Table):
 
     @property
     def is_refined(self) -> bool:
-        """Whether a sample is more than one step."""
+        """True if a sample is more than one step."""
         return self.order > 2 or self.substeps > 1
 
 

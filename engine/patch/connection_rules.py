@@ -132,6 +132,6 @@ def check_change_of_connection(path: KeyPath, event: dict[str, Any], connections
 
 
 def find_rigid_joint(name: Any, data: dict[str, Any]) -> bool:
-    """Whether a rigid joint holds a body."""
+    """True if a rigid joint holds a body."""
     joints = [table for _, table in tables_of(data, "connection") if table.get("rigid") is True]
     return any(name in (table.get("body"), table.get("on")) for table in joints)

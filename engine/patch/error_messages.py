@@ -20,7 +20,7 @@ TYPE_NAMES = {"float_type": "a number", "int_type": "a whole number", "string_ty
 
 
 class Location(NamedTuple):
-    """Where an error lies."""
+    """The position of an error in a patch."""
 
     path: KeyPath
     models: dict[str, type[BaseModel]]  # those whose key it is, by kind; of the one there is, by ""
@@ -51,7 +51,7 @@ def locate_error(error: Any) -> Location:
 
 
 def _is_list(field: FieldInfo | None) -> bool:
-    """Whether a field holds a list."""
+    """True if a field holds a list."""
     return field is not None and typing.get_origin(field.annotation) is list
 
 
@@ -99,7 +99,7 @@ def suggestion(word: str, known: list[str], prefix: str = "", suffix: str = "") 
 
 
 def describe_value_error(model: type[BaseModel], key: str, value: Any) -> str:
-    """What is wrong with one value of a table whose other keys are optional; "" if it is valid."""
+    """Describe the error in one value of a table whose other keys are optional; "" if it is valid."""
     try:
         model.model_validate({key: value})
     except ValidationError as error:
@@ -108,7 +108,7 @@ def describe_value_error(model: type[BaseModel], key: str, value: Any) -> str:
 
 
 def describe_error(error: Any, location: Location) -> str:
-    """What is wrong, and what would be right."""
+    """Describe an error and its remedy."""
     if error["type"] == "scene":  # of our own checks
         return str(error["msg"])
     return (
@@ -121,7 +121,7 @@ def describe_error(error: Any, location: Location) -> str:
 
 
 def _describe_key_error(error: Any, location: Location) -> str:
-    """What is wrong with a key or a kind that is missing or unknown; "" if it is something else."""
+    """Describe the error of a key or a kind that is missing or unknown; "" if it is something else."""
     kind, (path, models, field) = error["type"], location
     if kind == "extra_forbidden":
         known = list(dict.fromkeys(key for model in models.values() for key in model.model_fields))
@@ -140,7 +140,7 @@ def _describe_key_error(error: Any, location: Location) -> str:
 
 
 def _describe_table_error(error: Any, location: Location) -> str:
-    """What stands where a table, or a list, belongs; "" if it is something else."""
+    """Describe a value that takes the place of a table or a list; "" if the error is something else."""
     kind, value, (path, _, field) = error["type"], format_value(error["input"]), location
     is_table = kind in ("model_type", "model_attributes_type", "dict_type")
     if (is_table or kind == "list_type") and len(path) < 3:
@@ -163,7 +163,7 @@ def _header(path: KeyPath) -> str:
 
 
 def _describe_length_error(error: Any, location: Location) -> str:
-    """How many items a list or a table must have; "" if that is not what is wrong."""
+    """Describe the number of items that a list or a table must have; "" if the error is something else."""
     kind, items, path = error["type"], error["input"], location.path
     if kind not in ("too_short", "too_long"):
         return ""
@@ -176,7 +176,7 @@ def _describe_length_error(error: Any, location: Location) -> str:
 
 
 def _describe_scalar_error(error: Any, location: Location) -> str:
-    """What is wrong with a number, a text or a word; "" if it is something else."""
+    """Describe the error of a number, a text or a word; "" if it is something else."""
     kind, value = error["type"], format_value(error["input"])
     if kind == "literal_error":
         return f"{value} is not known; expected {error.get('ctx', {}).get('expected')}"
@@ -193,7 +193,7 @@ def _describe_scalar_error(error: Any, location: Location) -> str:
 
 
 def _describe_field(field: FieldInfo | None) -> str:
-    """What a field holds, with its range."""
+    """Describe the values of a field, with their range."""
     if field is None:
         return ""
     names = ("ge", "gt", "le", "lt")

@@ -43,12 +43,12 @@ KINDS: dict[str, dict[str, str]] = {
 
 
 def explain_key(section: str, key: str, kinds: list[str]) -> str:
-    """What an unknown key is called here, or ""; kinds: of the table it stands in."""
+    """Return the name that an unknown key has here, or ""; kinds: of the table with that key"""
     if section == "connection" and kinds == ["end"] and key in END_KEYS:
         return "an end has none: the tension of the string acts there"
     return KEYS.get(section, {}).get(key.lower(), "") or answer_word(key)
 
 
 def explain_kind(section: str, kind: str) -> str:
-    """What an unknown kind is called here, or ""."""
+    """Return the name that an unknown kind has here, or ""."""
     return KINDS.get(section, {}).get(kind.lower(), "") or answer_word(kind)

@@ -90,5 +90,5 @@ ANSWERS = {word: f"{line} ({PAGE}#{anchor})" for line, anchor, words in _ANSWERS
 
 
 def answer_word(word: str) -> str:
-    """What is said of a word that the engine does not have, or has under another name; "" of other words."""
+    """Return the answer to a word that the engine does not have, or has under another name; "" for other words."""
     return ANSWERS.get(word.lower().replace("-", "_"), "")

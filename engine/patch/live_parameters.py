@@ -30,7 +30,8 @@ SECTIONS = ("body", "contact", "connection", "force", "pickup")
 
 
 class LivePath(NamedTuple):
-    """Where a live parameter is: `contact.felt.stiffness`, `body.string.tension`, `pickup.0.gain`, `gravity`."""
+    """The place of a live parameter in a scene: `contact.felt.stiffness`, `body.string.tension`, `pickup.0.gain`,
+    `gravity`."""
 
     section: str  # "" of the whole patch
     number: int  # of the table in its section
@@ -39,18 +40,18 @@ class LivePath(NamedTuple):
 
     @property
     def is_glided(self) -> bool:
-        """Whether the audio thread glides it, sample by sample."""
+        """True if the audio thread glides it, sample by sample."""
         return self.keys[0] in GLIDED_KEYS.get(self.section, ())
 
     @property
     def is_level(self) -> bool:
-        """Whether it is a level of a pickup."""
+        """True if it is a level of a pickup."""
         return self.section == "pickup" and self.keys[0] in LEVEL_KEYS
 
 
 def live_paths(scene: Any, variable_exponents: bool = False) -> dict[str, LivePath]:
-    """What can be changed while a scene is played, by the paths that `fdh params` shows. A table is named by its name,
-    or by its number from 0.
+    """List the parameters that can change while a scene is played, by the paths that `fdh params` shows. A table is
+    named by its name, or by its number from 0.
 
     variable_exponents: also exponents of contacts, if the model was built so
     """
@@ -89,7 +90,7 @@ def _glided(section: str, table: Any, variable_exponents: bool) -> Iterator[str]
 
 
 def _tabled(section: str, table: Any) -> Iterator[tuple[str | int, ...]]:
-    """Where in a table the numbers are that tables are made of."""
+    """Yield the keys within a table of the numbers that need new arrays."""
     values = table.model_dump(exclude_unset=True)
     if section == "pickup":
         chosen = {"gain": table.gain} | {key: values[key] for key in PICKUP_KEYS if values.get(key) is not None}

@@ -1,5 +1,5 @@
-"""How far a live parameter can be turned: within the range of its key, and no further than instruments go. A patch may
-say more; but what sounds would then lose its energy to rounding."""
+"""Ranges of live parameters: within the range of the key, and no further than instruments go. A patch may set values
+beyond; but a sound that glides there would lose its energy to rounding."""
 
 import math
 from functools import lru_cache
@@ -31,7 +31,7 @@ FARTHEST = dict.fromkeys(("barrier", "gap", "rest"), 10.0)  # m, either way
 
 
 class LiveRange(NamedTuple):
-    """What a live parameter can be."""
+    """The range of a live parameter."""
 
     low: float
     high: float
@@ -53,7 +53,7 @@ class LiveRange(NamedTuple):
 
 
 def live_range(scene: Any, section: str, number: int, keys: tuple[str | int, ...]) -> LiveRange:
-    """What a number of a scene can be while it sounds. section, number, keys: as of LivePath"""
+    """Return the range of a number of a scene while it sounds. section, number, keys: as of LivePath"""
     if not section:
         return LiveRange(-MAX_GRAVITY, MAX_GRAVITY, "m/s²")
     table: BaseModel = getattr(scene, section)[number]
@@ -65,7 +65,7 @@ def live_range(scene: Any, section: str, number: int, keys: tuple[str | int, ...
 
 @lru_cache(1024)
 def _range_of_key(model: type[BaseModel], keys: tuple[str | int, ...]) -> LiveRange:
-    """What a number of a table can be, wherever that stands."""
+    """Return the range of a number of a table, at any depth."""
     schema = _schema_of(model)
     node, unit = _find_number(schema, schema, keys, "") or ({}, "")
     low, high = node.get("minimum", -math.inf), node.get("maximum", math.inf)

@@ -68,7 +68,7 @@ def spell_right(data: dict[str, Any], slips: list[Slip]) -> dict[str, Any]:
 
 
 def _merge(value: Any, other: Any) -> Any:
-    """What a key would have with the value of a misspelt one beside it: of [[body]] and [[bdy]], the tables of both."""
+    """Merge the value of a key with that of a misspelt one beside it: of [[body]] and [[bdy]], the tables of both."""
     if isinstance(value, list) and isinstance(other, list):
         return value + other
     if isinstance(value, dict) and isinstance(other, dict):

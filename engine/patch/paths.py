@@ -132,12 +132,12 @@ def _item_index(part: str, items: list[Any], prefix: str, path: str) -> int:
 
 
 def _describe_missing(path: str, missing: str) -> str:
-    """What is not there: the value of a path, or a part of it."""
+    """Say what is missing: the value of a path, or a part of it."""
     return "there is no such value" if missing == path else f'there is no "{missing}"'
 
 
 def _takes_integers(annotation: Any) -> bool:
-    """Whether the values of a field are integers only."""
+    """True if the values of a field are integers only."""
     inner = typing.get_args(annotation)
     return annotation is int or isinstance(annotation, int) or (float not in inner and any(map(_takes_integers, inner)))
 

@@ -26,7 +26,7 @@ def kind_of(body: dict[str, Any] | None) -> type[BodyTable] | None:
 
 
 def count_positions(table: dict[str, Any], key: str, body: dict[str, Any] | None) -> int:
-    """How many positions a key lists on a body."""
+    """Count the positions on a body that a key lists."""
     at, kind = table.get(key), kind_of(body) or BodyTable
     return len(kind.split_positions(at)) if isinstance(at, list) else 1
 

@@ -260,7 +260,8 @@ def _describe_read_error(path: Path, error: OSError | UnreadableFile) -> str:
 
 
 def _shortest_name(path: Path) -> str:
-    """What to type for a patch: the name of a shipped one, or the path, relative to the current folder if shorter."""
+    """Return the shortest name of a patch to type: that of a shipped one, or the path, relative to the current folder
+    if that is shorter."""
     if path.parent == SHIPPED_PATCHES:
         return path.stem
     try:

@@ -163,7 +163,7 @@ def format_range(node: dict[str, Any]) -> str:
 
 
 def _format_length(least: int, most: int | None) -> str:
-    """How many items a list has, in words."""
+    """Describe the number of items of a list in words."""
     if most is not None and least == most:
         return f"list of {most}"
     if most and not least:

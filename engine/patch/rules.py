@@ -70,13 +70,13 @@ def check_rules(data: dict[str, Any]) -> Faults:
 
 
 def has_length(body: dict[str, Any]) -> bool:
-    """Whether a table describes a string or a bar."""
+    """True if a table describes a string or a bar."""
     kind = kind_of(body)
     return kind is not None and kind.HAS_LENGTH
 
 
 def is_lumped(body: dict[str, Any]) -> bool:
-    """Whether a table describes a mass or an oscillator."""
+    """True if a table describes a mass or an oscillator."""
     kind = kind_of(body)
     return kind is not None and kind.IS_LUMPED
 
@@ -185,7 +185,7 @@ def _check_stiffness(path: KeyPath, stiffness: Any, exponent: Any) -> Faults:
 
 
 def _joins_same_position(contact: dict[str, Any], body: dict[str, Any] | None) -> bool:
-    """Whether a contact of a body with itself joins a position with itself."""
+    """True if a contact of a body with itself joins a position with itself."""
     at, on_at = (
         contact[key] if count_positions(contact, key, body) > 1 else [contact.get(key)] for key in ("at", "on_at")
     )

@@ -145,8 +145,8 @@ class Scene(Table):
 
     @property
     def document(self) -> dict[str, Any]:
-        """What the patch says, to be read again: a copy, with numbers in place of the files that bodies name; of an
-        instrument, as it was read."""
+        """Return the patch as a document that can be read again: a copy, with numbers in place of the files that bodies
+        name; of an instrument, as it was read."""
         return copy.deepcopy(self._document) if self._document is not None else self.model_dump(exclude_unset=True)
 
     @property
@@ -194,7 +194,7 @@ class Scene(Table):
 
     @property
     def channels(self) -> int:
-        """How many channels its sound has."""
+        """Number of channels of its sound."""
         return max(channel for p in self.pickup for channel in p.channels)
 
 
@@ -303,7 +303,7 @@ def _make_file_fault(path: KeyPath, file: str, file_format: str, error: Exceptio
 
 
 def _count_channels(path: Path) -> int:
-    """How many channels an audio file has. Raises OSError, RuntimeError or ValueError if it cannot be a force."""
+    """Count the channels of an audio file. Raises OSError, RuntimeError or ValueError if it cannot be a force."""
     import soundfile
 
     check_regular_file(path)

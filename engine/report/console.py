@@ -62,8 +62,7 @@ def print_mix_summary(stats: dict[str, Any]) -> None:
 
 
 def summary_rows(stats: dict[str, Any]) -> dict[str, str]:
-    """What everyone wants to know of a rendering in words, by headings; what was asked for besides, and what is
-    wrong."""
+    """Describe a rendering in words, by headings: the main numbers, those that options ask for, and warnings."""
     cores = f" on {stats['cores']} cores" if stats["cores"] > 1 else ""
     return _headline_rows(stats, cores) | _requested_rows(stats) | _alarm_rows(stats)
 
@@ -259,7 +258,7 @@ def print_work_precision(study: "WorkPrecisionStudy") -> None:
 
 
 def reference_note(study: "WorkPrecisionStudy") -> str:
-    """What the errors are measured against, and how far they can be believed."""
+    """Describe the reference of the errors, and its own error."""
     return (
         f"error over the first {study['horizon'] * 1e3:.0f} ms against {study['reference']}, which is converged to"
         f" {study['disagreement']:.0e}; the spread of the bands is {study['spread_db']:.2g} dB"

@@ -156,7 +156,7 @@ def put_legend_above(axes: Any, lines: list[Any]) -> None:
 
 
 def is_narrow(figure: Any) -> bool:
-    """Whether a figure is about as wide as a column of a journal."""
+    """True if a figure is about as wide as a column of a journal."""
     return bool(figure.get_figwidth() < NARROW)
 
 

@@ -217,7 +217,7 @@ def profile_section(profile: "Profile") -> Iterator[str]:
 
 
 def work_precision_section(study: "WorkPrecisionStudy") -> Iterator[str]:
-    """What accuracy costs: the verdict, a plot and a table."""
+    """The section on accuracy and cost: the verdict, a plot and a table."""
     yield f"<h2>What accuracy costs</h2><p>{escape(_capitalise(study['verdict']))}.</p>"
     if study["unmeasured"]:
         return

@@ -88,7 +88,7 @@ def plot_rendering(
 
 
 def waveform_height(rendering: "Rendering") -> float:
-    """How high the panel of the waveform is to be, inches."""
+    """Return the height of the panel of the waveform, inches."""
     lanes = min(rendering.audio.shape[1], MAX_SCALED_CHANNELS)
     return float(PANEL_HEIGHTS["waveform"] + LANE_HEIGHT * (lanes - 1))
 

@@ -60,7 +60,7 @@ def draw_work_precision(axes: Any, study: "WorkPrecisionStudy") -> None:
 
 
 def _is_short(limits: tuple[float, float]) -> bool:
-    """Whether an axis is so short that its decades alone would be few labels."""
+    """True if an axis is so short that labels at decades alone would be few."""
     return limits[1] / limits[0] < 10.0
 
 
@@ -91,7 +91,7 @@ def _label_settings(axes: Any, rows: "list[SettingResult]", key: str) -> None:
 
 
 def _align(offset: float, positive: str, negative: str) -> str:
-    """How a label is aligned that lies at an offset from its point."""
+    """Return the alignment of a label at an offset from its point."""
     return positive if offset > 0 else negative if offset < 0 else "center"
 
 

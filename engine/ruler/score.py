@@ -15,7 +15,7 @@ BLOW_UP_FACTOR = 100.0  # of the reference's peak: beyond, a motion counts as un
 
 @dataclass(frozen=True)
 class Score(Record):
-    """How far a trajectory is from a reference; NaN where that cannot be told."""
+    """Errors of a trajectory against a reference; NaN if an error cannot be measured."""
 
     motion: float  # error of the displacement up to the horizon, root mean square, share of that of the reference
     force: float  # the same of the force of all contacts together

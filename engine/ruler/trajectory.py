@@ -1,4 +1,4 @@
-"""What a method makes of a problem, and the files of it."""
+"""The result of a method for a problem, and its files."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -9,7 +9,7 @@ from engine.ruler.problem import Problem
 
 
 class Trajectory(NamedTuple):
-    """What a method makes of a problem (engine.ruler.problem)."""
+    """The result of a method for a problem (engine.ruler.problem)."""
 
     displacement: np.ndarray  # [frames + 1], m, at the pickup, from time 0 on
     force: np.ndarray  # [frames, contacts], N: the mean over each sample

@@ -19,7 +19,8 @@ def common_gain(rows: Iterable[IndexRow]) -> float:
 
 
 def sound_path(folder: Path, row: IndexRow) -> Path:
-    """Where the sound of a row is, in the folder of a sweep: of one that has no gain yet, with those in SI units."""
+    """Return the path of the sound of a row in the folder of a sweep; sounds without a gain yet are in the subfolder
+    for SI units."""
     return (folder if row["gain_db"] else folder / UNSCALED_FOLDER) / row["file"]
 
 

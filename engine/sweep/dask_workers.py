@@ -106,7 +106,7 @@ def _wait_idle() -> set[Any]:
 
 
 def _report_desertion(threads: dict[str, int], was_deserted: bool) -> bool:
-    """Whether all workers are gone. It is printed when they go, once."""
+    """Return True if all workers are gone. A line is printed once when they go."""
     is_deserted = not threads
     if is_deserted and not was_deserted:
         print("all workers are gone; waiting for others (Ctrl-C ends it, the same command goes on)", file=sys.stderr)

@@ -25,7 +25,7 @@ def index_header(paths: list[str]) -> list[str]:
 
 
 def check_index(path: Path, paths: list[str]) -> str:
-    """What is wrong if there is an index already, and it is not one of a sweep over these paths; else ""."""
+    """Explain why an index cannot be written, if there is one of a sweep over other paths already; else ""."""
     if not path.exists():
         return ""
     header: list[str] | None = None

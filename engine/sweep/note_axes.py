@@ -89,7 +89,7 @@ def scene_with_note(scene: Scene, note: str, velocity: int, hold: float, seconds
 
 
 def release_time(scene: Scene, hold: float) -> float:
-    """How long a note goes on to sound when its key is let go, s: until its dampers have made it quiet, or as long as
-    the scene where it has none."""
+    """Return the time that a note sounds after its key is released, s: until its dampers have made it quiet, or as long
+    as the scene where it has none."""
     rates = [event.sigma for event in scene.event if event.kind == "damp" and event.time == hold]
     return -math.log(SILENT_SHARE) / min(rates) if rates else scene.seconds

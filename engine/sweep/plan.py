@@ -40,7 +40,7 @@ GridPoint = tuple[Value, ...]  # a value per axis
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """What is to be rendered: a patch at some points.
+    """A patch, and the points of its parameters at which it is rendered.
 
     data: the document of the patch, as it was read
     hold, seconds: of notes, how long the key is down, s, and how long they sound
@@ -56,7 +56,7 @@ class SweepPlan:
 
     @property
     def has_notes(self) -> bool:
-        """Whether notes are played, and not the patch's own score."""
+        """True if notes are played, and not the patch's own score."""
         return any(axis.path in OPTIONS and not axis.key_path for axis in self.axes)
 
     def scene(self, point: GridPoint) -> Scene:
@@ -79,7 +79,7 @@ class SweepPlan:
 
     @cached_property
     def has_each_note_once(self) -> bool:
-        """Whether a note and its velocity are enough to name a point."""
+        """True if a note and its velocity are enough to name a point."""
         return len({*map(self.note, self.points)}) == len(self.points)
 
     def sound_name(self, number: int) -> str:

@@ -56,6 +56,6 @@ def plain_text(text: str) -> str:
 
 
 def is_name_of_number(name: str, number: int) -> bool:
-    """Whether a sweep may have named the sound of a point so, with whatever values."""
+    """True if a sweep may have given a name to the sound of a point, with any values."""
     begin, rest = f"{number:04d}_", name.removesuffix(".wav")
     return name.endswith(".wav") and rest.startswith(begin) and not OTHER_CHARACTERS.search(rest.replace("=", ""))

@@ -33,7 +33,7 @@ Renderer = Callable[[list[RenderTask]], Results]
 
 @dataclass
 class SweepOutcome:
-    """How far a sweep has come.
+    """Progress and result of a sweep.
 
     points:       of the plan
     done:         of these, now or before
@@ -241,7 +241,7 @@ class SoundFolder:
                 self.unscaled.rmdir()
 
     def _is_current(self, number: int, row: IndexRow) -> bool:
-        """Whether a row is of this very point, and its sound is there, and whole as far as header and length tell."""
+        """True if a row is of this very point, and its sound exists and is complete, judging by header and length."""
         task = self.tasks[number]
         is_same = row["status"] == "done" and row["fingerprint"] == self.values[number]["fingerprint"]
         path, rate = sound_path(self.folder, row), task.options["samplerate"]

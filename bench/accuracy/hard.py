@@ -30,7 +30,7 @@ CASES = {
 
 
 def scene_of(body: SingleBody, y: float, v: float) -> engine.Scene:
-    """A case as a scene, of which the displacement is heard."""
+    """A case as a scene, with a pickup of its displacement."""
     walls = {"above": body.upper_wall, "below": body.lower_wall}
     kind = {"kind": "oscillator", "stiffness": body.stiffness} if body.stiffness else {"kind": "mass"}
     return engine.Scene.model_validate(
@@ -68,7 +68,7 @@ def verdict(run: np.ndarray, body: SingleBody) -> str:
     if walled and (place.min() > body.upper_wall or place.max() < body.lower_wall):
         return "**sticks**"
     if walled and off[-1] > 0.5 and run[-1, -1] < run[0, -1]:
-        return f"**dies** {off.max():.0e}"
+        return f"**decays** {off.max():.0e}"
     return f"**drifts** {off.max():.0e}" if off.max() > 1e-3 else f"{off.max():.0e}"
 
 
@@ -81,7 +81,7 @@ def compare() -> None:
             row = [name]
             for n, scheme in enumerate([*METHODS, "this engine"]):
                 if scheme == "FDN (eq. 4)" and body.alpha not in (1.0, 3.0):
-                    row.append("no such α")
+                    row.append("not defined")
                     continue
                 with np.errstate(all="ignore"):
                     run = (
@@ -149,7 +149,12 @@ def tails() -> None:
                 early, late = (min(early, took) if i < 8 else early), (min(late, took) if i >= 110 else late)
         what = f"{bodies} oscillator{'s' * (bodies > 1)}" + (" against barriers" if contacts else "")
         rows.append([what, f"{early * 1e9:.1f}", f"{late * 1e9:.1f}", f"{late / early:.2f}"])
-    publish("tails", ["decaying scene", "ns per sample at the start", "in the subnormal tail", "ratio"], rows, "hard")
+    publish(
+        "tails",
+        ["decaying scene", "ns per sample at the start", "ns per sample at subnormal amplitudes", "ratio"],
+        rows,
+        "hard",
+    )
 
 
 def run() -> None:

@@ -24,13 +24,14 @@ def run() -> None:
     scene = engine.load(ROOT / "patches" / "tanpura.toml")
     bare = scene.model_copy(update={"contact": []})
     heard = {
-        name: engine.render(s, seconds=2.5).audio[:, 0] for name, s in (("with the bridge", scene), ("without", bare))
+        name: engine.render(s, seconds=2.5).audio[:, 0]
+        for name, s in (("with the bridge", scene), ("without the bridge", bare))
     }
     rows = []
     for name, audio in heard.items():
         windows = [audio[round(t * RATE) : round((t + WINDOW) * RATE)] for t in TIMES]
         rows.append([name, *(f"{high_to_low(x):+.1f}" for x in windows)])
-    publish("jvari", ["partials 15 to 40 over 1 to 5, dB, at", *(f"{t:g} s" for t in TIMES)], rows)
+    publish("jvari", ["level of partials 15 to 40 relative to 1 to 5, dB, at", *(f"{t:g} s" for t in TIMES)], rows)
     with figure("jvari", 11.0, 4.2, ncols=2, sharey=True) as panels:
         loudest = max(np.abs(audio).max() for audio in heard.values())
         for axes, (name, audio) in zip(panels, heard.items(), strict=True):

@@ -56,7 +56,7 @@ def run() -> None:
     """Measure, publish and draw."""
     grid = np.array([[preservation(a, 10.0**d) for d in DECADES] for a in ALPHAS])
     rows = [[f"{a:g}", f"{row.min():.1e}", f"{row.max():.1e}"] for a, row in zip(ALPHAS, grid, strict=True)]
-    publish("metric", ["α", "least P over β = 1e-3 … 1e8", "largest"], rows)
+    publish("metric", ["α", "smallest P over β = 1e-3 … 1e8", "largest P"], rows)
     with figure("metric", 7, 4) as plot:
         image = plot.pcolormesh(list(DECADES), range(len(ALPHAS)), grid, vmin=0.0, vmax=2e-16, cmap="viridis")
         plot.set_yticks(range(len(ALPHAS)), [f"{a:g}" for a in ALPHAS])

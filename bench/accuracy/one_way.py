@@ -11,7 +11,7 @@ RATE = 44_100
 SECONDS = 2.5
 PITCH = 261.6256  # Hz
 BOARDS = {"guitar top, 0.3 kg": ([0.5, 0.4], 1.5, 12.0), "piano, 9 kg": ([1.4, 0.9], 7.14, 1000.0)}
-BOARDS |= {"four times that, 36 kg": ([1.4, 0.9], 28.6, 16_000.0)}  # size, m; density, kg/m²; rigidity, N·m
+BOARDS |= {"piano, four times as heavy, 36 kg": ([1.4, 0.9], 28.6, 16_000.0)}  # size, m; density, kg/m²; rigidity, N·m
 
 
 def scene_of(size: list[float], density: float, rigidity: float, one_way: bool) -> engine.Scene:
@@ -63,7 +63,8 @@ def run() -> None:
         apart = difference(band_levels(one, RATE), band_levels(both, RATE))[0]
         slopes = [f"{decay_of_first(audio[:, 0]):.1f}" for audio in (both, one)]
         rows.append([name, f"{apart:.1f}", *slopes])
-    publish("one_way", ["board", "difference, dB", "first partial, dB/s, two ways", "one way"], rows)
+    decays = [f"decay of the first partial, dB/s: {way}" for way in ("two-way", "one-way")]
+    publish("one_way", ["board", "difference, dB", *decays], rows)
     rows = []
     for strings in (1, 12, 60):
         times = []
@@ -71,4 +72,4 @@ def run() -> None:
             scene = many_strings(strings, one_way)
             times.append(f"{measure(scene, 0.5, metered=True, repeats=3)[0] * 1e9:.0f}")
         rows.append([f"{strings}", *times])
-    publish("one_way_cost", ["strings", "ns per sample, two ways", "one way"], rows, "one_way")
+    publish("one_way_cost", ["strings", "ns per sample, two-way", "ns per sample, one-way"], rows, "one_way")

@@ -1,4 +1,4 @@
-"""What accuracy costs, on one page: error against time for the paper's systems and the instruments.
+"""Accuracy and cost, on one page: error against time for the paper's systems and the instruments.
 
 One body at a wall is also computed by other methods, at finer and finer steps; methods that fail stay in the plot,
 with how they failed.
@@ -35,7 +35,7 @@ def best(rows: list[dict[str, Any]], goal: float = GOAL) -> str:
 
 
 def table() -> None:
-    """Price all scenes."""
+    """Measure error and time of all scenes."""
     lines, priced = [], {}
     for name in (*PAPERS, "stiff_walls", *INSTRUMENTS):
         scene = scene_of(*WALLS) if name == "stiff_walls" else engine.load(ROOT / "patches" / f"{name}.toml")
@@ -71,8 +71,9 @@ def table() -> None:
                 found["verdict"],
             ]
         )
-    header = ["scene", "one plain step", f"cheapest under {GOAL:.0e}", "of other methods", "predictable, ms"]
-    publish("price", [*header, "energy error, any setting", "learnt"], lines)
+    cheapest = [f"cheapest {kind} with an error below {GOAL:.0e}" for kind in ("setting", "other method")]
+    header = ["scene", "one step per sample: error, time", *cheapest, "predictability horizon, ms"]
+    publish("price", [*header, "largest energy error", "result"], lines)
     beside(priced)
 
 
@@ -93,7 +94,7 @@ def beside(priced: dict[str, dict[str, Any]]) -> None:
 
 
 def run() -> None:
-    """Price all scenes, then measure what the dial promises."""
+    """Measure error and time of all scenes, then the requirements on the accuracy settings."""
     pin()
     table()
     dial.run()

@@ -69,14 +69,20 @@ def counts(alpha: float, beta: float) -> tuple[float, int, float, int, float]:
 def surface() -> None:
     """Counts over α and β."""
     grid = np.array([[counts(a, 10.0**d) for d in DECADES] for a in ALPHAS])
-    names = ("ours, mean", "ours, largest", "paper's, mean", "paper's, largest")
+    names = (
+        "this engine, mean",
+        "this engine, maximum",
+        "paper's iteration, mean",
+        "paper's iteration, maximum",
+    )
     rows = []
     for alpha, row in zip(ALPHAS, grid, strict=True):
         mean, most, their_mean, their_most, few = row.T
-        most_theirs = f"{their_most.max():.0f}" if their_most.max() < MOST else "stalls in rounding"
+        most_theirs = f"{their_most.max():.0f}" if their_most.max() < MOST else "no convergence (rounding)"
         ours = f"{mean.mean():.2f}", f"{most.max():.0f}"
         rows.append([f"{alpha:g}", *ours, f"{their_mean.mean():.2f}", most_theirs, f"{few.min():.0%}"])
-    publish("iterations", ["α, over β = 1e-3 … 1e8", *names, "paper's, least share ≤ 6"], rows, "newton")
+    header = ["α, with β from 1e-3 to 1e8", *names, f"paper's iteration, smallest share of solves within {FEW}"]
+    publish("iterations", header, rows, "newton")
     with figure("newton", 11, 8, nrows=2, ncols=2) as axes:
         for n, (plot, name) in enumerate(zip(axes.flat, names, strict=True)):
             image = plot.pcolormesh(list(DECADES), range(len(ALPHAS)), grid[:, :, n], cmap="viridis", vmin=0, vmax=8)
@@ -98,8 +104,9 @@ def patches() -> None:
         histogram = ", ".join(f"{n}: {count}" for n, count in enumerate(newton.histogram) if count)
         counts = [f"{newton.mean:.2f}", str(newton.p99), str(newton.max)] if newton.solves else ["–"] * 3
         rows.append([path.stem, *counts, histogram, *shares, str(newton.unconverged)])
-    header = ["patch", "mean", "p99", "max", "histogram", "free", "separating", "closed form", "iterated", "capped"]
-    publish("newton", [*header, "unconverged"], rows)
+    counts = ["iterations, mean", "iterations, 99th percentile", "iterations, maximum", "iterations: solves"]
+    outcomes = ["no contact", "separation", "closed form", "iteration", "iteration limit reached"]
+    publish("newton", ["patch", *counts, *outcomes, "failed solves"], rows)
 
 
 def tolerance() -> None:
@@ -118,7 +125,12 @@ def tolerance() -> None:
             rows.append(
                 [name, f"{close:.0e}", f"{found['mean']:.2f} / {found['max']}", f"{ns * 1e9:.0f}", f"{error:.0e}"]
             )
-    publish("tolerance", ["scene", "tolerance", "Newton mean / max", "ns per sample", "energy error"], rows, "newton")
+    publish(
+        "tolerance",
+        ["scene", "tolerance", "iterations, mean / maximum", "ns per sample", "energy error"],
+        rows,
+        "newton",
+    )
 
 
 def run() -> None:

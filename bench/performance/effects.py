@@ -52,10 +52,10 @@ def each() -> None:
         idle, working = (cost(with_effects(dict.fromkeys(names, strength))) for strength in (NOTHING, 1.0))
         rows.append([name, f"{base:.1f}", f"{idle:.1f}", f"{working:.1f}"])
         bars.append((name, base, idle, working))
-    publish("effects", ["ns per sample with the effect", "absent", "there, of no strength", "at work"], rows)
+    publish("effects", ["effect, ns per sample", "absent", "present with zero strength", "active"], rows)
     with figure("effects", 9.0, 4.0) as axes:
         place = np.arange(len(bars))
-        for shift, n, label in ((-0.27, 1, "absent"), (0.0, 2, "there, of no strength"), (0.27, 3, "at work")):
+        for shift, n, label in ((-0.27, 1, "absent"), (0.0, 2, "present with zero strength"), (0.27, 3, "active")):
             axes.bar(place + shift, [bar[n] for bar in bars], 0.26, label=label)
         axes.set_xticks(place, [bar[0] for bar in bars])
         axes.set(ylabel="ns per sample", title="A string of 12 modes, a hammer and a reed: what each effect adds")
@@ -78,8 +78,8 @@ def pruned() -> None:
             ns[where] = min(ns.get(where, np.inf), found["ns"])
         ours, theirs, fast, faster = instructions[ROOT], instructions[folder], ns[ROOT], ns[folder]
     rows = [
-        ["absent effects pruned by type", str(ours), f"{fast:.2f}"],
-        ["absent effects never written", str(theirs), f"{faster:.2f}"],
+        ["absent effects removed by type", str(ours), f"{fast:.2f}"],
+        ["source without these effects", str(theirs), f"{faster:.2f}"],
         ["ratio", f"{ours / theirs:.3f}", f"{fast / faster:.3f}"],
     ]
     publish("stripped", ["24 free modes", "instructions", "ns per sample"], rows, "effects")
@@ -105,15 +105,15 @@ def culling() -> None:
     rows = []
     costs = {n: cost(awake(n), silence=-120.0, warm=FRAMES) for n in (0, 1, 8, 32, 64)}
     for n, ns in costs.items():
-        rows.append([f"{n} of 64 islands awake", f"{ns:.0f}", f"{ns / costs[64]:.3f}"])
+        rows.append([f"{n} of 64 subsystems active", f"{ns:.0f}", f"{ns / costs[64]:.3f}"])
     tanpura = engine.load(ROOT / "patches" / "tanpura.toml")
     busy = cost(tanpura, silence=-120.0, warm=FRAMES)
     away = [c.model_copy(update={"bridge": c.bridge.model_copy(update={"height": -1.0})}) for c in tanpura.contact]
     free = cost(tanpura.model_copy(update={"contact": away}), silence=-120.0, warm=FRAMES)
     rows.append(["tanpura string on its bridge", f"{busy:.0f}", "1"])
-    rows.append(["the same, out of its reach", f"{free:.0f}", f"{free / busy:.3f}"])
+    rows.append(["the same string, too far from the bridge to touch it", f"{free:.0f}", f"{free / busy:.3f}"])
     died = cost(tanpura, silence=-120.0, warm=60 * RATE)
-    rows.append(["the same, after all has died", f"{died:.1f}", f"{died / busy:.4f}"])
+    rows.append(["the same string, after its sound has ended", f"{died:.1f}", f"{died / busy:.4f}"])
     publish("culling", ["scene", "ns per sample", "ratio"], rows, "effects")
 
 

@@ -20,18 +20,18 @@ from bench.publish.report import ROOT, publish
 from engine.live import audio_device
 from engine.live.player import Player
 
-PATCHES = {"piano_c4": "struck each second, its felt changed each minute", "driven_ball": "driven without end"}
+PATCHES = {"piano_c4": "struck every second, felt changed every minute", "driven_ball": "driven continuously"}
 MINUTES, LIVE_MINUTES = 60, 5
 SAMPLES_A_MINUTE = 6
 SETTLED = 0.1  # of the time: what is loaded and allocated at first is no growth
 HEADER = [
-    "",
+    "scene",
     "minutes",
     "memory",
-    "growth in an hour",
-    "events in its log",
-    "energy error at first",
-    "at the end",
+    "growth of memory per hour",
+    "events in the log",
+    "energy error at the start",
+    "energy error at the end",
     "dropouts",
 ]
 

@@ -26,7 +26,7 @@ def measure(
     repeats: int = REPEATS,
 ) -> tuple[float, Simulation, np.ndarray]:
     """Seconds per sample, minimum of the repeats from the state after `warm` seconds; the simulation, and
-    what was heard last."""
+    the last samples."""
     model, state, _ = build(scene, RATE, scene.accuracy.replace(silence=-np.inf))
     if not state.p.any() and model.force is None:
         state.p[:] = 1.0  # or it would sleep
@@ -85,8 +85,8 @@ def alone() -> None:
                 f"{solves['mean']:.2f} / {solves['max']}" if solves["solves"] else "none",
             ]
         )
-    speeds = ["× real time", "ns per sample", "ns per mode and sample", "× real time, metered"]
-    header = ["scene, one core", *speeds, "energy error", "Newton mean / max"]
+    speeds = ["× real time", "ns per sample", "ns per mode and sample", "× real time, energies measured"]
+    header = ["scene, one core", *speeds, "energy error", "iterations, mean / maximum"]
     publish("instruments", header, rows)
 
 
@@ -112,7 +112,7 @@ def together() -> None:
                 same,
             ]
         )
-    header = ["scene", "parts", "× real time, one core", "two cores", "ratio", "same samples"]
+    header = ["scene", "partitions", "× real time, one core", "× real time, two cores", "ratio", "same samples"]
     publish("cores", header, rows, "instruments")
 
 

@@ -23,11 +23,11 @@ CHORD = (36, 43, 48, 52, 55, 60, 64, 67, 72, 76)
 VELOCITY = 90
 STAGES = {  # what is done at the begin of each, and how long it lasts, s
     "at rest, dampers down": ([], 0.5),
-    "pedal down, ten notes struck at once": ([("sustain", 0, 127), *(("on", key, VELOCITY) for key in CHORD)], 0.1),
-    "… and ringing, with all 226 strings": ([], 2.0),
-    "the same ten struck again, one every 50 ms": ([], 0.0),
+    "pedal pressed, ten notes struck at once": ([("sustain", 0, 127), *(("on", key, VELOCITY) for key in CHORD)], 0.1),
+    "all 226 strings vibrating after that": ([], 2.0),
+    "the same ten notes struck again, one every 50 ms": ([], 0.0),
     **{f"_{key}": ([("on", key, VELOCITY)], 0.05) for key in CHORD},
-    "pedal up, ten keys held": ([("sustain", 0, 0)], 1.0),
+    "pedal released, ten keys held": ([("sustain", 0, 0)], 1.0),
 }
 
 
@@ -55,7 +55,7 @@ def one_note() -> None:
             errors.append(runs[0].energy.error_max)
         names = ", ".join(note_name(key) for key in chosen)
         rows.append([path.stem, str(len(keys)), names, ", ".join(f"{f:.0f}" for f in factors), f"{max(errors):.0e}"])
-    publish("keyboards", ["instrument", "keys", "note", "× real time", "energy error"], rows)
+    publish("keyboards", ["instrument", "number of keys", "notes", "× real time, each note", "energy error"], rows)
 
 
 def live_piano() -> None:
@@ -70,8 +70,9 @@ def live_piano() -> None:
     document = (scene.instrument or {}) | {"seconds": 60.0}
     stats = engine.render(scene.with_expansion(expand_for_score(document, score)), cores=1).stats
     share = f"{1 / stats.real_time_factor:.0%}"
-    rows.append([f"a minute rendered, energy error {stats.energy.error_max:.0e}", share, "", ""])
-    publish("keyboard_live", ["", "of one core", "95 % of blocks below", "dearest block"], rows, "keyboards")
+    rows.append([f"one minute rendered (energy error {stats.energy.error_max:.0e})", share, "", ""])
+    loads = ["mean load of one core", "load of 95 % of the blocks, at most", "load of the costliest block"]
+    publish("keyboard_live", ["situation", *loads], rows, "keyboards")
 
 
 def play_stages() -> dict[str, np.ndarray]:

@@ -27,7 +27,7 @@ BLOCK = 256
 SHARE = 0.7  # of a deadline, that the worst block may take
 RUNS = 3
 PATCH = "tanpura_drone"
-LOADS = ("idle", "a Python loop", "a long call")  # the last holds the interpreter's lock for 30 ms or more
+LOADS = ("idle", "runs a loop", "runs a long call")  # the last holds the interpreter's lock for 30 ms or more
 
 
 def serve(frames: int) -> tuple[subprocess.Popen[bytes], dict[str, str]]:
@@ -64,7 +64,7 @@ def play(compiled: bool, frames: int, load: str, seconds: float, patch: str) -> 
     while time.monotonic() - begin < seconds:
         if load == "idle":
             time.sleep(0.05)
-        elif load == "a Python loop":
+        elif load == "runs a loop":
             sum(i * i for i in range(2000))
         else:
             sum(range(2_000_000))
@@ -81,13 +81,13 @@ def callbacks() -> None:
     """Both callbacks, at all sizes."""
     header = [
         "callback",
-        "Python is",
-        "frames",
-        "mean",
-        "p99",
-        "max of the deadline",
+        "Python thread",
+        "frames per block",
+        "mean load",
+        "load, 99th percentile",
+        "maximum load",
         "dropouts",
-        "called as often as due",
+        "calls made / calls due",
     ]
     if shutil.which("jackd") is None:
         publish("callbacks", header, [["skipped: needs jackd", *[""] * 7]], "live")
@@ -100,7 +100,7 @@ def callbacks() -> None:
                 for load in LOADS:
                     found = played(compiled, frames, load, SECONDS, environment)
                     shares = [f"{found[key]:.1%}" for key in ("mean", "p99", "max")]
-                    name = "compiled" if compiled else "in Python"
+                    name = "compiled" if compiled else "Python"
                     rows.append([name, load, str(frames), *shares, f"{found['gaps']:.0f}", f"{found['calls']:.0%}"])
         finally:
             server.terminate()
@@ -122,7 +122,7 @@ def worst(scene: engine.Scene, cores: int) -> float:
         player = Player(awake, gain=1e-3, cores=cores)
         if not player.state.p.any() and player.model.force is None:
             player.state.p[:] = 1.0  # a bank at rest would sleep
-        player.gauges[Gauge.LOAD_HIGH] = np.inf  # at the quality asked for
+        player.gauges[Gauge.LOAD_HIGH] = np.inf  # at the full quality
         out = np.zeros((BLOCK, player.channels), np.float32)
         for _ in range(22_050 // BLOCK):
             answer(None, out.ctypes.data, BLOCK, None, 0, player.shared.ctypes.data)
@@ -170,8 +170,8 @@ def scenes() -> None:
     ):
         found = [largest(scene_of, size, cores) for cores in (1, 2)]
         rows.append([name, *(text for most, share in found for text in (str(most), f"{share:.0%}"))])
-    share = "worst block over its deadline"
-    header = [f"blocks of {BLOCK}", "most, one core", share, "most, two cores", share]
+    share = "worst block / deadline"
+    header = [f"n, blocks of {BLOCK}", "largest n, one core", share, "largest n, two cores", share]
     publish("playable", header, rows, "live")
 
 

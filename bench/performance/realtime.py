@@ -123,9 +123,9 @@ def calls() -> None:
         rows.append([name, *(f"{cost:.2f}" for cost in costs)])
     header = [
         "µs per call",
-        "`Simulation.render_block` of nothing",
-        "into its own memory",
-        "one sample in the audio thread",
+        "`Simulation.render_block`, no samples",
+        "`JobMemory.render`, no samples",
+        "audio callback, one sample",
     ]
     publish("calls", header, rows, "realtime")
 
@@ -148,7 +148,7 @@ def run() -> None:
                 f"{runs[0]:.1f}",
                 f"{np.median(runs):.1f}",
                 *(f"{factor(t, size):.0f}" for size, (t, _) in found.items()),
-                f"{factor(two[name][0], BLOCKS[-1]):.0f}" if simulation.partitions > 1 else "one island",
+                f"{factor(two[name][0], BLOCKS[-1]):.0f}" if simulation.partitions > 1 else "one subsystem",
                 f"{call:.1f}",
                 f"{small_blocks:.2f}",
                 f"{cost_of_measuring(scene):.2f}",
@@ -157,9 +157,20 @@ def run() -> None:
             ]
         )
         deadlines.append([name, *(worst(t, size) for size, (t, _) in found.items()), f"{memory(simulation):.0f}"])
-    header = ["patch", "ns per sample, least", "median", *(f"× real time, blocks of {size}" for size in BLOCKS)]
-    costs = ["a call, µs", f"blocks of {BLOCKS[0]} / {BLOCKS[-1]}, beyond it", "measuring energies costs ×"]
-    publish("realtime", [*header, f"two cores, {BLOCKS[-1]}", *costs, "energy error", "Newton mean / max"], speeds)
-    header = ["worst block over its deadline, quiet / noisy", *(f"{size} frames" for size in BLOCKS), "memory, kB"]
+    header = [
+        "patch",
+        "ns per sample, fastest run",
+        "ns per sample, median run",
+        *(f"× real time, blocks of {size}" for size in BLOCKS),
+        f"× real time, two cores, blocks of {BLOCKS[-1]}",
+        "cost of a call, µs",
+        f"time per sample without calls, blocks of {BLOCKS[0]} / {BLOCKS[-1]}",
+        "time with / without energy measurement",
+        "energy error",
+        "iterations, mean / maximum",
+    ]
+    publish("realtime", header, speeds)
+    sizes = [f"{size} frames" for size in BLOCKS]
+    header = ["time of the worst block / deadline: fastest run / slowest run", *sizes, "memory, kB"]
     publish("deadlines", header, deadlines, "realtime")
     calls()

@@ -24,8 +24,8 @@ Family = tuple[Callable[[int], engine.Scene], list[int], float]
 FAMILIES: dict[str, Family] = {  # scene of n, sizes, warm-up in s
     "free modes": (bank, [10, 32, 100, 320, 1000, 3200, 10_000, 32_000], 0.0),
     "modes of a hammered string": (lambda n: hammered(1, n, 4.0), [10, 32, 100, 320, 1000], 0.0),
-    "points under a tanpura string, α = 1": (lambda n: tanpuras(1, n), [2, 4, 8, 16, 32, 64], 0.06),
-    "points under a tanpura string, α = 1.5": (lambda n: tanpuras(1, n, 1.5), [2, 4, 8, 16, 32], 0.06),
+    "contact points of a tanpura string, α = 1": (lambda n: tanpuras(1, n), [2, 4, 8, 16, 32, 64], 0.06),
+    "contact points of a tanpura string, α = 1.5": (lambda n: tanpuras(1, n, 1.5), [2, 4, 8, 16, 32], 0.06),
     "hammered strings of 61 modes": (lambda n: hammered(n, 61), [1, 4, 16, 64, 256, 1024], 0.0),
     "tanpura strings, 16-point bridges": (lambda n: tanpuras(n, 16), [1, 2, 4, 8, 16, 32], 0.06),
     "colliding masses": (colliding, [2, 8, 32, 128, 512, 2048], 0.0),
@@ -78,10 +78,11 @@ def growth() -> None:
             ends = f"{costs[0]:.0f}", f"{costs[-1]:.0f}", f"{slope(sizes, costs):.2f}", largest(sizes, costs)
             rows.append([name, f"{sizes[0]} … {sizes[-1]}", *ends])
         axes.axhline(1e9 / RATE, color="k", ls=":", label="real time")
-        axes.set(xlabel="how many", ylabel="ns per sample, one core, energies measured")
+        axes.set(xlabel="n", ylabel="ns per sample, one core, energies measured")
         axes.grid(True, which="both", alpha=0.2)
         axes.legend(fontsize=7)
-    header = ["family", "sizes", "ns per sample, smallest", "largest", "exponent", "most in real time, one core"]
+    times = ["ns per sample, smallest n", "ns per sample, largest n"]
+    header = ["scene of n", "values of n", *times, "exponent of the growth of cost", "largest n in real time, one core"]
     publish("scaling", header, rows)
 
 
@@ -114,7 +115,7 @@ def cores() -> None:
             for _ in range(3):  # in turn, so that a slow phase of the machine meets both
                 one, two = min(one, cost(name, size)), min(two, cost(name, size, 2))
             rows.append([f"{size} {name}", f"{one:.0f}", f"{two:.0f}", f"{one / two:.2f}"])
-    publish("threads", ["scene", "ns per sample, one core", "two", "ratio"], rows, "scaling")
+    publish("threads", ["scene", "ns per sample, one core", "ns per sample, two cores", "ratio"], rows, "scaling")
 
 
 def run() -> None:

@@ -38,7 +38,7 @@ FRAMES = 4096
 
 
 def base(modes: int = 24) -> engine.Scene:
-    """Free modes without loss, one of which is heard."""
+    """Free modes without loss, with a pickup on one of them."""
     body = {"name": "body", "kind": "modes", "frequency": [110.0 * (i + 1) for i in range(modes)]}
     points = {"points": {"ear": [1.0 + 0.01 * i for i in range(modes)]}}
     return engine.Scene.model_validate({"body": [body | points], "pickup": [{"body": "body", "at": "ear"}]})

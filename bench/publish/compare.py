@@ -11,20 +11,23 @@ from pathlib import Path
 
 from bench.publish.report import ROOT
 
-TABLE, LEAST, MEDIAN = "realtime.csv", "ns per sample, least", "median"
+TABLE = "realtime.csv"  # its first columns: the patch, and the ns per sample of the fastest run and of the median one
 NOISE = 0.05  # of a time, at least
 
 
 def times(where: str) -> dict[str, tuple[float, float]]:
-    """Least and median ns per sample of every patch. Raises OSError or CalledProcessError if there are none."""
+    """ns per sample of every patch: fastest run and median run.
+
+    Raises OSError, CalledProcessError or ValueError if there are none.
+    """
     folder = Path(where)
     if folder.is_dir():
         text = (folder / TABLE).read_text("utf-8")
     else:
         words = ["git", "show", f"{where}:bench/results/{TABLE}"]
         text = subprocess.run(words, cwd=ROOT, capture_output=True, check=True, text=True).stdout
-    rows = csv.DictReader(line for line in io.StringIO(text) if not line.lstrip('"').startswith("#"))
-    return {row["patch"]: (float(row[LEAST]), float(row[MEDIAN])) for row in rows}
+    _, *rows = csv.reader(line for line in io.StringIO(text) if not line.lstrip('"').startswith("#"))
+    return {patch: (float(fastest), float(median)) for patch, fastest, median, *_ in rows}
 
 
 def compared(old: dict[str, tuple[float, float]], new: dict[str, tuple[float, float]]) -> list[tuple[str, float, str]]:
@@ -48,9 +51,10 @@ def main(words: list[str]) -> int:
     for where in words:
         try:
             both.append(times(where))
-        except (OSError, subprocess.CalledProcessError, KeyError) as error:
+        except (OSError, subprocess.CalledProcessError, ValueError) as error:
             print(
-                f"bench compare: no times in {where} ({error}); a folder with {TABLE}, or a revision", file=sys.stderr
+                f"bench compare: there are no times in {where} ({error}); give a folder with {TABLE}, or a revision",
+                file=sys.stderr,
             )
             return 2
     found = compared(*both)

@@ -29,7 +29,16 @@ TAIL = 2.0  # s, after a piece
 FADE = 0.01  # s, at the end of a sound that is cut off
 LIMIT = 9e6  # bytes of all sounds
 COLOURS = 160  # of a picture
-HEADER = ["patch", "s", "fundamental, Hz", "decay T60, s", "centroid, Hz", "peak, SI units", "energy error", "made of"]
+HEADER = [
+    "patch",
+    "length, s",
+    "fundamental, Hz",
+    "decay T60, s",
+    "centroid, Hz",
+    "peak, SI units",
+    "energy error",
+    "digest of the patch",
+]
 INTRODUCTION = """# Gallery
 
 Every patch in `patches/`, as it renders. Each has two changes to try, with what they do to it, measured: edit the

@@ -18,7 +18,15 @@ KEYS = {note: key_number(note) for note in ("C2", "C4", "C7")}
 NEIGHBOURS = {"C2": "D#2", "C4": "D#4", "C7": "D#7"}
 PATCHES = {"piano_choir": "C4"} | {f"{make}_{note.lower()}": note for make in ("piano", "grand") for note in KEYS}
 
-HEADER = ["sound", "against", "levels, dB rms", "mean absolute, dB", "partials fall, dB/s, early", "late", "knock, dB"]
+HEADER = [
+    "sound",
+    "compared with the recording",
+    "level difference, RMS, dB",
+    "level difference, mean absolute, dB",
+    "early decay, dB/s",
+    "late decay, dB/s",
+    "knock, dB",
+]
 
 
 def strike_once(scene: engine.Scene, velocity: int = VELOCITY) -> engine.Scene:

@@ -12,29 +12,29 @@ from bench.recordings.plot import draw
 
 KEYS_HEADER = [
     "key",
-    "levels, dB",
-    "other velocities",
-    "neighbour",
-    "pitch, cents, recorded",
-    "rendered",
-    "B, recorded",
+    "level difference, dB",
+    "difference from other velocities, dB",
+    "difference from the neighbouring key, dB",
+    "pitch, cents: recorded",
+    "pitch, cents: rendered",
+    "B: recorded",
     "partials read",
-    "rendered / recorded",
-    "early, dB/s, recorded",
-    "rendered",
-    "late, dB/s, recorded",
-    "rendered",
-    "off by a factor, early",
-    "late",
-    "knock, dB, recorded",
-    "rendered",
-    "dB above 2 kHz per dB, recorded",
-    "rendered",
+    "B: rendered / recorded",
+    "early decay, dB/s: recorded",
+    "early decay, dB/s: rendered",
+    "late decay, dB/s: recorded",
+    "late decay, dB/s: rendered",
+    "early decay: error factor",
+    "late decay: error factor",
+    "knock, dB: recorded",
+    "knock, dB: rendered",
+    "brightness, dB per dB: recorded",
+    "brightness, dB per dB: rendered",
 ]
 
 
 class Target(NamedTuple):
-    """What is asked of the mean over keys."""
+    """A requirement on the mean over keys."""
 
     name: str
     most: float
@@ -57,7 +57,7 @@ TARGETS = (  # as in Distance
     Target("inharmonicity", 0.10, "within 10 %", percent),
     Target("early decay", 1.5, "within a factor of 1.5", number(".2f")),
     Target("late decay", 1.5, "within a factor of 1.5", number(".2f")),
-    Target("brightness over level", 0.20, "within 20 %", percent),
+    Target("change of brightness with level", 0.20, "within 20 %", percent),
 )
 
 
@@ -91,7 +91,7 @@ def summary_rows(results: list[KeyResult], tuned: tuple[int, ...]) -> list[list[
     new, old = ([r.off for r in mine if (r.key in tuned) is seen] for seen in (False, True))
     means = [mean_distance(d) for d in (new, old)]
     means += [mean_distance([r.other_velocities for r in results]), mean_distance([r.neighbour for r in results])]
-    rows = [["keys", "", str(len(new)), "", str(len(old)), "", str(len(results)), str(len(results))]]
+    rows = [["number of keys", "", str(len(new)), "", str(len(old)), "", str(len(results)), str(len(results))]]
     for target, *values in zip(TARGETS, *map(astuple, means), strict=True):
         shown = [target.shown(value) for value in values]
         rows.append([target.name, target.text, shown[0], met(values[0], target), shown[1], met(values[1], target)])
@@ -102,17 +102,17 @@ def summary_rows(results: list[KeyResult], tuned: tuple[int, ...]) -> list[list[
 SUMMARY_HEADER = [
     "mean over keys",
     "target",
-    "not tuned on",
-    "",
-    "tuned on",
-    "",
+    "other keys",
+    "other keys: target",
+    "keys used for tuning",
+    "keys used for tuning: target",
     "recordings: other velocities",
-    "recordings: neighbour, retuned",
+    "recordings: neighbouring key, retuned",
 ]
 
 
 def met(value: float, target: Target) -> str:
-    """Whether a target is."""
+    """Say if a target is met; "" if there is no value."""
     return "" if math.isnan(value) else "met" if value <= target.most else "not met"
 
 

@@ -1,4 +1,4 @@
-"""This engine against its peers, in the same run, with what each errs by and what it lacks.
+"""This engine against its peers, in the same run, with the error and the limits of each.
 
 The same scheme written by hand in C; explicit mass-interaction models, as Faust's mi.lib compiles them; leapfrog with a
 discrete gradient in NumPy; an adaptive solver of SciPy; and the fixed-step methods of
@@ -34,8 +34,17 @@ from engine.patch.accuracy import Accuracy
 RIVALS = ROOT / "bench" / "rivals"
 # no -ffast-math: sums become vector code where a pragma says so, and what rounding leaves of a step is carried
 FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fopenmp-simd", "-shared", "-fPIC")
-COLUMNS = ("ns per sample, peer", "ours", "ours / peer", "ours, energies measured", "error, peer", "error, ours")
-HEADER = ["scene", "peer", *COLUMNS, "the peer lacks"]
+HEADER = [
+    "scene",
+    "compared with",
+    "ns per sample, the other",
+    "ns per sample, this engine",
+    "this engine / the other",
+    "ns per sample, this engine, energies measured",
+    "error, the other",
+    "error, this engine",
+    "limits of the other",
+]
 TURNS, REPEATS = 5, 4  # runs in turn, so that a slow phase of the machine meets both
 LANES = 8  # numbers of a vector register; arrays of modes are padded to a multiple
 PIECE = 64  # samples: what the C sources run is a multiple
@@ -130,12 +139,12 @@ def cases() -> list[Case]:
         "pull drift keep kick move ear shape stiffness room scalars",
         "pull drift shape kick move ear scalars",
     )
-    struck, leant = "hammer on a string of 61 modes, α = 2.5", "the same, a weight that leans: always in contact"
+    struck, leant = "hammer on a string of 61 modes, α = 2.5", "the same, with a weight that never leaves the string"
     return [
         *(Case(f"free bank of {n} modes", "bank.c", "pull drift keep ear", bank(n), FRAMES) for n in BANKS),
         Case(struck, "hammer.c", hammer, hammered(1, 61), 4 * FRAMES),
         Case(struck, "hammer.c", hammer, hammered(1, 61), 4 * FRAMES, False),
-        Case("the same on 300 modes", "hammer.c", hammer, hammered(1, 300, SLACK), FRAMES),
+        Case("the same with 300 modes", "hammer.c", hammer, hammered(1, 300, SLACK), FRAMES),
         Case(leant, "hammer.c", hammer, leaning(), FRAMES),
         Case(leant, "hammer.c", hammer, leaning(), FRAMES, False),
         Case("oscillator at a barrier, α = 2", "barrier.c", barrier, repelled(), 4 * FRAMES),
@@ -224,9 +233,9 @@ def in_c(case: Case, folder: Path) -> list[str]:
     rival.block(heard[:, :PIECE])  # measure() too saves the state there
     rival.saved[:] = rival.state
     times, error = in_turn(case.scene, rival, 1, case.frames)
-    errors = f"{off:.0e} from ours", f"energy {error:.0e}"
-    lacks = "any other scene, or number of modes" if case.fixed else "any other scene"
-    return row(case.name, "C by hand", times, errors, lacks)
+    errors = f"difference {off:.0e}", f"energy {error:.0e}"
+    lacks = "only this scene and number of modes" if case.fixed else "only this scene"
+    return row(case.name, "hand-written C", times, errors, lacks)
 
 
 # --- explicit mass-interaction models
@@ -328,7 +337,7 @@ def explicit(name: str, chain: Chain, stiffer: int, folder: Path) -> list[str]:
     failed = f"**blows up**, energy × {off:.0e}" if off > 1.0 else f"energy {off:.0e}"
     rival = Explicit(chain, stiffness, folder, "process")
     times, error = in_turn(scene, rival, 2, 4 * FRAMES)
-    lacks = "stability where contact is stiff" if off > 1.0 else "exact pitch; exponents other than 1 and 3"
+    lacks = "unstable for stiff contacts" if off > 1.0 else "inexact pitch; exponents 1 and 3 only"
     errors = failed, f"energy {error:.0e}"
     return row(f"{name}, contact × {stiffer}", "mi.lib", times, errors, lacks)
 
@@ -342,7 +351,9 @@ def in_numpy(name: str, chain: Chain, stiffer: int) -> list[str]:
     off = abs(rival.energy() / before - 1)
     times, error = in_turn(as_modes(chain, stiffness), rival, 2, FRAMES)
     errors = f"energy {off:.0e}", f"energy {error:.0e}"
-    return row(f"{name}, contact × {stiffer}", "physsynth's scheme, NumPy", times, errors, "real time; exact pitch")
+    return row(
+        f"{name}, contact × {stiffer}", "physsynth's scheme, NumPy", times, errors, "not in real time; inexact pitch"
+    )
 
 
 # --- other methods at matched error
@@ -352,7 +363,7 @@ WALLS = SingleBody(0.0, 1e11, 1.0, 1e-3, -1e-3, 0.0), 0.0, 2.0  # stiff, 2 mm ap
 
 
 def cheapest(rows: list[dict[str, Any]], goal: float) -> dict[str, Any]:
-    """The cheapest that errs by no more than the goal."""
+    """The cheapest whose error is no larger than the goal."""
     return min((r for r in rows if r["error"] <= goal), key=lambda r: r["ns_per_sample"])
 
 
@@ -362,7 +373,10 @@ def matched(name: str, scene: engine.Scene, seconds: float) -> list[list[str]]:
     own = cheapest(found["rows"], GOAL)
     adaptive = [r for r in found["others"] if r["setting"].startswith("DOP853")]
     fixed = [r for r in found["others"] if r not in adaptive]
-    for peers, lacks in ((adaptive, "real time; exact energy"), (fixed, "exact energy; stability at any stiffness")):
+    for peers, lacks in (
+        (adaptive, "not in real time; inexact energy"),
+        (fixed, "inexact energy; unstable for stiff contacts"),
+    ):
         peer = cheapest(peers, GOAL)
         errors = f"{peer['error']:.0e}, energy {peer['energy_error']:.0e}", f"{own['error']:.0e} ({own['setting']})"
         rows.append(row(name, peer["setting"], Times(peer["ns_per_sample"], own["ns_per_sample"]), errors, lacks))
@@ -376,7 +390,7 @@ def run() -> None:
     c, faust = (all(map(shutil.which, tools)) for tools in (["cc"], ["cc", "faust"]))
     with tempfile.TemporaryDirectory() as folder:
         for case in cases():
-            rows.append(in_c(case, Path(folder)) if c else skipped(case.name, "C by hand", "gcc"))
+            rows.append(in_c(case, Path(folder)) if c else skipped(case.name, "hand-written C", "gcc"))
         for name, chain in (("hammered oscillator", SINGLE), ("hammered string of 60 masses", STRING)):
             for stiffer in STIFFER if faust else ():
                 rows.append(explicit(name, chain, stiffer, Path(folder)))

@@ -108,8 +108,8 @@ def publish_single_step(results: list[Result]) -> None:
         cells += [_most([s[m] for s in done]) for m in ("energy", "pull")]
         cells += [_stiffness(stable_stiffness(family)), _middle([s.ns_per_sample for s in done], ".0f")]
         rows.append([family, *cells])
-    header = ["one step per sample", "problems without blow-up", "error of motion", "of force", "third octaves, dB"]
-    header += ["energy, worst", "pull, worst", "largest stable stiffness, N/m²", "ns per sample"]
+    header = ["method, one step per sample", "stable problems", "motion error", "force error", "third-octave error, dB"]
+    header += ["largest energy error", "largest pull", "largest stable stiffness, N/m²", "ns per sample"]
     publish("ruler", header, rows)
 
 
@@ -125,7 +125,7 @@ def publish_times(results: list[Result]) -> None:
             best = min(good, key=lambda r: r.score.ns_per_sample, default=None)
             cells.append("–" if best is None else f"{best.score.ns_per_sample:.3g} ({best.setting:g})")
         rows.append([family, *cells])
-    publish("ruler_time", [f"ns per sample for {GOAL:g} (setting)", *NAMES], rows, "ruler")
+    publish("ruler_time", [f"ns per sample for a motion error of {GOAL:g} (setting)", *NAMES], rows, "ruler")
 
 
 def stable_stiffness(family: str) -> float:
@@ -187,7 +187,7 @@ def draw(results: list[Result]) -> None:
         for panel in np.atleast_2d(panels)[-1]:
             panel.set_xlabel("ns per sample")
         for panel in np.atleast_2d(panels)[:, 0]:
-            panel.set_ylabel("error of the motion")
+            panel.set_ylabel("motion error")
         lines = {line.get_label(): line for panel in np.ravel(panels) for line in panel.get_lines()}
         np.ravel(panels)[0].figure.legend(lines.values(), lines, loc="lower center", ncol=5, fontsize=9, frameon=False)
         np.ravel(panels)[0].figure.subplots_adjust(

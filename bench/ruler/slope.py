@@ -85,4 +85,4 @@ def run() -> None:
         rows.append([name, *(describe_slopes(ends) for ends in best)])
     steps = [f"{np.pi / np.sqrt(k) * RATE:.2g}" for k in STIFFNESS]
     header = [f"{k:.0e} N/m: {n} steps" for k, n in zip(STIFFNESS, steps, strict=True)]
-    publish("slope", ["slope of the end by the start (exact: -1)", *header], rows)
+    publish("slope", ["slope of end over start (exact: -1)", *header], rows)

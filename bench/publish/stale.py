@@ -72,7 +72,10 @@ def summarise(text: str, present: str) -> str:
         return f"All {len(tables)} tables of this page were measured with the present kernels."
     commands = ", ".join(f"`{command}`" for command in dict.fromkeys(table.command for table in older))
     count = f"{len(older)} of the" if len(older) < len(tables) else "All"
-    sentence = f"{count} {len(tables)} tables of this page were measured with older kernels, and say so: {commands}."
+    sentence = (
+        f"{count} {len(tables)} tables of this page were measured with older kernels, and their captions say so. These "
+        f"measurements make them: {commands}."
+    )
     return textwrap.fill(sentence, LINE_LENGTH, break_on_hyphens=False)
 
 

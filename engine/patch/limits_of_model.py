@@ -37,7 +37,7 @@ _ANSWERS: tuple[tuple[str, str, str], ...] = (
     ),
     (
         'a [[pickup]] measures a position on a body; quantity = "pressure" is the far field, without a room',
-        "what-is-heard",
+        "sound-radiation",
         "mic microphone radiation directivity binaural hrtf listener speaker",
     ),
     (

@@ -218,7 +218,7 @@ def profile_section(profile: "Profile") -> Iterator[str]:
 
 def work_precision_section(study: "WorkPrecisionStudy") -> Iterator[str]:
     """The section on accuracy and cost: the verdict, a plot and a table."""
-    yield f"<h2>What accuracy costs</h2><p>{escape(_capitalise(study['verdict']))}.</p>"
+    yield f"<h2>Accuracy and cost</h2><p>{escape(_capitalise(study['verdict']))}.</p>"
     if study["unmeasured"]:
         return
     png = panel_png(draw_work_precision, study, 5.0)

@@ -41,18 +41,17 @@ HEADER = [
 ]
 INTRODUCTION = """# Gallery
 
-Every patch in `patches/`, as it renders. Each has two changes to try, with what they do to it, measured: edit the
-patch, or let `fdh sweep` do it. The [glossary](glossary.md) explains the words. This page, its pictures and sounds are
-made by `uv run python -m bench gallery`.
+This page has a picture and the sound of every patch in `patches/`, and two changes to try, with their measured effects.
+To try a change, edit the patch, or use `fdh sweep`. The [glossary](glossary.md) explains the words.
+`uv run python -m bench gallery` makes this page, its pictures and its sounds.
 """
-LEGEND = """Fundamental: the lowest partial within 20 dB of the strongest; none where no partial stands out. T60: from
-the energy that is still to come between -5 and -25 dB; none where the sound does not fall so far. Centroid: mean
-frequency, weighted by power. Made of: the first digits of the patch's SHA-256, by which a test tells when this page is
-older.
+LEGEND = """The fundamental is the lowest partial within 20 dB of the strongest; "none" means that no partial stands out.
+T60 is computed from the energy that is still to come, between -5 and -25 dB; "none" means that the sound does not fall so
+far. The centroid is the mean frequency, weighted by power. The digest is the beginning of the SHA-256 of the patch; a test
+uses it to find out if this page is out of date.
 """
-COLUMNS = (
-    "| try | what it is | fundamental, Hz | T60, s | centroid, Hz | level, dB |\n| --- | --- | --- | --- | --- | --- |"
-)
+COLUMNS = """| change | description | fundamental, Hz | T60, s | centroid, Hz | level, dB |
+| --- | --- | --- | --- | --- | --- |"""
 
 
 def run() -> None:
@@ -90,7 +89,7 @@ def exhibit(path: Path, words: dict[str, Any]) -> tuple[list[str], str]:
     lines += [f"![{scene.title}](gallery/{path.stem}.png)", "", f"Listen: [{path.stem}.ogg](audio/{path.stem}.ogg)", ""]
     if "piece" in words:
         lines += [play(scene, words["piece"], path.stem), ""]
-    lines += [COLUMNS, "| as it is | | " + " | ".join(numbers) + " | 0 |"]
+    lines += [COLUMNS, "| none | the patch as it is | " + " | ".join(numbers) + " | 0 |"]
     lines += [attempt(path, trial, found) for trial in words["try"]]
     lines += ["", f"Sources: {sources(path)}", ""]
     return row, "\n".join(lines)
@@ -112,10 +111,10 @@ def attempt(path: Path, trial: dict[str, Any], before: dict[str, float | None]) 
     """A change to try, as a line of a table, with what it does."""
     after = features(engine.render(changed(path, trial["set"])).audio, 44_100)
     level = 20 * np.log10((after["rms"] or np.nan) / (before["rms"] or np.nan))
-    asked = [f"`{what}={shown(value)}`" for what, value in trial["set"].items()]
-    asked = [asked[0], trial["as"]] if "as" in trial else asked
+    changes = [f"`{what}={shown(value)}`" for what, value in trial["set"].items()]
+    changes = [changes[0], trial["as"]] if "as" in trial else changes
     numbers = [cell(after[key]) for key in ("fundamental_hz", "t60_s", "centroid_hz")]
-    return "| " + " | ".join([", ".join(asked), trial["what"], *numbers, f"{level:+.0f}"]) + " |"
+    return "| " + " | ".join([", ".join(changes), trial["what"], *numbers, f"{level:+.0f}"]) + " |"
 
 
 def changed(path: Path, values: dict[str, Any]) -> engine.Scene:

@@ -52,7 +52,7 @@ class PatchError(ValueError):
 
 
 class BuildError(ValueError):
-    """A valid scene that cannot be built as asked. Its `faults` have paths of keys, but no file.
+    """A valid scene that cannot be built with the given settings. Its `faults` have paths of keys, but no file.
 
     >>> import engine
     >>> whistle = engine.load("repelled_oscillator").replace("body.oscillator.frequency", 30_000.0)

@@ -41,7 +41,7 @@ def apply_gain(
 
 
 def describe_lowered_gain(output: Path, gain: float, requested: float | None) -> list[str]:
-    """A message that the gain asked for was lowered, in a list; an empty list if it was not."""
+    """A message that the requested gain was lowered, in a list; an empty list if it was not."""
     if requested is None or gain >= requested:
         return []
     return [f"{output}: --gain {requested:g} exceeds the range of its numbers; {gain:g} dB was used instead"]
@@ -190,7 +190,7 @@ def atomic_write(target: Path) -> Iterator[Path]:
 
 
 def resolve_subtype(output: Path, requested: str | None) -> str | None:
-    """The sample format asked for, or else FLOAT for a WAV; None leaves it to the file format."""
+    """The requested sample format, or else FLOAT for a WAV; None leaves it to the file format."""
     return requested or ("FLOAT" if output.suffix.lower() == ".wav" else None)
 
 

@@ -19,7 +19,9 @@ os.environ["FDH_BACKGROUND"] = "off"  # also for the commands that tests start
 ROOT = Path(__file__).parent.parent
 PATCHES = sorted((ROOT / "patches").glob("*.toml"))
 ALSA = Path("/usr/share/alsa/alsa.conf")
-needs_portaudio = pytest.mark.skipif(not ctypes.util.find_library("portaudio"), reason="no PortAudio library")
+needs_portaudio = pytest.mark.skipif(
+    not ctypes.util.find_library("portaudio"), reason="the PortAudio library is not installed"
+)
 needs_alsa = pytest.mark.skipif(not ALSA.exists(), reason="no ALSA")
 
 

@@ -21,8 +21,9 @@ TRUST_LIMIT = 0.1  # of the largest sample so far: a motion that is farther off 
 WINDOW = 0.005  # s
 FINER_SUBSTEPS = {2: 4, 4: 3, 6: 3}  # times the substeps, by order; a rigid joint may need an odd number at 4 and 6
 SHARED_ERROR = (
-    "orders 4 and 6 lose at the ends of a sample, and share an error that this does not see: about 1e-7 to 1e-6 where "
-    "a body touches now and then, 1e-4 to 3e-3 where a string meets frets, a bridge or wires; order 2 has none"
+    "the estimate does not include one error of orders 4 and 6, which apply loss only at the ends of a sample: about "
+    "1e-7 to 1e-6 for short contacts, and 1e-4 to 3e-3 if a string touches frets, a bridge or wires; order 2 does not "
+    "have it"
 )
 
 
@@ -79,7 +80,7 @@ def estimate_error(
 
 
 def finer_settings(used: Accuracy) -> list[Accuracy]:
-    """Settings that err several times less, the one to be tried first in front."""
+    """Return settings with an error several times smaller, the first one to try at the front."""
     exact = {"precision": "float64", "tolerance": 1e-15, "iterations": max(used.iterations, 200)}
     substeps = FINER_SUBSTEPS[used.order] * used.substeps
     if substeps <= MAX_SUBSTEPS:

@@ -138,7 +138,7 @@ def dop853_with_events(case: SingleBodyCase, reference: np.ndarray, samplerate: 
     frames = len(run)
     result = method_result(f"DOP853, {tolerance:.0e}", run, reference[:frames], elapsed / max(1, frames) * 1e9)
     if frames < len(reference):
-        result = replace(result, error=np.nan, failed=f"gave up at {frames / samplerate * 1e3:.0f} ms")
+        result = replace(result, error=np.nan, failed=f"stopped at {frames / samplerate * 1e3:.0f} ms")
     return replace(result, energy_error=relative_energy_change(energy))
 
 

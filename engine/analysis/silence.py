@@ -26,7 +26,7 @@ def explain_silence(
     samplerate: Hz
     peak:       its largest absolute sample
 
-    What is heard or pushed at nodes alone counts as silent, though rounding leaves something there.
+    A scene whose pickups or forces are all at nodes counts as silent, although rounding leaves a small signal.
     """
     audible = [p for p in scene.pickup if p.gain != 0.0]
     at_nodes = [p for p in audible if p.quantity not in HEARD_AT_NODES and is_node(scene, p.body, p.at)]
@@ -167,7 +167,7 @@ def _free_flight(
     scene: Scene, contact: Contact, mover: str | None, target: str | None, moving: list[str], seconds: float
 ) -> tuple[float, float] | None:
     """Time (s) that a mass flies to what it is to touch, and its first velocity (m/s) towards that; None if its flight
-    cannot be told from its start."""
+    is not known from its start."""
     bodies = {b.name: b for b in scene.body}
     mass, resting = bodies.get(mover or ""), bodies.get(target or "")
     acted_on = [*(f.body for f in _acting_forces(scene, seconds)), *_struck_bodies(scene, seconds)]

@@ -40,7 +40,7 @@ class StringShape:
 
 def first_moving_string(scene: Scene, rendering: "Rendering") -> tuple[int, int] | None:
     """The number of the string that moves first, of those that move at least a tenth as far as any, and the sample of
-    the trace at which it swings; without strings, the same of the bars that are heard. None if there is none."""
+    the trace at which it swings; without strings, the same of the bars with a pickup. None if there is none."""
     heard = {pickup.body for pickup in scene.pickup}
     lines = [number for number, body in enumerate(scene.body) if isinstance(body, String)]
     lines = lines or [n for n, body in enumerate(scene.body) if isinstance(body, LineBody) and body.name in heard]

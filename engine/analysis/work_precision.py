@@ -199,11 +199,11 @@ def summarise(study: WorkPrecisionStudy) -> str:
     best = min(rows, key=lambda row: row.error)
     horizon, predictable = study.horizon or 0.0, study.predictable or 0.0
     if predictable == 0.0:
-        return "nothing pays: the motion is chaotic from the start, and all settings are equally valid"
+        return "no setting is better: the motion is chaotic from the start, and all settings are equally valid"
     if horizon == 0.0:
         return "unknown: contact is so stiff that the finest references disagree from the start"
     if best.error * SIGNIFICANT_RATIO >= plain.error:
-        return "nothing pays: every setting has about the same error (stiff contact, or none)"
+        return "no setting is better: all have about the same error (stiff contact, or none)"
     cost = best.ns_per_sample / plain.ns_per_sample
     gain = f"{plain.error / best.error:.3g} times smaller" if best.error > 0.0 else "of zero, smaller"
     limit = ""

@@ -36,7 +36,7 @@ class Player(player.Player):
     general: exponents can be changed; the contact laws are then general ones, which take longer
     cores:   how many share the work
     kernel:  special, general or auto (engine.parallel.kernel_choice)
-    waiting: forces that are over after a while wait until they are told by `pluck`
+    waiting: forces of limited duration wait until `pluck` starts them
 
     Block by block, without a device:
 
@@ -150,7 +150,7 @@ class Player(player.Player):
         block_size: frames at a time; 0 leaves it to the driver
         latency:    "low", "high" or seconds; the device's own if None
 
-        With an input, the default input device is heard, and each block passes through Python, which costs dropouts
+        With an input, the default input device is recorded, and each block passes through Python, which causes dropouts
         where Python is busy. Raises DeviceError (a RuntimeError); RuntimeError if a device plays already.
         """
         if self._stream is not None:

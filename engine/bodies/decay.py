@@ -120,7 +120,7 @@ class ListDecay(DecayLaw):
     @classmethod
     def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
         if is_given(table, "sigma") == is_given(table, "t60"):
-            message = "both sigma and t60 given" if is_given(table, "t60") else "neither sigma nor t60 given"
+            message = "both sigma and t60 are given" if is_given(table, "t60") else "neither sigma nor t60 is given"
             yield make_fault(path, table, message, "give one of them: a list of one number per mode")
 
 
@@ -148,7 +148,7 @@ def t60_faults(path: KeyPath, table: dict[str, Any], key: str, at_key: str) -> I
     if not are_positive(times) or (at is not None and not are_positive(at)):
         return
     if len(times) == 2 and at is None:
-        yield make_fault((*path, key), times, "two times without frequencies", f"give {at_key} = [Hz, Hz]")
+        yield make_fault((*path, key), times, "two times are given without frequencies", f"give {at_key} = [Hz, Hz]")
     elif at is not None and len(at) == 2 and len(times) == 2:
         (a, b), (long, short) = at, times
         if a >= b or short > long:
@@ -159,4 +159,4 @@ def t60_faults(path: KeyPath, table: dict[str, Any], key: str, at_key: str) -> I
             remedy = f"the second time at least {long * (a / b) ** 2:.3g} s"
             yield make_fault((*path, key), times, "modes below the first frequency would grow", remedy)
     elif at is not None:
-        yield make_fault((*path, at_key), at, "frequencies without two times", f"give {key} = [s, s]")
+        yield make_fault((*path, at_key), at, "frequencies are given without two times", f"give {key} = [s, s]")

@@ -147,7 +147,7 @@ class DistributedBody(BodyTable):
         ways = [k for k in ("decay", "t60") if is_given(table, k)] + rates[:1]
         if len(ways) > 1:
             remedy = "give the losses in one way: decay, t60, or decay rates"
-            yield make_fault((*path, ways[0]), table[ways[0]], f"{ways[0]} and {ways[1]} given", remedy)
+            yield make_fault((*path, ways[0]), table[ways[0]], f"{ways[0]} and {ways[1]} are both given", remedy)
         yield from t60_faults(path, table, "t60", "t60_at")
         law = table.get("decay")
         if isinstance(law, dict) and str(law.get("kind")) in DECAY_LAWS:

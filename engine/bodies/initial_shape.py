@@ -141,7 +141,7 @@ class InitialPoints(InitialShape):
         needed = ("x", "y", "value") if is_sheet else ("x", "value")
         for key in ("x", "y", "value"):
             if (key in needed) != is_given(table, key):
-                message = f"no {key} given" if key in needed else "a string or a bar has no y"
+                message = f"no {key} is given" if key in needed else "a string or a bar has no y"
                 yield make_fault(path, table, message, f"give a file, or {', '.join(needed)}")
                 return
         sizes = [len(table[key]) for key in needed if isinstance(table[key], list)]

@@ -76,4 +76,4 @@ class MeasuredBody(BodyTable):
                 yield make_fault(where, values, f"{len(values)} numbers for {count} modes", remedy)
         if not points:
             remedy = "give points.NAME = [one number per mode], a mode shape in 1/√kg"
-            yield make_fault(path, table, "no points given", remedy)
+            yield make_fault(path, table, "no points are given", remedy)

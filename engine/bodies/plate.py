@@ -126,9 +126,9 @@ class Plate(TunedSheet):
         young, edges = table.get("young"), table.get("edges", "supported")
         if is_given(table, "young") != is_given(table, "thickness"):
             missing = "thickness" if is_given(table, "young") else "young"
-            yield make_fault(path, table, f"no {missing} given", "young in Pa and thickness in m go together")
+            yield make_fault(path, table, f"no {missing} is given", "young in Pa and thickness in m go together")
         if is_given(table, "shear") and not isinstance(young, list):
-            message = "a shear modulus without two of Young's"
+            message = "a shear modulus is given without two Young's moduli"
             yield make_fault((*path, "shear"), table["shear"], message, "young = [Pa along x, Pa along y]")
         poisson = table.get("poisson", 0.3)
         if isinstance(young, list) and are_positive(young) and len(young) == 2 and is_number(poisson):
@@ -140,7 +140,7 @@ class Plate(TunedSheet):
         if is_given(table, "tension") and edges == "free":
             yield make_fault((*path, "tension"), table["tension"], "a free plate under tension", "it needs held edges")
         if is_given(table, "tension") and is_given(table, "frequency"):
-            message = "tension and frequency given"
+            message = "tension and frequency are both given"
             yield make_fault(
                 (*path, "tension"), table["tension"], message, "give a flexural_rigidity beside it, or young"
             )

@@ -15,7 +15,7 @@ MAX_RITZ_MODES = 400  # of a body whose modes are found so and that does not say
 MAX_RATE_STEPS = 2_000  # of a search, 5 % each
 MAX_FUNCTIONS = 400  # of one side
 MAX_WORK = 2.5e10  # third powers of the sizes of all matrices: ten seconds; beyond, they take minutes and gigabytes
-PLACES_KEPT, MAX_NUMBERS_KEPT = 128, 100_000  # of shapes that were asked for: a live change asks for the same again
+PLACES_KEPT, MAX_NUMBERS_KEPT = 128, 100_000  # of shapes that were computed: a live change needs the same again
 ROUNDING = 1e-9  # relative, of an eigenvalue
 ROOM_ABOVE = 1.02  # the highest mode may be so much above the frequency for which the functions were chosen
 

@@ -48,7 +48,7 @@ def add_accuracy_command(commands: "arguments.Commands") -> None:
 
 
 def accuracy_command(args: argparse.Namespace) -> int:
-    """Print what accuracy costs, and draw or report it if asked; returns the exit code."""
+    """Print error and time of accuracy settings, and plot or report them if an option says so; return the exit code."""
     from engine.cli import rendering
     from engine.report import console, work_precision_plot
 
@@ -78,7 +78,7 @@ def accuracy_command(args: argparse.Namespace) -> int:
             draw = lambda path: work_precision_plot.plot_work_precision(study, name, path, style)
             rendering.write_or_raise(plot, draw)
     except MemoryError:
-        print_error("not enough memory for so many samples; give fewer --seconds")
+        print_error("there is not enough memory for so many samples; give fewer --seconds")
         return 1
     except rendering.WriteError as error:
         print_error(error)

@@ -47,7 +47,7 @@ def profile_command(args: argparse.Namespace) -> int:
         with progress_feedback("measuring costs") as progress:
             profile = profile_scene(scene, seconds, samplerate_of(numbers), progress, **accuracy_options(args))
     except MemoryError:
-        print_error("not enough memory for so many samples; give fewer --seconds")
+        print_error("there is not enough memory for so many samples; give fewer --seconds")
         return 1
     if args.json:
         print(json.dumps({"patch": args.patch, "seconds": seconds, "explain": json_safe(profile.as_dict())}))

@@ -182,7 +182,7 @@ def mono_to_stereo(scene: Scene) -> Scene:
 
 
 def play_patch(args: argparse.Namespace, scene: Scene, gain: float | None, accuracy: dict[str, Any]) -> int:
-    """Play a patch, and those after it if asked; returns the exit code. Raises BuildError."""
+    """Play a patch, and the next ones when the key n is pressed; return the exit code. Raises BuildError."""
     path = Path(args.patch)
     while True:
         try:
@@ -359,10 +359,10 @@ def print_live_summary(player: Player, args: argparse.Namespace, allocator: midi
     print("  ".join(meter_parts(now, int(args.block_size))))
     remarks = {
         "dropouts": f"dropouts: try --block-size {2 * int(args.block_size)}, or --latency high",
-        "limited": "samples reduced by the limiter; give a lower --gain",
+        "limited": "samples were reduced by the limiter; give a lower --gain",
         "not_finite": "samples were not numbers and were muted: this is a bug of the engine; please report the patch",
-        "dropped": "events dropped: too many at once",
-        "lost": "samples of the recording lost: the disk was too slow",
+        "dropped": "events were dropped, because too many came at once",
+        "lost": "samples of the recording were lost, because the disk was too slow",
     }
     for key, message in remarks.items():
         if now[key]:
@@ -373,7 +373,7 @@ def print_live_summary(player: Player, args: argparse.Namespace, allocator: midi
 
 
 def write_log(player: Player, path: Path | None, recording: Recording | NoRecording) -> None:
-    """Write what was done, if asked; what is to be said of it goes to what was kept of the sound."""
+    """Write the log of events, if --event-log names a file; failures become lines of the recording."""
     if path is None:
         return
     text = json.dumps(player.log())

@@ -47,12 +47,12 @@ def list_devices(args: argparse.Namespace) -> int:
     for number, name, channels, rate in devices:
         print(f"{number:>3}  {name}: {channels} channels, {rate} Hz")
     if not devices:
-        print("there is no output device; rendering to a file needs none", file=sys.stderr)
+        print("there is no output device; rendering to a file does not need one", file=sys.stderr)
     return 0 if devices else 1
 
 
 def cache_command(args: argparse.Namespace) -> int:
-    """Tell where compiled kernels are kept, and delete them if asked; returns the exit code."""
+    """Print where compiled kernels are stored, or delete them; return the exit code."""
     from engine.compiler import background, cache_files
 
     try:

@@ -106,7 +106,7 @@ def build_parser() -> tuple[Parser, dict[str, CommandParser]]:
 
 
 class ShowVersion(argparse.Action):
-    """Print the version and exit; it is looked up only when it is asked for."""
+    """Print the version and exit; it is looked up only when it is needed."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
         """Print the version of the engine."""

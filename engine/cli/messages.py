@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from engine.live.midi_files import MidiNotes
     from engine.patch.scene import Scene
 
-SHORTEST_SILENCE = 0.05  # s, of which a user is told
+SHORTEST_SILENCE = 0.05  # s, that a note to the user is worth
 BODIES_OF_KIND = {  # one and several, where they are not the kind and the kind with an s
     "mass": ("mass", "masses"),
     "air": ("air volume", "air volumes"),
@@ -77,18 +77,20 @@ def describe_leftover(unknown_keys: list[str], ignored: dict[str, int], stolen: 
     """
     lines = []
     if unknown_keys:
-        lines.append(f"notes ignored because the instrument does not have these keys: {', '.join(unknown_keys)}")
+        lines.append(f"notes were ignored, because the instrument does not have these keys: {', '.join(unknown_keys)}")
     if ignored:
         what = ", ".join(f"{kind} ({count})" for kind, count in sorted(ignored.items()))
-        lines.append(f"MIDI messages ignored: {what}")
+        lines.append(f"these MIDI messages were ignored: {what}")
     if stolen:
         lines.append(f"{stolen} notes ended early to free a voice for others; give more --voices")
     if refused:
-        lines.append(f"{refused} notes or bends refused: they are beyond the pitches or keys of the patch")
+        lines.append(f"{refused} notes or bends were refused, because they are beyond the pitches or keys of the patch")
     return lines
 
 
-def describe_midi_file(path: str, file: "MidiNotes", remedy: str = "--channels or --tracks choose") -> list[str]:
+def describe_midi_file(
+    path: str, file: "MidiNotes", remedy: str = "choose parts with --channels or --tracks"
+) -> list[str]:
     """Describe the part of a MIDI file that is played, a line for each thing that a user may not expect.
 
     remedy: how other parts would be played
@@ -97,7 +99,9 @@ def describe_midi_file(path: str, file: "MidiNotes", remedy: str = "--channels o
 
     lines = []
     if len(file.parts) > 1:
-        lines.append(f"{path}: {len(file.parts)} parts on one instrument: {list_parts(file.parts)}; {remedy}")
+        lines.append(
+            f"{path}: {len(file.parts)} parts are played on one instrument: {list_parts(file.parts)}; {remedy}"
+        )
     notes = sum(part.notes for part in file.left_out)
     if drums := [part for part in file.left_out if part.is_drums]:
         lines.append(f"{path}: {notes} notes of channel {drums[0].channel}, drums, were left out; {remedy}")
@@ -112,7 +116,7 @@ def describe_unknown_drums(file: "MidiNotes") -> list[str]:
     from engine.live.general_midi import drum_name
 
     names = [f"{drum_name(key)} {count} ×" for key, count in sorted(file.unknown_drums.items()) if count]
-    return [f"drums left out because the patch does not have them: {', '.join(names)}"] if names else []
+    return [f"these drums were left out, because the patch does not have them: {', '.join(names)}"] if names else []
 
 
 def describe_leading_silence(path: str, seconds: float) -> list[str]:

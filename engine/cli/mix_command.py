@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from engine.live.midi_parts import Excerpt, Part, PartKey
     from engine.patch.scene import Scene
 
-PARTS_REMEDY = "--channels or --tracks choose, and --play gives channels to other patches"
+PARTS_REMEDY = "choose parts with --channels or --tracks, or give channels to other patches with --play"
 MAX_LEVEL = 200.0  # dB, either way
 PLAY_HELP = "give CHANNEL=PATCH, such as 2=guitar,10=snare; t3=PATCH or NAME=PATCH for a track"
 
@@ -101,13 +101,13 @@ def read_assignments(args: argparse.Namespace) -> tuple[list[Assignment], list[F
         chosen, equals, patch = (text.strip() for text in item.partition("="))
         patch, level = split_level(patch)
         if not (chosen and equals and patch):
-            faults.append(Fault("--play", f'"{item}" names no channel or no patch; {PLAY_HELP}'))
+            faults.append(Fault("--play", f'"{item}" does not name a channel and a patch; {PLAY_HELP}'))
         elif chosen.isdecimal() and not 1 <= int(chosen) <= MIDI_CHANNELS:
             faults.append(
-                Fault("--play", f"{chosen} is not a MIDI channel; 1 to {MIDI_CHANNELS}, or t{chosen} for a track")
+                Fault("--play", f"{chosen} is not a MIDI channel; give 1 to {MIDI_CHANNELS}, or t{chosen} for a track")
             )
         elif not abs(level) <= MAX_LEVEL:
-            faults.append(Fault("--play", f"{level:g} dB is out of range; -{MAX_LEVEL:g} to {MAX_LEVEL:g} dB"))
+            faults.append(Fault("--play", f"{level:g} dB is out of range; give -{MAX_LEVEL:g} to {MAX_LEVEL:g} dB"))
         else:
             path = patch_file(patch)
             if path not in scenes:
@@ -147,7 +147,7 @@ def mix_command(
         print_error(error)
         return 2
     except MemoryError:
-        print_error("not enough memory for so many samples; give fewer --seconds or --voices")
+        print_error("there is not enough memory for so many samples; give fewer --seconds or --voices")
         return 1
     except (OSError, RuntimeError) as error:
         print_error(f"cannot write {output} ({error_reason(error)})")

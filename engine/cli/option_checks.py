@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from engine.live.midi_parts import Excerpt
     from engine.patch.scene import Scene
 
-DEFAULT_SAMPLERATE = 44_100  # Hz, if no other is asked for
+DEFAULT_SAMPLERATE = 44_100  # Hz, unless an option says otherwise
 MAX_VOICES = 64
 MIDI_CHANNELS = 16
 MIDI_ENDINGS = (".mid", ".midi")
@@ -50,7 +50,7 @@ def numeric_options(args: argparse.Namespace) -> tuple[NumericOptions, list[Faul
     faults: list[Fault] = []
     for name, (low, high, unit) in ranges.items():
         text = options.get(name)
-        range_text = f"{'more than 0' if low == 0 else f'{low:g}'} to {high:g} {unit}"
+        range_text = f"give {'more than 0, at most' if low == 0 else f'{low:g} to'} {high:g} {unit}"
         try:
             number = None if text is None else float(text)
         except ValueError:
@@ -74,7 +74,7 @@ def numeric_options(args: argparse.Namespace) -> tuple[NumericOptions, list[Faul
         faults.append(Fault("--voices", f'"{text}" is not a number of voices; give 1 to {MAX_VOICES}'))
     for name in ("plot", "report"):
         if options.get(name) is not None and find_spec("matplotlib") is None:
-            faults.append(Fault(f"--{name}", "needs matplotlib; uv sync --extra plot, or pip install matplotlib"))
+            faults.append(Fault(f"--{name}", "needs matplotlib; run uv sync --extra plot, or pip install matplotlib"))
     return numbers, faults + check_plot_style(args) + check_accuracy_options(args)
 
 
@@ -89,7 +89,7 @@ def voice_count(args: argparse.Namespace) -> int:
 
 
 def accuracy_options(args: argparse.Namespace) -> dict[str, Any]:
-    """The accuracy asked for, as numbers where it can be; None for what the patch is to say."""
+    """The accuracy options, as numbers where possible; None leaves a setting to the patch."""
     options: dict[str, Any] = {}
     for name, kind in ACCURACY_OPTIONS.items():
         text = vars(args).get(name)
@@ -111,7 +111,7 @@ def check_accuracy_options(args: argparse.Namespace) -> list[Fault]:
 
 
 def parse_error_target(text: str) -> tuple[float, bool]:
-    """An error asked for, 1e-4 or 0.1dB; returns the amount, and whether it is in decibels. Raises ValueError."""
+    """Read a target error, 1e-4 or 0.1dB; return the amount, and True if it is in decibels. Raises ValueError."""
     decibels = text.lower().endswith("db")
     amount = float(text[:-2] if decibels else text)
     if not 0.0 < amount < 100.0:
@@ -125,7 +125,7 @@ def check_plot_style(args: argparse.Namespace) -> list[Fault]:
     if style is None:
         return []
     if style not in PLOT_STYLES:
-        return [Fault("--plot-style", f'unknown style "{style}"; {join_with_or(PLOT_STYLES)}')]
+        return [Fault("--plot-style", f'"{style}" is not a style; give {join_with_or(PLOT_STYLES)}')]
     return [] if args.plot is not None else [Fault("--plot-style", "requires --plot; give that too")]
 
 
@@ -163,7 +163,7 @@ def check_kernel(args: argparse.Namespace) -> list[Fault]:
 
 
 def sound_path(args: argparse.Namespace) -> Path:
-    """The sound to write, if one is written: as asked for, or named like the patch, in this folder; of a MIDI file,
+    """The sound file to write: as an option names it, or named like the patch, in this folder; of a MIDI file,
     like the file and the patch."""
     if args.output:
         return Path(args.output)
@@ -173,12 +173,12 @@ def sound_path(args: argparse.Namespace) -> Path:
 
 
 def plot_path(args: argparse.Namespace) -> Path | None:
-    """The picture to write, if one is asked for."""
+    """The picture to write, if an option names one."""
     return None if args.plot is None else Path(args.plot) if args.plot else sound_path(args).with_suffix(".png")
 
 
 def report_path(args: argparse.Namespace) -> Path | None:
-    """The page to write, if one is asked for."""
+    """The page to write, if an option names one."""
     return None if args.report is None else Path(args.report) if args.report else sound_path(args).with_suffix(".html")
 
 

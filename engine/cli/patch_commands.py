@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 TEMPLATES = SHIPPED_PATCHES / "templates"
 SCHEMA = SHIPPED_PATCHES / "patch.schema.json"
 FIRST_TEMPLATE = "hammer"
-LONGEST_PATH = 400  # characters of one that is told
+LONGEST_PATH = 400  # characters of one in a message
 
 
 def add_patch_commands(commands: "arguments.Commands") -> None:
@@ -101,7 +101,7 @@ def check_build(path: str, scene: "Scene") -> tuple[list[Fault], list[str]]:
     except BuildError as error:
         return locate_build_faults(path, error.faults), []
     return [], [
-        f"{to_one_line(name, LONGEST_PATH)} never decays, for nothing damps it ({count} of its modes)"
+        f"{to_one_line(name, LONGEST_PATH)} never decays, because nothing damps {count} of its modes"
         for name, count in undamped_modes(layout).items()
     ]
 

@@ -94,18 +94,18 @@ def check_play_options(args: argparse.Namespace) -> list[Fault]:
     """List the faults of the options of live sound."""
     faults: list[Fault] = []
     if not args.block_size.isdecimal() or not 1 <= int(args.block_size) <= MAX_BLOCK_SIZE:
-        what = f'"{args.block_size}" is not a size of a block; 1 to {MAX_BLOCK_SIZE} frames'
+        what = f'"{args.block_size}" is not a block size; give 1 to {MAX_BLOCK_SIZE} frames'
         faults.append(Fault("--block-size", what))
     try:
         parse_latency(args.latency)
     except ValueError:
-        faults.append(Fault("--latency", f'"{args.latency}" is not a latency; low, high, or seconds'))
+        faults.append(Fault("--latency", f'"{args.latency}" is not a latency; give low, high, or seconds'))
     if args.callback not in CALLBACKS:
-        faults.append(Fault("--callback", f'unknown callback "{args.callback}"; {", ".join(CALLBACKS)}'))
+        faults.append(Fault("--callback", f'"{args.callback}" is not a callback; give {" or ".join(CALLBACKS)}'))
     try:
         parse_address(args.osc or "0")
     except ValueError:
-        faults.append(Fault("--osc", f'"{args.osc}" is not a port; 1 to 65535, or HOST:PORT such as 0.0.0.0:9000'))
+        faults.append(Fault("--osc", f'"{args.osc}" is not a port; give 1 to 65535, or HOST:PORT such as 0.0.0.0:9000'))
     for option, text in (("--midi", args.midi), ("--event-log", args.event_log)):
         if args.watch and text:
             faults.append(Fault("--watch", f"cannot be combined with {option}; give one of them"))

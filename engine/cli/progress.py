@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Protocol
 
-PROGRESS_DELAY = 1.5  # s, after which the user is told what takes so long
+PROGRESS_DELAY = 1.5  # s, after which progress is shown
 LINE_INTERVAL = 10.0  # s, between two lines where there is no terminal
 BAR_INTERVAL = 0.1  # s, between two looks at how far a task is
 NEARLY_DONE = 0.9  # share after which no bar is begun

@@ -119,7 +119,7 @@ def render_command(args: argparse.Namespace) -> int:
 
 
 def ignored_options(scene: "Scene | None", args: argparse.Namespace) -> list[Fault]:
-    """Options that would do nothing, given what else is asked for."""
+    """List the options that would have no effect, because of other options."""
     if not args.midi:
         given = [name for name in ("voices", "play") if getattr(args, name) is not None]
         return [Fault(f"--{name}", "requires --midi; give that too") for name in given]
@@ -142,7 +142,9 @@ def scene_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namesp
         outputs = rendering.render_from_arguments(scene, numbers, args)
         companions = rendering.write_outputs(outputs, args)
     except MemoryError:
-        print_error("not enough memory for so many samples; give fewer --seconds, or no --trace, --plot or --report")
+        print_error(
+            "there is not enough memory for so many samples; give fewer --seconds, or no --trace, --plot or --report"
+        )
         return 1
     except rendering.WriteError as error:
         print_error(error)
@@ -200,7 +202,7 @@ def midi_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespa
         print_error(error)
         return 2
     except MemoryError:
-        print_error("not enough memory for so many samples; give fewer --seconds or --voices")
+        print_error("there is not enough memory for so many samples; give fewer --seconds or --voices")
         return 1
     except (OSError, RuntimeError) as error:
         print_error(f"cannot write {output} ({error_reason(error)})")

@@ -49,7 +49,7 @@ class Outputs:
     rendering: "Rendering"
     audio: "np.ndarray"  # as the file will have it
     stats: dict[str, Any]  # as `--json` prints them: of the rendering, and of the file
-    comparison: "WorkPrecisionStudy | None"  # what accuracy costs, if that was asked
+    comparison: "WorkPrecisionStudy | None"  # of accuracy settings, if an option needs it
     page: str | None  # likewise
     shape: "StringShape | None"  # of the string that moves first, for the pictures
     warnings: list[str]
@@ -189,13 +189,13 @@ def run_work_precision(
 def cheapest_setting(
     scene: "Scene", numbers: NumericOptions, args: argparse.Namespace, accuracy: dict[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The cheapest setting that meets the error asked for, from a short pilot; and what is to be said of it."""
+    """Choose the cheapest setting that meets the target error, by a short study; return it with its statistics."""
     from engine.analysis.work_precision import cheapest_within
 
     amount, decibels = parse_error_target(args.target_error)
     study = run_work_precision(scene, None, numbers, args)
-    asked = {"asked": args.target_error, "horizon": study["horizon"], "unmeasured": study["unmeasured"]}
+    target = {"asked": args.target_error, "horizon": study["horizon"], "unmeasured": study["unmeasured"]}
     if study["unmeasured"]:
-        return accuracy, dict.fromkeys(CHOSEN_SETTING_KEYS) | asked | {"met": False}
+        return accuracy, dict.fromkeys(CHOSEN_SETTING_KEYS) | target | {"met": False}
     row, met = cheapest_within(study, amount, decibels)
-    return accuracy | row["changes"], {key: row[key] for key in CHOSEN_SETTING_KEYS} | asked | {"met": met}
+    return accuracy | row["changes"], {key: row[key] for key in CHOSEN_SETTING_KEYS} | target | {"met": met}

@@ -86,8 +86,8 @@ def show_meter(block: int) -> Iterator[Any]:
 
 
 def format_meter(now: "MeterReading", block: int, columns: int = MAX_COLUMNS) -> str:
-    """A meter as one line, with as much of it as has room: level, load and dropouts first. block: frames of one, as
-    asked for"""
+    """Return a meter as one line, as much of it as fits: level, load and dropouts first. block: frames per block that
+    the options give"""
     line = ""
     for part in [_describe_level(now), *meter_parts(now, block)]:
         longer = f"{line}  {part}" if line else part

@@ -109,7 +109,7 @@ def compile_requests(requests: Sequence[Request]) -> None:
 def _take_lock(purpose: str = "") -> int | None:
     """The lock, which ends with the process; None if another has it. Raises OSError without a folder.
 
-    purpose: what others are told
+    purpose: text for other processes
     """
     lock = os.open(cache_files.folder() / LOCK, os.O_RDWR | os.O_CREAT, 0o600)
     try:

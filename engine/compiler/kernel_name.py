@@ -14,11 +14,11 @@ class KernelName(StrEnum):
     AUTO = "auto"  # the special one if it is there, or else the general one if that is
 
 
-def read_kernel_name(asked: str | None) -> KernelName:
-    """The kernel that is asked for; if none is, what the environment says, or AUTO. Raises ValueError."""
-    name = asked or os.environ.get(VARIABLE, "").lower() or KernelName.AUTO
+def read_kernel_name(requested: str | None) -> KernelName:
+    """Return the requested kernel; if there is none, what the environment says, or AUTO. Raises ValueError."""
+    name = requested or os.environ.get(VARIABLE, "").lower() or KernelName.AUTO
     try:
         return KernelName(name)
     except ValueError:
-        where = "" if asked else f"{VARIABLE}: "
-        raise ValueError(f'{where}"{name}" is no kernel; {", ".join(KernelName)}') from None
+        where = "" if requested else f"{VARIABLE}: "
+        raise ValueError(f'{where}"{name}" is not a kernel; give {", ".join(KernelName)}') from None

@@ -22,7 +22,7 @@ class Trick(StrEnum):
     KERNEL_FILES = "kernel_files"  # a file for each kernel, shared by processes
 
 
-FOUND: dict[Trick, bool] = {}  # whether those that were asked for are in use
+FOUND: dict[Trick, bool] = {}  # the results of self-tests up to now
 
 
 @cache

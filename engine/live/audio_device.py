@@ -1,4 +1,4 @@
-"""Sound devices: PortAudio by way of sounddevice, imported when asked for; renders and tests need neither."""
+"""Sound devices: PortAudio by way of sounddevice, imported when needed; renders and tests need neither."""
 
 import sys
 from typing import TYPE_CHECKING, Any
@@ -8,7 +8,7 @@ if TYPE_CHECKING:
 
     from engine.live.player import Player
 
-NO_PORTAUDIO = """no PortAudio library; rendering to a file needs none. To play live:
+NO_PORTAUDIO = """the PortAudio library is not installed; rendering to a file does not need it. To play live:
   Debian, Ubuntu   apt install libportaudio2
   Fedora           dnf install portaudio
   macOS            brew install portaudio
@@ -44,7 +44,7 @@ def find_output(device: str | None) -> tuple[int, str, int, int]:
     """The output device of a number or a part of a name; the default one if None. Raises DeviceError."""
     devices = output_devices()
     if not devices:
-        raise DeviceError("there is no output device; rendering to a file needs none")
+        raise DeviceError("there is no output device; rendering to a file does not need one")
     if device is None:
         number = load_sounddevice().default.device[1]
         return next((d for d in devices if d[0] == number), devices[0])
@@ -90,10 +90,10 @@ def open_stream(
         return stream
     except sounddevice.PortAudioError as error:
         number = error.args[1] if len(error.args) > 1 else 0
-        asked, needed = player.samplerate, player.channels
+        given, needed = player.samplerate, player.channels
         message = {
             DEVICE_UNAVAILABLE: "is busy; end the program that is using it, or choose another device with --device",
-            INVALID_SAMPLE_RATE: f"does not support {asked} Hz; its default rate is {rate}: give --samplerate {rate}",
+            INVALID_SAMPLE_RATE: f"does not support {given} Hz; its default rate is {rate}: give --samplerate {rate}",
             INVALID_CHANNELS: f"has {channels} channels, and the patch needs {needed}; change `channel` of its pickups",
         }.get(number, f"cannot be opened ({error.args[0]})")
         raise DeviceError(f"{name} {message}") from error

@@ -116,7 +116,7 @@ def checked_frame(value: int) -> int:
     """When something is to be done. Raises TypeError or ValueError if that is no frame."""
     frame = checked_integer("frame", value)
     if not 0 <= frame <= MAX_FRAMES:
-        raise ValueError(f"frame is out of range; 0, which is at once, to {MAX_FRAMES}")
+        raise ValueError(f"frame is out of range; give 0, which means at once, to {MAX_FRAMES}")
     return frame
 
 

@@ -42,7 +42,7 @@ def scene_of_file(scene: Scene, path: Path, excerpt: Excerpt = ALL_NOTES) -> Pla
         raise NothingToPlay(f"{path} has no note for any key of the instrument")
     if score.end > MAX_SECONDS:
         limit = f"{MAX_SECONDS:g}"
-        raise MidiError(f"{path} lasts {score.end:.0f} s; at most {limit}, such as --seconds {limit} of it")
+        raise MidiError(f"{path} lasts {score.end:.0f} s; the limit is {limit} s: give --seconds {limit}")
     try:
         expansion = expand_for_score(document | {"seconds": excerpt.seconds}, score)
         if count := sum(note.kind == "bend" for note in notes):
@@ -64,8 +64,8 @@ def check_events(path: Path, events: list[dict[str, Any]], score: Score) -> None
     seconds = math.floor(times[MAX_EVENTS] * 10.0) / 10.0
     notes = sum(note.time < seconds for note in score.notes)
     raise MidiError(
-        f"{path} makes {len(events)} events of keys and dampers, at most {MAX_EVENTS}; the first {notes} of its"
-        f" {len(score.notes)} notes are the first {seconds:g} s: give --seconds {seconds:g}"
+        f"{path} has {len(events)} events of keys and dampers; the limit is {MAX_EVENTS}, which the first {notes}"
+        f" of its {len(score.notes)} notes reach after {seconds:g} s: give --seconds {seconds:g}"
     )
 
 

@@ -27,7 +27,7 @@ def live_scene(scene: Scene, keys: list[int] | None = None) -> Scene:
     none."""
     document = scene.instrument
     if document is None:
-        raise ValueError("not an instrument; one has a [keyboard]")
+        raise ValueError("the patch is not an instrument; an instrument has a [keyboard]")
     chosen = keys_of(document["keyboard"]) if keys is None else keys
     played = scene.with_expansion(expand_keys(document, chosen, Score(), is_live=True))
     return played.model_copy(update={"accuracy": scene.accuracy})
@@ -39,7 +39,7 @@ class KeyAllocator:
     def __init__(self, player: Player) -> None:
         document = player.patch.instrument
         if document is None:
-            raise ValueError("not an instrument; one has a [keyboard]")
+            raise ValueError("the patch is not an instrument; an instrument has a [keyboard]")
         self.player, self._writer = player, KeyWriter(document)
         self.stolen = self.refused = 0
         self.ignored: dict[str, int] = {}  # messages, by what they are

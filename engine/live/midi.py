@@ -26,7 +26,7 @@ from engine.patch.tables import MAX_SECONDS
 
 LEAD_IN = 0.05  # s before the first note of a file that is played live: what comes first fades in
 TAIL_SECONDS = 3.0  # s after the last
-LOOKAHEAD = 0.2  # s, by which notes of a file are told before they sound
+LOOKAHEAD = 0.2  # s, by which notes of a file are sent before they sound
 CONTROL_SECONDS = 0.005  # blocks of a file that moves controls
 RENDER_GAIN = 1e-6  # gain of a render: single precision is as exact at any, and no limiter is to act
 
@@ -173,7 +173,7 @@ def render_notes(
     sequencer = MidiFilePlayer(keys, file, controls=controls)
     if seconds is None and sequencer.end > MAX_SECONDS:
         raise MidiError(
-            f"{text} lasts {sequencer.end:.0f} s; at most {MAX_SECONDS:g}, such as --seconds {MAX_SECONDS:g} of it"
+            f"{text} lasts {sequencer.end:.0f} s; the limit is {MAX_SECONDS:g} s: give --seconds {MAX_SECONDS:g}"
         )
     frames = nearest_frame(seconds or sequencer.end, samplerate)
     seconds_of_block = CONTROL_SECONDS if file.moves else LOOKAHEAD / 2

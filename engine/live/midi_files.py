@@ -1,4 +1,4 @@
-"""Notes of MIDI files. mido is imported when asked for."""
+"""Notes of MIDI files. mido is imported when needed."""
 
 import io
 import math
@@ -63,7 +63,7 @@ def read_notes(
     except MidiError as error:
         raise MidiError(f"{path}: {error}") from None
     if not played:
-        raise MidiError(f"{path} has notes of drums alone (channel 10); give a patch of drums, or --channels 10")
+        raise MidiError(f"{path} has only notes of drums (channel 10); give a patch of drums, or --channels 10")
     begin = min(part.begin for part in played) if excerpt.begin is None else excerpt.begin
     reader = PartReader(midi, played, takes, drums)
     end = math.inf if excerpt.seconds is None else excerpt.seconds
@@ -76,10 +76,10 @@ def read_notes(
     else:
         if not seconds <= MAX_FILE_SECONDS:
             hours = MAX_FILE_SECONDS / 3600
-            raise MidiError(f"{path} lasts {seconds / 3600:.3g} hours; at most {hours:g}, or --seconds of it")
+            raise MidiError(f"{path} lasts {seconds / 3600:.3g} hours; the limit is {hours:g} hours: give --seconds")
         end = max((note.seconds for note in reader.notes), default=0.0) + HELD_SECONDS
     if not any(note.kind == "on" for note in reader.notes) and not reader.unknown_drums:
-        raise NothingToPlay(f"{path}: no notes of {list_parts(played)} in the first {excerpt.seconds:g} s")
+        raise NothingToPlay(f"{path}: there are no notes of {list_parts(played)} in the first {excerpt.seconds:g} s")
     return MidiNotes(reader.notes, reader.ignored, reader.moves, played, left_out, reader.unknown_drums, begin, end)
 
 
@@ -190,7 +190,7 @@ def open_midi_file(path: Path) -> Any:
         how = "uses SMPTE time" if file.ticks_per_beat < 0 else "has 0 ticks a beat"
         raise MidiError(f"{path} {how}; save it with ticks per beat, such as 480")
     if (count := sum(map(len, file.tracks))) > MAX_MESSAGES:
-        raise MidiError(f"{path} has {count} messages; at most {MAX_MESSAGES}")
+        raise MidiError(f"{path} has {count} messages; the limit is {MAX_MESSAGES}")
     return file
 
 

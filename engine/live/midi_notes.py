@@ -1,4 +1,4 @@
-"""Messages of MIDI as notes and moves of controllers, and ports. mido is imported when asked for."""
+"""Messages of MIDI as notes and moves of controllers, and ports. mido is imported when needed."""
 
 from typing import Any, NamedTuple
 
@@ -41,7 +41,7 @@ def load_mido() -> Any:
     try:
         import mido
     except ImportError:
-        raise MidiError("notes need mido; uv sync --extra midi, or pip install mido python-rtmidi") from None
+        raise MidiError("notes need mido; run uv sync --extra midi, or pip install mido python-rtmidi") from None
     return mido
 
 
@@ -79,7 +79,7 @@ def open_port(name: str) -> Any:
     try:
         names = mido.get_input_names()
     except (ImportError, OSError) as error:
-        raise MidiError(f"no MIDI ports ({error}); uv sync --extra midi, or give a .mid file") from error
+        raise MidiError(f"there are no MIDI ports ({error}); run uv sync --extra midi, or give a .mid file") from error
     chosen = [n for n in names if name.lower() in n.lower()]
     if len(chosen) != 1:
         what = "several MIDI ports match" if chosen else "no MIDI port is called"

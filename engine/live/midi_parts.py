@@ -75,10 +75,10 @@ class Excerpt:
         if self.parts is not None:
             return [part for part in parts if part.key in self.parts], []
         for channel in sorted(self.channels - {part.channel for part in parts}):
-            raise MidiError(f"no notes on channel {channel}; the parts are {list_parts(parts)}")
+            raise MidiError(f"there are no notes on channel {channel}; the parts are {list_parts(parts)}")
         for track in self.tracks:
             if not any(part.is_on_track(track) for part in parts):
-                raise MidiError(f"no notes on track {track}; the parts are {list_parts(parts)}")
+                raise MidiError(f"there are no notes on track {track}; the parts are {list_parts(parts)}")
         if self.tracks:
             parts = [part for part in parts if any(part.is_on_track(track) for track in self.tracks)]
         if self.channels:

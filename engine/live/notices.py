@@ -21,7 +21,7 @@ class Notices:
                 self._added.add(line)
                 self._waiting.append(line)
                 if len(self._added) == MAX_LINES:
-                    self._waiting.append("further messages of this kind are not shown; their number is, at the end")
+                    self._waiting.append("further messages of this kind are not shown; the summary has their number")
 
     def take(self) -> list[str]:
         """Return the lines that were added since the last call."""

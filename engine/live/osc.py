@@ -1,4 +1,4 @@
-"""Messages of Open Sound Control, received over UDP. python-osc is imported when asked for."""
+"""Messages of Open Sound Control, received over UDP. python-osc is imported when needed."""
 
 import logging
 import math
@@ -32,7 +32,7 @@ def load_packet_parser() -> Any:
     try:
         from pythonosc import osc_packet
     except ImportError:
-        raise OscError("OSC needs python-osc; uv sync --extra osc, or pip install python-osc") from None
+        raise OscError("OSC needs python-osc; run uv sync --extra osc, or pip install python-osc") from None
     return osc_packet
 
 

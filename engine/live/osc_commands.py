@@ -102,7 +102,7 @@ class OscCommands:
         name, velocity = _name_and_number(arguments, "/strike")
         if name is None:
             if not (self.player.strikers or self.player.plucked):
-                raise ValueError("the patch strikes and plucks nothing; name a hammer, and its velocity")
+                raise ValueError("the patch has no strike and no pluck; name a hammer, and its velocity")
             self.player.strike(velocity=velocity)
             return
         masses = [body.name for body in self.player.scene.body if isinstance(body, Mass | Oscillator)]
@@ -115,7 +115,7 @@ class OscCommands:
         name, scale = _name_and_number(arguments, "/pluck")
         plucked = self.player.plucked
         if not plucked:
-            raise ValueError("the patch plucks nothing; it needs a [[force]] of kind pluck")
+            raise ValueError("the patch has no pluck; it needs a [[force]] of kind pluck")
         for body in plucked if name is None else self._copies(name, plucked, "plucked body"):
             self.player.pluck(body, 1.0 if scale is None else scale)
 
@@ -138,7 +138,9 @@ class OscCommands:
             raise ValueError(_wrong_arguments(arguments, "/note"))
         key, velocity = _key_number(arguments[0]), finite_number(arguments[1])
         if velocity is None or not 0.0 <= velocity <= MAX_NOTE_VELOCITY:
-            raise ValueError(f"velocity {format_value(arguments[1])} is out of range; 0, which lets the key go, to 127")
+            raise ValueError(
+                f"velocity {format_value(arguments[1])} is out of range; give 0, which releases the key, to 127"
+            )
         if self.keys is None:
             raise ValueError(NO_NOTES if self.player.patch.instrument is not None else NO_VOICES)
         refused = self.keys.refused
@@ -181,5 +183,5 @@ def _key_number(argument: Any) -> int:
             return parse_key(argument)
     number = float(argument) if isinstance(argument, str) and argument.isdecimal() else finite_number(argument)
     if number is None or number not in range(LOWEST_KEY, HIGHEST_KEY + 1):
-        raise ValueError(f'{format_value(argument)} is not a key; 0 to 127, or a name such as "C4"')
+        raise ValueError(f'{format_value(argument)} is not a key; give 0 to 127, or a name such as "C4"')
     return int(number)

@@ -26,14 +26,14 @@ class Request(NamedTuple):
     values: tuple[NewValue, ...]
     seconds: float  # of the glide
     frame: int
-    thread: int  # that asked for it
+    thread: int  # that set it
 
 
 class ParameterQueue:
     """Builds the tables of live parameters, and puts their exchanges into the queue of the audio thread.
 
     Nobody waits for tables but the thread that renders, and that only if it has set something itself: so a program that
-    sets and renders in turn gets the same samples each time. It then waits for all that was asked for before, too. All
+    sets and renders in turn gets the same samples each time. It then waits for all earlier requests, too. All
     else is made by another thread, beside the sound.
 
     paths: of the live parameters of a player; tables: of what it plays; queue, memory: its own
@@ -72,17 +72,17 @@ class ParameterQueue:
         if path.is_glided:
             return self._values.get(parameter, self._tables.value(path))
         with self._lock:
-            asked = [request.values for request in (self._current, *self._requests) if request is not None]
-        wanted = [new.value for values in asked for new in values if new.path == path]
+            requested = [request.values for request in (self._current, *self._requests) if request is not None]
+        wanted = [new.value for values in requested for new in values if new.path == path]
         return wanted[-1] if wanted else self._tables.value(path)
 
-    # --- what is asked for
+    # --- requests
 
     def put(self, values: Sequence[NewValue], seconds: float, frame: int) -> None:
         """Ask for the tables of values; what waits for older ones of the same parameters is forgotten. Raises
         ValueError (BuildError) if it is soon seen that they are impossible."""
         if not 0.0 <= seconds <= MAX_SECONDS:
-            raise ValueError(f"seconds = {seconds:g} is out of range; 0 to {MAX_SECONDS:g}")
+            raise ValueError(f"seconds = {seconds:g} is out of range; give 0 to {MAX_SECONDS:g}")
         self._tables.check(values)
         request = Request(tuple(values), seconds, frame, threading.get_ident())
         with self._lock:
@@ -91,7 +91,7 @@ class ParameterQueue:
             self._make_beside()
 
     def before_block(self) -> None:
-        """Make the tables that the thread that renders has asked for; those of others are made beside."""
+        """Compute the coefficients that the rendering thread has requested; others follow in the background."""
         self.renderer = threading.get_ident()
         with self._lock:
             asking = {request.thread for request in (self._current, *self._requests) if request is not None}
@@ -109,7 +109,7 @@ class ParameterQueue:
     # --- what is made
 
     def make_tables(self, budget: float = math.inf) -> None:
-        """Make all tables that were asked for, and let the audio thread exchange them. budget: seconds for a glide"""
+        """Compute all requested coefficients, and let the audio thread exchange them. budget: seconds for a glide"""
         while True:
             with self._tables.lock:
                 with self._lock:
@@ -128,7 +128,7 @@ class ParameterQueue:
                 self.refused = kept | dict.fromkeys(names, reason) if reason else kept
 
     def _make_beside(self) -> None:
-        """Let a thread make the tables that were asked for, unless one does."""
+        """Let a thread compute the requested coefficients, unless one does."""
         with self._lock:
             if self._worker is None and self._requests:
                 self._worker = threading.Thread(target=self._work, name="tables", daemon=True)
@@ -166,8 +166,10 @@ class ParameterQueue:
         for change in changes:
             count += len(steps := self._tables.steps(change.values, change.seconds, change.frame))
             if count > MOST_WAITING:
-                message = f"its changes of {change.values[0].parameter} and others are too many to play live"
-                raise BuildError(Fault("event", f"{message}; render it, or shorter durations"))
+                message = (
+                    f"its score changes {change.values[0].parameter} and other parameters too often to be played live"
+                )
+                raise BuildError(Fault("event", f"{message}; render it, or give shorter durations"))
             for step in steps:
                 self._put_exchange("score", step)
 

@@ -67,7 +67,7 @@ class Player:
     general: exponents can be changed; the contact laws are then general ones, which take longer
     cores:   how many share the work, at audio priority where that is allowed; the samples are the same
     kernel:  special, general or auto (engine.parallel.kernel_choice); the samples are the same
-    waiting: forces that are over after a while wait until they are told by `pluck`
+    waiting: forces of limited duration wait until `pluck` starts them
     Raises TypeError if an argument is of the wrong kind, BuildError as `engine.build.build.build`.
     """
 
@@ -91,7 +91,7 @@ class Player:
         if not math.isfinite(gain):
             raise ValueError(f"gain = {gain} is not a finite factor")
         if scene.accuracy.oversample > 1:
-            message = "live sound is not oversampled; order, substeps, or render it"
+            message = "live sound cannot be oversampled; use order or substeps, or render the patch"
             raise BuildError(Fault("accuracy.oversample", message))
         self.patch, self.voices, self.lowest, self.general = scene, voices, lowest, general
         self.waiting = waiting or voices > 0
@@ -161,7 +161,7 @@ class Player:
             raise ValueError(f"it has {following.channels} channels instead of {self.channels}; stop and start again")
         frames = nearest_frame(CROSS_FADE_SECONDS, self.samplerate)
         if self.shared[Slot.STOP_REQUESTED] or self.frame + frames >= self.shared[Slot.END]:
-            raise ValueError("what was played is over")
+            raise ValueError("playing has ended")
         self.shared[Slot.FADE_OUT_FRAMES] = following.shared[Slot.FADE_IN_FRAMES] = frames
         self._successor = following
         following._parameters.leave_to(self._parameters.renderer)
@@ -197,8 +197,8 @@ class Player:
                 self.pluck(name, frame=frame)
             return
         if not isinstance(self._body(body), Mass | Oscillator):
-            strikers = ", ".join(self.strikers) or "none here"
-            raise KeyError(f"{body} is not a hammer; the hammers are {strikers}")
+            strikers = f"the hammers are {', '.join(self.strikers)}" if self.strikers else "the patch has no hammers"
+            raise KeyError(f"{body} is not a hammer; {strikers}")
         speed = self.default_velocity(body) if velocity is None else velocity
         event = make_event(StrikeEvent, kind="strike", body=body, velocity=speed, displacement=displacement)
         for island, _, _, _, first, last, a, b in self._rows(event):
@@ -209,11 +209,11 @@ class Player:
         A body has one pluck at a time: one that is planned for a later frame replaces the one before it at once.
         Raises KeyError if there is none such, ValueError if `scale` is not above 0."""
         if not 0.0 < checked_number("scale", scale) <= 1e6:
-            raise ValueError(f"scale = {scale:g} is out of range; more than 0, at most 1e6")
+            raise ValueError(f"scale = {scale:g} is out of range; give more than 0, at most 1e6")
         self._body(body)
         chosen = [j for j, force in self._brief_forces() if force.body == body]
         if not chosen:
-            raise KeyError(f"nothing plucks {body}; the plucked bodies are {', '.join(self.plucked) or 'none'}")
+            raise KeyError(f"no force plucks {body}; the plucked bodies are {', '.join(self.plucked) or 'none'}")
         self.lift(body, frame)
         island = self.layout.island_of_body[self.layout.body_index[body]]
         for j in chosen:
@@ -267,7 +267,7 @@ class Player:
             self._parameters.put(tabled, duration, frame)
 
     def make_tables(self) -> None:
-        """Make all tables that `set` has asked for, and wait until they are made."""
+        """Compute all coefficients that `set` has requested, and wait until this is done."""
         self._parameters.make_tables()
 
     @property
@@ -284,7 +284,7 @@ class Player:
         accounted for. To prepare a step takes some milliseconds, and a glide begins when all are.
 
         ratio: of the frequencies to those of the patch
-        body:  tune this body of the patch and what contacts join with it; else all that is heard
+        body:  tune this body of the patch and the bodies that contacts join to it; else all bodies that sound
         Raises IndexError without such a voice, KeyError without such a body, ValueError below the lowest pitch,
         BuildError (a ValueError) if it would vibrate too fast; nothing has changed then."""
         voice, ratio = checked_integer("voice", voice), checked_number("ratio", ratio)
@@ -305,14 +305,16 @@ class Player:
     def _check_tuning(self, voice: int, ratio: float, seconds: float, frame: int, body: str | None) -> int:
         """Raise what `tune` raises before anything has changed. Returns the frame."""
         if not 0 <= voice < self.voices:
-            raise IndexError(f"no voice {voice}; the player has {self.voices}")
+            raise IndexError(f"there is no voice {voice}; the player has {self.voices} voices")
         if not self.lowest <= ratio < math.inf:  # there are no slots for the modes it would have
-            raise ValueError(f"ratio = {ratio:g} is out of range; at least {self.lowest:g}, the lowest it was made for")
+            raise ValueError(
+                f"ratio = {ratio:g} is out of range; give at least {self.lowest:g}, the lowest ratio of this player"
+            )
         if not 0.0 <= seconds <= MAX_SECONDS:
-            raise ValueError(f"seconds = {seconds:g} is out of range; 0 to {MAX_SECONDS:g}")
+            raise ValueError(f"seconds = {seconds:g} is out of range; give 0 to {MAX_SECONDS:g}")
         frame = checked_frame(frame)
         if body is not None and all(b.name != body for b in self.patch.body):
-            raise KeyError(f"no body {body}; the bodies are {', '.join(b.name for b in self.patch.body)}")
+            raise KeyError(f"there is no body {body}; the bodies are {', '.join(b.name for b in self.patch.body)}")
         return frame
 
     @property
@@ -347,7 +349,7 @@ class Player:
 
     def _body(self, name: str) -> Any:
         if name not in self.layout.body_index:
-            raise KeyError(f"no body {name}; the bodies are {', '.join(self.layout.body_index)}")
+            raise KeyError(f"there is no body {name}; the bodies are {', '.join(self.layout.body_index)}")
         return self.scene.body[self.layout.body_index[name]]
 
     def _rows(self, event: StrikeEvent | DampEvent | ChangeEvent | PluckEvent) -> list[Any]:

@@ -84,7 +84,7 @@ class Recording:
     """Samples go to a file as they come. Once one cannot be written, no more are, and what was written is kept.
 
     lines: what is to be said at the end
-    is_complete: whether all of it is where it was asked for
+    is_complete: whether the file is complete and has its final name
     Raises OSError.
     """
 

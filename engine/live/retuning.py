@@ -151,7 +151,7 @@ def _basis_pairs(poly: Model, single: Model, n: int, i: int) -> Iterator[Arrays]
     if first == poly.islands.basis[n + 1]:
         return
     if begin == single.islands.basis[i + 1]:
-        raise ValueError("at this pitch the contacts of a body do not move alike, as they did")
+        raise ValueError("at this pitch, the contacts of a body no longer move alike, so this voice cannot have it")
     for (to_contact, to), (of_contact, of) in zip(_bases(poly), _bases(single), strict=True):
         entries, products = entry_counts(int(np.diff(poly.islands.contact)[n]))
         a, x = to_contact.at_contacts_begin[first], of_contact.at_contacts_begin[begin]

@@ -54,7 +54,7 @@ class PitchedBody(NamedTuple):
 
 
 def pitched_bodies(scene: Scene) -> list[PitchedBody]:
-    """The bodies that notes can sound: those that vibrate, are struck or plucked, and are heard or in contact with what
+    """The bodies that notes can sound: those that vibrate, are struck or plucked, and sound or touch a body that
     is. Raises MidiError if there are none."""
     heard, bodies = {p.body for p in scene.pickup}, []
     hammers = striker_velocities(scene)

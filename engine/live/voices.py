@@ -20,7 +20,7 @@ def joined_bodies(scene: Scene, name: str) -> set[str]:
 
 
 def sounding_bodies(scene: Scene) -> list[str]:
-    """The bodies whose pitch is that of the scene: those that are heard; and where strings, bars or tubes are joined
+    """The bodies whose pitch is that of the scene: those with a pickup; and where strings, bars or tubes are joined
     with these, as with a board or the air in it, these alone."""
     names: list[str] = []
     for pickup in scene.pickup:
@@ -38,7 +38,7 @@ def retune(scene: Scene, ratio: float, names: set[str] | None = None) -> Scene:
 
 
 def tuned_bodies(scene: Scene, name: str) -> set[str]:
-    """The bodies that get the pitch of a note that sounds one of them: that one, and what is heard and joined to it."""
+    """The bodies that get the pitch of a note for one of them: that one, and those with a pickup joined to it."""
     return (connected_bodies(scene, name) & set(sounding_bodies(scene))) | {name}
 
 

@@ -1,4 +1,4 @@
-"""Oversampled audio brought down to the sample rate asked for."""
+"""Oversampled audio decimated to the requested sample rate."""
 
 import numpy as np
 

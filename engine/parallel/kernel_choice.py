@@ -37,13 +37,13 @@ class Prepared(NamedTuple):
     missing: Sequence[Request] = ()  # kernels to compile for the next time
 
 
-def prepare(models: Sequence[Model], state: State, uses: Sequence[Use], asked: str | None = None) -> Prepared:
+def prepare(models: Sequence[Model], state: State, uses: Sequence[Use], requested: str | None = None) -> Prepared:
     """Choose the kernel for models of one kind, and make them fit it.
 
-    asked: a KernelName; None: what the environment says, or AUTO
+    requested: a KernelName; None: what the environment says, or AUTO
     Raises ValueError for an unknown name.
     """
-    name = read_kernel_name(asked)
+    name = read_kernel_name(requested)
     special = Prepared(list(models), state, KernelName.SPECIAL)
     if name is KernelName.SPECIAL or (name is KernelName.AUTO and is_ready(special, uses)):
         return special

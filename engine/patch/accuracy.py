@@ -59,7 +59,7 @@ class Accuracy(Table):
             ) from None
 
     def coarser(self) -> list["Accuracy"]:
-        """This setting, and coarser ones down to one plain step."""
+        """This setting, and coarser ones down to one step of order 2 per sample."""
         values = [self]
         while values[-1].is_refined:
             last = values[-1]

@@ -63,12 +63,16 @@ def _check_air(path: KeyPath, table: dict[str, Any], bodies: dict[str, Any]) -> 
     if (is_sheet_below or on_kind is AirBox) and (on_kind is AirBox) == is_given(table, "volume"):
         remedy = "the air of a box has its own" if on_kind is AirBox else "give its volume in m³"
         where = (*path, "volume") if is_given(table, "volume") else path
-        yield make_fault(where, table.get("volume"), f"{'a' if is_given(table, 'volume') else 'no'} volume", remedy)
+        yield make_fault(
+            where, table.get("volume"), f"{'a' if is_given(table, 'volume') else 'no'} volume is given", remedy
+        )
     if on_kind is AirBox and body is not None and kind is not None and is_given(body, "radius"):
         message = f"{format_value(table['body'])} is a circle, which cannot be a wall of a box"
         yield make_fault((*path, "body"), table["body"], message, "give it a size, or give a volume without a box")
     if is_given(table, "wall") and on_kind is not AirBox:
-        yield make_fault((*path, "wall"), table["wall"], "a wall without a box", 'give on = a body of kind = "air"')
+        yield make_fault(
+            (*path, "wall"), table["wall"], "a wall is given without a box", 'give on = a body of kind = "air"'
+        )
 
 
 def _check_end(path: KeyPath, table: dict[str, Any], bodies: dict[str, Any]) -> Faults:
@@ -96,7 +100,7 @@ def _check_spring(path: KeyPath, table: dict[str, Any], bodies: dict[str, Any]) 
             path, table, "it has no effect", "give a stiffness in N/m, a damping_coefficient in kg/s, or rigid = true"
         )
     if rigid and given:
-        message = f"rigid and {given[0]} given"
+        message = f"rigid and {given[0]} are both given"
         yield make_fault(
             (*path, given[0]), table[given[0]], message, "a rigid joint has no stiffness; give one of them"
         )
@@ -108,7 +112,7 @@ def _check_spring(path: KeyPath, table: dict[str, Any], bodies: dict[str, Any]) 
             message = "it joins a position to itself"
             yield make_fault((*path, "on"), table["on"], message, "give another body, or another position on_at")
     elif is_given(table, "on_at"):
-        yield make_fault((*path, "on_at"), table["on_at"], "on_at without on", "name the other body by on")
+        yield make_fault((*path, "on_at"), table["on_at"], "on_at is given without on", "name the other body by on")
 
 
 def check_change_of_connection(path: KeyPath, event: dict[str, Any], connections: dict[str, Any]) -> Faults:

@@ -130,9 +130,9 @@ def _describe_key_error(error: Any, location: Location) -> str:
             f"unknown key; {explain_key(section, _last_key(path), list(models)) or suggestion(_last_key(path), known)}"
         )
     if kind == "missing":
-        return f"missing; {_describe_field(field)}"
+        return f"this key is missing; give it: {_describe_field(field)}"
     if kind == "union_tag_not_found":
-        return f"kind missing; one of {', '.join(models)}"
+        return f"kind is missing; give one of {', '.join(models)}"
     if kind == "union_tag_invalid":
         tag = str(error.get("ctx", {}).get("tag"))
         return f"unknown kind {format_value(tag)}; {explain_kind(str(path[0]), tag) or suggestion(tag, list(models))}"
@@ -146,7 +146,7 @@ def _describe_table_error(error: Any, location: Location) -> str:
     if (is_table or kind == "list_type") and len(path) < 3:
         is_array = field is None or typing.get_origin(field.annotation) is list
         header = f"[[{_header(path)}]]" if is_array and path else f"[{_last_key(path)}]"
-        return f"{value} is not a table; write {header}" if path else "not a table of keys"
+        return f"{value} is not a table; write {header}" if path else "this is not a table of keys"
     if is_table:
         inner = list(_models_by_kind(field.annotation).values()) if field else []
         fields = inner[0].model_fields if inner else {}
@@ -168,11 +168,12 @@ def _describe_length_error(error: Any, location: Location) -> str:
     if kind not in ("too_short", "too_long"):
         return ""
     if kind == "too_short" and not items and len(path) < 3:
-        return f"empty; give at least one [[{_last_key(path)}]]"
+        return f"this is empty; give at least one [[{_last_key(path)}]]"
     container = "table" if isinstance(items, dict) else "list"
-    bound, key = ("least", "min_length") if kind == "too_short" else ("most", "max_length")
+    bound, key = ("at least", "min_length") if kind == "too_short" else ("at most", "max_length")
     limit = error.get("ctx", {}).get(key)
-    return f"{len(items)} in the {container}, at {bound} {limit}; {_describe_field(location.field)}"
+    count = f"{len(items)} item{'s' * (len(items) != 1)}"
+    return f"the {container} has {count}; give {bound} {limit}: {_describe_field(location.field)}"
 
 
 def _describe_scalar_error(error: Any, location: Location) -> str:
@@ -185,7 +186,7 @@ def _describe_scalar_error(error: Any, location: Location) -> str:
     if kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
         return f"{value} is out of range; {_describe_field(location.field)}"
     if kind == "string_pattern_mismatch":
-        return f"{value} is not a name; a letter, then letters, digits, _ or -"
+        return f"{value} is not a name; a name is a letter, then letters, digits, _ or -"
     if kind.endswith(("_type", "_parsing")):
         wanted = TYPE_NAMES.get(kind, kind.removesuffix("_type"))
         return f"{value} is not {wanted}; {_describe_field(location.field)}"

@@ -25,7 +25,7 @@ def scene_of_note(
     """
     document = scene.instrument
     if document is None:
-        raise ValueError("the patch is not an instrument; one has a [keyboard]")
+        raise ValueError("the patch is not an instrument; an instrument has a [keyboard]")
     number = parse_key_of(document, str(key))
     length = hold + TAIL_SECONDS if seconds is None else seconds
     score = make_score([PlayedNote(0.0, number, velocity, hold, UNKNOWN_RELEASE)])

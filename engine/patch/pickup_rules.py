@@ -18,11 +18,11 @@ def check_pickup(path: KeyPath, pickup: dict[str, Any], body: dict[str, Any] | N
     kind, has_place = kind_of(body), is_given(pickup, "at")
     quantity = pickup.get("quantity") or (kind.HEARD if kind is not None else None)
     if is_given(pickup, "pan") and pickup.get("channel", 1) != 1:
-        message = "pan and channel given"
+        message = "pan and channel are both given"
         yield make_fault((*path, "pan"), pickup["pan"], message, "pan acts between channels 1 and 2; give one of them")
     if is_given(pickup, "distance") and quantity != "pressure":
         remedy = 'only quantity = "pressure" has a distance'
-        yield make_fault((*path, "distance"), pickup["distance"], "a distance without a pressure", remedy)
+        yield make_fault((*path, "distance"), pickup["distance"], "a distance is given without a pressure", remedy)
     if quantity == "pressure" and body is not None and kind is not None and not kind.HAS_AREA:
         message = f"{format_value(body['name'])} is a {body['kind']}, which has no area"
         yield make_fault((*path, "quantity"), quantity, message, "give a membrane or a plate")
@@ -45,5 +45,5 @@ def _check_end(path: KeyPath, pickup: dict[str, Any], body: dict[str, Any] | Non
         message = f"{format_value(pickup['body'])} is a {body.get('kind')}, which has no ends"
         yield make_fault((*path, "quantity"), pickup["quantity"], message, "only a string has ends")
     elif isinstance(at, bool) or at not in (0, 1):
-        message = "no end given" if at is None else f"{format_value(at)} is not an end"
+        message = "no end is given" if at is None else f"{format_value(at)} is not an end"
         yield make_fault((*path, "at") if at is not None else path, at, message, "give at = 0 or 1")

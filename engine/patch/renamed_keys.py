@@ -139,7 +139,7 @@ def _rename_table(section: str, path: KeyPath, table: dict[str, Any], renamed: R
         if section == "body" and key == "support":
             value = _rename_tables("support", (*path, key), value, renamed)
         if new != key and new in table:
-            message, remedy = f"{key} and {new} given, which are the same", f"give {new}"
+            message, remedy = f"{key} and {new} are both given, and are the same", f"give {new}"
             renamed.faults.append(make_fault((*path, key), value, message, remedy))
             continue
         if new != key:

@@ -1,6 +1,6 @@
 """Rules that only the whole patch can break: names, positions on bodies, keys that exclude or need each other.
 
-A patch is checked as it was read, before it is validated, so that all its faults are told at once. What has the wrong
+A patch is checked as it was read, before it is validated, so that all its faults are listed at once. What has the wrong
 type is passed over here: that is a fault of structure, and pydantic reports it.
 """
 
@@ -121,11 +121,11 @@ def _check_body(path: KeyPath, body: dict[str, Any]) -> Faults:
     for *keys, choice in kind.EXACTLY_ONE_OF:
         given = [key for key in keys if is_given(body, key)]
         if len(given) != 1:
-            message = f"both {' and '.join(given[:2])} given" if given else f"neither {' nor '.join(keys)} given"
+            message = f"both {' and '.join(given[:2])} are given" if given else f"neither {' nor '.join(keys)} is given"
             yield make_fault(path, body, message, f"give one of them: {choice}")
     for a, b in kind.AT_MOST_ONE_OF:
         if is_given(body, a) and is_given(body, b):
-            yield make_fault((*path, b), body[b], f"both {a} and {b} given", "give one of them")
+            yield make_fault((*path, b), body[b], f"both {a} and {b} are given", "give one of them")
     yield from kind.faults(path, body)
 
 
@@ -136,17 +136,17 @@ def _check_contact(path: KeyPath, contact: dict[str, Any], bodies: dict[str, Any
     profile = next((key for key in ("bridge", "frets") if is_given(contact, key)), None)
     if gap and not on:
         remedy = "give the position of a fixed barrier by barrier, in m"
-        yield make_fault((*path, "gap"), contact["gap"], "gap without on", remedy)
+        yield make_fault((*path, "gap"), contact["gap"], "gap is given without on", remedy)
     if on and barrier:
         remedy = "a contact between two bodies has a gap, not a barrier"
-        yield make_fault((*path, "barrier"), contact["barrier"], "on and barrier given", remedy)
+        yield make_fault((*path, "barrier"), contact["barrier"], "on and barrier are both given", remedy)
     yield from _check_stiffness((*path, "stiffness"), contact.get("stiffness"), contact.get("exponent"))
     if profile:
         yield from _check_profile(path, contact, body, profile)
         return
     if not on and not barrier:
         remedy = "give the barrier's position in m, the other body's name, a bridge or frets"
-        yield make_fault(path, contact, "neither barrier nor on given", remedy)
+        yield make_fault(path, contact, "neither barrier nor on is given", remedy)
     yield from _check_contact_positions(path, contact, body, bodies.get(str(contact.get("on"))))
 
 
@@ -162,7 +162,7 @@ def _check_contact_positions(
             message = "a body cannot touch itself at one position"
             yield make_fault((*path, "on"), contact["on"], message, "name another body")
     elif is_given(contact, "on_at"):
-        yield make_fault((*path, "on_at"), contact["on_at"], "on_at without on", "name the other body by on")
+        yield make_fault((*path, "on_at"), contact["on_at"], "on_at is given without on", "name the other body by on")
     count = count_positions(contact, "at", body)
     other_count = count_positions(contact, "on_at", other_body) if on else 1
     if count > 1 and other_count > 1 and other_count != count:
@@ -197,7 +197,7 @@ def _check_profile(path: KeyPath, contact: dict[str, Any], body: dict[str, Any] 
     """A bridge or frets stand under a string or bar, instead of at and barrier. profile: the key of the two."""
     for key in ("at", "on", "on_at", "barrier", "gap", "bridge" if profile == "frets" else "frets"):
         if is_given(contact, key):
-            yield make_fault((*path, key), contact[key], f"{profile} and {key} given", "give one of them")
+            yield make_fault((*path, key), contact[key], f"{profile} and {key} are both given", "give one of them")
     if body is not None and not has_length(body):
         message = f"{format_value(body['name'])} has no length"
         yield make_fault((*path, profile), contact[profile], message, "give a string or a bar")
@@ -213,7 +213,7 @@ def _check_profile(path: KeyPath, contact: dict[str, Any], body: dict[str, Any] 
 def _check_frets(path: KeyPath, frets: dict[str, Any]) -> Faults:
     """Frets are counted or placed, and their heights are one for all, one for each, or those of the two ends."""
     if is_given(frets, "count") == is_given(frets, "at"):
-        message = "both count and at given" if is_given(frets, "at") else "neither count nor at given"
+        message = "both count and at are given" if is_given(frets, "at") else "neither count nor at is given"
         yield make_fault(path, frets, message, "give one of them: a number of frets, or their positions")
         return
     count = frets["count"] if is_given(frets, "count") else len(frets["at"]) if isinstance(frets["at"], list) else 0
@@ -255,18 +255,22 @@ def _check_event(
     of_connection = is_given(event, "connection")
     given = [key for key in ("contact", "connection", "parameter") if is_given(event, key)]
     if len(given) != 1:
-        message = f"both {' and '.join(given[:2])} given" if given else "neither contact nor connection given"
+        message = f"both {' and '.join(given[:2])} are given" if given else "neither contact nor connection is given"
         yield make_fault(path, event, message, "name the one that changes")
         return
     if is_given(event, "parameter") != is_given(event, "value"):
         message, remedy = (
-            ("no value given", "give the value that it glides to") if given == ["parameter"] else ("value given", "")
+            ("no value is given", "give the value that it glides to")
+            if given == ["parameter"]
+            else ("value is given", "")
         )
-        yield make_fault(path, event, message, remedy or f"a {given[0]} has a stiffness, or others")
+        yield make_fault(path, event, message, remedy or f"a {given[0]} has a stiffness and other keys")
     if given == ["parameter"]:
         for key in CHANGED_KEYS:
             if is_given(event, key):
-                yield make_fault((*path, key), event[key], f"parameter and {key} given", "give the new number as value")
+                yield make_fault(
+                    (*path, key), event[key], f"parameter and {key} are both given", "give the new number as value"
+                )
         return
     if of_connection:
         yield from check_change_of_connection(path, event, connections)

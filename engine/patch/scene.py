@@ -257,7 +257,7 @@ def _read_body_files(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any]
         try:
             columns = read(folder / table["file"])
             if twice := [key for key in columns if table.get(key) is not None]:
-                message = f"file and {twice[0]} given"
+                message = f"file and {twice[0]} are both given"
                 faults.append(make_fault((*path, "file"), table["file"], message, "give one of them"))
             return {k: v for k, v in table.items() if k != "file"} | columns
         except (OSError, ValueError) as error:

@@ -355,7 +355,7 @@ class Pickup(Table):
         default=None, ge=1e-3, le=1e6, description="distance of a pressure from the body, m; 1 if absent"
     )
     channel: Channels = Field(
-        default=1, description="output channel, or a list of channels that it is heard on alike; 1 is left"
+        default=1, description="output channel, or a list of channels with the same signal; 1 is left"
     )
     pan: float | None = Field(
         default=None,
@@ -367,7 +367,7 @@ class Pickup(Table):
 
     @property
     def channels(self) -> list[int]:
-        """The output channels that it is heard on, from 1."""
+        """Its output channels, from 1."""
         if self.pan is not None:
             return [1, 2]
         return self.channel if isinstance(self.channel, list) else [self.channel]

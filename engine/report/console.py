@@ -18,7 +18,7 @@ REAL_TIME_MARGIN = 0.8  # of the time there is, that a scene should take
 
 
 def print_summary(stats: dict[str, Any], companions: list[str], verbose: bool = False) -> None:
-    """Print the length, level, speed and file of a rendering, what was asked for besides, and what is wrong.
+    """Print the length, level, speed and file of a rendering, the answers to other options, and warnings.
 
     companions: the files written beside the sound
     verbose:    print all statistics
@@ -219,7 +219,7 @@ def print_profile(profile: "Profile", seconds: float) -> None:
 
 
 def effect_rows(profile: "Profile") -> Iterator[tuple[str, str]]:
-    """The effects and contacts of a profile with whether they are enabled. `--json` has older words, which stay."""
+    """Yield the effects and contacts of a profile, and if they are enabled. `--json` keeps older words."""
     for name, remark in profile["effects"].items():
         yield name, remark.replace("compiled in", "enabled").replace("left out", "disabled", 1)
     for remark in profile["contacts_left_out"]:

@@ -84,7 +84,7 @@ def compose_page(
     audio:       [frames, channels], at the level of the file
     stats:       as `--json` prints them
     profile:     of the scene (engine.analysis.profile)
-    study:       of accuracy and cost, if it was asked for (engine.analysis.work_precision)
+    study:       of accuracy and cost, if there is one (engine.analysis.work_precision)
     shape:       of a string, if the scene has one that moves (engine.analysis.string_shape)
 
     Raises ValueError without a trace.

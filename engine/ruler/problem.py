@@ -6,8 +6,8 @@ Mass-normalised modes q (√kg·m), p = dq/dt; contacts k at rows Φ_k of mode s
     s_k   = Φ_k·q - barrier_k                           compression, m
     f_k   = stiffness_k·[s_k]₊^α_k · max(0, 1 + loss_k·ds_k/dt)
 
-What is asked for is the displacement `pickup`·q at n/samplerate, n = 0 … frames, and the mean force of each contact in
-each of the `frames` samples.
+The results to compute are the displacement `pickup`·q at n/samplerate, n = 0 … frames, and the mean force of each
+contact in each of the `frames` samples.
 """
 
 from pathlib import Path

@@ -67,8 +67,8 @@ def check_trajectory(problem: Problem, trajectory: Trajectory) -> None:
         if array is None:
             continue
         if np.shape(array) != shape:
-            raise UnfitTrajectory(f"{name} is {list(np.shape(array))}; {list(shape)} is asked for")
+            raise UnfitTrajectory(f"{name} is {list(np.shape(array))}; the shape must be {list(shape)}")
         if not np.issubdtype(np.asarray(array).dtype, np.floating):
-            raise UnfitTrajectory(f"{name} is of type {np.asarray(array).dtype}; floating-point numbers are asked for")
+            raise UnfitTrajectory(f"{name} is of type {np.asarray(array).dtype}; it must be of floating-point numbers")
     if (trajectory.q is None) != (trajectory.p is None):
         raise UnfitTrajectory("q without p, or p without q; both are needed for the energy")

@@ -10,7 +10,7 @@ from engine.patch.scene import Scene
 
 MAX_GRID_POINTS = 100_000  # more are taken for a mistake
 VALUE_DIGITS = 12  # of a value between two bounds: 0.3, not 0.30000000000000004
-AXIS_FORMS = "PATH=A..B:N, PATH=A..B:log:N or PATH=A,B,C"
+AXIS_FORMS = "give PATH=A..B:N, PATH=A..B:log:N or PATH=A,B,C"
 
 Value = int | float | str
 
@@ -78,12 +78,14 @@ def parse_axis(text: str, scene: Scene, data: dict[str, Any], is_random: bool = 
     if len(count) > 1 or not all(map(math.isfinite, bounds)) or bounds[0] == bounds[1]:
         raise ValueError(f'{path}: "{values}" is not a range; {AXIS_FORMS}')
     if log and min(bounds) <= 0.0:
-        raise ValueError(f'{path}: "{values}" reaches to 0 or below, where there is no logarithm; A..B:N')
+        raise ValueError(f'{path}: "{values}" reaches 0 or below, where there is no logarithm; give PATH=A..B:N')
     if not count and not is_random:
-        remedy = f"{values}:16 for as many, or --random N for points at random"
+        remedy = f"give {values}:16 for 16 values, or --random N for random points"
         raise ValueError(f'{path}: "{values}" does not say how many; {remedy}')
     if count and not 2 <= count[0] <= MAX_GRID_POINTS:
-        raise ValueError(f'{path}: {count[0]} values from "{low}" to "{high}"; 2 to {MAX_GRID_POINTS}')
+        raise ValueError(
+            f'{path}: {count[0]} values from "{low}" to "{high}" are not possible; give 2 to {MAX_GRID_POINTS}'
+        )
     if integer and math.ceil(min(bounds)) > math.floor(max(bounds)):
         raise ValueError(f'{path}: "{values}" holds no whole number; {AXIS_FORMS}')
     return SweepAxis(path, key_path, bounds, True, log, integer, count[0] if count else None)

@@ -1,6 +1,6 @@
 """Points of a sweep rendered by the workers of a Dask scheduler.
 
-Workers need the same version of the engine, and are asked for it; they need no shared disk: a task holds all that it
+Workers need the same version of the engine, which is checked; they need no shared disk: a task holds all that it
 takes, and the files are written here. What a killed worker was rendering is given to another.
 """
 
@@ -35,7 +35,7 @@ class MatchingWorkers:
 
     def __init__(self, client: Any) -> None:
         self.client, self.digest = client, source_digest()
-        self.digests: dict[str, str] = {}  # by address, of all workers that were asked
+        self.digests: dict[str, str] = {}  # by address, of all workers that have answered
         self.unreported: list[str] = []  # addresses of workers with other sources
 
     def poll(self) -> dict[str, int]:
@@ -53,11 +53,13 @@ class MatchingWorkers:
 
     def describe_refusal(self) -> str:
         """A message that no worker has these sources."""
-        return f"no worker can be given points; {self._describe_others(list(self.digests))}"
+        return f"no worker can take points; {self._describe_others(list(self.digests))}"
 
     def _describe_others(self, addresses: list[str]) -> str:
         names = ", ".join(f"{address} ({self.digests[address] or 'none'})" for address in sorted(addresses))
-        return f"left out, for they have another engine than this one ({self.digest}): {names}"
+        return (
+            f"these workers are left out, because they have another version of the engine than {self.digest}: {names}"
+        )
 
     def _ask_digests(self, addresses: list[str]) -> dict[str, str]:
         """The digests of the workers' sources; "" for a worker that has none, or cannot tell."""
@@ -109,7 +111,10 @@ def _report_desertion(threads: dict[str, int], was_deserted: bool) -> bool:
     """Return True if all workers are gone. A line is printed once when they go."""
     is_deserted = not threads
     if is_deserted and not was_deserted:
-        print("all workers are gone; waiting for others (Ctrl-C ends it, the same command goes on)", file=sys.stderr)
+        print(
+            "all workers are gone; waiting for others (Ctrl-C ends the sweep, and the same command continues it)",
+            file=sys.stderr,
+        )
     return is_deserted
 
 
@@ -123,12 +128,12 @@ def _connect(address: str) -> Any:
         client = Client(address, timeout=SCHEDULER_TIMEOUT)
     except (OSError, ValueError, TypeError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise RuntimeError(f"no scheduler answers at {address} ({reason}); start one by: dask scheduler") from None
+        raise RuntimeError(f"no scheduler answers at {address} ({reason}); start one with: dask scheduler") from None
     try:
         client.wait_for_workers(1, timeout=SCHEDULER_TIMEOUT)
     except TimeoutError:
         client.close()
-        remedy = f"start some by: dask worker {address} --nthreads 1 --nworkers 2"
+        remedy = f"start some with: dask worker {address} --nthreads 1 --nworkers 2"
         raise RuntimeError(f"the scheduler at {address} has no workers; {remedy}") from None
     return client
 

@@ -113,7 +113,9 @@ def _with_sounds(dataset: "Dataset", folder: Path, rows: list[IndexRow], place: 
     shape = (*dataset["status"].shape, frames, channels)
     if math.prod(shape) > MAX_SOUND_NUMBERS:
         size = f"{math.prod(shape) * 4 / 1e6:.0f} MB"
-        raise ValueError(f"{folder}: its sounds are {size}, more than 256 MB; read them one by one by dataset.file")
+        raise ValueError(
+            f"{folder}: its sounds are {size}, more than 256 MB; read them one by one, with the names in dataset.file"
+        )
     audio = np.full(shape, math.nan, np.float32)
     for at, row in done:
         sound, _ = soundfile.read(str(sound_path(folder, row)), dtype="float64", always_2d=True)

@@ -38,7 +38,7 @@ def check_index(path: Path, paths: list[str]) -> str:
     if header != index_header(paths):
         return f"{path} is an index of something else; give another folder, or remove it"
     if any(row["file"] == f"{number:04d}.wav" for number, row in read_index(path).items()):
-        reason = "is of an earlier version, which named sounds by numbers alone and gave each a level of its own"
+        reason = "is of an earlier version, which named sounds only by numbers and scaled each sound by itself"
         return f"{path} {reason}; give another folder, or remove this one"
     return ""
 

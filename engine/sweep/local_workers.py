@@ -22,7 +22,10 @@ def run_local(tasks: list[RenderTask], cores: int) -> Results:
         lost_twice: list[RenderTask] = []
         yield from _run_pool([task], 1, lost_twice)
         if lost_twice:
-            yield task.number, RenderResult(None, {}, "its process was killed; is there memory enough?")
+            yield (
+                task.number,
+                RenderResult(None, {}, "its process was killed; there may be too little memory for so many processes"),
+            )
 
 
 def _run_pool(tasks: list[RenderTask], cores: int, lost: list[RenderTask]) -> Results:

@@ -14,8 +14,8 @@ from engine.sweep.axes import SweepAxis
 NOTE, VELOCITY = "note", "velocity"  # the columns of the index, and the paths of the axes
 OPTIONS = {NOTE: "--notes", VELOCITY: "--velocities"}
 FULL_VELOCITY = 127
-NOTE_FORMS = "a range such as A0..C8, A0..C8/3 for every third key, or keys such as C2,F#3,A4"
-VELOCITY_FORMS = "how many layers, such as 8, or some velocities from 1 to 127, such as 40,80,127"
+NOTE_FORMS = "give a range such as A0..C8, A0..C8/3 for every third key, or keys such as C2,F#3,A4"
+VELOCITY_FORMS = "give a number of layers, such as 8, or velocities from 1 to 127, such as 40,80,127"
 MAX_KEYS_NAMED = 8  # in a message
 SILENT_SHARE = 1e-3  # of its amplitude, 60 dB down: then a damped note is over
 
@@ -66,7 +66,7 @@ def parse_velocities(text: str | None) -> SweepAxis:
     if len(numbers) == 1:
         numbers = [round(FULL_VELOCITY * layer / numbers[0]) for layer in range(1, numbers[0] + 1)]
     if twice := [a for a, b in pairwise(numbers) if a == b]:
-        raise ValueError(f"{twice[0]} stands there twice; {VELOCITY_FORMS}")
+        raise ValueError(f"{twice[0]} is listed twice; {VELOCITY_FORMS}")
     return SweepAxis(VELOCITY, (), tuple(numbers))
 
 

@@ -1,4 +1,4 @@
-"""The plan of a sweep: the points at which a patch is to be rendered, and what is wrong with what was asked for."""
+"""The plan of a sweep: the points at which a patch is to be rendered, and the faults of its options."""
 
 import argparse
 import copy
@@ -133,7 +133,12 @@ def plan_sweep(
     axes, faults = axes + note_axes, faults + note_faults
     count = numbers["random"] or math.prod(axis.count or len(axis.bounds) for axis in axes)
     if count > MAX_GRID_POINTS:
-        faults.append(Fault("--vary", f"{count} points; at most {MAX_GRID_POINTS}, such as --random 1000 of them"))
+        faults.append(
+            Fault(
+                "--vary",
+                f"the grid has {count} points; the limit is {MAX_GRID_POINTS}: give --random 1000, for example",
+            )
+        )
     if faults:
         return SweepPlan(args.patch, data, axes, []), faults
     points = random_points(axes, count, numbers["seed"] or 0) if numbers["random"] else grid_points(axes)
@@ -143,17 +148,17 @@ def plan_sweep(
 
 
 def _note_axes(args: argparse.Namespace, scene: Scene) -> tuple[list[SweepAxis], list[Fault]]:
-    """The axes of the notes that are asked for, and what is wrong with them."""
+    """The axes of the notes that the options name, and their faults."""
     axes, faults = list[SweepAxis](), list[Fault]()
     if args.notes is None:
         given = [f"--{option}" for option in ("velocities", "hold", "sfz") if getattr(args, option)]
-        faults += [Fault(option, f"requires --notes; give that too: {NOTE_FORMS}") for option in given]
+        faults += [Fault(option, f"requires --notes; {NOTE_FORMS}") for option in given]
         if not args.vary and not given:
             faults.append(Fault("--vary", "nothing varies; give --vary PATH=RANGE, or --notes A0..C8"))
         return axes, faults
     for option in ("vary", "random"):
         if args.sfz and getattr(args, option):
-            faults.append(Fault("--sfz", f"for one set, of all notes; leave out --{option}"))
+            faults.append(Fault("--sfz", f"requires all notes, one of each; leave out --{option}"))
     parsers: list[tuple[str, Callable[[], SweepAxis]]] = [
         (NOTE, lambda: parse_notes(args.notes, scene)),
         (VELOCITY, lambda: parse_velocities(args.velocities)),
@@ -173,7 +178,7 @@ def _parse_numbers(args: argparse.Namespace) -> tuple[dict[str, int | None], lis
     for name, least in (("random", 1), ("seed", 0)):
         text = getattr(args, name)
         if text is not None and not (text.isdecimal() and least <= int(text) <= 10**9):
-            faults.append(Fault(f"--{name}", f'"{text}" is not a whole number; {least} to 1000000000'))
+            faults.append(Fault(f"--{name}", f'"{text}" is not a whole number; give {least} to 1000000000'))
         numbers[name] = int(text) if text is not None and text.isdecimal() else None
     if args.seed is not None and args.random is None:
         faults.append(Fault("--seed", "requires --random; give that too"))
@@ -186,7 +191,7 @@ def _check_axis(axis: SweepAxis, others: list[SweepAxis], args: argparse.Namespa
     if any(axis.key_path == other.key_path for other in others):
         faults.append(Fault("--vary", f"{axis.path}: it varies twice; give it once"))
     if axis.key_path == ("seconds",) and args.notes is not None:
-        return [*faults, Fault("--vary", "seconds: of notes, --hold and --seconds say that; leave it out")]
+        return [*faults, Fault("--vary", "seconds: --hold and --seconds set the length of notes; leave it out")]
     option = axis.key_path[-1] if axis.key_path[0] in ("seconds", "accuracy") else None
     if option is not None and getattr(args, str(option), None) is not None:
         faults.append(Fault("--vary", f"{axis.path}: --{option} is given too; give one of them"))
@@ -214,7 +219,7 @@ def check_axes(plan: SweepPlan) -> list[Fault]:
 
 
 def axis_paths(args: argparse.Namespace) -> list[str]:
-    """The paths of the axes that are asked for."""
+    """The paths of the axes that the options name."""
     return [text.partition("=")[0].strip() for text in args.vary] + (list(OPTIONS) if args.notes is not None else [])
 
 
@@ -228,17 +233,17 @@ def check_output(args: argparse.Namespace) -> list[Fault]:
     folder, faults = sweep_folder(args), check_audio_format(Path("a.wav"), args.subtype, "--subtype")
     parent = folder if folder.is_dir() else absolute_path(folder).parent
     if folder.exists() and not folder.is_dir():
-        faults.append(Fault("--output", f"{folder} is a file; a sweep writes a folder, give the name of one"))
+        faults.append(Fault("--output", f"{folder} is a file; give the name of a folder"))
     elif not parent.is_dir():
         faults.append(Fault("--output", f"no such folder: {parent}; make it, or write elsewhere"))
     elif not os.access(parent, os.W_OK):
         faults.append(Fault("--output", f"{parent} cannot be written to; write elsewhere"))
     elif folder.is_dir() and any(folder.glob("[!.]*")) and not (folder / "index.csv").exists():
-        faults.append(Fault("--output", f"{folder} holds other things; give a folder that is empty, or not there yet"))
+        faults.append(Fault("--output", f"{folder} has other files in it; give an empty folder, or a new one"))
     elif message := check_index(folder / "index.csv", axis_paths(args)):
         faults.append(Fault("--output", message))
     if args.cluster is not None and find_spec("distributed") is None:
-        faults.append(Fault("--cluster", "needs distributed; uv sync --extra cluster, or pip install distributed"))
+        faults.append(Fault("--cluster", "needs distributed; run uv sync --extra cluster, or pip install distributed"))
     if args.cluster is not None and args.cores is not None:
-        faults.append(Fault("--cores", "not for --cluster; its workers have cores of their own"))
+        faults.append(Fault("--cores", "cannot be combined with --cluster; its workers have their own cores"))
     return faults

@@ -42,7 +42,7 @@ class SweepOutcome:
     overwritten:  sounds of other settings that were in the folder, and are no more
     gone:         sounds of this sweep that were removed while it ran
     gain_db:      of all sounds, if they have one in common
-    sfz:          the file that lists the notes, if one was asked for
+    sfz:          the file that lists the notes, if there is one
     """
 
     points: int
@@ -301,7 +301,9 @@ class SoundFolder:
 
 def _write_error(path: Path, error: Exception) -> RuntimeError:
     """The error that a file could not be written, with how to go on."""
-    return RuntimeError(f"cannot write {path} ({error_reason(error)}); when it can be, the same command goes on")
+    return RuntimeError(
+        f"cannot write {path} ({error_reason(error)}); when this is possible again, run the same command to continue"
+    )
 
 
 def _make_tasks(

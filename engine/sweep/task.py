@@ -64,7 +64,7 @@ def render_task(task: RenderTask) -> RenderResult:
         with _COMPILE_LOCK, tempfile.TemporaryDirectory() as folder:
             return _render_in_folder(task, Path(folder))
     except MemoryError:
-        return RenderResult(None, {}, "not enough memory for so many samples; fewer seconds")
+        return RenderResult(None, {}, "there is not enough memory for so many samples; give fewer seconds")
     except Exception as error:
         return RenderResult(None, {}, " ".join(str(error).split()) or type(error).__name__)
 

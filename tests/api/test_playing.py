@@ -87,7 +87,7 @@ def test_input_is_linear_in_its_strength():
 
 def test_a_pluck_leaves_the_input_alone():
     player = engine.Player(REED, gain=1.0, input=engine.AudioInput("reed"))
-    with pytest.raises(KeyError, match="nothing plucks reed"):
+    with pytest.raises(KeyError, match="no force plucks reed"):
         player.pluck("reed")
 
 

@@ -162,7 +162,7 @@ def test_all_that_is_wrong_is_said_and_nothing_is_written(tmp_path):
     for part in (
         f"{bad}:4 body[0].mass: -1 is out of range",
         f'{bad}:6 pickup[0].body: no body is named "c"; the bodies are "b"',
-        "render.py --seconds: -3 is out of range; more than 0",
+        "render.py --seconds: -3 is out of range; give more than 0",
         "render.py --samplerate: 12 is out of range",
         'render.py --gain: "loud" is not a number',
         'render.py --scheme: "euler" is not known; expected',

@@ -82,7 +82,7 @@ def test_any_scene_is_the_same_on_both(scene):
 
 
 def test_a_kernel_that_nobody_has_is_refused(patch):
-    with pytest.raises(ValueError, match='"fast" is no kernel; special, general, auto'):
+    with pytest.raises(ValueError, match='"fast" is not a kernel; give special, general, auto'):
         engine.render(patch("bouncing_ball"), 0.01, kernel="fast")
 
 

@@ -388,10 +388,10 @@ def test_a_scored_pitch_is_heard():
             "no live parameter body.string.colour; the live parameters are body.str",
         ),
         ({"parameter": STRING, "value": -1.0}, "body.string.frequency = -1 is out of range"),
-        ({"parameter": STRING}, "no value given; give the value that it glides to"),
-        ({"parameter": STRING, "value": 1.0, "stiffness": 1.0}, "parameter and stiffness given"),
-        ({"parameter": STRING, "value": 1.0, "contact": "felt"}, "both contact and parameter given"),
-        ({"contact": "felt", "stiffness": 1.0, "value": 1.0}, "value given; a contact has a stiffness"),
+        ({"parameter": STRING}, "no value is given; give the value that it glides to"),
+        ({"parameter": STRING, "value": 1.0, "stiffness": 1.0}, "parameter and stiffness are both given"),
+        ({"parameter": STRING, "value": 1.0, "contact": "felt"}, "both contact and parameter are given"),
+        ({"contact": "felt", "stiffness": 1.0, "value": 1.0}, "value is given; a contact has a stiffness"),
     ],
 )
 def test_a_wrong_change_is_explained(change, said):
@@ -451,4 +451,4 @@ def test_an_instrument_moves_what_each_key_has():
 
 def test_a_wrong_port_is_refused(capsys):
     assert exit_code("play", str(PIANO), "--osc", "nine") == 2
-    assert '"nine" is not a port; 1 to 65535, or HOST:PORT such as 0.0.0.0:9000' in capsys.readouterr().err
+    assert '"nine" is not a port; give 1 to 65535, or HOST:PORT such as 0.0.0.0:9000' in capsys.readouterr().err

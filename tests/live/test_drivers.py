@@ -224,9 +224,9 @@ def test_a_machine_busy_for_a_moment_refuses_nothing(monkeypatch):
 @pytest.mark.parametrize(
     ("words", "what"),
     [
-        (["--block-size", "many"], '"many" is not a size of a block; 1 to 65536 frames'),
-        (["--latency", "soon"], '"soon" is not a latency; low, high, or seconds'),
-        (["--callback", "rust"], 'unknown callback "rust"; compiled, python'),
+        (["--block-size", "many"], '"many" is not a block size; give 1 to 65536 frames'),
+        (["--latency", "soon"], '"soon" is not a latency; give low, high, or seconds'),
+        (["--callback", "rust"], '"rust" is not a callback; give compiled or python'),
         (["--latency", "-1"], '"-1" is not a latency'),
         (["--record", "no/such/r.wav"], "no such folder"),
         (["--record", "r.xyz"], '"r.xyz" is not the name of a known audio format'),
@@ -259,7 +259,7 @@ def test_what_is_for_live_sound_alone_is_said():
 @needs_alsa
 def test_what_cannot_be_built_is_said(file_device):
     done = run("play", PIANO, "--oversample", "2", environment=file_device[0])
-    assert done.returncode == 2 and "accuracy.oversample: live sound is not oversampled" in done.stderr
+    assert done.returncode == 2 and "accuracy.oversample: live sound cannot be oversampled" in done.stderr
 
 
 @needs_portaudio

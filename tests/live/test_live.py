@@ -173,7 +173,7 @@ def test_what_cannot_be_done_is_said():
         match=r"no live parameter contact\.velvet\.stiffness; the live parameters are contact\.felt\.stiffness",
     ):
         player.set("contact.velvet.stiffness", 1.0)
-    with pytest.raises(KeyError, match="no body anvil; the bodies are string, hammer"):
+    with pytest.raises(KeyError, match="there is no body anvil; the bodies are string, hammer"):
         player.strike("anvil")
     with pytest.raises(KeyError, match="string is not a hammer"):
         player.strike("string")
@@ -403,7 +403,7 @@ def test_a_voice_is_as_if_built_at_its_pitch():
         built = np.zeros_like(tuned)
         alone.render_into(built)
         np.testing.assert_array_equal(tuned, built)
-    with pytest.raises(ValueError, match=r"ratio = 0\.4 is out of range; at least 0\.5"):
+    with pytest.raises(ValueError, match=r"ratio = 0\.4 is out of range; give at least 0\.5"):
         player.tune(1, 0.4)
     rng = np.random.default_rng(5)
     out = np.zeros((20 * 1000, player.channels), np.float32)

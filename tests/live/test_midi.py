@@ -318,7 +318,7 @@ def test_files_that_are_too_much_are_refused(tmp_path, monkeypatch, capsys):
     written(path, (on(60), 0), (off(60), 480 * 2 * 7200))
     words = [str(PIANO), "--midi", str(path), "-o", str(tmp_path / "a.wav")]
     assert main.main(words) == 2
-    assert "lasts 7203 s; at most 3600, such as --seconds 3600 of it" in capsys.readouterr().err
+    assert "lasts 7203 s; the limit is 3600 s: give --seconds 3600" in capsys.readouterr().err
     monkeypatch.setattr(midi_files, "MAX_MESSAGES", 3)
     with pytest.raises(midi_notes.MidiError, match="has 4 messages; at most 3"):
         midi_files.read_notes(path)

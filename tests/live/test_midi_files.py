@@ -156,7 +156,7 @@ def test_parts_on_one_instrument_are_named_in_a_line(rods, tmp_path, capsys):
     song = write(tmp_path / "song.mid", [], MELODY, BASS, BEAT)
     render(rods, "--midi", song, "--seconds", "0.5")
     (line,) = [line for line in capsys.readouterr().err.splitlines() if "parts" in line]
-    assert "2 parts on one instrument" in line
+    assert "2 parts are played on one instrument" in line
     assert 'track 1 "Melody" (channel 1, Violin); track 2 "Bass" (channel 2, Acoustic Bass)' in line
     assert "--channels" in line and "--tracks" in line and "--play" in line
 
@@ -181,7 +181,7 @@ def test_what_cannot_be_chosen_is_said_with_what_can(rods, tmp_path, capsys):
         ("--tracks", "violin"): "no notes on track violin; the parts are",
         ("--channels", "17"): '"17" are not MIDI channels; give numbers from 1 to 16, such as 1,2',
         ("--channels", "1,,2"): '"1,,2" is not a list',
-        ("--play", "guitar"): '"guitar" names no channel or no patch; give CHANNEL=PATCH',
+        ("--play", "guitar"): '"guitar" does not name a channel and a patch; give CHANNEL=PATCH',
         ("--play", "0=guitar"): "0 is not a MIDI channel",
         ("--play", "2=guitr"): "did you mean guitar?",
         ("--play", "5=rods.toml"): "has no notes on 5; its parts are",
@@ -281,7 +281,9 @@ def test_a_song_with_too_many_events_says_how_much_of_it_can_be_played(rods, tmp
     song = write(tmp_path / "song.mid", notes(*((60 + n % 3, 0.25 * n, 0.125) for n in range(40))))
     assert main.main(["render", rods, "--midi", song]) == 2
     said = capsys.readouterr().err
-    assert "song.mid makes 82 events of keys and dampers, at most 20; the first" in said  # 40 strikes, 42 dampers
+    assert (
+        "song.mid makes 82 events of keys and dampers; the limit is 20, which the first" in said
+    )  # 40 strikes, 42 dampers
     seconds = said.split("--seconds ")[1].strip()
     count = int(said.split("the first ")[1].split()[0])
     assert f"the first {count} of its 40 notes are the first {seconds} s" in said

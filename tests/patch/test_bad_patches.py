@@ -58,7 +58,7 @@ LARGE = {
     "dotted key inside": ("a = {" + ".".join(['"a"'] * 100_000) + " = 1}\n", DEEP),
     "digits": (MASS + "x = [1,\n" + "9" * 5000 + "]\n", ":9: a number of over 4000 digits"),
     "lines of a list": (STRING + "t60 = [\n" + "1.0,\n" * 3000 + "]\n" + HEARD + "x = 1\n", ":7 body[0].t60: 3000 in"),
-    "one list": (STRING + "t60 = [" + "true," * 150_000 + "]\n" + HEARD, ":7 body[0].t60: 150000 in the list"),
+    "one list": (STRING + "t60 = [" + "true," * 150_000 + "]\n" + HEARD, ":7 body[0].t60: the list has 150000 items"),
     "places": (
         STRING + HEARD + CONTACT + "barrier = 0.0\nat = [" + "0.1," * 99_999 + "]\n",
         "99999 positions; at most 512",
@@ -66,7 +66,7 @@ LARGE = {
     "keys": (many(30_000, "a% = 1\n") + MASS, ":1 a0: unknown key; the known ones are"),
     "key": ("a" * 900_000 + " = 1\n" + MASS, ":1 " + "a" * 77 + "...: unknown key"),
     "text": ('x = "' + "a\\n" * 300_000 + '"\n' + MASS, ":1 x: unknown key"),
-    "bodies": (many(20_000, '[[body]]\nname = "a%"\nkind = "x"\n'), ":1 body: 20000 in the list"),
+    "bodies": (many(20_000, '[[body]]\nname = "a%"\nkind = "x"\n'), ":1 body: the list has 20000 items"),
     "kinds": (many(4999, '[[body]]\nname = "a%"\nkind = "x%"\n'), ":3 body[0].kind: unknown kind"),
     "misspelt": (many(4999, '[[body]]\nname = "a%"\nkind = "mass"\nmas = 1.0\n'), ":4 body[0].mas: unknown key"),
     "names": (many(4999, '[[contact]]\nbody = "z%"\nstiffness = 1.0\nexponent = 1.0\n') + MASS, 'is named "z0"'),

@@ -81,7 +81,7 @@ SLIPS = {
     ('"mass"', '"mas"'): ':3 body[0].kind: unknown kind "mas"; did you mean "mass"?',
     ('body = "ball"', 'body = "bal"'): ':8 pickup[0].body: no body is named "bal"; the bodies are "ball"',
     ("mass = 1.0", 'mass = "1.0"'): ':4 body[0].mass: "1.0" is not a number; mass, kg',
-    ("mass = 1.0\n", ""): ":1 body[0].mass: missing; mass, kg",
+    ("mass = 1.0\n", ""): ":1 body[0].mass: this key is missing; give it: mass, kg",
     ("[[pickup]]", "[[pickups]]"): ':7 pickups: unknown key; did you mean "pickup"?',
     ("[[pickup]]", "[pickup]"): ":7 pickup: {'body': 'ball'} is not a table; write [[pickup]]",
     ("mass = 1.0", "mass = 1,0"): ":4: not valid TOML at column 9",
@@ -219,8 +219,8 @@ def test_render_py_is_read_by_old_pythons():
     [
         ("numpy", [BALL], "numpy is not installed. This sets up everything", 1),
         ("pydantic", ["check", BALL], "pydantic is not installed. This sets up everything", 1),
-        ("matplotlib", [BALL, "--plot"], "--plot: needs matplotlib; uv sync --extra plot", 2),
-        ("mido", [BALL, "--midi", "a.mid"], "notes need mido; uv sync --extra midi", 2),
+        ("matplotlib", [BALL, "--plot"], "--plot: needs matplotlib; run uv sync --extra plot", 2),
+        ("mido", [BALL, "--midi", "a.mid"], "notes need mido; run uv sync --extra midi", 2),
     ],
 )
 def test_what_is_not_installed_is_named(tmp_path, hidden, words, says, code):
@@ -274,7 +274,7 @@ def test_a_render_without_a_cache_folder(tmp_path):
         (["--plot", "mine.toml", BALL], '"mine.toml" is not the name of a picture; end it in .png'),
         ([BALL, "--trace", "mine.toml"], '"mine.toml" is not the name of a trace; end it in .npz'),
         (["play", BALL, "--event-log", "mine.toml"], '"mine.toml" is not the name of a log; end it in .json'),
-        (["sweep", BALL, "--vary", "body.ball.mass=1,2", "-o", "."], ". holds other things; give a folder"),
+        (["sweep", BALL, "--vary", "body.ball.mass=1,2", "-o", "."], ". has other files in it; give an empty folder"),
         (["new", "."], '"." is not the name of a file; give a word, such as mine'),
         (["new", ""], '"" is not the name of a file; give a word, such as mine'),
     ],

@@ -157,7 +157,7 @@ def test_editors_know_the_old_keys_but_not_beside_the_new():
             table = table[part]
         table[key.new] = table[key.path[-1]]
         assert list(check.iter_errors(document)), key
-        with pytest.raises(ValueError, match="which are the same"):
+        with pytest.raises(ValueError, match="and are the same"):
             engine.Scene.model_validate(document)
 
 
@@ -196,7 +196,12 @@ def test_from_python_a_note_is_a_warning_where_the_scene_was_made():
         ("rigidity = 20.0", 'rigidity = "stiff"', 20, 'body[1].rigidity: "stiff" is not a number; flexural rigidity D'),
         ("damping = 0.02", "damping = nan", 13, "body[0].support[0].damping: nan is not a finite number"),
         ("damping = 1.0", "damping = -1.0", 44, "event[0].damping: -1.0 is out of range"),
-        ("damping = 8.0", "damping = 8.0\ndamping_rate = 8.0", 28, "body[2].damping: damping and damping_rate given"),
+        (
+            "damping = 8.0",
+            "damping = 8.0\ndamping_rate = 8.0",
+            28,
+            "body[2].damping: damping and damping_rate are both given",
+        ),
     ],
 )
 def test_faults_of_old_keys_have_their_line_and_the_name_that_the_patch_has(tmp_path, old, wrong, line, says, capsys):

@@ -181,5 +181,5 @@ def test_a_file_and_lists_exclude_each_other(tmp_path):
         f'[[body]]\nname = "s"\nkind = "string"\nlength = {L}\nmass = {MASS}\nfrequency = 261.6\n'
         'displacement = { kind = "points", file = "shape.csv", x = [0.0, 1.0] }\n[[pickup]]\nbody = "s"\nat = 0.2\n'
     )
-    with pytest.raises(engine.PatchError, match="file and x given; give one of them"):
+    with pytest.raises(engine.PatchError, match="file and x are both given; give one of them"):
         engine.load(tmp_path / "p.toml")

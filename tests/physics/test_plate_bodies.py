@@ -96,15 +96,18 @@ def test_a_free_plate_bounces_on_its_cords():
 
 
 BAD = [
-    ({"size": [0.4, 0.3], "young": 2e11}, "no thickness given; young in Pa and thickness in m go together"),
+    ({"size": [0.4, 0.3], "young": 2e11}, "no thickness is given; young in Pa and thickness in m go together"),
     ({"size": [0.4, 0.3], "flexural_rigidity": 20.0, "shear": 1e9}, "a shear modulus without two of Young's"),
     ({"radius": 0.3, "young": [1e10, 1e9], "thickness": 1e-3}, "a circle of wood; one modulus, or a rectangle"),
     ({"size": [0.4, 0.3], "young": [1e9, 2e10], "thickness": 1e-3}, "with it νxy·νyx is 1.8; below 1"),
     ({"size": [0.4, 0.3], "flexural_rigidity": 20.0, "tension": 5.0, "edges": "free"}, "a free plate under tension"),
-    ({"size": [0.4, 0.3], "frequency": 20.0, "tension": 5.0}, "tension and frequency given"),
+    ({"size": [0.4, 0.3], "frequency": 20.0, "tension": 5.0}, "tension and frequency are both given"),
     ({"size": [0.4, 0.3], "flexural_rigidity": 20.0, "cords": {}}, "cords under a plate that is supported"),
-    ({"size": [0.4, 0.3], "flexural_rigidity": 20.0, "frequency": 5.0}, "both flexural_rigidity and frequency given"),
-    ({"size": [0.4, 0.3]}, "neither flexural_rigidity nor frequency nor young given"),
+    (
+        {"size": [0.4, 0.3], "flexural_rigidity": 20.0, "frequency": 5.0},
+        "both flexural_rigidity and frequency are given",
+    ),
+    ({"size": [0.4, 0.3]}, "neither flexural_rigidity nor frequency nor young is given"),
 ]
 
 

@@ -214,7 +214,7 @@ def test_other_faults(tmp_path, capsys, monkeypatch):
     assert "unrecognized arguments: --report; --report belongs to" in capsys.readouterr().err
     monkeypatch.setattr(option_checks, "find_spec", lambda name: None if name == "matplotlib" else find_spec(name))
     assert main.main([str(BALL), "--report"]) == 2
-    assert "--report: needs matplotlib; uv sync --extra plot" in capsys.readouterr().err
+    assert "--report: needs matplotlib; run uv sync --extra plot" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 

@@ -252,7 +252,7 @@ def test_panels_for_paper_are_not_cut_and_their_legends_stand_above_them(ball):
     ("words", "says"),
     [
         (["--plot", "x.jpg"], '--plot: "x.jpg" is not the name of a picture; end it in .png, .pdf or .svg'),
-        (["--plot", "x.pdf", "--plot-style", "papier"], '--plot-style: unknown style "papier"; screen or paper'),
+        (["--plot", "x.pdf", "--plot-style", "papier"], '--plot-style: "papier" is not a style; give screen or paper'),
         (["--plot-style", "paper"], "--plot-style: requires --plot; give that too"),
     ],
 )

@@ -50,7 +50,7 @@ def test_paths_lead_to_where_the_value_stands(tmp_path):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("foo", '"foo" is not a variation; PATH=A..B:N'),
+        ("foo", '"foo" is not a variation; give PATH=A..B:N'),
         ("seconds=", "is not a variation"),
         ("seconds=a..b", "neither a range nor a list"),
         ("seconds=1,,2", "neither a range nor a list"),
@@ -59,7 +59,7 @@ def test_paths_lead_to_where_the_value_stands(tmp_path):
         ("seconds=1..inf:3", "is not a range"),
         ("seconds=1..1:3", "is not a range"),
         ("seconds=1..2:1", "1 values"),
-        ("seconds=1..2", "does not say how many; 1..2:16"),
+        ("seconds=1..2", "does not say how many; give 1..2:16"),
         ("seconds=0..2:log:3", "no logarithm"),
         ("contact.glas.loss=1,2", 'did you mean "contact.glass.loss"?'),
         ("contact.glass.los=1,2", 'did you mean "contact.glass.loss"?'),
@@ -122,7 +122,7 @@ def test_ends_that_cannot_be_are_refused_before_anything_is_rendered(tmp_path, c
     assert len(said) == 3
     assert said[0].startswith("fdh --vary: contact.glass.stiffness: -1.0 is out of range; stiffness kc")
     assert 'pickup.0.quantity: "loudness" is not known' in "".join(said)
-    assert "contact.glass.barrier: on and barrier given" in "".join(said)
+    assert "contact.glass.barrier: on and barrier are both given" in "".join(said)
     assert not list(tmp_path.iterdir())
 
 
@@ -143,7 +143,10 @@ def test_ends_that_cannot_be_are_refused_before_anything_is_rendered(tmp_path, c
         (["--vary", "seconds=1,2", "--seconds", "1"], "seconds: --seconds is given too"),
         (["--vary", "accuracy.order=2,4", "--order", "4"], "accuracy.order: --order is given too"),
         (["--vary", "seconds=1,2", "--vary", "seconds=1,2"], "it varies twice"),
-        (["--vary", "seconds=1..2:1000", "--vary", "body.bell.mass=1..2:1000"], "1000000 points; at most 100000"),
+        (
+            ["--vary", "seconds=1..2:1000", "--vary", "body.bell.mass=1..2:1000"],
+            "the grid has 1000000 points; the limit is 100000",
+        ),
         (["--vary", "seconds=1,2", "--random", "many"], '--random: "many" is not a whole number'),
         (["--vary", "seconds=1,2", "--seed", "3"], "--seed: requires --random"),
         (["--random", "3"], "nothing varies; give --vary PATH=RANGE, or --notes"),
@@ -151,7 +154,7 @@ def test_ends_that_cannot_be_are_refused_before_anything_is_rendered(tmp_path, c
         (["--vary", "seconds=1,2", "-o", MARBLE], "is a file"),
         (["--vary", "seconds=1,2", "-o", "no/where"], "no such folder"),
         (["--vary", "seconds=1,2", "--subtype", "MP7"], "unknown sample format"),
-        (["--vary", "seconds=1,2", "--cluster", "x", "--cores", "2"], "--cores: not for --cluster"),
+        (["--vary", "seconds=1,2", "--cluster", "x", "--cores", "2"], "--cores: cannot be combined with --cluster"),
     ],
 )
 def test_what_does_not_go_together_is_refused(tmp_path, monkeypatch, capsys, words, says):
@@ -173,5 +176,6 @@ def test_without_distributed_the_command_to_run_is_named(tmp_path, monkeypatch, 
     monkeypatch.setattr(plan_module, "find_spec", lambda name: None)
     assert main.main(["sweep", MARBLE, "-o", str(tmp_path / "a"), "--vary", "seconds=1,2", "--cluster", "x"]) == 2
     assert (
-        "--cluster: needs distributed; uv sync --extra cluster, or pip install distributed" in capsys.readouterr().err
+        "--cluster: needs distributed; run uv sync --extra cluster, or pip install distributed"
+        in capsys.readouterr().err
     )

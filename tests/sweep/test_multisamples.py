@@ -262,19 +262,19 @@ def test_notes_and_velocities_are_read(lyre):
     ("words", "says"),
     [
         (["--notes", "H4"], '--notes: "H4" is not a key; a key such as "C4"'),
-        (["--notes", "C3..C5/0"], '"C3..C5/0" is neither a key nor a range; a range such as A0..C8'),
+        (["--notes", "C3..C5/0"], '"C3..C5/0" is neither a key nor a range; give a range such as A0..C8'),
         (["--notes", "C3,,D3"], '"" is neither a key nor a range'),
         (["--notes", "C4..C3"], "goes downwards"),
         (["--notes", "B2,C3,D5"], "--notes: the instrument has no key B2, D5; C3 to C5"),
         (["--notes", "A0..C8"], "no key A0, A#0, B0, C1, C#1, D1, D#1, E1 and 55 more; C3 to C5"),
         (["--notes", "C4", "--velocities", "128"], '--velocities: "128" is neither a number of layers nor a list'),
-        (["--notes", "C4", "--velocities", "40,40"], "40 stands there twice"),
-        (["--notes", "C4", "--hold", "0"], "--hold: 0 is out of range; more than 0 to"),
-        (["--notes", "C4", "--sfz", "--vary", "keyboard.values.hard=1,2"], "--sfz: for one set, of all notes"),
-        (["--notes", "C4", "--vary", "seconds=1,2"], "seconds: of notes, --hold and --seconds say that"),
-        (["--sfz"], "--sfz: requires --notes; give that too: a range such as A0..C8"),
-        (["--velocities", "8"], "--velocities: requires --notes; give that too"),
-        (["--vary", "keyboard.values.hard=1,2", "--hold", "1"], "--hold: requires --notes; give that too"),
+        (["--notes", "C4", "--velocities", "40,40"], "40 is listed twice"),
+        (["--notes", "C4", "--hold", "0"], "--hold: 0 is out of range; give more than 0, at most"),
+        (["--notes", "C4", "--sfz", "--vary", "keyboard.values.hard=1,2"], "--sfz: requires all notes, one of each"),
+        (["--notes", "C4", "--vary", "seconds=1,2"], "seconds: --hold and --seconds set the length of notes"),
+        (["--sfz"], "--sfz: requires --notes; give a range such as A0..C8"),
+        (["--velocities", "8"], "--velocities: requires --notes; give a range"),
+        (["--vary", "keyboard.values.hard=1,2", "--hold", "1"], "--hold: requires --notes; give a range"),
         ([], "nothing varies; give --vary PATH=RANGE, or --notes A0..C8"),
         (["--vary", "body.C4_string.length=1,2"], "is not in the patch"),
     ],
@@ -303,7 +303,7 @@ def test_other_things_and_other_sweeps_are_not_touched(lyre, tmp_path, alone, ca
     folder.mkdir()
     (folder / "mine.txt").write_text("precious")
     assert sampled(lyre, folder, *NOTES) == 2
-    assert "holds other things; give a folder that is empty" in capsys.readouterr().err
+    assert "has other files in it; give an empty folder" in capsys.readouterr().err
     (folder / "mine.txt").unlink()
     assert sampled(lyre, folder, "--vary", "keyboard.values.hard=1,2", "--seconds", "0.1") == 0
     assert sampled(lyre, folder, *NOTES) == 2

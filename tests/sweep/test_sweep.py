@@ -136,7 +136,7 @@ def test_a_folder_of_an_earlier_version_is_left_alone(tmp_path, capsys):
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     assert main.main(["sweep", MARBLE, "-o", str(tmp_path), "--vary", NEAR]) == 2
     said = capsys.readouterr().err
-    assert "is of an earlier version, which named sounds by numbers alone" in said and said.count("\n") == 1
+    assert "is of an earlier version, which named sounds only by numbers" in said and said.count("\n") == 1
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
     assert len(engine.read_sweep(tmp_path).peak) == 3
 
@@ -378,7 +378,10 @@ def test_workers_of_another_engine_are_left_out(tmp_path, cluster):
     run = sweep(*words)
     _, said = run.communicate(timeout=60)
     assert run.returncode == 1 and "Traceback" not in said
-    assert "no worker can be given points; left out, for they have another engine than this one (" in said
+    assert (
+        "no worker can take points; these workers are left out, because they have another version of the engine than "
+        in said
+    )
     assert said.count("\n") == 1 and re.search(r"tcp://127.0.0.1:\d+ \([0-9a-f]{12}\)$", said)
     assert rows(tmp_path / "a") == []
     worker("one")

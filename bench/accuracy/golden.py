@@ -63,7 +63,7 @@ def compare(old: Path, new: Path, names: list[str]) -> int:
 
 
 def main(words: list[str]) -> int:
-    """0 if all bits are the same, 1 if not, 2 if that cannot be told."""
+    """0 if all bits are the same, 1 if not, 2 if they cannot be compared."""
     revisions = [word for word in words if not word.startswith("--only=")]
     only = [name for word in words if word.startswith("--only=") for name in word[7:].split(",")]
     if len(revisions) not in (1, 2):

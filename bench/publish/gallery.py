@@ -45,10 +45,10 @@ This page has a picture and the sound of every patch in `patches/`, and two chan
 To try a change, edit the patch, or use `fdh sweep`. The [glossary](glossary.md) explains the words.
 `uv run python -m bench gallery` makes this page, its pictures and its sounds.
 """
-LEGEND = """The fundamental is the lowest partial within 20 dB of the strongest; "none" means that no partial stands out.
-T60 is computed from the energy that is still to come, between -5 and -25 dB; "none" means that the sound does not fall so
-far. The centroid is the mean frequency, weighted by power. The digest is the beginning of the SHA-256 of the patch; a test
-uses it to find out if this page is out of date.
+LEGEND = """The fundamental is the lowest partial within 20 dB of the strongest; "none" means that no partial stands
+out. T60 is computed from the energy that is still to come, between -5 and -25 dB; "none" means that the sound does
+not fall so far. The centroid is the mean frequency, weighted by power. The digest is the beginning of the SHA-256 of
+the patch; a test uses it to find out if this page is out of date.
 """
 COLUMNS = """| change | description | fundamental, Hz | T60, s | centroid, Hz | level, dB |
 | --- | --- | --- | --- | --- | --- |"""

@@ -101,7 +101,7 @@ def older_tables() -> Iterator[tuple[Path, PublishedTable]]:
 
 
 def main(words: list[str]) -> int:
-    """Print the tables of older kernels, and mark them if asked; returns the exit code."""
+    """Print the tables of older kernels, or mark them with --mark; return the exit code."""
     if words not in ([], ["--mark"]):
         print("bench stale: unknown " + " ".join(words) + "; --mark, or nothing")
         return 2

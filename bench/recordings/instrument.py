@@ -19,7 +19,7 @@ from bench.recordings.partials import Partials, read_partials
 VELOCITY = 10  # of 16, at which all but the brightness is compared
 VELOCITIES = (4, 10, 16)
 MARGIN = 0.25  # s that a rendering is longer than what is measured of it: sound may be late
-LEAST_SLOPE = 0.5  # dB/s: slower than this cannot be told from a beat in ten seconds
+LEAST_SLOPE = 0.5  # dB/s: a slower decay looks like a beat in ten seconds
 BRIGHTEST_KEY = 1000.0  # Hz: of a note above it, what lies over 2 kHz says nothing
 
 Sound = tuple[np.ndarray, float]  # [frames, channels] and its rate, Hz
@@ -28,7 +28,7 @@ ReadNote = Callable[[int, int], Sound | None]  # of a key and a velocity
 
 
 class Note:
-    """A note, and what is measured of it when asked for."""
+    """A note, and its measures, computed when they are needed."""
 
     def __init__(self, sound: Sound, key: int) -> None:
         self.audio, self.rate = sound
@@ -67,7 +67,7 @@ class Note:
 
 @dataclass(frozen=True)
 class Distance:
-    """How far one key is from another, or from a recording of it; not a number where that cannot be told."""
+    """Differences of one key from another, or from a recording of it; NaN where they cannot be measured."""
 
     levels: float = math.nan  # dB
     stiffness: float = math.nan  # share by which B is off

@@ -8,7 +8,7 @@ from engine.patch.one_note import scene_of_note
 
 RATE = 44_100  # Hz
 TUNED = (21, 30, 39, 48, 57, 66, 75, 84, 93, 102)  # every third of the keys recorded
-HELD_LONGER = 1.0  # s, than is heard
+HELD_LONGER = 1.0  # s, than is measured
 
 
 def render_note(key: int, velocity: int, seconds: float, piano: engine.Scene | None = None) -> Sound:

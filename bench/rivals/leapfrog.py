@@ -11,7 +11,7 @@ class Leapfrog:
     """A hammer that flies at masses joined by springs.
 
     masses, mass, spring: of the chain; kg, N/m
-    hit, heard:           which mass the hammer meets, and which is heard
+    hit, heard:           the mass that the hammer meets, and the mass with the pickup
     stiffness, exponent:  of the contact, N/m^α
     hammer:               mass, displacement and velocity at the start; kg, m, m/s
     """
@@ -91,7 +91,7 @@ class Leapfrog:
         return float(kinetic + 0.5 * self.spring * (now @ before) + 0.5 * sum(map(self.potential, compressions)))
 
     def block(self, out: np.ndarray) -> None:
-        """Displacements of the mass that is heard and of the hammer into out [2, frames], m."""
+        """Displacements of the mass with the pickup and of the hammer into out [2, frames], m."""
         for n in range(out.shape[1]):
             out[0, n], out[1, n] = self.now[self.heard], self.hammer
             self.step()

@@ -3,7 +3,7 @@ with bench.ruler.reference but the problem.
 
 From every state the series of modes and forces follow term by term: dp/dt from the forces, a power s^α of a series by
 its recurrence. The last terms give the length of a step. The series show where a contact begins or ends, to the last
-digit, and what is heard in between. s^α with α not an integer has no series at s = 0: its force is on from a
+digit, and the output in between. s^α with α not an integer has no series at s = 0: its force is on from a
 compression on that is so small that it could not be told from 0.
 """
 

@@ -59,8 +59,8 @@ class DistributedBody(BodyTable):
     )
     residual: bool | None = Field(
         default=None,
-        description="of strings, bars and supported plates: whether a few more modes give contacts the compliance of"
-        " those left out; if absent, where that is 3 % or more",
+        description="strings, bars and supported plates: true adds a few modes, which replace the compliance at"
+        " contacts of the modes above the limit of the sample rate; if absent, they are added where it is 3 % or more",
     )
     support: list[Support] = Field(
         default=[], max_length=MAX_SUPPORTS, description="springs and dampers that hold it to the ground"

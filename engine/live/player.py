@@ -246,14 +246,15 @@ class Player:
         self, parameter: str | Mapping[str, float], value: float = 0.0, seconds: float = GLIDE_SECONDS, frame: int = 0
     ) -> None:
         """Set a live parameter: one of `live_parameters`, such as `contact.NAME.stiffness`, `body.NAME.tension` or
-        `pickup.0.gain`. The value glides, and what that does to the energy is accounted for, so that it cannot blow up
-        the sound. What needs new tables glides when these are ready: they are made before the next block of the thread
-        that renders if that has set the value, and otherwise beside the sound, in milliseconds to seconds. Of values
-        that wait for their tables, the newest of each parameter counts.
+        `pickup.0.gain`. The value glides. The energy balance includes the change, so the sound cannot blow up.
 
-        parameter: or several and their values, as {parameter: value}; their tables are made together
-        Raises KeyError if there is no such parameter, ValueError (BuildError) if it cannot have that value. What is
-        found only when tables are made is in `refused` and in the log, and the value stays what it was."""
+        Some parameters, such as a tension, need new coefficients, and glide when these have been computed. The next
+        block waits for them if the thread that renders has called `set`. Otherwise they are computed in the background,
+        in milliseconds to seconds; if a parameter is set again meanwhile, its last value counts.
+
+        parameter: a path; or several and their values, as {parameter: value}, whose coefficients are computed together
+        Raises KeyError if there is no such parameter, ValueError (BuildError) if it cannot have that value. A value
+        that turns out to be impossible later is in `refused` and in the log, and the parameter keeps its old value."""
         values = dict(parameter) if isinstance(parameter, Mapping) else {parameter: value}
         chosen = [self._parameters.checked_value(name, one) for name, one in values.items()]
         duration, frame = checked_number("seconds", seconds), checked_frame(frame)
@@ -272,7 +273,7 @@ class Player:
 
     @property
     def refused(self) -> dict[str, str]:
-        """Parameters that could not have their last value, as was found when its tables were made, and why."""
+        """Parameters whose last value turned out to be impossible, and the reasons."""
         return self._parameters.refused
 
     def value(self, parameter: str) -> float:

@@ -186,7 +186,7 @@ def readable_frames(path: Path) -> int:
 
 
 def repair_header(path: Path) -> int:
-    """Frames of an audio file that can be read. A FLAC file that was broken off does not say how many: it is told."""
+    """Count the frames of an audio file that can be read, and write the number into a FLAC file that lacks it."""
     count, unknown = _count_frames(path)
     if unknown and count:
         with suppress(OSError), path.open("r+b") as file:

@@ -17,7 +17,7 @@ MAX_INITIAL_ENERGY_SHARE = (
     0.01  # of the energy of its motion: what a hammer may hold in a contact at first without a word
 )
 MAX_ENERGY_ERROR = {"float64": 1e-9, "float32": 1e-2}  # of the largest energy held: errors beyond are no rounding
-MAX_CAPPED_SHARE = 0.05  # of the samples in contact: capped solves beyond are heard
+MAX_CAPPED_SHARE = 0.05  # of the samples in contact: more capped solves are audible
 MAX_FDH_DAMPING = 0.15  # σh: beyond, the paper's scheme moves a damped body too far
 
 

@@ -88,7 +88,7 @@ def test_the_command_lists_gives_and_scores(tmp_path, capsys, known):
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        ({"displacement": np.zeros(3)}, "displacement is [3]; [2206] is asked for"),
+        ({"displacement": np.zeros(3)}, "displacement is [3]; the shape must be [2206]"),
         ({"force": np.zeros((2205, 1))}, "has no array displacement"),
         ({"displacement": np.zeros(2206), "speed": np.zeros(1)}, "unknown array speed"),
         ({"displacement": np.zeros(2206), "q": np.zeros((2206, 1))}, "q without p"),

@@ -130,7 +130,7 @@ def test_a_device_that_refuses(tmp_path, number, what):
 def test_no_device(tmp_path):
     (tmp_path / "sounddevice.py").write_text("def query_devices(): return []\n")
     done = run("play", PIANO, environment={"PYTHONPATH": str(tmp_path)})
-    assert done.returncode == 1 and "no output device; rendering to a file needs none" in done.stderr
+    assert done.returncode == 1 and "no output device; rendering to a file does not need one" in done.stderr
 
 
 def test_no_portaudio(tmp_path):

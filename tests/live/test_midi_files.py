@@ -103,7 +103,7 @@ def test_drums_are_left_out_and_counted(rods, tmp_path, capsys):
     assert "drums" not in capsys.readouterr().err
     only = write(tmp_path / "beat.mid", BEAT)
     assert main.main(["render", rods, "--midi", only]) == 2
-    assert "has notes of drums alone (channel 10)" in capsys.readouterr().err
+    assert "has only notes of drums (channel 10)" in capsys.readouterr().err
     assert render(rods, "--midi", only, "--channels", "10", "--seconds", "0.5").any()
 
 
@@ -260,7 +260,7 @@ def test_a_patch_with_nothing_to_play_does_not_end_the_mix(rods, tmp_path, capsy
     song = write(tmp_path / "song.mid", MELODY, notes((36, 2.0, 0.2), channel=2))
     alone = render(rods, "--midi", song, "--channels", "1", "--seconds", "0.5")
     np.testing.assert_array_equal(render(rods, "--midi", song, "--play", "2=rods.toml@-3", "--seconds", "0.5"), alone)
-    assert "rods: song.mid: no notes of track 1 (channel 2) in the first 0.5 s" in capsys.readouterr().err
+    assert "rods: song.mid: there are no notes of track 1 (channel 2) in the first 0.5 s" in capsys.readouterr().err
 
 
 # --- length
@@ -282,7 +282,7 @@ def test_a_song_with_too_many_events_says_how_much_of_it_can_be_played(rods, tmp
     assert main.main(["render", rods, "--midi", song]) == 2
     said = capsys.readouterr().err
     assert (
-        "song.mid makes 82 events of keys and dampers; the limit is 20, which the first" in said
+        "song.mid has 82 events of keys and dampers; the limit is 20, which the first" in said
     )  # 40 strikes, 42 dampers
     seconds = said.split("--seconds ")[1].strip()
     count = int(said.split("the first ")[1].split()[0])

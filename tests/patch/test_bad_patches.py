@@ -57,7 +57,10 @@ LARGE = {
     "dotted header": ("[" + ".".join(["a"] * 100_000) + "]\n", DEEP),
     "dotted key inside": ("a = {" + ".".join(['"a"'] * 100_000) + " = 1}\n", DEEP),
     "digits": (MASS + "x = [1,\n" + "9" * 5000 + "]\n", ":9: a number of over 4000 digits"),
-    "lines of a list": (STRING + "t60 = [\n" + "1.0,\n" * 3000 + "]\n" + HEARD + "x = 1\n", ":7 body[0].t60: 3000 in"),
+    "lines of a list": (
+        STRING + "t60 = [\n" + "1.0,\n" * 3000 + "]\n" + HEARD + "x = 1\n",
+        ":7 body[0].t60: the list has 3000 items",
+    ),
     "one list": (STRING + "t60 = [" + "true," * 150_000 + "]\n" + HEARD, ":7 body[0].t60: the list has 150000 items"),
     "places": (
         STRING + HEARD + CONTACT + "barrier = 0.0\nat = [" + "0.1," * 99_999 + "]\n",

@@ -92,7 +92,7 @@ def test_the_command_lists_gives_and_scores(tmp_path, capsys, known):
         ({"force": np.zeros((2205, 1))}, "has no array displacement"),
         ({"displacement": np.zeros(2206), "speed": np.zeros(1)}, "unknown array speed"),
         ({"displacement": np.zeros(2206), "q": np.zeros((2206, 1))}, "q without p"),
-        ({"displacement": np.zeros(2206, complex)}, "complex128; floating-point"),
+        ({"displacement": np.zeros(2206, complex)}, "complex128; it must be of floating-point"),
         ({"displacement": np.zeros(2206), "seconds": np.array("long")}, "seconds is not a number"),
     ],
 )

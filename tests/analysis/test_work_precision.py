@@ -183,7 +183,7 @@ def test_of_silence_nothing_is_measured(name):
 @pytest.mark.parametrize("seconds", [1e-6, 2.3e-5, 5e-5, 1e-4])
 def test_the_price_of_a_few_samples(seconds):
     found = measure_work_precision(engine.load(PATCH), seconds=seconds)
-    assert found["verdict"].startswith("nothing")
+    assert found["verdict"].startswith(("nothing can be measured", "no setting is better"))
     if seconds < 3e-5:
         assert found["verdict"] == "nothing can be measured: it has one sample; give more seconds"
 

@@ -313,14 +313,14 @@ def test_files_that_are_too_much_are_refused(tmp_path, monkeypatch, capsys):
     """In time, messages or bytes; what lasts longer than a render may is played in part."""
     path = tmp_path / "a.mid"
     written(path, (on(60), 0), (off(60), 480 * 2 * 40_000))
-    with pytest.raises(midi_notes.MidiError, match=r"lasts 11\.1 hours; at most 10"):
+    with pytest.raises(midi_notes.MidiError, match=r"lasts 11\.1 hours; the limit is 10"):
         midi_files.read_notes(path)
     written(path, (on(60), 0), (off(60), 480 * 2 * 7200))
     words = [str(PIANO), "--midi", str(path), "-o", str(tmp_path / "a.wav")]
     assert main.main(words) == 2
     assert "lasts 7203 s; the limit is 3600 s: give --seconds 3600" in capsys.readouterr().err
     monkeypatch.setattr(midi_files, "MAX_MESSAGES", 3)
-    with pytest.raises(midi_notes.MidiError, match="has 4 messages; at most 3"):
+    with pytest.raises(midi_notes.MidiError, match="has 4 messages; the limit is 3"):
         midi_files.read_notes(path)
     monkeypatch.setattr(midi_files, "MAX_FILE_BYTES", 10)
     with pytest.raises(midi_notes.MidiError, match=r"is larger than 1e-05 MB; give a \.mid file"):

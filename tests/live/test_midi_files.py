@@ -155,7 +155,7 @@ def test_channel_10_of_an_mpe_zone_is_no_drum(tmp_path):
 def test_parts_on_one_instrument_are_named_in_a_line(rods, tmp_path, capsys):
     song = write(tmp_path / "song.mid", [], MELODY, BASS, BEAT)
     render(rods, "--midi", song, "--seconds", "0.5")
-    (line,) = [line for line in capsys.readouterr().err.splitlines() if "parts" in line]
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if "parts are" in line]
     assert "2 parts are played on one instrument" in line
     assert 'track 1 "Melody" (channel 1, Violin); track 2 "Bass" (channel 2, Acoustic Bass)' in line
     assert "--channels" in line and "--tracks" in line and "--play" in line

@@ -65,7 +65,7 @@ def test_a_sweep_says_which_file_and_goes_on(tmp_path, monkeypatch):
 
     monkeypatch.setattr("engine.sweep.sweep.save_audio", saved)
     with pytest.raises(
-        RuntimeError, match=r"cannot write .*/unscaled/0002_.*\.wav \(no space left on device\); when it can be, the"
+        RuntimeError, match=r"cannot write .*/unscaled/0002_.*\.wav \(no space left on device\); when this is possible"
     ):
         run_sweep(plan(NEAR), folder, Alone(), {"seconds": 0.02, "samplerate": 44_100})
     assert [row["number"] for row in rows(folder)] == ["1"]

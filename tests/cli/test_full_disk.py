@@ -81,7 +81,7 @@ def test_a_sweep_of_too_little_room_on_the_command_line(tmp_path):
     run = limited(f"from engine.cli import main; sys.exit(main.main({words}))", tmp_path)
     assert run.returncode == 1
     assert run.stderr.splitlines()[-1].startswith(
-        "fdh: cannot write a/unscaled/0001_marble.displacement=0.0001.wav (file too large); when it can"
+        "fdh: cannot write a/unscaled/0001_marble.displacement=0.0001.wav (file too large); when this is possible"
     )
     assert "Traceback" not in run.stderr
     assert [p.name for p in (tmp_path / "a").rglob("*") if p.is_file()] == ["index.csv"]

@@ -36,8 +36,7 @@ SOURCES = [
     if not path.relative_to(ROOT).as_posix().startswith(LATER_FOLDERS)
     and path.relative_to(ROOT).as_posix() not in LATER_FILES
 ]
-LATER_GUIDES = {"architecture.md"}  # its old words are a table of what they are called today
-GUIDES = [path for path in sorted((ROOT / "docs").glob("*.md")) if path.name not in LATER_GUIDES]
+GUIDES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 INDIRECT = re.compile(r"(What|How|Whether|As|Which|Where)\b")
 RIDDLES = re.compile(
     r"\b(is heard|are heard|is told|are told|to be desired|plain step|errs|asked for|learnt|(?:nothing|cannot)"

@@ -25,7 +25,11 @@ def scene() -> engine.Scene:
     joint = {"body": "string", "at": JOINED_AT, "on": "board", "on_at": "bridge", "stiffness": SPRING}
     return engine.Scene.model_validate(
         {
-            "body": [string | {"sigma0": DAMPING, "residual": False}, hammer, board({"bridge": BRIDGE}, modes=BOARD_MODES)],
+            "body": [
+                string | {"sigma0": DAMPING, "residual": False},
+                hammer,
+                board({"bridge": BRIDGE}, modes=BOARD_MODES),
+            ],
             "connection": [joint | {"damping_coefficient": DAMPER}],
             "contact": [{"name": "felt", "body": "hammer", "on": "string", "on_at": STRUCK_AT, **FELT}],
             "pickup": [

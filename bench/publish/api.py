@@ -14,10 +14,23 @@ PAGE = ROOT / "docs" / "api.md"
 INTRODUCTION = """# The Python interface
 
 What `import engine` offers, made of the docstrings by `uv run python -m bench api`; a test runs every example. All
-numbers are in SI units. Importing the engine takes a moment, for what a name needs is imported when it is first used.
+numbers are in SI units. `import engine` is quick: what a name needs is imported when the name is first used.
 Whole scripts to copy are in the [examples](examples/README.md).
 
+| to … | use |
+| --- | --- |
+| read a patch, list its numbers and change them | `load`, `Scene.parameters`, `Scene.replace` |
+| compute a sound, its forces and its energies | `render`, `Rendering` |
+| know how exact it is | `rendering.stats.energy`, `rendering.stats.trusted`, `estimate_error` |
+| compute many sounds | `run_sweep_rows`, `run_sweep` |
+| play on an audio device | `Player.start`, `Player.strike`, `Player.set` |
+| play in your own callback | `Player.render_into`, `Player.read`; [the rules](live.md#your-own-audio-callback) |
+| handle errors | `PatchError` and `BuildError` are ValueErrors, and their `faults` list what is wrong |
+
+Install it in your own environment from a checkout:
+
 ```sh
+pip install .                     # renders and plays; without plots, xarray, MIDI and OSC
 pip install ".[plot]"             # Rendering.plot draws with matplotlib
 pip install ".[sweep]"            # run_sweep and read_sweep give an xarray.Dataset; run_sweep_rows needs no extra
 ```

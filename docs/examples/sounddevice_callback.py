@@ -22,7 +22,7 @@ player, played = engine.Player(engine.load("tanpura"), RATE, math.inf), []
 
 
 def fill_block(out, frames, time, status):
-    """Fill a block. It must be done before the block before it has sounded."""
+    """Fill a block. It must return before the previous block has been played; other busy threads can delay it."""
     seconds = (player.frame + np.arange(frames)) / RATE
     out[:] = player.read(frames) * (0.75 + 0.25 * np.sin(2 * np.pi * 4.0 * seconds))[:, None]
     played.append(out.copy())

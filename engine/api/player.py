@@ -34,11 +34,13 @@ class Player(player.Player):
     voices:  so many copies of the scene, each of which can be tuned
     lowest:  ratio of the lowest pitch they will be tuned to
     general: exponents can be changed; the contact laws are then general ones, which take longer
-    cores:   how many share the work
+    cores:   how many share the work; 1 if absent
     kernel:  special, general or auto (engine.parallel.kernel_choice)
     waiting: forces of limited duration wait until `pluck` starts them
 
-    Block by block, without a device:
+    `channels` is the number of channels, and `samplerate` the sample rate in Hz.
+
+    Block by block, without a device or in an audio callback of your own:
 
     >>> import engine
     >>> player = engine.Player(engine.load("tanpura"))

@@ -123,7 +123,8 @@ class Player:
     # --- playing
 
     def render_into(self, out: np.ndarray) -> None:
-        """Play the next len(out) frames into out, single precision [frames, channels]."""
+        """Play the next len(out) frames into out, single precision [frames, channels], contiguous; silence once all is
+        over. Raises ValueError for another array."""
         if out.dtype != np.float32 or not out.flags.c_contiguous or out.shape[1:] != (self.channels,):
             raise ValueError(f"out must be float32 [frames, {self.channels}], contiguous")
         player: Player | None = self
@@ -183,7 +184,7 @@ class Player:
     def strike(
         self, body: str | None = None, velocity: float | None = None, displacement: float | None = None, frame: int = 0
     ) -> None:
-        """Throw a hammer, again; every hammer of the scene, and every pluck under [[force]], if none is named. It lifts
+        """Launch a hammer again; if none is named, launch every hammer and repeat every pluck under [[force]]. It lifts
         the dampers of what it touches, as a key does.
 
         velocity, displacement: m/s and m; as at time 0 if None
@@ -376,7 +377,17 @@ class Player:
         return settings | {"events": self._queue.entries()}
 
     def meter(self) -> MeterReading:
-        """Read the meter; the peak is the one since the last call."""
+        """Read the meter: `meter()["energy_error"]`, or `meter().energy_error`; `meter().as_dict()` has all.
+
+        peak:         largest sample since the last reading, before the limiter; full scale = 1
+        limited:      samples that the limiter reduced
+        not_finite:   samples that were not finite, and are silent
+        dropped:      events that were dropped, because there were too many at once
+        energy_error: largest error of the energy balance, relative to the maximum stored energy
+        quality:      0 is full quality, -1 and below are reduced
+        worst_block:  time of the costliest block, relative to its deadline; 0 without a device
+        dropouts:     blocks that the device did not get in time; 0 without a device
+        """
         gauges, shared = self.gauges, self.shared
         spent, peak = float(gauges[Gauge.SECONDS_USED]), float(gauges[Gauge.PEAK])
         gauges[Gauge.PEAK] = 0.0

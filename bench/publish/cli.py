@@ -76,7 +76,8 @@ CONVENTIONS = """
 - **Errors in a patch** have the form `file:line path: what is wrong; what to do`. All errors are listed at once, at
   most 50 of them. Unknown keys and options are errors, and the message suggests the closest known one.
 - **`NOT TO BE TRUSTED`** (`"trusted": false` and `reasons` in the JSON output) means that the motion or the energy of a
-  rendering may be wrong; the reason follows.
+  rendering may be wrong; the reason follows. The file is written, and the exit code is 0: a script has to read
+  `trusted`.
 - **Files** appear only when they are complete. An interrupted command leaves no partial file.
 
 | exit code | meaning |
@@ -85,6 +86,7 @@ CONVENTIONS = """
 | 1 | a file could not be written, or standard output was closed or full (the files are complete then) |
 | 2 | bad input: an error in a patch, an option or a file |
 | 130 | interrupted by Ctrl-C |
+| 128 + signal | `fdh play` was ended by another signal; the sound has faded out, and its files are written |
 
 ## Environment variables
 

@@ -42,11 +42,12 @@ HEADER = [
 INTRODUCTION = """# Gallery
 
 This page has a picture and the sound of every patch in `patches/`, and two changes to try, with their measured effects.
-The instruments, such as the [guitar](#guitar) and the [piano](#piano), also have a piece of half a minute.
+Most instruments, such as the [guitar](#guitar) and the [piano](#piano), also have a piece of half a minute.
 
 To render a patch, give its name: `uv run fdh render tanpura` writes `tanpura.wav`. A change such as
-`contact.felt.on_at=0.5` sets the key `on_at` of the contact `felt`; `contact.0` is the first contact. This command renders
-the patch with the change, into the folder `try`: `uv run fdh sweep piano_c4 --vary contact.felt.on_at=0.5 -o try/`.
+`contact.felt.on_at=0.5` sets the key `on_at` of the contact `felt`; `contact.0` is the first contact. This command
+renders the patch with the change, into the folder `try`:
+`uv run fdh sweep piano_c4 --vary contact.felt.on_at=0.5 -o try/`.
 To make a sound of your own, copy the patch, `cp patches/tanpura.toml my_tanpura.toml`, and edit the copy
 ([first patch](first_patch.md)). The [glossary](glossary.md) explains the words.
 

@@ -31,12 +31,12 @@ SHARED_ERROR = (
 class ErrorEstimate(Record):
     """An estimate of the error of a rendering. It is that of the computation alone: not of the numbers of the patch.
 
-    motion:      root mean square up to the horizon, share of that of the sound; of all if the horizon is 0; NaN if the
-                 rendering is at the finest setting itself
-    horizon:     s, up to which the motion is that of the continuous system within a tenth of the largest sample
-    seconds:     that were compared
-    finer:       the settings of the rendering that it is compared with
-    time_factor: time of that over time of this
+    motion:      root mean square of the error up to the horizon, relative to that of the sound; over the whole length
+                 if the horizon is 0; NaN if the rendering already has the finest setting
+    horizon:     time up to which the error is below a tenth of the largest sample, s
+    seconds:     length of the sound that was compared, s
+    finer:       settings of the finer rendering
+    time_factor: computing time of the finer rendering over that of this one
     unseen:      the error that both renderings share, in words; None if they share none
     """
 

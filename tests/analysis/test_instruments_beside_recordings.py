@@ -79,7 +79,7 @@ def test_keys_that_were_tuned_on_are_counted_apart():
         return keyboard(late=5.0 if key == KEYS[0] else 20.0)(key, velocity, seconds)
 
     rows = {row[0]: row[2:6] for row in summary_rows(compare(bad_where_not_tuned, keyboard()), (KEYS[0],))}
-    assert rows["keys"] == ["2", "", "1", ""]
+    assert rows["number of keys"] == ["2", "", "1", ""]
     assert rows["late decay"][1::2] == ["not met", "met"]
     assert rows["inharmonicity"][1::2] == ["met", "met"]
 

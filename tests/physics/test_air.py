@@ -170,11 +170,11 @@ def test_what_flows_out_of_a_hole_is_heard():
 BAD = [
     ({"body": "hammer", "on": "box"}, '"hammer" is of kind "mass", which cannot be next to air'),
     ({"body": "top", "on": "hammer", "volume": 0.1}, '"hammer" is of kind "mass", which cannot be next to air'),
-    ({"body": "top", "on": "box", "volume": 0.1}, "a volume; the air of a box has its own"),
-    ({"body": "top"}, "no volume; give its volume in m³"),
+    ({"body": "top", "on": "box", "volume": 0.1}, "a volume is given; the air of a box has its own"),
+    ({"body": "top"}, "no volume is given; give its volume in m³"),
     ({"body": "top", "on": "top", "volume": 0.1}, "both sides are the same body"),
     ({"body": "drum", "on": "box"}, '"drum" is a circle, which cannot be a wall of a box'),
-    ({"body": "top", "volume": 0.1, "wall": "top"}, "a wall without a box"),
+    ({"body": "top", "volume": 0.1, "wall": "top"}, "a wall is given without a box"),
     ({"body": "top", "on": "tube"}, '"tube" is of kind "tube", which cannot be next to air'),
 ]
 

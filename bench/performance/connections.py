@@ -12,7 +12,7 @@ from bench.performance.instruments import measure
 from bench.publish.report import figure, pin, publish
 from bench.scenes.choirs import choir, keyboard, struck_choir
 from engine.build.build import build
-from engine.kernel.modes import free_step
+from engine.kernel.modes import Motion, free_step
 from engine.offline.simulation import Simulation, time_block
 
 RATE = 44_100
@@ -26,7 +26,7 @@ def fused_passes(h: Any, compensation: np.ndarray, q: np.ndarray, p: np.ndarray,
     """So many steps of modes on which nothing acts. Returns the energy lost, J."""
     lost = 0.0
     for _ in range(frames):
-        lost += free_step(h, None, compensation, q, p)
+        lost += free_step(h, Motion(q, p, compensation))
     return lost
 
 

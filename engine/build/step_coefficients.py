@@ -1,4 +1,4 @@
-"""What depends on the length of a step, as arrays (engine.kernel.model.StepCoefficients)."""
+"""Coefficients that depend on the length of a step, as arrays (engine.kernel.model.StepCoefficients)."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -15,7 +15,7 @@ from engine.kernel.model import BasisCoefficients, ContactCoefficients, ModalLos
 
 
 class ModeCoefficients(NamedTuple):
-    """The step of each mode without contact."""
+    """Coefficients of a step of each mode, without contact."""
 
     kick: np.ndarray  # t [modes], s
     drift: np.ndarray  # v [modes], s
@@ -32,19 +32,20 @@ def step_coefficients(
     is_damped: bool = True,
     loses_at_contacts: bool = True,
 ) -> StepCoefficients:
-    """The coefficients of a step.
+    """Return the coefficients of a step.
 
     length:    as a share of a sample, negative for a step back in time
-    is_damped: whether dampers of connections act in it
-    loses_at_contacts: whether contact loss does
+    is_damped: True if dampers of connections act in the step
+    loses_at_contacts: True if contact loss acts in the step
     """
     step_rate = samplerate / length if is_damped else 0.0
-    omega = layout.concatenate_modes("omega")
+    omega, weights = layout.concatenate_modes("omega"), layout.weights()
     forced = [layout.row(point) for point in layout.force_points]
     return StepCoefficients(
         kick=modes.kick,
         drift=modes.drift,
         spring_kick=modes.kick * omega**2 if omega.any() else None,
+        weight_kick=modes.kick * weights if weights.any() else None,
         loss=modes.loss,
         drag=modes.drag,
         connection=connection_coefficients(layout, modes.kick, modes.drift, step_rate),
@@ -56,7 +57,7 @@ def step_coefficients(
 
 
 def contact_coefficients(layout: Layout, modes: ModeCoefficients, rate: float, step_rate: float) -> ContactCoefficients:
-    """The coefficients of the contacts of a layout, of which there are some.
+    """Return the coefficients of the contacts of a layout, which must have some.
 
     rate:      one over the length of the step, 1/s; 0 if contact loss acts outside it
     step_rate: the same for dampers of connections; 0 if they act outside it
@@ -80,13 +81,13 @@ def contact_coefficients(layout: Layout, modes: ModeCoefficients, rate: float, s
 
 
 def all_factors(layout: Layout, modes: ModeCoefficients, step_rate: float) -> list[IslandFactors | None]:
-    """The factors of the connections of each island; None of one without any."""
+    """Return the factors of the connections of each island; None for an island without any."""
     spans = [slice(*layout.islands.mode[n : n + 2]) for n in range(layout.islands.mode.size - 1)]
     return [island_factors(layout, n, modes.kick[m], modes.drift[m], step_rate) for n, m in enumerate(spans)]
 
 
 class BasisTables(NamedTuple):
-    """The bases of all islands' contacts, as the kernels have them."""
+    """Bases of the contacts of all islands, in the layout of the kernels."""
 
     rows: list[ShapeRow]
     at_contacts: list[np.ndarray]  # of each island that has one
@@ -97,7 +98,7 @@ class BasisTables(NamedTuple):
 def contact_basis_tables(
     layout: Layout, modes: ModeCoefficients, factors: Sequence[IslandFactors | None]
 ) -> BasisTables:
-    """The bases of the contacts of all islands that have one."""
+    """Return the bases of the contacts of all islands that have one."""
     begins, tables = layout.islands.mode, BasisTables([], [], [], [])
     for n, (phi, rank) in enumerate(layout.contact_shapes):
         if rank:
@@ -113,7 +114,7 @@ def contact_basis_tables(
 def _basis_coefficients(
     layout: Layout, modes: ModeCoefficients, factors: Sequence[IslandFactors | None]
 ) -> BasisCoefficients | None:
-    """How the rows of the bases move in a step; None without any."""
+    """Return the step coefficients of the rows of all bases; None without any."""
     tables = contact_basis_tables(layout, modes, factors)
     if not tables.rows:
         return None
@@ -122,8 +123,8 @@ def _basis_coefficients(
 
 
 def _single_contacts(layout: Layout, modes: ModeCoefficients) -> SingleContact | None:
-    """What the modes of each island do at its one contact; None if no island has just one, and no
-    force or connection."""
+    """Return the step coefficients of the modes of islands with one contact, and no force or connection; None if there
+    is no such island."""
     islands = layout.islands
     has_one = (np.diff(islands.contact) == 1) & (np.diff(islands.force) == 0) & (np.diff(islands.connection) == 0)
     if not has_one.any():
@@ -136,7 +137,7 @@ def _single_contacts(layout: Layout, modes: ModeCoefficients) -> SingleContact |
 
 
 def stack(records: Sequence[Any]) -> Any:
-    """One record of several of the same kind: each array has a row for each of them in front."""
+    """Stack records of the same class into one: each array has a row for each record in front."""
     first = records[0]
     if isinstance(first, np.ndarray):
         return np.array(records)

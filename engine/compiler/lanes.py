@@ -1,10 +1,10 @@
-"""Eight numbers of double precision at a time, as vector code on any processor. In compiled code only.
+"""Vectors of eight double-precision numbers, as vector code on any processor. In compiled code only.
 
 `Lanes` are added, subtracted, multiplied and divided as numbers are, by each other or by a number. Each operation is
-rounded as that of a single number, and sums are taken in a fixed order; so the bits do not depend on how wide the
-vectors of the processor are, as those of sums that the compiler may reorder do.
+rounded like that of a single number, and sums are taken in a fixed order. So the bits do not depend on the vector width
+of the processor, as those of sums that the compiler may reorder do.
 
-Without the trick, the same is done number by number.
+Without the trick LANES, the same is done number by number.
 """
 
 import math
@@ -26,7 +26,7 @@ VECTOR = ir.VectorType(DOUBLE, WIDTH)
 
 
 class Lanes(types.Type):
-    """The Numba type of eight numbers of double precision."""
+    """The Numba type of eight double-precision numbers."""
 
     def __init__(self) -> None:
         super().__init__(name="Lanes")
@@ -43,12 +43,13 @@ class _LanesModel(models.PrimitiveModel):
 
 
 def load_lanes(numbers: Any, k: int) -> Any:
-    """Eight numbers of a contiguous array, of either precision, from number k on."""
+    """Return eight numbers of a contiguous array, of either precision, from number k on."""
     raise TypeError("load_lanes is for compiled code")
 
 
 def load_first_lanes(numbers: Any, k: int, count: int) -> Any:
-    """As `load_lanes`, of `count` numbers, fewer than eight: the other lanes are zero, and nothing is read for them."""
+    """Return `count` numbers, fewer than eight, of a contiguous array from number k on. The other lanes are zero, and
+    nothing is read for them."""
     raise TypeError("load_first_lanes is for compiled code")
 
 
@@ -58,67 +59,69 @@ def store_lanes(numbers: Any, k: int, lanes: Any) -> None:
 
 
 def splat(x: float) -> Any:
-    """The same number in each lane."""
+    """Return the same number in each lane."""
     raise TypeError("splat is for compiled code")
 
 
 def multiply_add(a: Any, b: Any, c: Any) -> Any:
-    """a·b + c, rounded once. Numbers stand for the same in each lane, and may be all three."""
+    """Return a·b + c, rounded once. A number stands for the same in each lane; all three may be numbers."""
     raise TypeError("multiply_add is for compiled code")
 
 
 def where_positive(test: Any, yes: Any, no: Any) -> Any:
-    """`yes` in the lanes where `test` > 0, and `no` elsewhere. Numbers stand for the same in each lane, and may be all
-    three."""
+    """Return `yes` in the lanes where `test` > 0, and `no` elsewhere. A number stands for the same in each lane; all
+    three may be numbers."""
     raise TypeError("where_positive is for compiled code")
 
 
 class EightFrom(NamedTuple):
-    """The eight numbers of arrays from one on, in the place of an index: what is written for one number (`number_at`,
-    `put_number`) is then done with eight."""
+    """Index of eight numbers of an array, from one on. With it, code for one number (`number_at`, `put_number`) handles
+    eight."""
 
     first: int
 
 
 class FewFrom(NamedTuple):
-    """As EightFrom, of fewer numbers: the other lanes are read as zeros, and are not written."""
+    """Index of fewer than eight numbers of an array, from one on. The other lanes are read as zeros, and are not
+    written."""
 
     first: int
     size: int
 
 
 def number_at(numbers: Any, place: Any) -> Any:
-    """The number of an array at an index, in double precision; or eight."""
+    """Return the number of an array at an index, in double precision; or eight numbers at an EightFrom or FewFrom."""
     raise TypeError("number_at is for compiled code")
 
 
 def put_number(numbers: Any, place: Any, value: Any) -> None:
-    """Write a number, or eight, to an array."""
+    """Write a number to an array at an index; or several numbers at an EightFrom or FewFrom."""
     raise TypeError("put_number is for compiled code")
 
 
 def zero_like(value: Any) -> Any:
-    """Zero, or eight zeros where `value` is eight numbers."""
+    """Return zero, or eight zeros where `value` is eight numbers."""
     raise TypeError("zero_like is for compiled code")
 
 
 def greater(a: Any, b: Any) -> Any:
-    """The greater of each two lanes; that of `b` where one is not a number."""
+    """Return the greater of each two lanes; that of `b` where one is not a number."""
     raise TypeError("greater is for compiled code")
 
 
 def magnitude(lanes: Any) -> Any:
-    """The absolute value of each lane, or of a number."""
+    """Return the absolute value of each lane, or of a number."""
     raise TypeError("magnitude is for compiled code")
 
 
-def lane_sum(lanes: Any) -> float:
-    """The sum of the lanes: of the two halves lane by lane, and so on."""
+def lane_sum(lanes: Any) -> Any:
+    """Return the sum of the lanes: the two halves are added lane by lane, and so on. For a tuple of Lanes, return the
+    tuple of their sums."""
     raise TypeError("lane_sum is for compiled code")
 
 
 def lane_maximum(lanes: Any) -> float:
-    """The largest of the lanes, where none is not a number."""
+    """Return the largest of the lanes, none of which may be "not a number"."""
     raise TypeError("lane_maximum is for compiled code")
 
 
@@ -130,21 +133,21 @@ def _constant(x: float) -> Any:
 
 
 def _spread(builder: Any, x: Any) -> Any:
-    """A vector with x in each lane."""
+    """Return a vector with x in each lane."""
     undefined = ir.Constant(ir.VectorType(x.type, WIDTH), ir.Undefined)
     first = builder.insert_element(undefined, x, INT32(0))
     return builder.shuffle_vector(first, undefined, ir.Constant(ir.VectorType(INT32, WIDTH), [0] * WIDTH))
 
 
 def _as_lanes(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    """A value as lanes: that of a number is the same in each."""
+    """Return a value as lanes; a number is the same in each."""
     if isinstance(kind, Lanes):
         return value
     return _spread(builder, context.cast(builder, value, kind, types.float64))
 
 
 def _each(builder: Any, operation: Callable[..., Any], *operands: Any) -> Any:
-    """An operation on all lanes: at once, or without the trick one after the other."""
+    """Do an operation on all lanes: at once, or one after the other without the trick LANES."""
     if AS_VECTORS:
         return operation(*operands)
     made = ir.Constant(VECTOR, ir.Undefined)
@@ -155,7 +158,7 @@ def _each(builder: Any, operation: Callable[..., Any], *operands: Any) -> Any:
 
 
 def _intrinsic(builder: Any, name: str, *operands: Any) -> Any:
-    """A function that LLVM knows, of numbers or of vectors."""
+    """Call a function that LLVM knows, on numbers or on vectors."""
     kind = operands[0].type
     suffix = "v8f64" if isinstance(kind, ir.VectorType) else "f64"
     function = ir.FunctionType(kind, [kind] * len(operands))
@@ -182,7 +185,7 @@ class _Arithmetic(AbstractTemplate):
 
 
 def _declare(symbol: Any, instruction: str) -> None:
-    """Let compiled code use an operator of Python on lanes."""
+    """Let compiled code use a Python operator on lanes."""
     infer_global(symbol)(type(f"_{instruction}", (_Arithmetic,), {"key": symbol}))
 
     def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -218,7 +221,7 @@ def _load(context: Any, builder: Any, sig: Any, args: Any) -> Any:
 
 
 def _first(context: Any, builder: Any, kind: Any, count: Any) -> Any:
-    """Which lanes are the first so many."""
+    """Return a mask of the first `count` lanes."""
     several = _spread(builder, context.cast(builder, count, kind, INDEX))
     return builder.icmp_signed("<", ir.Constant(several.type, list(range(WIDTH))), several)
 
@@ -290,7 +293,7 @@ def _put_lanes(context: Any, builder: Any, sig: Any, args: Any) -> Any:
 
 
 def _store_first(context: Any, builder: Any, array: Any, kind: Any, args: Any) -> Any:
-    """Write the first of eight numbers. args: the array, where, how many, and the lanes"""
+    """Write the first of eight numbers to an array. args: the array, the index, the count, and the lanes"""
     numbers, k, count, lanes = args
     pointer = _pointer(context, builder, numbers, array, k, kind)
     into = pointer.type.pointee
@@ -394,7 +397,7 @@ def _magnitude(context: Any, builder: Any, sig: Any, args: Any) -> Any:
 
 
 def _fold(builder: Any, lanes: Any, join: Callable[..., Any]) -> Any:
-    """The lanes joined to one: the two halves lane by lane, and so on."""
+    """Join the lanes to one number: the two halves lane by lane, and so on."""
     width = WIDTH
     while width > 1:
         width //= 2
@@ -405,14 +408,25 @@ def _fold(builder: Any, lanes: Any, join: Callable[..., Any]) -> Any:
 
 
 @type_callable(lane_sum)
+def _type_sum(context: Any) -> Any:
+    number = types.float64
+    return lambda lanes: types.UniTuple(number, len(lanes)) if isinstance(lanes, types.UniTuple) else number
+
+
 @type_callable(lane_maximum)
-def _type_fold(context: Any) -> Any:
+def _type_maximum(context: Any) -> Any:
     return lambda lanes: types.float64
 
 
 @lower_builtin(lane_sum, Lanes)
 def _sum(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     return _fold(builder, args[0], builder.fadd)
+
+
+@lower_builtin(lane_sum, types.UniTuple)
+def _sums(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    sums = [_fold(builder, lanes, builder.fadd) for lanes in cgutils.unpack_tuple(builder, args[0])]
+    return context.make_tuple(builder, sig.return_type, sums)
 
 
 @lower_builtin(lane_maximum, Lanes)

@@ -1,6 +1,5 @@
-"""What the items of each array are: modes, contacts, islands, … It is declared once, in the type of the field that
-holds the array. Views of an island, alignment, precision, allocation and copies are derived from it.
-"""
+"""Axes of arrays: their items are modes, contacts, islands, … The axis is declared once, in the type of the field that
+holds the array. Views of an island, alignment, precision, allocation and copies are derived from it."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -14,7 +13,7 @@ CACHE_LINE_BYTES = 64
 
 
 class Axis(StrEnum):
-    """What the items of an array are. The items of one island lie beside each other."""
+    """Kind of the items of an array. The items of one island lie beside each other."""
 
     MODE = "mode"
     CONTACT = "contact"
@@ -47,7 +46,7 @@ MODAL = (Axis.MODE, Axis.SHAPE)  # these may be of single precision
 
 @dataclass(frozen=True)
 class Items:
-    """How an array is counted."""
+    """Layout of an array: its axis, and how each item is stored."""
 
     axis: Axis
     dtype: Any = np.float64
@@ -99,7 +98,7 @@ class Field(NamedTuple):
 
 
 def fields_of(record: Any) -> Iterator[Field]:
-    """The fields of a record, a NamedTuple class, as its types declare them."""
+    """Yield the fields of a record, a NamedTuple class, as its types declare them."""
     for name, hint in get_type_hints(record, include_extras=True).items():
         options = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
         plain = [option for option in options if option is not NoneType]
@@ -111,9 +110,9 @@ def fields_of(record: Any) -> Iterator[Field]:
 
 
 def map_arrays(change: Callable[[np.ndarray, Items], np.ndarray], value: Any, row_axis: Axis | None = None) -> Any:
-    """A record like `value`, each array replaced by what `change` makes of it. What is None stays None.
+    """Return a record like `value`, each array replaced by the result of `change`. Fields that are None stay None.
 
-    row_axis: what rows of mode shapes are, where `value` is a record of these
+    row_axis: axis of the rows of mode shapes, where `value` is a record of these
     """
     fields = {field.name: field for field in fields_of(type(value))}
     changed = {}
@@ -130,7 +129,7 @@ def map_arrays(change: Callable[[np.ndarray, Items], np.ndarray], value: Any, ro
 
 
 def arrays_of(value: Any) -> Iterator[np.ndarray]:
-    """All arrays of a record, those of the records in it too."""
+    """Yield all arrays of a record, those of the records in it too."""
     for item in value:
         if isinstance(item, np.ndarray):
             yield item
@@ -139,7 +138,7 @@ def arrays_of(value: Any) -> Iterator[np.ndarray]:
 
 
 def pair_arrays(record: Any, ours: Any, theirs: Any) -> Iterator[tuple[Items, np.ndarray, np.ndarray | None]]:
-    """The arrays of one record with those of another at the same place, None where it has none.
+    """Yield the arrays of one record with those of another at the same place, None where it has none.
 
     record: the class of both
     Raises ValueError if the first has not all arrays of the second.
@@ -157,8 +156,8 @@ def pair_arrays(record: Any, ours: Any, theirs: Any) -> Iterator[tuple[Items, np
 
 
 def align_to_cache_lines(value: Any) -> Any:
-    """A copy of a record, each array where a cache line begins: vector loads that cross none are faster (24 free
-    modes: 19 → 14 ns), and times are the same in every run."""
+    """Return a copy of a record in which each array begins a cache line: vector loads that cross none are faster (24
+    free modes: 19 → 14 ns), and times are the same in every run."""
 
     def align(array: np.ndarray, items: Items) -> np.ndarray:
         memory = np.empty(array.nbytes + CACHE_LINE_BYTES, np.uint8)
@@ -171,7 +170,7 @@ def align_to_cache_lines(value: Any) -> Any:
 
 
 def to_single_precision(value: Any) -> Any:
-    """A copy of a record with modes of single precision; contacts and energies stay double."""
+    """Return a copy of a record with modes of single precision; contacts and energies stay double."""
 
     def convert(array: np.ndarray, items: Items) -> np.ndarray:
         single = items.axis in MODAL and array.dtype == np.float64 and not items.is_double
@@ -181,9 +180,9 @@ def to_single_precision(value: Any) -> Any:
 
 
 def allocate(record: Any, counts: Mapping[Axis, int], **given: Any) -> Any:
-    """A record with arrays of zeros, but for the fields that are given.
+    """Return a record with arrays of zeros, but for the fields that are given.
 
-    counts: how many items there are of each axis
+    counts: number of items of each axis
     """
     values = dict(given)
     for field in fields_of(record):

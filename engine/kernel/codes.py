@@ -1,13 +1,13 @@
-"""Statuses, kinds and the columns of arrays: what whole numbers in the kernels mean.
+"""Meanings of whole numbers in the kernels: statuses, kinds and the columns of arrays.
 
-Compiled code has their values as constants. Numbers of event kinds stay: logs of live sound hold them.
+Compiled code has their values as constants. Numbers of event kinds never change, because logs of live sound hold them.
 """
 
 from enum import IntEnum
 
 
 class Quantity(IntEnum):
-    """What a pickup gives."""
+    """Quantity that a pickup gives."""
 
     DISPLACEMENT = 0
     VELOCITY = 1
@@ -16,7 +16,7 @@ class Quantity(IntEnum):
 
 
 class SolveStatus(IntEnum):
-    """How a contact solve ended; also the column of its counter in State.solve_outcomes."""
+    """Outcome of a contact solve; also the column of its counter in State.solve_outcomes."""
 
     FREE = 0  # no contact in reach
     SEPARATION = 1  # in closed form: the step ends outside contact
@@ -27,7 +27,7 @@ class SolveStatus(IntEnum):
 
 
 class EventKind(IntEnum):
-    """What an event does, and to what."""
+    """Kind of an event: its action, and its target."""
 
     STRIKE = 0  # the target mode gets q = value, p = value2
     DAMP = 1  # the target modes keep `value` of their energy of motion in each step, half of the loss at either end
@@ -57,7 +57,7 @@ class EventCursor(IntEnum):
 
 
 class DampedModes(IntEnum):
-    """What is known of the modes that events damp."""
+    """Number of modes that events damp: unknown, none or some."""
 
     UNKNOWN = 0  # State.momentum_kept has to be found anew
     NONE = 1
@@ -72,7 +72,7 @@ class Ledger(IntEnum):
 
 
 class Balance(IntEnum):
-    """What is known of the balance of energy of a scene, J."""
+    """Statistics of the energy balance of a scene, J."""
 
     SAMPLES = 0  # followed so far
     INITIAL = 1
@@ -92,7 +92,7 @@ class EnergyTotal(IntEnum):
 
 
 class SleepMonitor(IntEnum):
-    """Columns of State.sleep_monitor: what an island has been like, to tell when it may sleep."""
+    """Columns of State.sleep_monitor: past levels of an island, which tell when it may sleep."""
 
     PEAK = 0  # of its pickups, since the last check
     PEAK_EVER = 1
@@ -109,7 +109,7 @@ class Sleep(IntEnum):
 
 
 class Wanted(IntEnum):
-    """What of a block is asked for beside its audio: items of BlockOutput.wanted."""
+    """Outputs of a block that may be wanted beside its audio: items of BlockOutput.wanted."""
 
     ENERGIES = 0  # its ledger
     MOTION = 1  # its trace
@@ -123,7 +123,7 @@ class FlightFrame(IntEnum):
 
 
 class Row(IntEnum):
-    """Rows of Scratch.vectors: what the coupled contact solver knows of each contact …"""
+    """Rows of Scratch.vectors: data of the coupled contact solver for each contact …"""
 
     FORCE = 0
     STEP = 1  # η

@@ -1,10 +1,10 @@
-"""A step of an island with connections, of which contacts may be in reach: in one pass over the modes.
+"""One step of an island with connections and with contacts that may be in reach, in one pass over the modes.
 
-As in engine.kernel.connected_step, what the coming drift would do to connections is known from the pass before; so are
-the forces that hold without contacts. These, and the momenta with which modes would drift, say how far each contact
-that is near (engine.kernel.near_contacts) would close. These contacts are solved, the connections answer, and one pass
-moves all modes. What needs the momenta in the midst of a step is left to engine.kernel.step: forces that all but
-cancel, and solves that fail or are capped.
+The pass before has found how far the coming drift would move the connections (engine.kernel.connected_step), and so
+their forces without contacts are known. These forces, and the momenta of the coming drift, tell how far each near
+contact (engine.kernel.near_contacts) would close. These contacts are solved, the forces of connections are corrected
+for them, and one pass moves all modes. Two cases need the momenta in the middle of a step, and are left to
+engine.kernel.step: forces that all but cancel, and solves that fail or are capped.
 """
 
 import math
@@ -26,28 +26,28 @@ from engine.kernel.step import StepOutcome
 
 @noinline
 def try_connected_step(model, contact, connection, h, state, frame):
-    """A step in which connections and contacts act, if that is possible in one pass. Returns whether it was, and a
-    StepOutcome; if not, nothing has changed.
+    """Do a step in which connections and contacts act, if that is possible in one pass. Returns True if it was, and a
+    StepOutcome; if it was not, nothing has changed.
 
     h: StepCoefficients
     """
     nothing = StepOutcome(FALSE, INT64_0, 0.0, 0.0)
     if state.energy_debt[0] != 0.0 or moves_by_basis(contact.basis):
         return FALSE, nothing
-    find_forces(connection, model.weight, h, state)
+    find_forces(connection, h, state)
     if frame >= state.connection.near.until[0]:
         find_near_contacts(model, contact, connection, h, is_damping(model.events, state), state, frame)
-    find_closing(contact, contact.other_rows, model.weight, h, state)
+    find_closing(contact, contact.other_rows, h, state)
     if not is_any_closing(state):
         open_contacts(state)
-        lost = move_all(connection, model.weight, None, h, state)
+        lost = move_all(connection, None, h, state)
         return TRUE, StepOutcome(FALSE, INT64_0, lost, 0.0)
     is_solved, evaluations, dissipated = find_contact_forces(contact, h.contact, h.contact.coupling, state)
     if not is_solved:
         return FALSE, nothing
     answer_contact_forces(h.connection, state)
     push_modes(contact, contact.other_rows, h.contact, state)
-    lost = move_all(connection, model.weight, state.connection.contact_push, h, state)
+    lost = move_all(connection, state.connection.contact_push, h, state)
     clear_pushes(contact, contact.other_rows, state)
     return TRUE, StepOutcome(TRUE, evaluations, lost + dissipated, 0.0)
 
@@ -56,17 +56,17 @@ def try_connected_step(model, contact, connection, h, state, frame):
 
 
 @inline
-def find_closing(contact, other_rows, weight, h, state):
-    """How the coming drift changes the compression of each contact that is near, with the forces of connections and
-    without those of contacts."""
+def find_closing(contact, other_rows, h, state):
+    """Find how far the coming drift would change the compression of each near contact, with the forces of connections
+    and without those of contacts."""
     near, f = state.connection.near, state.connection.force
     g, count = near.free_displacement, near.size[0]
     for n in range(count):
         k = near.contact[n]
         near.compression[n] = state.compression[k]
-        g[n] = coming_move_at_row(contact.rows, h.contact.rows, weight, h, k, state)
+        g[n] = coming_move_at_row(contact.rows, h.contact.rows, h, k, state)
         if other_rows is not None:
-            g[n] += coming_move_at_row(other_rows, h.contact.other_rows, weight, h, k, state)
+            g[n] += coming_move_at_row(other_rows, h.contact.other_rows, h, k, state)
     for i in range(f.shape[0]):
         for n in range(count):
             g[n] -= near.moves[i * count + n] * f[i]
@@ -74,7 +74,7 @@ def find_closing(contact, other_rows, weight, h, state):
 
 @inline
 def is_any_closing(state):
-    """Whether a contact is closed, or would be at the end of the step."""
+    """True if a contact is closed, or would be closed at the end of the step."""
     near = state.connection.near
     for n in range(near.size[0]):
         if near.compression[n] > 0.0 or near.compression[n] + near.free_displacement[n] > 0.0:
@@ -84,7 +84,7 @@ def is_any_closing(state):
 
 @inline
 def open_contacts(state):
-    """All contacts are open at the end of the step."""
+    """Store the compressions at the end of a step in which all contacts are open, and forces of zero."""
     near = state.connection.near
     for n in range(near.size[0]):
         k = near.contact[n]
@@ -97,8 +97,8 @@ def open_contacts(state):
 
 @inline
 def find_contact_forces(contact, h, coupling, state):
-    """Find the contact forces, and store them if that needs no momenta. Returns whether they are, the evaluations of
-    contact laws, and the energy that contact loss takes, J."""
+    """Find the contact forces, and store them if that needs no momenta. Returns True if they are stored, the
+    evaluations of contact laws, and the energy that contact loss takes, J."""
     if coupling is not None:  # by type, where no island of the scene has several contacts
         if state.compression.shape[0] > 1:
             return find_several_forces(contact, h, state)
@@ -107,7 +107,8 @@ def find_contact_forces(contact, h, coupling, state):
 
 @inline
 def find_one_force(contact, h, state):
-    """As `find_contact_forces`, of the only contact of the island."""
+    """Find the force of the only contact of the island, and store it if that needs no momenta. Returns True if it is
+    stored, the evaluations of the contact law, and the energy that contact loss takes, J."""
     s = state.compression[0]
     state.free_displacement[0] = state.connection.near.free_displacement[0]
     solution = find_contact_force(contact, h, state, INT64_0)
@@ -119,7 +120,8 @@ def find_one_force(contact, h, state):
 
 @inline
 def find_several_forces(contact, h, state):
-    """As `find_contact_forces`, of several."""
+    """Find the forces of several contacts, and store them if that needs no momenta. Returns True if they are stored,
+    the rounds of the solve, and the energy that contact loss takes, J."""
     near, n = state.connection.near, state.connection.near.size[0]
     law = law_of_near(contact.law, near.potential_coefficient[0:n], near.exponent[0:n])
     loss_rate = loss_rate_of_near(h.loss_rate, near.loss_rate[0:n])
@@ -139,7 +141,7 @@ def find_several_forces(contact, h, state):
 
 @inline
 def are_usual(h, state):
-    """Whether all forces that were found are finite, and none all but cancels."""
+    """True if all forces that were found are finite, and none of them all but cancels."""
     near, vectors = state.connection.near, state.scratch.vectors
     for n in range(near.size[0]):
         eta, f, k = vectors[Row.STEP, n], vectors[Row.FORCE, n], near.contact[n]
@@ -151,9 +153,9 @@ def are_usual(h, state):
 
 @inline
 def store_forces(contact, h, persist, state):
-    """Give the contacts that are near the forces and compressions that were found. Returns the energy lost, J.
+    """Store the forces and compressions that were found at the near contacts. Returns the energy lost, J.
 
-    persist: whether all that are closed remain so, and END_FORCE is known
+    persist: True if all that are closed remain so, and END_FORCE is known
     """
     near, vectors, lost = state.connection.near, state.scratch.vectors, 0.0
     for n in range(near.size[0]):
@@ -170,7 +172,7 @@ def store_forces(contact, h, persist, state):
 
 @inline
 def answer_contact_forces(h, state):
-    """Change the forces of connections by what they answer to those of contacts."""
+    """Correct the forces of connections for how far the contact forces move these."""
     joined, near = state.connection, state.connection.near
     count = near.size[0]
     for i in range(joined.move.shape[0]):
@@ -184,7 +186,7 @@ def answer_contact_forces(h, state):
 
 @inline
 def push_modes(contact, other_rows, h, state):
-    """What contact forces give modes in half a kick."""
+    """Add to `contact_push` the momentum that the contact forces give each mode in half a kick."""
     near, pushes = state.connection.near, state.connection.contact_push
     for n in range(near.size[0]):
         k = near.contact[n]
@@ -197,7 +199,7 @@ def push_modes(contact, other_rows, h, state):
 
 @inline
 def clear_pushes(contact, other_rows, state):
-    """No contact pushes any mode."""
+    """Set `contact_push` to zero for all modes that contacts have pushed."""
     near, pushes = state.connection.near, state.connection.contact_push
     for n in range(near.size[0]):
         k = near.contact[n]
@@ -209,6 +211,6 @@ def clear_pushes(contact, other_rows, state):
 
 @inline
 def clear_row(rows, k, pushes):
-    """Nothing pushes the modes of row k."""
+    """Set the pushes of the modes of row k to zero."""
     for m in range(rows.mode_begin[k], rows.mode_end[k]):
         pushes[m] = 0.0

@@ -1,11 +1,11 @@
-"""The factors of connections: what their forces are, per extension and per move (docs/design.md, "Connections").
+"""Factors of connections: X, their forces per extension, and Y, per move (docs/design.md, "Connections").
 
 With K the stiffness of the coordinates of an island, R their damping, and B their compliance over a step of length h,
 
     f = K·(s + η/2) + R·η/h,   η = g - B·f   ⇒   (1 + D·B)·f = K·s + D·g,   D = K/2 + R/h
 
-and where a coordinate is rigid, (B·f)ᵢ = (g + s)ᵢ instead. What contacts see is their own compliance, less what the
-connections hold: B_kk - B_kc·Y·B_ck.
+and where a coordinate is rigid, (B·f)ᵢ = (g + s)ᵢ instead. The compliance of contacts is then that of the bodies, less
+what the connections hold: B_kk - B_kc·Y·B_ck.
 """
 
 from engine.compiler.decorators import inline, noinline
@@ -13,7 +13,7 @@ from engine.compiler.decorators import inline, noinline
 
 @inline
 def update_factors(connection, h, contact, state):
-    """Make the factors of a step again where the stiffness or the damping is not what they were made for.
+    """Compute the factors of a step again where the stiffness or the damping has changed since they were made.
 
     h, contact: ConnectionCoefficients, and ContactCoefficients or None
     """
@@ -27,7 +27,7 @@ def update_factors(connection, h, contact, state):
 
 @noinline
 def make_factors(connection, h, joined):
-    """Make X and Y."""
+    """Compute X and Y, the forces of connections per extension and per move."""
     n, x, y, matrix = joined.extension.shape[0], h.force_per_extension, h.force_per_move, joined.matrix
     for i in range(n):
         h.made_for_stiffness[i], h.made_for_damping[i] = joined.stiffness[i], joined.damping[i]
@@ -49,7 +49,7 @@ def make_factors(connection, h, joined):
 
 @noinline
 def eliminate(matrix, x, y, n):
-    """Solve matrix·X = x and matrix·Y = y [n, n] in their place, by Gauss and Jordan, with pivots."""
+    """Solve matrix·X = x and matrix·Y = y [n, n] in place, by Gauss-Jordan elimination with pivots."""
     for c in range(n):
         pivot = c
         for i in range(c + 1, n):
@@ -87,7 +87,7 @@ def subtract_row(matrix, i, j, n, factor):
 
 @inline
 def reduce_contact_compliance(h, contact, n):
-    """Make the compliance of contacts again, of which X and Y are those of h."""
+    """Compute the compliance of each contact again, with the present X and Y of the connections."""
     if contact is not None:
         contacts = contact.compliance.shape[0]
         for k in range(contacts):
@@ -98,7 +98,8 @@ def reduce_contact_compliance(h, contact, n):
 
 @inline
 def reduce_coupling(h, coupling, n, contacts):
-    """The same for the compliance of each contact to the others; if there is one contact, none is kept."""
+    """Compute the compliance of each contact to the others again; `coupling` is None if no island has several
+    contacts."""
     if coupling is not None:
         for k in range(contacts):
             for j in range(contacts):
@@ -107,7 +108,7 @@ def reduce_coupling(h, coupling, n, contacts):
 
 @noinline
 def reduced_compliance(h, n, contacts, k, j):
-    """How far a force at contact j moves contact k over the step, m/N."""
+    """Displacement at contact k per newton at contact j over the step, while the connections hold, m/N."""
     total = h.contact_compliance[k * contacts + j]
     for a in range(n):
         held = 0.0

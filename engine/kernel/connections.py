@@ -2,8 +2,8 @@
 
 Their forces are constant over a step, and linear in extensions and moves (engine.kernel.connection_factors), so that
 they need no iteration, and no stiffness makes a step unstable (docs/design.md, "Connections"). They act like any other
-force: half a kick before the drift, and half a kick after it. Contacts are solved in between; what their forces move,
-the connections answer in the same step.
+force: half a kick before the drift, and half a kick after it. Contacts are solved in between; in the same step, the
+forces of connections are corrected for what the contact forces move.
 """
 
 import math
@@ -26,7 +26,7 @@ from engine.kernel.sums import sum_products, sum_two_products
 
 @inline
 def count_connections(connection, state):
-    """How many coordinates the connections of the island have."""
+    """Number of coordinates that the connections of the island have."""
     if connection is None:
         return INT64_0
     return state.connection.extension.shape[0]
@@ -34,7 +34,7 @@ def count_connections(connection, state):
 
 @inline
 def has_connections(connection, state):
-    """Whether anything in the island is connected."""
+    """True if anything in the island is connected."""
     if connection is None:
         return False
     return state.connection.extension.shape[0] > 0
@@ -42,14 +42,14 @@ def has_connections(connection, state):
 
 @inline
 def forget_moves(joined):
-    """Motion has changed from outside: `free_move` holds no longer. joined: ConnectionState or None"""
+    """Mark `free_move` as unknown, because motion has changed from outside. joined: ConnectionState or None"""
     if joined is not None:
         joined.is_move_known[0] = 0
 
 
 @inline
 def forget_near_contacts(joined):
-    """Other contacts than those in state.connection.near may close. joined: ConnectionState or None"""
+    """Mark state.connection.near as out of date, because other contacts may close. joined: ConnectionState or None"""
     if joined is not None:
         joined.near.until[0] = 0
 
@@ -59,13 +59,13 @@ def forget_near_contacts(joined):
 
 @inline
 def product_at(matrix, i, x):
-    """Row i of a matrix times a vector."""
+    """Return the product of row i of a matrix and a vector."""
     return sum_products(matrix, np.int64(i) * x.shape[0], x, INT64_0, x.shape[0])
 
 
 @inline
 def project_moves(connection, h, p, moves):
-    """How the coming drift changes each extension, m, into `moves`."""
+    """Write how far the coming drift changes each extension, m, to `moves`."""
     for i in range(moves.shape[0]):
         moves[i] = 0.0
     r, total, of = INT64_0, connection.coordinate.shape[0], connection.coordinate
@@ -86,7 +86,7 @@ def project_moves(connection, h, p, moves):
 
 @inline
 def kick_by_forces(connection, h, forces, p):
-    """Half a kick by forces at all coordinates, N."""
+    """Do half a kick by forces at all coordinates, N."""
     r, total, of = INT64_0, connection.coordinate.shape[0], connection.coordinate
     while r < total:
         count = rows_of_same_modes(connection.rows, r, total)
@@ -102,14 +102,14 @@ def kick_by_forces(connection, h, forces, p):
 
 @inline
 def push_by_connections(connection, h, state):
-    """Half a kick by all connections."""
+    """Do half a kick by all connections."""
     if connection is not None:
         kick_by_forces(connection, h.connection, state.connection.force, state.p)
 
 
 @inline
 def solve_connections(h, joined):
-    """The forces of connections, if no contact pushes, by `free_move`."""
+    """Find the forces of connections from `free_move`, if no contact pushes."""
     x, y, n = h.force_per_extension, h.force_per_move, joined.force.shape[0]
     for i in range(n):
         joined.force[i] = sum_two_products(x, joined.extension, y, joined.free_move, np.int64(i) * n, n)
@@ -117,7 +117,7 @@ def solve_connections(h, joined):
 
 @inline
 def begin_connections(connection, h, state):
-    """After the first half-kick of all else but contacts: find the forces of connections, and let them kick."""
+    """Find the forces of connections, and let them kick, after the first half-kick of all else but contacts."""
     if connection is not None:
         if state.connection.extension.shape[0] > 0:
             update_factors(connection, h.connection, h.contact, state)
@@ -129,7 +129,8 @@ def begin_connections(connection, h, state):
 
 @inline
 def answer_contact(connection, h, state, k, f):
-    """After the first half-kick of contact k alone, by a force f: let the connections answer what it moves."""
+    """Correct the forces of connections for what contact k moves with its force f, after the first half-kick of this
+    contact alone; and let the change kick."""
     if connection is not None:
         joined, contacts = state.connection, state.compression.shape[0]
         for i in range(joined.move.shape[0]):
@@ -139,7 +140,8 @@ def answer_contact(connection, h, state, k, f):
 
 @inline
 def answer_contacts(connection, h, state):
-    """As `answer_contact`, of all contacts by their forces."""
+    """Correct the forces of connections for what all contact forces move, after their first half-kick; and let the
+    change kick."""
     if connection is not None:
         if state.connection.extension.shape[0] > 0:
             joined, contacts = state.connection, state.compression.shape[0]
@@ -153,7 +155,8 @@ def answer_contacts(connection, h, state):
 
 @inline
 def answer(connection, h, joined, p):
-    """The forces of connections change by Y times `move`, by which the bodies would move them further; and kick."""
+    """Change the forces of connections by Y times `move`, by which the bodies would move them further; and let the
+    change kick."""
     for i in range(joined.move.shape[0]):
         joined.free_move[i] = product_at(h.force_per_move, i, joined.move)
     kick_by_forces(connection, h, joined.free_move, p)
@@ -163,14 +166,14 @@ def answer(connection, h, joined, p):
 
 @inline
 def measure_moves(connection, h, state):
-    """How far the coming drift changes each extension, from the momenta that the bodies have by now."""
+    """Measure how far the coming drift changes each extension, m, by the momenta that the bodies have by now."""
     if connection is not None:
         project_moves(connection, h.connection, state.p, state.connection.move)
 
 
 @inline
 def hold_connections(connection, state):
-    """Nothing moves in this step."""
+    """Set the moves of all connections in this step to zero."""
     if connection is not None:
         for i in range(state.connection.move.shape[0]):
             state.connection.move[i] = 0.0
@@ -178,9 +181,9 @@ def hold_connections(connection, state):
 
 @inline
 def finish_connections(connection, h, state):
-    """Give each connection its new extension. Returns the energy that dampers have taken, J.
+    """Update the extension of each connection. Returns the energy that dampers have taken, J.
 
-    The moves are measured: what rounding made of g - B·f would have the same sign in each step, and add up.
+    The moves are measured: the rounding of g - B·f would have the same sign in each step, and add up.
     """
     lost = 0.0
     if connection is not None:
@@ -190,7 +193,8 @@ def finish_connections(connection, h, state):
 
 @inline
 def extend_connections(step_rate, joined):
-    """As `finish_connections`. What is too small to add to an extension is carried to the next step (Kahan)."""
+    """Add the move of each connection to its extension. What is too small to add is carried to the next step (Kahan).
+    Returns the energy that dampers have taken, J."""
     lost = 0.0
     for i in range(joined.move.shape[0]):
         before, move = joined.extension[i], joined.move[i]
@@ -206,7 +210,8 @@ def extend_connections(step_rate, joined):
 
 @inline
 def connection_energy(connection, state):
-    """Energy that the connections hold, ½·s·K·s, J; that of ends is beside what their strings hold at rest ends."""
+    """Energy that the connections hold, ½·s·K·s, J. That of string ends does not include what their strings hold while
+    the ends are at rest."""
     total = 0.0
     if connection is not None:
         s = state.connection.extension
@@ -228,7 +233,8 @@ def damp_connections(connection, duration, is_end, state):
 
 @noinline
 def damp_each(connection, duration, is_end, damping, p):
-    """As `damp_connections`, of the dampers of an island."""
+    """Let each damper of an island act outside the step, for half of it, one after the other; at its end in the reverse
+    order. Returns the energy lost, J."""
     lost, count = 0.0, damping.shape[0]
     for n in range(count):
         i = count - 1 - n if is_end else n
@@ -239,7 +245,8 @@ def damp_each(connection, duration, is_end, damping, p):
 
 @noinline
 def damp_coordinate(connection, i, impulse, p):
-    """Let one damper act, whose damping times how long it acts is given, kg. Returns the energy lost, J."""
+    """Let the damper of coordinate i act. Returns the energy lost, J. impulse: its damping times how long it acts,
+    kg"""
     velocity, mobility = 0.0, 0.0
     for r in range(connection.coordinate.shape[0]):
         if connection.coordinate[r] == i:
@@ -259,7 +266,7 @@ def damp_coordinate(connection, i, impulse, p):
 
 @inline
 def reset_extensions(connection, state):
-    """Read the extensions from the modes; what is rigid stays as it is."""
+    """Read the extensions from the modes; those of rigid connections stay as they are."""
     if connection is not None:
         joined = state.connection
         joined.is_move_known[0] = joined.near.until[0] = 0

@@ -1,7 +1,7 @@
-"""The contact forces of a step: after the first half-kick, find them and let them act.
+"""Contact forces of a step: they are found after the first half-kick of all else, and then act.
 
-A solve that fails, or whose forces are not finite, acts on nothing: the step then reverses the
-island's motion (engine.kernel.modes.reverse_motion), which keeps every energy as it is.
+A solve that fails, or whose forces are not finite, acts on nothing: the step then reverses the island's motion
+(engine.kernel.modes.reverse_motion), which keeps every energy as it is.
 """
 
 import math
@@ -33,7 +33,7 @@ from engine.kernel.scalar_contact_solver import loss_rate_of, solve_scalar_conta
 
 
 class ContactSolution(NamedTuple):
-    """What a step does at the contacts of an island."""
+    """Outcome of the contact solve of an island in a step."""
 
     status: int  # SolveStatus; FREE if no contact was in reach
     evaluations: int  # of the contact laws
@@ -43,14 +43,14 @@ class ContactSolution(NamedTuple):
 
 @inline
 def count_outcome(state, evaluations, status):
-    """Count a solve."""
+    """Count the outcome of a solve."""
     state.solve_outcomes[status] += 1
     if status >= SolveStatus.NEWTON:
         state.iteration_histogram[evaluations] += 1
 
 
 class SingleSolution(NamedTuple):
-    """The solution of one contact's equation."""
+    """Solution of one contact's equation."""
 
     eta: float  # change of compression, m
     end: float  # compression at the end of the step, m
@@ -78,7 +78,7 @@ def find_contact_force(contact, h, state, k):
 
 @inline
 def store_single_solution(contact, h, state, k, solution):
-    """Give contact k what was found, where its forces do not cancel. Returns the energy lost, J."""
+    """Store the solution of contact k, where its forces do not cancel. Returns the energy lost, J."""
     eta, b, f, _, _ = solution
     miss = (state.free_displacement[k] - eta) - h.compliance[k] * f
     return store_solution(contact, h, state, k, (eta, b, f, f, end_force_of(contact, h.loss_rate, k, b)), miss)
@@ -86,7 +86,8 @@ def store_single_solution(contact, h, state, k, solution):
 
 @inline
 def use_single_solution(contact, connection, step, state, k, solution):
-    """Give the first half-kick by the force that was found at contact k, and store it. Returns a ContactSolution."""
+    """Do the first half-kick by the force that was found at contact k, and store its solution. Returns a
+    ContactSolution."""
     (eta, b, f, evaluations, status), h = solution, step.contact
     if status == SolveStatus.FAILED:
         return ContactSolution(status, evaluations, 0.0, 0.0)
@@ -137,7 +138,7 @@ def find_coupled_forces(contact, h, problem, state):
 
 @noinline
 def solve_coupled_contacts(contact, connection, step, state):
-    """Solve all contacts of an island, and give the first half-kick by their forces. Returns a ContactSolution."""
+    """Solve all contacts of an island, and do the first half-kick by their forces. Returns a ContactSolution."""
     h = step.contact
     problem = CoupledProblem(
         contact.law,
@@ -162,7 +163,7 @@ def solve_coupled_contacts(contact, connection, step, state):
 
 @inline
 def push_by_solution(contact, connection, step, state, rounds, status):
-    """Give the first half-kick by the forces found at all contacts of an island. Returns SolveStatus."""
+    """Do the first half-kick by the forces found at all contacts of an island. Returns SolveStatus."""
     vectors, n = state.scratch.vectors, state.compression.shape[0]
     for k in range(n):
         if not math.isfinite(vectors[Row.STEP, k] + vectors[Row.END, k] + vectors[Row.FORCE, k]):
@@ -178,14 +179,14 @@ def push_by_solution(contact, connection, step, state, rounds, status):
 
 @inline
 def takes_part(s, vectors, k):
-    """Whether contact k has a force or energy in this step."""
+    """True if contact k has a force or energy in this step."""
     return vectors[Row.FORCE, k] != 0.0 or s[k] > 0.0 or vectors[Row.END, k] > 0.0
 
 
 @inline
 def measure_misses(contact, h, state):
-    """Where the forces of an island all but cancel, MISS of the contacts that take part is measured, from the momenta
-    that the bodies have by now. Returns whether it was."""
+    """Measure MISS of the contacts that take part, where the forces of an island all but cancel. Returns True if it was
+    measured."""
     s, vectors, measured = state.compression, state.scratch.vectors, False
     for k in range(s.shape[0]):
         measured = measured or must_be_measured(h, state, k, s[k], vectors[Row.STEP, k], vectors[Row.FORCE, k])
@@ -196,7 +197,7 @@ def measure_misses(contact, h, state):
 
 @noinline
 def find_misses(contact, h, state):
-    """MISS of the contacts that take part, from the momenta that the bodies have by now."""
+    """Find MISS of the contacts that take part, from the momenta that the bodies have by now."""
     s, vectors = state.compression, state.scratch.vectors
     if moves_by_basis(contact.basis):
         find_moves_by_basis(contact.basis, h.basis, state)
@@ -254,7 +255,7 @@ def use_persistent_solution(contact, connection, step, state, rounds):
 
 @inline
 def force_of_law(contact, loss_rate, k, s, eta, f, status):
-    """The force of the contact law for a step, N; that of a capped solve is not always it."""
+    """Force of the contact law for a step, N; that of a capped solve may differ from it."""
     if status == SolveStatus.CAPPED and loss_rate_of(loss_rate, k) > 0.0:
         return contact_response(contact.law, loss_rate, k, s, eta)[0]
     return f
@@ -262,8 +263,8 @@ def force_of_law(contact, loss_rate, k, s, eta, f, status):
 
 @inline
 def solve_contacts(contact, connection, step, state):
-    """Solve for the contact forces of an island, and give the first half-kick by them, and by what the connections
-    answer. Returns a ContactSolution.
+    """Solve for the contact forces of an island. Do the first half-kick by them, and by the correction of the forces of
+    connections. Returns a ContactSolution.
 
     step: StepCoefficients
     """
@@ -285,7 +286,8 @@ def solve_contacts(contact, connection, step, state):
 
 @inline
 def solve_closing(contact, connection, step, coupling, state, last):
-    """Solve contacts of which some are in reach; `last` is the last of these. Returns a ContactSolution."""
+    """Solve the contacts of an island, of which some are in reach; `last` is the last of these. Returns a
+    ContactSolution."""
     if coupling is not None:  # by type, where no island of the scene has several contacts
         if state.compression.shape[0] > 1:
             return solve_coupled_contacts(contact, connection, step, state)

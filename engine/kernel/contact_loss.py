@@ -1,8 +1,8 @@
 """Contact loss apart from the contact solve, in samples of order 4 and 6 (docs/design.md, "Contact loss apart").
 
 With the compression held, Hunt-Crossley loss is a damper c = μ·f(s) between the bodies: a relative velocity u falls as
-e^(-c·W·t), W = Φ·Φᵀ, whatever t. It acts between the stages of a sample, for a sixth to a third of it each time, and
-the stages, some of which go back in time, have none. What it takes is small, or it stays in the solve, at order 2.
+e^(-c·W·t), W = Φ·Φᵀ, whatever t. It acts between the stages of a sample, for a sixth to a third of it each time. The
+stages, some of which go back in time, have no loss. Where the loss is not small, it stays in the solve, at order 2.
 """
 
 import math
@@ -17,7 +17,7 @@ MIN_SHARE_LEFT = 0.5  # of a compression: where less is left at the end of a sam
 
 @inline
 def relative_velocity(contact, other_rows, k, p):
-    """How fast contact k closes, m/s."""
+    """Velocity at which contact k closes, m/s."""
     velocity = project(contact.rows, k, p)
     if other_rows is not None:
         velocity += project(other_rows, k, p)
@@ -26,7 +26,7 @@ def relative_velocity(contact, other_rows, k, p):
 
 @inline
 def push_apart(contact, other_rows, k, impulse, p):
-    """Let an impulse, N·s, push the bodies of contact k apart."""
+    """Push the bodies of contact k apart by an impulse, N·s."""
     push_at_row(contact.rows, contact.rows.phi, k, -impulse, p)
     if other_rows is not None:
         push_at_row(other_rows, other_rows.phi, k, -impulse, p)
@@ -34,7 +34,7 @@ def push_apart(contact, other_rows, k, impulse, p):
 
 @inline
 def is_loss_small(contact_loss, contact, samplerate, state):
-    """Whether the contact loss of the coming sample is small enough to act between its stages."""
+    """True if the contact loss of the coming sample is small enough to act between its stages."""
     if contact_loss is None:
         return TRUE
     return is_small_everywhere(contact_loss, contact, samplerate, state)
@@ -42,7 +42,8 @@ def is_loss_small(contact_loss, contact, samplerate, state):
 
 @noinline
 def is_small_everywhere(contact_loss, contact, samplerate, state):
-    """As `is_loss_small`, of contacts with loss."""
+    """True if the loss of all contacts in the coming sample is small enough to act between its stages. Samples in which
+    it is too strong are counted."""
     total, is_pushing = 0.0, TRUE
     for k in range(state.compression.shape[0]):
         if contact_loss.loss[k] > 0.0:
@@ -61,8 +62,8 @@ def is_small_everywhere(contact_loss, contact, samplerate, state):
 
 @inline
 def lose_at_contacts(contact_loss, contact, duration, is_backwards, rate, state):
-    """Let the loss of all contacts act for a while, s, one after the other; or in the reverse order. Returns the energy
-    lost, J.
+    """Let the loss of all contacts act for a duration, s, one after the other; if backwards, in the reverse order.
+    Returns the energy lost, J.
 
     rate: sample rate, 1/s; 0 before the first stage, when no contact has pushed as yet
     """
@@ -75,7 +76,7 @@ def lose_at_contacts(contact_loss, contact, duration, is_backwards, rate, state)
 
 @noinline
 def lose_at_each(contact_loss, contact, duration, is_backwards, rate, state):
-    """As `lose_at_contacts`, of contacts with loss."""
+    """Let the loss of each closed contact act for a duration, s, one after the other. Returns the energy lost, J."""
     lost, count = 0.0, state.compression.shape[0]
     for n in range(INT64_0, count):
         k = count - 1 - n if is_backwards else n
@@ -86,7 +87,7 @@ def lose_at_each(contact_loss, contact, duration, is_backwards, rate, state):
 
 @inline
 def lose_at_contact(contact_loss, contact, duration, k, rate, state):
-    """Let the loss of contact k act for a while, s. Returns the energy lost, J."""
+    """Let the loss of contact k act for a duration, s. Returns the energy lost, J."""
     f, mobility = elastic_force(contact.law, k, state.compression[k]), contact_loss.mobility[k]
     velocity = relative_velocity(contact, contact.other_rows, k, state.p)
     impulse = -velocity * math.expm1(-contact_loss.loss[k] * f * mobility * duration) / mobility

@@ -18,7 +18,7 @@ LINE_SEARCHES = 16  # that the capped solves of an island may spend between two 
 
 @inline
 def moves_by_basis(basis):
-    """Whether contacts move bodies, and are moved, by the rows of their basis."""
+    """True if contacts move bodies, and are moved, by the rows of their basis."""
     if basis is None:
         return False
     return basis.is_first.shape[0] > 0 and basis.is_first[0] != 0
@@ -26,7 +26,7 @@ def moves_by_basis(basis):
 
 @inline
 def find_moves_by_basis(basis, coefficients, state):
-    """How the coming drift changes each compression, by the basis of the island's contacts."""
+    """Find how far the coming drift changes each compression, m, by the basis of the island's contacts."""
     if basis is not None:
         g, momentum = state.free_displacement, state.scratch.vectors[Row.GUESS]
         island_basis = basis_of_island(basis, coefficients, g.shape[0])
@@ -37,7 +37,7 @@ def find_moves_by_basis(basis, coefficients, state):
 
 @inline
 def push_by_basis(basis, coefficients, state):
-    """Half a kick by all contact forces, by the basis of the island's contacts."""
+    """Do half a kick by all contact forces, by the basis of the island's contacts."""
     if basis is not None:
         f, vectors = state.contact_force, state.scratch.vectors
         island_basis = basis_of_island(basis, coefficients, f.shape[0])
@@ -48,7 +48,7 @@ def push_by_basis(basis, coefficients, state):
 
 @inline
 def free_displacement_at(contact, other_rows, h, k, p):
-    """How the coming drift changes compression k without contact force, m: g."""
+    """Change of compression k by the coming drift without contact force, g, m."""
     g = project_drift(contact.rows, h.rows, k, p)
     if other_rows is not None:
         g += project_drift(other_rows, h.other_rows, k, p)
@@ -57,7 +57,7 @@ def free_displacement_at(contact, other_rows, h, k, p):
 
 @inline
 def free_displacements(contact, h, state):
-    """How the coming drift changes each compression."""
+    """Find how far the coming drift changes each compression, m."""
     if moves_by_basis(contact.basis):
         find_moves_by_basis(contact.basis, h.basis, state)
         return
@@ -70,7 +70,7 @@ def free_displacements(contact, h, state):
 
 @inline
 def apply_contact_force(contact, other_rows, h, k, f, p):
-    """Half a kick by the force f of contact k on the bodies it joins."""
+    """Do half a kick by the force f of contact k on the bodies it joins."""
     kick_at_row(contact.rows, h.rows, k, -f, p)
     if other_rows is not None:
         kick_at_row(other_rows, h.other_rows, k, -f, p)
@@ -78,7 +78,7 @@ def apply_contact_force(contact, other_rows, h, k, f, p):
 
 @inline
 def apply_contact_forces(contact, h, state):
-    """Half a kick by all contact forces."""
+    """Do half a kick by all contact forces."""
     if contact is not None:
         if moves_by_basis(contact.basis):
             push_by_basis(contact.basis, h.basis, state)
@@ -91,7 +91,7 @@ def apply_contact_forces(contact, h, state):
 
 @inline
 def clear_forces(contact, state):
-    """No contact force acts in this step."""
+    """Set all contact forces of this step to zero."""
     if contact is not None:
         for k in range(state.compression.shape[0]):
             state.contact_force[k] = 0.0
@@ -99,7 +99,7 @@ def clear_forces(contact, state):
 
 @inline
 def compression_from_modes(contact, other_rows, state, k):
-    """Compression of contact k as the displacements of the modes give it, m."""
+    """Compression of contact k, from the displacements of the modes, m."""
     s = project(contact.rows, k, state.q) - state.barrier[k]
     if other_rows is not None:
         s += project(other_rows, k, state.q)
@@ -108,9 +108,9 @@ def compression_from_modes(contact, other_rows, state, k):
 
 @inline
 def resync_open_contacts(contact, state):
-    """Out of contact, read the compressions from the modes.
+    """Read the compressions of open contacts from the modes.
 
-    Never in contact, where it would cost 1e-12 of the energy at kc = 1e13 (docs/design.md, sec. 3).
+    This is never done in contact, where it would cost 1e-12 of the energy at kc = 1e13 (docs/design.md, sec. 3).
     """
     if contact is not None:
         for k in range(state.compression.shape[0]):
@@ -133,7 +133,7 @@ def contact_energy(contact, state):
 
 @inline
 def bound_at_contact(contact, other_rows, k, bound):
-    """How far contact k can close, m, if each mode moves no further than `bound`."""
+    """Return how far contact k can close, m, if each mode moves no further than `bound`."""
     distance = bound_at_row(contact.rows, k, bound)
     if other_rows is not None:
         distance += bound_at_row(other_rows, k, bound)
@@ -142,8 +142,8 @@ def bound_at_contact(contact, other_rows, k, bound):
 
 @inline
 def split_bound_at_row(connection, rows, r, bound):
-    """How far the modes of row r can move its point, m, if each moves no further than `bound`: of a body that nothing
-    is connected to, and of one that is."""
+    """Return how far the modes of row r can move its point, m, if each moves no further than `bound`. Of the two
+    numbers, the first is for a body to which nothing is connected, and the second for any other; one of them is 0."""
     distance = bound_at_row(rows, r, bound)
     if connection is not None:
         if distance > 0.0 and connection.is_unconnected[rows.mode_begin[r]] == 0.0:
@@ -153,7 +153,8 @@ def split_bound_at_row(connection, rows, r, bound):
 
 @inline
 def split_bound_at_contact(contact, other_rows, connection, k, bound):
-    """The same of contact k: how far it can close."""
+    """Return how far contact k can close, m, if each mode moves no further than `bound`: by the bodies to which nothing
+    is connected, and by the others."""
     alone, connected = split_bound_at_row(connection, contact.rows, k, bound)
     if other_rows is not None:
         more, further = split_bound_at_row(connection, other_rows, k, bound)
@@ -163,11 +164,11 @@ def split_bound_at_contact(contact, other_rows, connection, k, bound):
 
 @inline
 def reach_of_connected(connection, amplitude, is_disturbed, k, distance):
-    """How far what is connected can close contact k, m: by all of its energy; or as far as the bodies there move by
-    themselves, and what the forces of connections add, which that energy bounds.
+    """Return how far what is connected can close contact k, m. All of its energy bounds that; or, if less, what the
+    bodies move by themselves and what the forces of connections add, which that energy bounds.
 
-    amplitude:    √(2E) of it, √J
-    is_disturbed: whether the bodies do not move by themselves alone, but are damped by an event
+    amplitude:    √(2E) of what is connected, √J
+    is_disturbed: True if the bodies do not move by themselves alone, but are damped by an event
     distance:     how far the bodies can close it by themselves, m
     """
     if connection is None:
@@ -180,8 +181,11 @@ def reach_of_connected(connection, amplitude, is_disturbed, k, distance):
 
 @inline
 def cannot_close(contact, connection, amplitude, is_disturbed, state):
-    """Whether no contact can close if each mode moves by itself no further than `state.displacement_bound`, and what is
-    connected has no more than this amplitude, √J. is_disturbed: as of `reach_of_connected`"""
+    """True if no contact can close while each mode moves by itself no further than `state.displacement_bound`.
+
+    amplitude:    √(2E) of what is connected at most, √J
+    is_disturbed: True if the bodies do not move by themselves alone, but are damped by an event
+    """
     if contact is not None:
         for k in range(state.compression.shape[0]):
             bound = state.displacement_bound
@@ -194,14 +198,14 @@ def cannot_close(contact, connection, amplitude, is_disturbed, state):
 
 @inline
 def invalidate_margins(moving):
-    """The margins of a refined sample (engine.kernel.refinement) hold no longer."""
+    """Mark the margins of a refined sample (engine.kernel.refinement) as no longer valid."""
     if moving is not None:
         moving.margin_valid[0] = 0
 
 
 @inline
 def reset_line_search_budget(coupling, state):
-    """A new budget for capped solves."""
+    """Give capped solves a new budget of line searches."""
     if coupling is not None:
         state.line_search_budget[0] = LINE_SEARCHES
 
@@ -221,16 +225,15 @@ def contact_dissipation(contact, loss_rate, k, s, b, eta, f):
 
 @inline
 def store_solution(contact, h, state, k, solution, miss):
-    """Give contact k its new compression and force; returns the energy lost.
+    """Store the new compression and force of contact k. Returns the energy lost, J.
 
-    solution: η (m), end compression b (m), force f (N), the force of the contact law (N), which f is not where a
+    solution: η (m), end compression b (m), force f (N), the force of the contact law (N), from which f differs where a
               solve was capped, and the elastic force at b (N) if there is contact loss
     miss:     how far the bodies moved at the contact beyond η, m
 
-    What rounding leaves of a step has the same sign at every step of a contact, and would add up
-    (2e-13 of the energy in 60 ms): the low part of B, the residual of the
-    solution, and the step's part beneath the last digit of the compression. It is carried to the
-    next step (Kahan).
+    The rounding of a step has the same sign at every step of a contact, and would add up (2e-13 of the energy in 60
+    ms). It consists of the low part of B, the residual of the solution, and the step's part beneath the last digit of
+    the compression. It is carried to the next step (Kahan).
     """
     eta, b, f, _, _ = solution
     s = state.compression[k]
@@ -250,7 +253,7 @@ def store_solution(contact, h, state, k, solution, miss):
 
 @inline
 def store_free_move(state, k):
-    """As `store_solution`, of a contact that is open before the step and after it."""
+    """Store the compression of contact k, which is open before the step and after it, and a force of zero."""
     vectors = state.scratch.vectors
     state.compression[k] = vectors[Row.END, k]
     state.compression_compensation[k] += vectors[Row.MISS, k]
@@ -269,7 +272,7 @@ def dissipation_of(contact, loss_rate, k, s, solution, miss):
 
 @inline
 def end_force_of(contact, loss_rate, k, b):
-    """The elastic force at the end compression b, N, where the loss of a solution calls for it."""
+    """Elastic force at the end compression b, N; 0 where there is no loss, and it is not needed."""
     if loss_rate_of(loss_rate, k) == 0.0:
         return 0.0
     return elastic_force(contact.law, k, b)
@@ -277,16 +280,17 @@ def end_force_of(contact, loss_rate, k, b):
 
 @inline
 def must_be_measured(h, state, k, s, eta, f):
-    """Whether the energy at contact k has to be measured. Its forces all but cancel: of what a force moves by itself,
-    B·f, so little is left that the rest is rounding. Or this was so before, and a residue is left of it."""
+    """True if the energy at contact k has to be measured, because its forces all but cancel: of the move B·f by the
+    force itself, so little is left that the rest is rounding. True also if this was so before, and a residue is left of
+    it."""
     size = abs(s) + abs(eta)
     return h.compliance[k] * f > CANCELLATION * size or abs(state.compression_compensation[k]) > LARGE_RESIDUE * size
 
 
 @noinline
 def measured_miss(contact, h, state, k, eta, f):
-    """How far the bodies move at contact k beyond the step η, m, from the momenta they have by now;
-    `free_displacement` is then the whole move."""
+    """Measure how far the bodies move at contact k beyond the step η, m, by the momenta they have by now.
+    `free_displacement` becomes the whole move."""
     move = free_displacement_at(contact, contact.other_rows, h, k, state.p)
     state.free_displacement[k] = move
     return (move - eta) + h.compliance_low[k] * f  # the last is taken off in `store_solution`
@@ -294,16 +298,16 @@ def measured_miss(contact, h, state, k, eta, f):
 
 @noinline
 def energy_created(contact, state, k, s, lost, f):
-    """Energy that contact k has gained since its compression was s, and lost, beyond the work of its force on what
-    moves, J."""
+    """Energy that contact k has gained since its compression was s, and lost, beyond the work of the bodies against its
+    force f, J."""
     end = state.compression[k]
     return potential_difference(contact.law, k, s, end, end - s) + lost - f * state.free_displacement[k]
 
 
 @inline
 def energy_created_if_persistent(loss_rate, state, k, s, lost, solution):
-    """As `energy_created`, of a contact that persists: its potential is that of the solution, but for what rounding
-    moved the compression beyond it."""
+    """Return the energy that a contact which persists has gained beyond the work of its force, J. Its potential is
+    that of the solution, but for what rounding moved the compression beyond it."""
     eta, _, f, _, end_force = solution
     elastic = f / (1.0 + loss_rate_of(loss_rate, k) * eta)
     gained = elastic * eta + end_force * ((state.compression[k] - s) - eta)

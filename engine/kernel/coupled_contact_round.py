@@ -1,4 +1,4 @@
-"""The parts of one round of the coupled contact solve, on the contacts of the active set
+"""Parts of one round of the coupled contact solve, on the contacts of the active set
 (engine.kernel.coupled_contact_solver).
 
 All numbers lie in the Scratch: a row for each quantity (engine.kernel.codes.Row), and B of the active set. Names in
@@ -36,7 +36,7 @@ MIN_RHO = 1e-8  # of B_kk; below, ρ is rounding
 
 @inline
 def dot(a, b, n):
-    """Σ a·b over the first n."""
+    """Return Σ a·b over the first n numbers."""
     return sum_products(a, INT64_0, b, INT64_0, n)
 
 
@@ -46,7 +46,7 @@ def dot(a, b, n):
 
 @noinline
 def multiply_compliance(near, n, x, product):
-    """Σ_j B_ij·x_j of each contact i of an active set of n."""
+    """Write Σ_j B_ij·x_j of each contact i of an active set of n to `product`."""
     for i in range(INT64_0, n, LANES):
         even, odd, j = splat(0.0), splat(0.0), INT64_0
         while j + 1 < n:
@@ -60,7 +60,7 @@ def multiply_compliance(near, n, x, product):
 
 @noinline
 def sum_sizes(near, n, x, sizes):
-    """Σ_j |B_ij·x_j| of each contact i of an active set of n."""
+    """Write Σ_j |B_ij·x_j| of each contact i of an active set of n to `sizes`."""
     for i in range(INT64_0, n, LANES):
         total = splat(0.0)
         for j in range(n):
@@ -70,7 +70,7 @@ def sum_sizes(near, n, x, sizes):
 
 @inline
 def contact_response(law, loss_rate, k, s, eta):
-    """Mean force and slope df/dη of contact k for a step η."""
+    """Return the mean force and slope df/dη of contact k for a step η."""
     b = s + eta
     rate = loss_rate_of(loss_rate, k)
     if 1.0 + rate * eta <= 0.0:
@@ -85,7 +85,7 @@ def contact_response(law, loss_rate, k, s, eta):
 
 @noinline
 def substitute(scratch, n, residual, out):
-    """Solve (I + √J B √J) y = √J·residual by the present factor, for out = √J y."""
+    """Solve (I + √J B √J) y = √J·residual by the present Cholesky factor, and write √J y to `out`."""
     a, hot = scratch.cholesky, scratch.sloped
     slope, root, y = scratch.vectors[Row.SLOPE], scratch.vectors[Row.SQRT_SLOPE], scratch.vectors[Row.WORK]
     count = 0
@@ -109,10 +109,10 @@ def substitute(scratch, n, residual, out):
 
 @noinline
 def newton_step(scratch, n):
-    """NEWTON_STEP = √J y with (I + √J B √J) y = √J·RESIDUAL, over the contacts with slope J > 0.
+    """Write NEWTON_STEP = √J y with (I + √J B √J) y = √J·RESIDUAL, over the contacts with slope J > 0.
 
-    The symmetric form of the Newton step: to first order, adding NEWTON_STEP to the forces on the
-    laws removes RESIDUAL. The factor (Cholesky, its diagonal inverted) stays in the scratch.
+    This is the symmetric form of the Newton step: to first order, adding NEWTON_STEP to the forces on the laws removes
+    RESIDUAL. The Cholesky factor, its diagonal inverted, stays in the scratch.
     """
     near, a, hot = scratch.active_compliance, scratch.cholesky, scratch.sloped
     slope, root = scratch.vectors[Row.SLOPE], scratch.vectors[Row.SQRT_SLOPE]
@@ -135,7 +135,7 @@ def newton_step(scratch, n):
 
 @noinline
 def tangent_compliances(scratch, n):
-    """Tangent compliance of each contact, RHO: the Schur complement of I + √J B √J with the other contacts
+    """Write the tangent compliance of each contact, RHO: the Schur complement of I + √J B √J with the other contacts
     linearised, from the present factor.
 
     With A = I + √J B √J it is (1/(A⁻¹)_kk - 1)/J_k, or without a slope B_kk - (B √J A⁻¹ √J B)_kk.
@@ -171,10 +171,10 @@ def tangent_compliances(scratch, n):
 @noinline
 def project_onto_laws(problem, n):
     """Project each contact onto its law (Minty's parametrisation): find (η, f) on the curve with η + RHO·f = TARGET.
-    RESIDUAL is what is then left of the contact equations.
+    RESIDUAL becomes the error of the contact equations.
 
-    Returns the largest residual in units of what rounding allows (converged: ≤ 1); and for a
-    set of one, which this solves, the evaluations of its law and how it ended.
+    Returns the largest residual in units of what rounding allows (converged: ≤ 1). For a set of one, which this solves,
+    it also returns the evaluations of its law and SolveStatus.
     """
     scratch = problem.scratch
     vectors, near, contacts = scratch.vectors, scratch.active_compliance, scratch.active
@@ -205,8 +205,8 @@ def project_onto_laws(problem, n):
 
 @noinline
 def line_search(problem, n):
-    """Move the forces GUESS by one Newton step on the convex potential ½ fᵀBf + Σ ∫φ_k dη, η = g - B f,
-    as far as it falls."""
+    """Move the forces GUESS along one Newton step on the convex potential ½ fᵀBf + Σ ∫φ_k dη, η = g - B f, as far as
+    the potential falls."""
     scratch = problem.scratch
     vectors, near, contacts = scratch.vectors, scratch.active_compliance, scratch.active
     s, g = vectors[Row.START], vectors[Row.FREE_MOVE]
@@ -249,7 +249,7 @@ def line_search(problem, n):
 
 
 class ForceEstimate(NamedTuple):
-    """A contact in the midst of a solve."""
+    """Estimate of the force of a contact in the middle of a solve."""
 
     eta: float  # change of compression, m
     end: float  # compression at the end of the step, m
@@ -259,7 +259,7 @@ class ForceEstimate(NamedTuple):
 
 @inline
 def extrapolation_error(law, k, s, estimate, move):
-    """Relative errors of the force after a small further move, to first order and to second."""
+    """Return the relative errors of the force after a small further move, to first order and to second."""
     eta, b, f, slope = estimate
     if f <= 0.0:
         none = 0.0 if b <= 0.0 or move == 0.0 else np.inf
@@ -273,7 +273,7 @@ def extrapolation_error(law, k, s, estimate, move):
 
 @inline
 def second_order_change(law, loss_rate, k, s, estimate, move):
-    """Change of the force of contact k of second order in a small move."""
+    """Return the change of the force of contact k of second order in a small move."""
     eta, b, f, _ = estimate
     if b > 0.0:
         _, _, ddf, _ = response_in_contact(law, k, s, b, eta, loss_rate_of(loss_rate, k))
@@ -283,10 +283,10 @@ def second_order_change(law, loss_rate, k, s, estimate, move):
 
 @noinline
 def try_extrapolate(problem, n):
-    """Try to take the last Newton step along the curves' tangents, or to second order, without another round.
+    """Try to take the last Newton step along the tangents of the laws, or to second order, without another round.
 
-    Changes ACTIVE_FORCE, ACTIVE_STEP and ACTIVE_END if every force stays within the tolerance of its law.
-    FURTHER_MOVE is how much further each contact moves with the Newton step.
+    This changes ACTIVE_FORCE, ACTIVE_STEP and ACTIVE_END, and returns True, if every force stays within the tolerance
+    of its law. FURTHER_MOVE becomes how much further each contact moves with the Newton step.
     """
     scratch = problem.scratch
     vectors, near, contacts = scratch.vectors, scratch.active_compliance, scratch.active

@@ -1,18 +1,17 @@
-"""The contact solve of an island with several contacts, which push each other through B.
+"""Contact solve of an island with several contacts, which push each other through their compliance matrix B.
 
     η_k + Σ_j B_kj f_j(η_j) = g_k
 
-f_k is increasing and B positive semidefinite, so the forces are unique, also where
-contacts are redundant. Only an active set is solved for, which others join when they are
-closed by it: it begins with one sweep over those in reach. Each round projects every contact
-onto its own law, by the scalar solve along η + ρ·f = const (Minty's parametrisation), and then
-takes a Newton step on all at once.
-ρ is the compliance at the contact while the others' laws are replaced by their
-tangents. Where that stalls, Newton with a line search on the convex potential of the
-problem, which cannot fail. B is never inverted: it may be singular.
+Each f_k is increasing and B is positive semidefinite, so the forces are unique, even where contacts are redundant. Only
+an active set of contacts is solved; a contact joins the set when the forces of the set would close it. The set begins
+with one sweep over the contacts in reach. Each round projects every contact onto its own law, by the scalar solve along
+η + ρ·f = const (Minty's parametrisation), and then takes a Newton step on all at once. ρ is the compliance at the
+contact while the laws of the others are replaced by their tangents. Where that stalls, the solve goes on by Newton's
+method with a line search on the convex potential of the problem, which cannot fail. B is never inverted: it may be
+singular.
 
-A solve may be capped: after so many rounds it ends with forces that are off the laws, but
-whose energy is known and nearly none (docs/design.md, sec. 3, "A bounded worst case").
+A solve may be capped: after so many rounds it ends with forces that are off the laws. The energy that these create is
+known, and nearly none (docs/design.md, sec. 3, "A bounded worst case").
 """
 
 import math
@@ -58,7 +57,7 @@ class CoupledProblem(NamedTuple):
 
 @noinline
 def activate(problem, n, k, guess, target):
-    """Take contact k into the active set of n."""
+    """Add contact k to the active set of n contacts, with a guess of its force and the target of its projection."""
     scratch, total = problem.scratch, problem.s.shape[0]
     vectors, compliance, active = scratch.vectors, scratch.active_compliance, scratch.active
     active[n] = k
@@ -72,7 +71,7 @@ def activate(problem, n, k, guess, target):
 
 @noinline
 def apply_active_forces(problem, n, f):
-    """STEP and END of all contacts where the forces f of the active set leave them; FORCE and MISS become 0."""
+    """Write STEP and END of all contacts under the forces f of the active set; FORCE and MISS become 0."""
     scratch, total = problem.scratch, problem.s.shape[0]
     vectors, active, s, g = scratch.vectors, scratch.active, problem.s, problem.g
     force, eta, end, miss = vectors[Row.FORCE], vectors[Row.STEP], vectors[Row.END], vectors[Row.MISS]
@@ -102,10 +101,10 @@ def extend_active_set(problem, n, f):
 
 @noinline
 def initial_active_set(problem):
-    """The active set to begin with, and a guess of its forces: the contacts that are closed, and of the others the
-    one that would go deepest, again and again, until the forces keep the rest open.
+    """Choose the first active set, and guess its forces. The set holds the contacts that are closed. Of the others, the
+    one that would go deepest is added, again and again, until the forces keep the rest open.
 
-    Each is solved alone, beside the forces of those before it. Returns the size of the set.
+    Each contact is solved alone, under the forces of those before it. Returns the size of the set.
     """
     scratch, s, total = problem.scratch, problem.s, problem.s.shape[0]
     vectors = scratch.vectors
@@ -144,7 +143,7 @@ def initial_active_set(problem):
 
 @noinline
 def scatter_solution(problem, n):
-    """Write the solution of the active set beside the moves of all contacts, as `apply_active_forces` left them."""
+    """Write FORCE, STEP, END and MISS of the active set; the other contacts keep what `apply_active_forces` wrote."""
     vectors, active = problem.scratch.vectors, problem.scratch.active
     for i in range(n):
         k = active[i]
@@ -159,8 +158,8 @@ def scatter_solution(problem, n):
 
 @noinline
 def energy_defect(problem, scale):
-    """Energy that the forces scale·FORCE create, and its slope by the scale: E = Σ (φ - f)·η, J; and the energy
-    they turn over, Σ |f·η|. MISS is B·FORCE."""
+    """Return the energy that the forces scale·FORCE create, E = Σ (φ - f)·η, J, its slope by the scale, and the energy
+    that these forces exchange, Σ |f·η|. MISS is B·FORCE."""
     s, g, vectors = problem.s, problem.g, problem.scratch.vectors
     force, response = vectors[Row.FORCE], vectors[Row.MISS]
     energy, slope, size = 0.0, 0.0, 0.0
@@ -176,7 +175,8 @@ def energy_defect(problem, scale):
 
 @noinline
 def clamp_and_respond(problem, n, forces):
-    """Let the forces of the active set act where they push. Returns the energy they create, J."""
+    """Set negative forces of the active set to zero, and find how all contacts respond. Returns the energy that the
+    forces create, J."""
     vectors, active, g = problem.scratch.vectors, problem.scratch.active, problem.g
     for i in range(n):
         forces[i] = max(0.0, forces[i])
@@ -190,7 +190,7 @@ def clamp_and_respond(problem, n, forces):
 
 @noinline
 def energy_neutral_scale(problem):
-    """The λ for which the forces λ·FORCE create no energy; 0 if none is near 1. E is convex in λ."""
+    """Return the λ for which the forces λ·FORCE create no energy; 0 if none is near 1. E is convex in λ."""
     scale = 1.0
     for _ in range(8):
         energy, slope, size = energy_defect(problem, scale)
@@ -215,8 +215,9 @@ def keep_if_better(problem, n, forces, least):
 
 @noinline
 def finish_capped(problem, n, budget, least):
-    """End with the forces GUESS, which create the energy `least`: scaled so that they create none, or
-    after a line search where the budget allows it. Returns the energy they create, J."""
+    """End a capped solve with the forces GUESS, which create the energy `least`. They are scaled so that they create
+    none; where no scale does that, line searches improve them, as far as the budget goes. Returns the energy they
+    create, J."""
     vectors = problem.scratch.vectors
     guess, saved = vectors[Row.GUESS], vectors[Row.TARGET]
     while True:
@@ -245,8 +246,8 @@ def finish_capped(problem, n, budget, least):
 
 @inline
 def end_at_cap(problem, n, budget, least):
-    """End a solve with the better of the forces on the laws and those after the Newton step. Returns how it ended, and
-    the energy that the forces create, J."""
+    """End a solve at its cap with the better of two sets of forces: those on the laws, and those after the Newton step.
+    Returns SolveStatus, and the energy that the forces create, J."""
     vectors = problem.scratch.vectors
     f, step = vectors[Row.ACTIVE_FORCE], vectors[Row.NEWTON_STEP]
     for i in range(n):
@@ -262,7 +263,7 @@ def end_at_cap(problem, n, budget, least):
 
 @inline
 def aim_at_guess(problem, n):
-    """Targets of the projections from the forces GUESS: each contact alone, the others' forces fixed."""
+    """Set the targets of the projections by the forces GUESS: each contact alone, the forces of the others fixed."""
     vectors, compliance = problem.scratch.vectors, problem.scratch.active_compliance
     guess, target, rho = vectors[Row.GUESS], vectors[Row.TARGET], vectors[Row.RHO]
     multiply_compliance(compliance, n, guess, target)
@@ -273,8 +274,8 @@ def aim_at_guess(problem, n):
 
 @inline
 def aim_by_newton(problem, n, rounds):
-    """Targets of the projections from the Newton step. Contacts may join that it would close; returns the size of the
-    active set."""
+    """Set the targets of the projections by the Newton step, and let contacts join that it would close. Returns the
+    size of the active set."""
     vectors = problem.scratch.vectors
     f, move, target, rho = (
         vectors[Row.ACTIVE_FORCE],
@@ -301,7 +302,7 @@ def solve_coupled(problem, cap, budget):
     problem: CoupledProblem; on return FORCE, STEP, END and MISS of its scratch hold the forces
              (N), steps, end compressions and what the bodies moved beyond the steps (m)
     cap:     rounds after which it ends with forces off their laws
-    budget:  how often it may then try a line search, in budget[0]
+    budget:  number of line searches that it may then try, in budget[0]
 
     Returns rounds (the first sweep is one), SolveStatus, and the energy that forces off their laws create, J.
     """

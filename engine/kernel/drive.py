@@ -1,8 +1,8 @@
 """One-way drive: ends of strings push bodies that do not act back on them.
 
-Pickups on the strings write their forces on a ring of samples, and external forces on the bodies read them: in each
-chunk of samples the strings run first (engine.build.drives). The force of a step is the mean of the two samples
-before its end, one sample late. What it does to the body counts as supplied, as work of any external force.
+Pickups on the strings write their forces to a ring of samples, and external forces on the bodies read them. In each
+chunk of samples the strings run first (engine.build.drives). The force of a step is the mean of the two samples before
+its end, one sample late. Its work counts as supplied, as that of any external force.
 """
 
 from engine.compiler.decorators import inline
@@ -13,7 +13,7 @@ LAST = DRIVE_FRAMES - 1  # frame & LAST is frame modulo DRIVE_FRAMES
 
 @inline
 def clear_drive(drive, ring, islands, frame, count):
-    """Set what drives bodies of some islands to zero, for so many samples from a frame on.
+    """Set the forces that drive bodies of some islands to zero, for `count` samples from `frame` on.
 
     islands: the first, and the last + 1
     """
@@ -26,7 +26,8 @@ def clear_drive(drive, ring, islands, frame, count):
 
 @inline
 def put_sample(drive, ring, audio, i, channel, frame, value):
-    """Add what a pickup gives to row i of the audio, or to what drives a body at this frame."""
+    """Add the value of a pickup to row i of the audio; or, if its channel is negative, to the force that drives a body
+    at this frame."""
     if drive is not None:
         if channel < 0:
             ring[-1 - channel, frame & LAST] += value
@@ -36,5 +37,5 @@ def put_sample(drive, ring, audio, i, channel, frame, value):
 
 @inline
 def driven_force(ring, n, frame):
-    """The force at driven point n over the step that begins at this frame, N."""
+    """Return the force at driven point n over the step that begins at this frame, N."""
     return 0.5 * (ring[n, (frame - 1) & LAST] + ring[n, frame & LAST])

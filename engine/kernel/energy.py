@@ -25,7 +25,7 @@ def mode_potential(omega_squared, weight, m, q):
 
 @inline
 def add_energies(omega_squared, weight, m, q, p, sums):
-    """Add p², ω²q², weight·q and |weight·q| of mode m, or of eight, to these sums."""
+    """Add p², ω²q², weight·q and |weight·q| of mode m to these sums."""
     x, y, (kinetic, elastic, fallen, fallen_size) = number_at(q, m), number_at(p, m), sums
     kinetic = multiply_add(y, y, kinetic)
     if omega_squared is not None:

@@ -1,6 +1,6 @@
-"""Follows the balance of energy, stored + dissipated - supplied, over the samples of a scene: it ought to be constant.
+"""Statistics of the energy balance over the samples of a scene: stored + dissipated - supplied ought to be constant.
 
-Sums and maxima are taken of eight samples at a time, for to do so one by one costs as much as a small scene.
+Sums and maxima are taken of eight samples at a time: one by one, they would cost as much as a small scene.
 """
 
 import math
@@ -20,7 +20,7 @@ def raise_to(balance, column, lanes):
 
 @inline
 def follow_sample(balance, now, absolute):
-    """Take one sample."""
+    """Update the statistics of the balance with one sample."""
     if balance[Balance.SAMPLES] == 0.0:
         balance[Balance.INITIAL] = balance[Balance.LAST] = now
     jump, error = abs(now - balance[Balance.LAST]), abs(now - balance[Balance.INITIAL])
@@ -34,7 +34,7 @@ def follow_sample(balance, now, absolute):
 
 @inline
 def follow_energies(balance, balances, absolutes, frames):
-    """Take the samples of a block. balances, absolutes: rows of its ledger"""
+    """Update the statistics of the balance with the samples of a block. balances, absolutes: rows of its ledger"""
     singles = min(frames, 1 + (frames - 1) % LANES)  # at least one, so that the rest has one before it
     for i in range(singles):
         follow_sample(balance, balances[i], absolutes[i])

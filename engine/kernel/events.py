@@ -1,7 +1,7 @@
-"""Events: what the score says happens at the start of a step.
+"""Events: changes by the score at the start of a step.
 
-All that an event adds to the stored energy counts as supplied, all that it takes as dissipated, so
-the ledger stays closed: turning a knob cannot blow up the sound.
+All energy that an event adds to the stored energy counts as supplied, all that it takes as dissipated, so the ledger
+stays closed: turning a knob cannot blow up the sound.
 """
 
 import math
@@ -19,14 +19,14 @@ from engine.kernel.sums import lanes_of
 
 @inline
 def next_due(force, events, state, frame):
-    """After the step of this frame: the next at which an event begins or an external force acts; this frame itself if
-    either goes on, but for damping."""
+    """Return the next frame, after the step of this frame, at which an event begins or an external force acts; this
+    frame itself if one of these goes on, other than damping."""
     return min(next_event(events, state, frame), next_force(force, frame))
 
 
 @inline
 def next_event(events, state, frame):
-    """When the next event begins; this frame if one goes on after it, but for damping."""
+    """Return the frame at which the next event begins; this frame if an event other than damping goes on after it."""
     if events is None:
         return UNUSED_SLOT
     following = state.event_cursor[EventCursor.NEXT]
@@ -38,7 +38,8 @@ def next_event(events, state, frame):
 
 @inline
 def glide_value(events, state, j, frame, now):
-    """Where a value that was `now` at the start of event j is at the end of this step."""
+    """Return the value that event j gives its target at the end of this step. now: its value at the start of the
+    event"""
     if frame == events.start[j]:
         state.glide_start[j] = now
     if frame + 1 >= events.end[j]:
@@ -49,7 +50,7 @@ def glide_value(events, state, j, frame, now):
 
 @noinline
 def set_motion(model, state, m, q, p):
-    """Put mode m at displacement q with momentum p, and its contacts where that takes them."""
+    """Put mode m at displacement q with momentum p, and move its contacts and connections with it."""
     update_compressions(model.contact, state, m, q - state.q[m])
     update_extensions(model.connection, state, m, q - state.q[m])
     state.q[m] = q
@@ -83,7 +84,7 @@ def update_extensions(connection, state, m, change):
 
 @inline
 def displacement_at_row(rows, r, m, change):
-    """Displacement at row r that a change of mode m brings; 0 without rows."""
+    """Displacement at row r by a change of mode m; 0 without rows."""
     if rows is None:
         return 0.0
     if rows.mode_begin[r] <= m and m < rows.mode_end[r]:
@@ -102,14 +103,15 @@ def lift_dampers(events, cursor, j, first, last, frame):
 
 @inline
 def lift_dampers_of_struck(events, contact, cursor, j, frame):
-    """Let event j lift the dampers of what its mode has contacts with."""
+    """Let event j lift the dampers of the bodies that its mode has contacts with."""
     if contact is not None:
         lift_dampers_of_joined(events, contact.rows, contact.other_rows, cursor, j, frame)
 
 
 @inline
 def lift_dampers_of_joined(events, rows, other, cursor, j, frame):
-    """As `lift_dampers_of_struck`, by the rows of either end of the contacts; `other` may be None."""
+    """Let event j lift the dampers of the bodies at the other end of its mode's contacts. rows, other: of either end of
+    the contacts; `other` may be None"""
     if other is not None:
         m = events.target_begin[j]
         for k in range(rows.mode_begin.shape[0]):
@@ -127,7 +129,7 @@ def nominal_coefficient(contact, state, k):
 
 @inline
 def glide_parameter(contact, events, state, j, frame):
-    """Glide on with the stiffness, the exponents or the barriers that event j changes."""
+    """Advance the glide of the stiffness, the exponents or the barriers that event j changes."""
     if contact is not None:
         first, last = events.target_begin[j], events.target_end[j]
         if events.kind[j] == EventKind.STIFFNESS:
@@ -150,7 +152,7 @@ def glide_parameter(contact, events, state, j, frame):
 
 @inline
 def glide_connection(connection, events, state, j, frame):
-    """Glide on with the stiffness, the damping or the rest of the connections that event j changes."""
+    """Advance the glide of the stiffness, the damping or the rest of the connections that event j changes."""
     if connection is not None:
         joined, first, last = state.connection, events.target_begin[j], events.target_end[j]
         if joined.lowest_energy[0] != 0.0 or events.kind[j] == EventKind.CONNECTION_REST:
@@ -172,7 +174,7 @@ def glide_connection(connection, events, state, j, frame):
 
 @noinline
 def execute_event(model, state, j, frame):
-    """Let event j, which is not damping, act at the start of this step."""
+    """Execute event j, which is not damping, at the start of this step."""
     events = model.events
     if events.kind[j] == EventKind.STRIKE or events.kind[j] == EventKind.THROW:
         set_motion(model, state, events.target_begin[j], events.value[j], events.value2[j])
@@ -188,8 +190,8 @@ def execute_event(model, state, j, frame):
 
 @noinline
 def run_due_events(model, state, frame):
-    """Let all events act that are due at the start of this step, and count the energy they take and give; dampers act
-    at its end."""
+    """Execute all events that are due at the start of this step, and count the energy that they add or take; dampers
+    act at its end."""
     events, cursor = model.events, state.event_cursor
     following = cursor[EventCursor.NEXT]
     while following < events.kind.shape[0] and events.start[following] <= frame:
@@ -214,7 +216,7 @@ def run_due_events(model, state, frame):
 
 @inline
 def acts_on_more_than_loss(events, cursor, frame):
-    """Whether an event that has begun acts at this step and is not damping."""
+    """True if an event that has begun acts at this step and is not damping."""
     for j in range(cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT]):
         if frame < events.end[j] and events.kind[j] != EventKind.DAMP:
             return True
@@ -223,8 +225,8 @@ def acts_on_more_than_loss(events, cursor, frame):
 
 @inline
 def forget_finished(events, state, frame):
-    """Move what goes on to the end of what has begun, so that no step looks at what is over: a damper may stay down
-    while thousands of other events come and go."""
+    """Move events that go on to the end of those that have begun, so that no step looks at those that are over: a
+    damper may stay down while thousands of other events come and go."""
     cursor = state.event_cursor
     first, kept = cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT]
     for j in range(kept - 1, first - 1, -1):
@@ -248,7 +250,7 @@ def move_event(events, source, target):
 
 @noinline
 def find_momentum_kept(events, state):
-    """Which share of each momentum the dampers of the events that go on leave in a step."""
+    """Find the share of each momentum that the dampers of the events that go on leave in a step."""
     cursor, kept = state.event_cursor, state.momentum_kept
     for m in range(kept.shape[0]):
         kept[m] = 1.0
@@ -262,8 +264,8 @@ def find_momentum_kept(events, state):
 
 @noinline
 def damp_modes(state):
-    """Let the dampers of events act, for a whole sample at its end: the half of it that belongs to the next would come
-    at the same place. The energy lost is dissipated."""
+    """Let the dampers of events act for a whole sample at its end: the half of it that belongs to the next sample would
+    come at the same place. The energy lost counts as dissipated."""
     total, whole = splat(0.0), lanes_of(state.p.shape[0])
     for m in range(INT64_0, whole, LANES):
         total = total + damp_mode(EightFrom(m), state.momentum_kept, state.p)
@@ -276,7 +278,7 @@ def damp_modes(state):
 
 @inline
 def damp_mode(m, momentum_kept, p):
-    """Damp mode m, or eight. Returns the energy lost, J."""
+    """Damp mode m, and add the energy lost, J, to the sums."""
     before, kept = number_at(p, m), number_at(momentum_kept, m)
     put_number(p, m, kept * before)
     return 0.5 * (1.0 - kept) * (1.0 + kept) * before * before
@@ -284,7 +286,7 @@ def damp_mode(m, momentum_kept, p):
 
 @noinline
 def damp_modes_by_half(state):
-    """Let the dampers of events act for half a sample. The energy lost is dissipated."""
+    """Let the dampers of events act for half a sample. The energy lost counts as dissipated."""
     total = 0.0
     for m in range(state.p.shape[0]):
         before, kept = state.p[m], math.sqrt(state.momentum_kept[m])
@@ -296,7 +298,7 @@ def damp_modes_by_half(state):
 
 @inline
 def damps_in_halves(connection, refinement, state):
-    """Whether dampers act after the first stage of a sample and after its last, for half a sample each.
+    """True if dampers act after the first stage of a sample and after its last, for half a sample each.
 
     In each stage a rigid joint reverses the velocity at which loss lets its sides part. Between two losses there must
     be an odd number of stages, or that velocity grows with each sample.
@@ -308,13 +310,13 @@ def damps_in_halves(connection, refinement, state):
 
 @inline
 def is_event_active(state):
-    """Whether an event goes on."""
+    """True if an event has begun and is not over."""
     return state.event_cursor[EventCursor.FIRST_ACTIVE] < state.event_cursor[EventCursor.NEXT]
 
 
 @inline
 def is_damping(events, state):
-    """Whether dampers of events act."""
+    """True if dampers of events act."""
     if events is None:
         return False
     return is_event_active(state) and state.event_cursor[EventCursor.DAMPED] == DampedModes.SOME
@@ -322,7 +324,7 @@ def is_damping(events, state):
 
 @inline
 def finish_first_stage(model, refinement, state):
-    """Let dampers act after the first stage of a sample, if they do."""
+    """Let the dampers of events act after the first stage of a sample, if they act in halves."""
     if is_damping(model.events, state):
         if damps_in_halves(model.connection, refinement, state):
             damp_modes_by_half(state)
@@ -330,7 +332,7 @@ def finish_first_stage(model, refinement, state):
 
 @inline
 def finish_score(model, events, state):
-    """What the score says for the end of this sample."""
+    """Let the dampers of events act at the end of this sample."""
     if is_damping(events, state):
         if damps_in_halves(model.connection, model.refinement, state):
             damp_modes_by_half(state)
@@ -340,7 +342,7 @@ def finish_score(model, events, state):
 
 @inline
 def run_score(model, events, state, frame):
-    """What the score says for the start of this step."""
+    """Execute the events of the score that act at the start of this step."""
     if events is not None:
         following = state.event_cursor[EventCursor.NEXT]
         if is_event_active(state) or (following < events.kind.shape[0] and events.start[following] <= frame):

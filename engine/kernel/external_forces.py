@@ -8,7 +8,7 @@ from engine.kernel.rows import kick_at_row, project_drift
 
 @inline
 def has_forces(force):
-    """Whether external forces act on the island, now or at any time."""
+    """True if external forces act on the island, now or at any time."""
     if force is None:
         return False
     return force.start.shape[0] > 0
@@ -16,7 +16,8 @@ def has_forces(force):
 
 @inline
 def force_at(force, drive, ring, j, frame):
-    """External force j over the step that begins at sample `frame`, N. drive, ring: of the forces, and of the state"""
+    """Return external force j over the step that begins at sample `frame`, N. drive, ring: of the forces, and of the
+    state"""
     if drive is not None:
         if drive[j] >= 0:
             return driven_force(ring, drive[j], frame)
@@ -29,7 +30,7 @@ def force_at(force, drive, ring, j, frame):
 
 @inline
 def is_driven(drive, j):
-    """Whether external force j is that of strings. drive: of the forces"""
+    """True if external force j is that of strings. drive: of the forces"""
     if drive is None:
         return False
     return drive[j] >= 0
@@ -37,7 +38,8 @@ def is_driven(drive, j):
 
 @inline
 def next_force(force, frame):
-    """After the step of this frame: the next at which an external force acts; this frame if one goes on."""
+    """Return the next frame, after the step of this frame, at which an external force acts; this frame if one goes
+    on."""
     due = UNUSED_SLOT
     if force is not None:
         for j in range(force.start.shape[0]):
@@ -51,7 +53,7 @@ def next_force(force, frame):
 
 @inline
 def apply_forces(force, coefficients, frame, state):
-    """Half a kick by every external force."""
+    """Do half a kick by every external force."""
     if force is not None:
         for j in range(force.start.shape[0]):
             f = force_at(force, force.drive, state.drive, j, frame)

@@ -33,7 +33,7 @@ from engine.kernel.codes import (
     Quantity,
 )
 from engine.kernel.energy import accumulate, mode_potential
-from engine.kernel.modes import free_step
+from engine.kernel.modes import free_step, motion_of
 from engine.kernel.sums import lanes_of
 
 PARTS = FLIGHT_FRAMES // FLIGHT_PART
@@ -73,7 +73,7 @@ def advance_modes(motion, low, weight, kept, q, p):
 
 @inline
 def push_by_weight(weight, compensation, kept, p):
-    """What weight adds to p over a flight. As engine.kernel.modes.kick_by_weight, it carries what rounding leaves of
+    """Add what weight gives p over a flight. As engine.kernel.modes.kick_by_weight, it carries what rounding leaves of
     the push."""
     if weight is not None:
         for m in range(p.shape[0]):
@@ -102,7 +102,7 @@ def mode_loss_by_weight(weight, m, q, p):
 
 @inline
 def flight_energies_of(omega_squared, weight, flight, m, q, p):
-    """As `flight_energies`, of mode m, or of eight."""
+    """Return the energies of mode m, or of eight, at the begin of a flight, and what it will lose in it, J."""
     x, y = number_at(q, m), number_at(p, m)
     elastic, fallen = mode_potential(omega_squared, weight, m, x)
     vibration = 0.5 * y * y + elastic
@@ -149,7 +149,7 @@ def find_parts(part, begin, count, q, p, parts):
 
 @inline
 def mode_output(per_q, per_p, parts, k, total):
-    """What mode number k of `parts` adds to the eight samples of a part."""
+    """Return `total` with what mode number k of `parts` adds to the eight samples of a part."""
     return multiply_add(per_q, parts[k], multiply_add(per_p, parts[PARTS * FLIGHT_MODES + k], total))
 
 
@@ -181,7 +181,7 @@ def add_mode_outputs(tables, row, parts, first, count, output):
 
 @inline
 def begin_output(weight, n, output):
-    """What pickup n hears of bodies that fall: the rest is added to it."""
+    """Begin the samples of pickup n with those of bodies that fall: the rest is added to it."""
     if weight is None:
         for i in range(0, FLIGHT_FRAMES, LANES):
             store_lanes(output, i, splat(0.0))
@@ -192,7 +192,7 @@ def begin_output(weight, n, output):
 
 @inline
 def find_outputs(flight, pickups, state):
-    """What each pickup hears in all samples of a flight."""
+    """Find the values of each pickup in all samples of a flight."""
     rows, kept = pickups.rows, state.flight
     for n in range(pickups.quantity.shape[0]):
         begin_output(flight.weight, n, kept.pickup_values[n])
@@ -215,7 +215,7 @@ def find_outputs(flight, pickups, state):
 
 @inline
 def begin_flight(model, state, measures_energy, frame):
-    """Take an island from the begin of a flight to its end; what is heard and measured meanwhile is kept."""
+    """Take an island from the begin of a flight to its end; values of pickups and energies meanwhile are kept."""
     flight, kept = model.flight, state.flight
     find_outputs(flight, model.pickups, state)
     kept.frame[FlightFrame.SAVED] = frame
@@ -238,10 +238,10 @@ def measure_flight(model, state, kept):
 
 
 @noinline
-def step_saved_motion(h, weight, kept, frame):
+def step_saved_motion(h, kept, frame):
     """Take the saved motion to a frame, by single steps."""
     while kept.frame[FlightFrame.SAVED] < frame:
-        lost = free_step(h, weight, kept.kick_compensation, kept.q, kept.p)
+        lost = free_step(h, motion_of(kept))
         accumulate(kept.energy_totals, EnergyTotal.DISSIPATED, lost)
         kept.frame[FlightFrame.SAVED] += 1
 
@@ -268,6 +268,6 @@ def end_flight(model, state, frame):
     """End a flight, if there is one: the island is at this frame then, and was taken there by single steps."""
     end = state.flight.frame[FlightFrame.END]
     if end - FLIGHT_FRAMES < frame and frame < end:
-        step_saved_motion(model.step, model.weight, state.flight, frame)
+        step_saved_motion(model.step, state.flight, frame)
         exchange_motion(state)
     state.flight.frame[FlightFrame.END] = 0

@@ -1,13 +1,13 @@
 """One island of a Model and State, as a Model and State of its own.
 
 Islands never couple (docs/design.md, sec. 3), so each is run alone. The views of an island are made once per chunk of
-samples: the kernels then count all modes and contacts from 0, which spares them the handling of negative indices
-(14 → 9 ns per sample for a single oscillator). How each array is cut follows from its axis (engine.kernel.axes): one
+samples. The kernels then count all modes and contacts from 0, which spares them the handling of negative indices (14 →
+9 ns per sample for a single oscillator). The axis of each array (engine.kernel.axes) tells how it is cut: one
 expression does it for all of a Model, and is written for its types.
 """
 
 from dataclasses import replace
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 from engine.compiler.array_view import column_view, matrix_view, row_view, slice_view
 from engine.compiler.decorators import inline
@@ -16,11 +16,9 @@ from engine.kernel.axes import SEGMENTED, Axis, Items, fields_of
 from engine.kernel.laws import Law
 from engine.kernel.model import Islands
 
-LAWS = get_args(Law)
-
 
 class IslandBounds(NamedTuple):
-    """Where the items of an island begin and end, by axis (SEGMENTED); its number, and that of its partition."""
+    """Begin and end of the items of an island, by axis (SEGMENTED); its number, and that of its partition."""
 
     island: int
     partition: int
@@ -54,12 +52,13 @@ class IslandBounds(NamedTuple):
 
 
 def island_model(model: Any, state: Any, bounds: Any) -> Any:
-    """An island of a Model, whose contacts have the stiffness and the exponents of the State. In compiled code only."""
+    """Return one island of a Model; its contacts have the stiffness and the exponents of the State. In compiled code
+    only."""
     raise TypeError("island_model is for compiled code")
 
 
 def island_state(state: Any, bounds: Any) -> Any:
-    """An island of a State. The clock is that of its partition. In compiled code only."""
+    """Return one island of a State. The clock is that of its partition. In compiled code only."""
     raise TypeError("island_state is for compiled code")
 
 
@@ -67,9 +66,9 @@ NAMES: dict[str, Any] = {view.__name__: view for view in (slice_view, column_vie
 
 
 def write_view(kind: Any, value: str, names: dict[str, Any], row_axis: Axis | None = None) -> str:
-    """The source of a record like `value`, each array cut to an island.
+    """Return the source of a record like `value`, each array cut to an island.
 
-    kind:  Numba type of the record: what is None, and how many dimensions arrays have
+    kind:  Numba type of the record: it tells which fields are None, and how many dimensions arrays have
     names: those of the classes are added
     """
     record = kind.instance_class
@@ -79,7 +78,7 @@ def write_view(kind: Any, value: str, names: dict[str, Any], row_axis: Axis | No
         part = f"{value}.{field.name}"
         if field.record is Islands or is_none(inner):
             part = "None"
-        elif field.record in LAWS:
+        elif field.record is Law:
             names[inner.instance_class.__name__] = inner.instance_class
             part = f"{inner.instance_class.__name__}({_cut(Items(Axis.CONTACT), 'state.potential_coefficient', 1)},"
             part += f" {_cut(Items(Axis.CONTACT), 'state.exponent', 1)})"
@@ -93,8 +92,8 @@ def write_view(kind: Any, value: str, names: dict[str, Any], row_axis: Axis | No
 
 
 def _cut(items: Items, array: str, dimensions: int) -> str:
-    """The source of an island's part of an array. One of an axis that islands have segments of has a row for each kind
-    of stage in front if it has two dimensions, unless its items have columns."""
+    """Return the source of an island's part of an array. If its axis is in SEGMENTED and it has two dimensions, there
+    is a row for each kind of stage in front, unless its items have columns."""
     axis = items.axis
     if axis in SEGMENTED:
         if items.columns:
@@ -127,7 +126,7 @@ overload_by_source(island_state, _write_state)
 
 @inline
 def island_bounds(islands, partition, i):
-    """Where the items of island i begin and end."""
+    """Return the IslandBounds of island i."""
     return IslandBounds(
         i,
         partition,

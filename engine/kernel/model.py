@@ -1,4 +1,4 @@
-"""What does not change while a scene sounds: the `Model`.
+"""The `Model`: all that does not change while a scene sounds.
 
 An effect is a field of the Model, or of what it holds: a record or an array, or `None`. Numba prunes
 `if field is not None` by type, so an absent effect is not compiled at all; this works where the field is a direct
@@ -61,7 +61,7 @@ class ModeShapeRows(NamedTuple):
 
 
 class RowCoefficients(NamedTuple):
-    """How the points of mode shape rows move in a step of length h; counted as their phi."""
+    """Motion of the points of mode shape rows in a step of length h; counted as their phi."""
 
     kick_phi: PerShape  # t·Φ: momentum per newton in half a kick
     drift_phi: PerShape  # v·Φ: displacement at the point per momentum in a drift
@@ -75,7 +75,7 @@ class ModalLoss(NamedTuple):
 
 
 class SingleContact(NamedTuple):
-    """What all modes of an island do at its one contact, the two bodies together: a step with contact then needs two
+    """Motion of all modes of an island at its one contact, the two bodies together: a step with contact then needs two
     passes over the modes. Zeros where an island has another number of contacts."""
 
     kick_phi: PerModeShape  # t·Φ, as of rows
@@ -83,7 +83,7 @@ class SingleContact(NamedTuple):
 
 
 class BasisCoefficients(NamedTuple):
-    """How the rows of a ContactBasis move in a step of length h."""
+    """Motion of the rows of a ContactBasis in a step of length h."""
 
     rows: RowCoefficients  # of ContactBasis.rows
     at_contacts: Shared  # √(m/N): what each row moves at each contact, row by row, padded to multiples of eight
@@ -91,7 +91,7 @@ class BasisCoefficients(NamedTuple):
 
 
 class ConnectionCoefficients(NamedTuple):
-    """What depends on the length of a step at the connections of an island, whose forces are linear in their
+    """Coefficients of an island's connections that depend on the length of a step; their forces are linear in their
     extensions s and in the moves g that the coming drift would bring without them: f = X·s + Y·g.
 
     X and Y hold for the stiffness and the damping that they were made for, and so does the compliance of contacts;
@@ -110,7 +110,7 @@ class ConnectionCoefficients(NamedTuple):
 
 
 class ContactCoefficients(NamedTuple):
-    """What depends on the length of a step at each contact."""
+    """Coefficients of each contact that depend on the length of a step."""
 
     rows: RowCoefficients  # of Contact.rows
     other_rows: RowCoefficients | None
@@ -132,6 +132,7 @@ class StepCoefficients(NamedTuple):
     kick: PerMode  # t, s
     drift: PerMode  # v, s
     spring_kick: PerMode | None  # t·ω², 1/s: momentum per displacement in half a kick
+    weight_kick: PerMode | None  # t·weight, √kg·m/s: momentum in half a kick
     loss: ModalLoss | None  # at either end of the step
     drag: ModalLoss | None  # in the drift (engine.build.mode_coefficients.loses_in_drift)
     connection: ConnectionCoefficients | None
@@ -183,8 +184,8 @@ class Connections(NamedTuple):
 
 
 class ContactBasis(NamedTuple):
-    """What many contacts of an island have in common: their displacements are those of a few rows. Islands to which
-    it does not apply have no rows."""
+    """Basis of many contacts of an island: their displacements are those of a few rows. Islands to which it does not
+    apply have no rows."""
 
     rows: Annotated[ModeShapeRows, Axis.BASIS]
     at_contacts_begin: PerBasisInt  # where those of its island begin in BasisCoefficients.at_contacts
@@ -231,7 +232,7 @@ class Refinement(NamedTuple):
 
 
 class FreeMotion(NamedTuple):
-    """How modes move on which nothing acts, over several samples: q ← qq·q + qp·p, p ← pq·q + pp·p."""
+    """Motion of modes on which nothing acts, over several samples: q ← qq·q + qp·p, p ← pq·q + pp·p."""
 
     qq: PerDoubleModeFactor
     qp: PerDoubleMode  # s
@@ -240,7 +241,7 @@ class FreeMotion(NamedTuple):
 
 
 class FreeMotionResidue(NamedTuple):
-    """What rounding cut from a FreeMotion."""
+    """Parts that rounding cut from a FreeMotion."""
 
     qq: PerDoubleMode
     qp: PerDoubleMode
@@ -257,7 +258,7 @@ class FlightLoss(NamedTuple):
 
 
 class FlightWeight(NamedTuple):
-    """What weight does over a flight."""
+    """Effect of weight over a flight."""
 
     q: PerDoubleMode  # √kg·m, added to the displacement
     p: PerDoubleMode  # √kg·m/s, added to the momentum
@@ -296,7 +297,7 @@ class Events(NamedTuple):
 
 
 class Pickups(NamedTuple):
-    """What is heard."""
+    """Pickups, and the channels that they feed."""
 
     rows: Annotated[ModeShapeRows, Axis.PICKUP]
     quantity: PerPickupInt  # Quantity
@@ -309,7 +310,7 @@ class Pickups(NamedTuple):
 
 
 class Islands(NamedTuple):
-    """Where the items of each island begin, by axis: [islands + 1] each.
+    """Begin of the items of each island, by axis: [islands + 1] each.
 
     `partition` cuts the islands in partitions, each of which may run on a core of its own: [partitions + 1].
     """

@@ -13,34 +13,22 @@ mode of heavy damping loses momentum in the drift as well.
 """
 
 import math
+from typing import Any, NamedTuple
 
-from engine.compiler.decorators import INT64_0, inline, noinline
-from engine.compiler.lanes import (
-    EightFrom,
-    FewFrom,
-    lane_sum,
-    load_first_lanes,
-    load_lanes,
-    multiply_add,
-    number_at,
-    put_number,
-    splat,
-    zero_like,
-)
-from engine.kernel.codes import LANES
-from engine.kernel.sums import lanes_of
+from engine.compiler.decorators import inline, noinline
+from engine.compiler.lanes import multiply_add, number_at, put_number, splat, zero_like
+from engine.kernel.sums import fold
 
 DENORMAL_LIMIT = 1e-290  # √kg·m, √kg·m/s
 
 
-# What is written for one mode does the same with eight, or fewer: m is an index, EightFrom or FewFrom one. Sums over
-# modes are taken in eight lanes, then over the lanes; a single mode that is left comes last. So their bits depend
-# neither on the processor's vectors nor on what else a kernel does.
+# What is written for one mode does the same with eight, or fewer: m is an index, EightFrom or FewFrom one
+# (engine.kernel.sums.fold). So the bits depend neither on the processor's vectors nor on what else a kernel does.
 
 
 @inline
 def apply_loss(loss, m, p):
-    """Take the loss of mode m from its momentum: the momentum left, and the energy lost."""
+    """Take the loss of mode m from its momentum. Returns the momentum left, and the energy lost."""
     if loss is None:
         return p, zero_like(p)
     left = number_at(loss.decay_factor, m) * p
@@ -49,23 +37,23 @@ def apply_loss(loss, m, p):
 
 @inline
 def energy_of_loss(dissipation_factor, m, p, left):
-    """The energy that a loss takes from momentum p of mode m, J. Without a factor, twice that energy, from what is
-    left: one array less to read, and one product less for each mode."""
+    """Return the energy that a loss takes from momentum p of mode m, J. Without a factor, return twice that energy,
+    from the momentum left: this reads one array less, and saves one product for each mode."""
     if dissipation_factor is None:
         return (p - left) * (p + left)
     return number_at(dissipation_factor, m) * p * p
 
 
 @inline
-def kick_by_weight(weight, compensation, kick, m, p):
-    """Half a kick by weight.
+def kick_by_weight(weight_kick, compensation, m, p):
+    """Return the momentum after half a kick by weight.
 
-    The kick is the same at every step, and so would be its rounding: in free fall the energy
-    drifts by 5e-13 in a second. The rounding is carried to the next kick instead (Kahan).
+    The kick is the same at every step, and so would be its rounding: in free fall the energy drifts by 5e-13 in a
+    second. The rounding is carried to the next kick instead (Kahan).
     """
-    if weight is None:
+    if weight_kick is None:
         return p
-    push = number_at(kick, m) * number_at(weight, m) - number_at(compensation, m)
+    push = number_at(weight_kick, m) - number_at(compensation, m)
     moved = p + push
     put_number(compensation, m, (moved - p) - push)
     return moved
@@ -73,178 +61,164 @@ def kick_by_weight(weight, compensation, kick, m, p):
 
 @inline
 def kick_by_spring(spring_kick, m, q, p):
-    """Half a kick by the restoring force."""
+    """Return the momentum after half a kick by the restoring force."""
     if spring_kick is None:
         return p
     return p - number_at(spring_kick, m) * q
 
 
 @inline
-def begin_step_mode(h, weight, compensation, m, q, p):
-    """Half a step of loss and half a kick of mode m, without contact: its momentum, and the energy lost."""
-    p, lost = apply_loss(h.loss, m, p)
-    p = kick_by_weight(weight, compensation, h.kick, m, p)
-    return kick_by_spring(h.spring_kick, m, q, p), lost
-
-
-@inline
-def end_step_mode(h, weight, compensation, m, q, p):
-    """Drift, half a kick and half a step of loss of mode m: q, p, and the energy lost."""
-    return end_step_mode_pushed(h, None, weight, compensation, m, q, p)
-
-
-@inline
 def kick_by_force(push, p):
-    """Half a kick by a force, if there is one."""
+    """Return the momentum after half a kick by a force, if there is one."""
     if push is None:
         return p
     return p + push
 
 
 @inline
-def end_step_mode_pushed(h, push, weight, compensation, m, q, p):
-    """As `end_step_mode`, of a mode that takes `push` in the second half of the kick."""
+def begin_step_mode(h, compensation, m, q, p):
+    """Do half a step of loss and half a kick of mode m, without contact. Returns its momentum, and the energy lost."""
+    p, lost = apply_loss(h.loss, m, p)
+    p = kick_by_weight(h.weight_kick, compensation, m, p)
+    return kick_by_spring(h.spring_kick, m, q, p), lost
+
+
+@inline
+def end_step_mode(h, push, compensation, m, q, p):
+    """Do the drift, half a kick and half a step of loss of mode m. Returns q, p, and the energy lost.
+
+    push: what forces add to its momentum in half a kick, or None
+    """
     q = q + number_at(h.drift, m) * p
     p, dragged = apply_loss(h.drag, m, p)
     p = kick_by_spring(h.spring_kick, m, q, p)
-    p = kick_by_force(push, kick_by_weight(weight, compensation, h.kick, m, p))
+    p = kick_by_force(push, kick_by_weight(h.weight_kick, compensation, m, p))
     p, lost = apply_loss(h.loss, m, p)
     return q, p, add_drag(h.drag, lost, dragged)
 
 
 @inline
 def add_drag(drag, lost, dragged):
-    """The energy lost at the end of a step and in its drift."""
+    """Return the energy lost at the end of a step, with that lost in its drift."""
     if drag is None:
         return lost
     return lost + dragged
 
 
-@inline
-def begin_step_at(h, weight, compensation, m, q, p):
-    """First half of a step of mode m, up to the contact. Returns the energy lost, and its momentum."""
-    half, lost = begin_step_mode(h, weight, compensation, m, number_at(q, m), number_at(p, m))
-    put_number(p, m, half)
-    return lost, half
+class Motion(NamedTuple):
+    """Displacements and momenta of modes."""
+
+    q: Any  # √kg·m [modes]
+    p: Any  # √kg·m/s [modes]
+    compensation: Any  # √kg·m/s [modes]: rounding carried from kick to kick, of weights
 
 
 @inline
-def end_step_at(h, weight, compensation, m, q, p):
-    """Second half of a step of mode m, after the contact. Returns the energy lost."""
-    moved, left, lost = end_step_mode(h, weight, compensation, m, number_at(q, m), number_at(p, m))
-    put_number(q, m, moved)
-    put_number(p, m, left)
-    return lost
+def motion_of(state):
+    """Return the Motion of a State, or of the motion saved in a free flight."""
+    return Motion(state.q, state.p, state.kick_compensation)
 
 
 @inline
-def end_step_pushed_at(h, kick_phi, force, weight, compensation, m, q, p):
-    """As `end_step_at`, with both half-kicks by a force (N) at a point whose t·Φ are given."""
+def put_motion(motion, m, q, p):
+    """Write the displacement and the momentum of mode m, or of eight."""
+    put_number(motion.q, m, q)
+    put_number(motion.p, m, p)
+
+
+# --- passes over all modes; h: StepCoefficients
+
+
+@inline
+def add_first_half(of, m, sums):
+    """Do the first half of a step of mode m, up to the contact, and add the energy lost to the sums."""
+    h, motion = of
+    half, lost = begin_step_mode(h, motion.compensation, m, number_at(motion.q, m), number_at(motion.p, m))
+    put_number(motion.p, m, half)
+    return (sums[0] + lost,)
+
+
+@inline
+def begin_step(h, motion):
+    """Do the first half of a step of all modes, up to the contact. Returns the energy lost."""
+    return fold(add_first_half, (h, motion), motion.p.shape[0], (splat(0.0),))[0]
+
+
+@inline
+def add_first_half_towards(of, m, sums):
+    """Do the first half of a step of mode m. Add to the sums the energy lost, and how far the coming drift moves a
+    contact."""
+    h, motion, drift_phi = of
+    half, lost = begin_step_mode(h, motion.compensation, m, number_at(motion.q, m), number_at(motion.p, m))
+    put_number(motion.p, m, half)
+    return sums[0] + lost, multiply_add(number_at(drift_phi, m), half, sums[1])
+
+
+@inline
+def begin_step_towards(h, motion, drift_phi):
+    """Do the first half of a step of all modes, up to a contact whose v·Φ are given. Returns the energy lost, and how
+    far the coming drift moves the contact, m."""
+    return fold(add_first_half_towards, (h, motion, drift_phi), motion.p.shape[0], (splat(0.0), splat(0.0)))
+
+
+@inline
+def add_second_half(of, m, sums):
+    """Do the second half of a step of mode m, after the contact, and add the energy lost to the sums."""
+    h, motion = of
+    moved, left, lost = end_step_mode(h, None, motion.compensation, m, number_at(motion.q, m), number_at(motion.p, m))
+    put_motion(motion, m, moved, left)
+    return (sums[0] + lost,)
+
+
+@inline
+def end_step(h, motion):
+    """Do the second half of a step of all modes, after the contact. Returns the energy lost."""
+    return fold(add_second_half, (h, motion), motion.p.shape[0], (splat(0.0),))[0]
+
+
+@inline
+def add_pushed_half(of, m, sums):
+    """Do the second half of a step of mode m, with both half-kicks by a force at a point. Add the energy lost to the
+    sums."""
+    h, motion, kick_phi, force = of
     push = number_at(kick_phi, m) * force
-    moved, left, lost = end_step_mode_pushed(h, push, weight, compensation, m, number_at(q, m), number_at(p, m) + push)
-    put_number(q, m, moved)
-    put_number(p, m, left)
-    return lost
+    half = number_at(motion.p, m) + push
+    moved, left, lost = end_step_mode(h, push, motion.compensation, m, number_at(motion.q, m), half)
+    put_motion(motion, m, moved, left)
+    return (sums[0] + lost,)
 
 
 @inline
-def free_step_at(h, weight, compensation, m, q, p):
-    """A step of mode m on which nothing acts. Returns the energy lost."""
-    x = number_at(q, m)
-    half, lost_first = begin_step_mode(h, weight, compensation, m, x, number_at(p, m))
-    moved, left, lost_later = end_step_mode(h, weight, compensation, m, x, half)
-    put_number(q, m, moved)
-    put_number(p, m, left)
-    return lost_first + lost_later
+def end_step_pushed(h, motion, kick_phi, force):
+    """Do the second half of a step of all modes, with both half-kicks by a force (N) at a point whose t·Φ are given.
+    Returns the energy lost."""
+    return fold(add_pushed_half, (h, motion, kick_phi, force), motion.p.shape[0], (splat(0.0),))[0]
 
 
 @inline
-def begin_step(h, weight, compensation, q, p):
-    """First half of a step of all modes, up to the contact. Returns the energy lost."""
-    lanes, total = lanes_of(p.shape[0]), splat(0.0)
-    for m in range(INT64_0, lanes, LANES):
-        total = total + begin_step_at(h, weight, compensation, EightFrom(m), q, p)[0]
-    left = p.shape[0] - lanes
-    if left > 1:
-        total = total + begin_step_at(h, weight, compensation, FewFrom(lanes, left), q, p)[0]
-    lost = lane_sum(total)
-    if left == 1:
-        lost += begin_step_at(h, weight, compensation, lanes, q, p)[0]
-    return lost
+def add_free_step(of, m, sums):
+    """Do a step of mode m on which nothing acts, and add the energy lost to the sums."""
+    h, motion = of
+    q = number_at(motion.q, m)
+    half, lost_first = begin_step_mode(h, motion.compensation, m, q, number_at(motion.p, m))
+    moved, left, lost_later = end_step_mode(h, None, motion.compensation, m, q, half)
+    put_motion(motion, m, moved, left)
+    return (sums[0] + (lost_first + lost_later),)
 
 
 @inline
-def end_step(h, weight, compensation, q, p):
-    """Second half of a step of all modes, after the contact. Returns the energy lost."""
-    lanes, total = lanes_of(p.shape[0]), splat(0.0)
-    for m in range(INT64_0, lanes, LANES):
-        total = total + end_step_at(h, weight, compensation, EightFrom(m), q, p)
-    left = p.shape[0] - lanes
-    if left > 1:
-        total = total + end_step_at(h, weight, compensation, FewFrom(lanes, left), q, p)
-    lost = lane_sum(total)
-    if left == 1:
-        lost += end_step_at(h, weight, compensation, lanes, q, p)
-    return lost
+def free_step(h, motion):
+    """Do a step of all modes on which nothing acts: both halves in one pass. Returns the energy lost."""
+    return fold(add_free_step, (h, motion), motion.p.shape[0], (splat(0.0),))[0]
 
 
 @inline
-def begin_step_towards(h, drift_phi, weight, compensation, q, p):
-    """As `begin_step`; returns also how far the coming drift moves a contact, m, whose v·Φ are given."""
-    lanes, total, moves = lanes_of(p.shape[0]), splat(0.0), splat(0.0)
-    for m in range(INT64_0, lanes, LANES):
-        lost_by_modes, half = begin_step_at(h, weight, compensation, EightFrom(m), q, p)
-        total = total + lost_by_modes
-        moves = multiply_add(number_at(drift_phi, EightFrom(m)), half, moves)
-    left = p.shape[0] - lanes
-    if left > 1:
-        lost_by_modes, half = begin_step_at(h, weight, compensation, FewFrom(lanes, left), q, p)
-        total = total + lost_by_modes
-        moves = multiply_add(number_at(drift_phi, FewFrom(lanes, left)), half, moves)
-    lost, move = lane_sum(total), lane_sum(moves)
-    if left == 1:
-        lost_by_mode, last = begin_step_at(h, weight, compensation, lanes, q, p)
-        lost += lost_by_mode
-        move += number_at(drift_phi, lanes) * last
-    return lost, move
-
-
-@inline
-def end_step_pushed(h, kick_phi, force, weight, compensation, q, p):
-    """As `end_step`, with both half-kicks by a force (N) at a point whose t·Φ are given. Returns the energy lost."""
-    lanes, total = lanes_of(p.shape[0]), splat(0.0)
-    for m in range(INT64_0, lanes, LANES):
-        total = total + end_step_pushed_at(h, kick_phi, force, weight, compensation, EightFrom(m), q, p)
-    left = p.shape[0] - lanes
-    if left > 1:
-        total = total + end_step_pushed_at(h, kick_phi, force, weight, compensation, FewFrom(lanes, left), q, p)
-    lost = lane_sum(total)
-    if left == 1:
-        lost += end_step_pushed_at(h, kick_phi, force, weight, compensation, lanes, q, p)
-    return lost
-
-
-@inline
-def free_step(h, weight, compensation, q, p):
-    """A step of all modes on which nothing acts: both halves in one pass. Returns the energy lost."""
-    lanes, total = lanes_of(p.shape[0]), splat(0.0)
-    for m in range(INT64_0, lanes, LANES):
-        total = total + free_step_at(h, weight, compensation, EightFrom(m), q, p)
-    left = p.shape[0] - lanes
-    if left > 1:
-        total = total + free_step_at(h, weight, compensation, FewFrom(lanes, left), q, p)
-    lost = lane_sum(total)
-    if left == 1:
-        lost += free_step_at(h, weight, compensation, lanes, q, p)
-    return lost
-
-
-@inline
-def apply_loss_at(loss, m, p):
-    """Take the loss of mode m from its momentum. Returns the energy lost."""
+def add_loss(of, m, sums):
+    """Take the loss of mode m from its momentum, and add the energy lost to the sums."""
+    loss, p = of
     left, lost = apply_loss(loss, m, number_at(p, m))
     put_number(p, m, left)
-    return lost
+    return (sums[0] + lost,)
 
 
 @inline
@@ -252,21 +226,13 @@ def apply_loss_all(loss, p):
     """Take the loss of all modes from their momenta. Returns the energy lost."""
     if loss is None:
         return 0.0
-    lanes, total = lanes_of(p.shape[0]), splat(0.0)
-    for m in range(INT64_0, lanes, LANES):
-        total = total + apply_loss_at(loss, EightFrom(m), p)
-    left = p.shape[0] - lanes
-    if left > 1:
-        total = total + apply_loss_at(loss, FewFrom(lanes, left), p)
-    lost = lane_sum(total)
-    if left == 1:
-        lost += apply_loss_at(loss, lanes, p)
-    return lost
+    return fold(add_loss, (loss, p), p.shape[0], (splat(0.0),))[0]
 
 
 @noinline
 def flush_denormals(q, p):
-    """Set what has decayed into subnormal numbers to zero; they are slow to compute with."""
+    """Set momenta and displacements that have decayed into subnormal numbers to zero; these are slow to compute
+    with."""
     for m in range(p.shape[0]):
         if abs(p[m]) < DENORMAL_LIMIT:
             p[m] = 0.0
@@ -276,10 +242,10 @@ def flush_denormals(q, p):
 
 @noinline
 def reverse_motion(drift, q, p):
-    """Reverse the motion in the middle of a step: after its second half, q is as before the
-    step and p is reversed, so that every energy is what it was. No drag acts in that half.
+    """Reverse the motion in the middle of a step: after its second half, q is as before the step and p is reversed, so
+    that every energy is what it was. No drag acts in that half.
 
-    The last resort where contact forces cannot be found: no force acts, and nothing moves.
+    This is the last resort where contact forces cannot be found: no force acts, and nothing moves.
     """
     for m in range(p.shape[0]):
         p[m] = -p[m]
@@ -288,8 +254,8 @@ def reverse_motion(drift, q, p):
 
 @noinline
 def rescale_kinetic_energy(energy, p):
-    """Take an energy from the motion, or give it one (negative), J. Returns what was taken: at most nearly
-    all there is; and nothing is given that would more than double it."""
+    """Take an energy, J, from the motion, or give it one (negative). Returns the energy taken: at most nearly all there
+    is. Nothing is given that would more than double the kinetic energy."""
     kinetic = kinetic_energy(p)
     if energy < -kinetic:
         return 0.0
@@ -302,13 +268,13 @@ def rescale_kinetic_energy(energy, p):
 
 
 @inline
+def add_kinetic_energy(p, m, sums):
+    """Add ½p² of mode m, J, to the sums."""
+    x = number_at(p, m)
+    return (sums[0] + 0.5 * x * x,)
+
+
+@inline
 def kinetic_energy(p):
-    """Σ ½p², J."""
-    lanes, total = lanes_of(p.shape[0]), splat(0.0)
-    for m in range(INT64_0, lanes, LANES):
-        x = load_lanes(p, m)
-        total = total + 0.5 * x * x
-    if lanes < p.shape[0]:
-        x = load_first_lanes(p, lanes, p.shape[0] - lanes)
-        total = total + 0.5 * x * x
-    return lane_sum(total)
+    """Kinetic energy of all modes, Σ ½p², J."""
+    return fold(add_kinetic_energy, p, p.shape[0], (splat(0.0),))[0]

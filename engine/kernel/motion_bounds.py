@@ -1,4 +1,4 @@
-"""How far modes can move in a while in which nothing acts, from the energy that they have."""
+"""Bounds of how far modes can move in a while in which nothing acts, from the energy that they have."""
 
 import math
 
@@ -33,7 +33,7 @@ def vibration_squared(omega_squared, weight, m, q, p):
 
 @inline
 def bound_by_weight(weight, per_weight, m):
-    """How far weight can move mode m meanwhile, √kg·m."""
+    """Return how far weight can move mode m meanwhile, √kg·m."""
     limit = number_at(per_weight, m)
     if weight is None:
         return zero_like(limit)
@@ -42,18 +42,16 @@ def bound_by_weight(weight, per_weight, m):
 
 @inline
 def bound_mode(omega_squared, weight, per_speed, per_weight, m, q, p):
-    """How far mode m can move in a while, √kg·m."""
+    """Return how far mode m can move in a while, √kg·m."""
     speed = math.sqrt(vibration_squared(omega_squared, weight, m, number_at(q, m), number_at(p, m)))
     return speed * number_at(per_speed, m) + bound_by_weight(weight, per_weight, m)
 
 
 @inline
 def bound_modal_displacements(omega_squared, weight, per_speed, per_weight, q, p, bound):
-    """How far each mode can move in a while in which nothing else acts, √kg·m, into `bound`.
+    """Write how far each mode can move in a flight in which nothing else acts, √kg·m, to `bound`.
 
     A mode swings with amplitude A/ω and speed A at most; it loses energy, and gains none. A free mass coasts and falls.
-
-    per_speed, per_weight: how far each mode moves per speed, s, and, if it is a free mass, per weight, s²
     """
     lanes = lanes_of(p.shape[0])
     for m in range(INT64_0, lanes, LANES):
@@ -102,7 +100,7 @@ def amplitude_of_connected(connection, omega_squared, weight, seconds, state):
 
 @noinline
 def connected_amplitude(connection, omega_squared, weight, seconds, state):
-    """As `amplitude_of_connected`, of an island that has connections."""
+    """Return √(2E) of what is connected, √J, in an island that has connections; at most, for so many seconds."""
     twice, pull, whole = splat(0.0), splat(0.0), lanes_of(state.p.shape[0])
     for m in range(INT64_0, whole, LANES):
         vibration, load = connected_at(connection, omega_squared, weight, EightFrom(m), state)
@@ -140,7 +138,8 @@ def energy_of_connected(connection, omega_squared, weight, state):
 
 @noinline
 def connected_energy(connection, omega_squared, weight, state):
-    """As `energy_of_connected`, of an island that has connections."""
+    """Return the energy of vibration of what is connected, J, beyond that of its rest and that of its modes, in an
+    island that has connections."""
     energy = connection_energy(connection, state) - state.connection.lowest_energy[0]
     for m in range(state.p.shape[0]):
         if connection.is_unconnected[m] == 0.0:

@@ -1,4 +1,4 @@
-"""Which contacts of an island with connections may close in the next samples, while others push.
+"""Contacts of an island with connections that may close in the next samples, while others push.
 
 A piano has hundreds of contacts, of which a few hammers are in reach. The others are left out of the step and of the
 solve, for FLIGHT_FRAMES samples at a time, and their compressions are read from the modes after that. How far each can
@@ -82,7 +82,7 @@ def select_contacts(model, contact, connection, is_disturbed, state):
 
 @inline
 def may_close(contact, connection, amplitude, is_disturbed, k, state):
-    """Whether contact k may close, or is closed. amplitude: √(2E) of the island, √J"""
+    """True if contact k may close, or is closed. amplitude: √(2E) of the island, √J"""
     bound = state.displacement_bound
     distance, connected = split_bound_at_contact(contact, contact.other_rows, connection, k, bound)
     distance += reach_of_connected(connection, amplitude, is_disturbed, k, connected)

@@ -1,8 +1,8 @@
-"""The contact solve of an island whose contacts persist: those that are closed remain so, and the others open.
+"""Contact solve of an island whose contacts persist: those that are closed stay closed, and the others stay open.
 
-Newton's method in the steps η, from η = 0: each round takes one evaluation of each law, where the general solve takes
-several and a sweep before. It finds b^α from s^α, so that one power serves a contact in all rounds. Whatever else may
-happen is left to engine.kernel.coupled_contact_solver.
+Newton's method finds the steps η, from η = 0. Each round takes one evaluation of each law, where the general solve
+takes several, and a sweep before. The force at η is computed from s^α, so that one power serves a contact in all
+rounds. All other cases are left to engine.kernel.coupled_contact_solver.
 """
 
 import math
@@ -23,7 +23,7 @@ MIN_LOSS_FACTOR = 0.5  # of 1 + μη/h; below, a contact is about to let go
 
 @inline
 def mean_of_power(alpha, e):
-    """The mean of x^α over [1, 1 + e], and its slope; neither cancels."""
+    """Return the mean of x^α over [1, 1 + e], and its slope; neither cancels."""
     if abs(e) * max(alpha, 2.0) <= SERIES_RANGE:  # Σ binom(α, j)/(j + 1)·e^j, by Horner's rule
         mean, slope = 1.0, 0.0
         for j in range(SERIES_TERMS, 0, -1):
@@ -38,7 +38,7 @@ def mean_of_power(alpha, e):
 
 @inline
 def persistent_response(force, alpha, rate, s, eta):
-    """Mean force and slope df/dη of a contact that persists, given its elastic force at the start."""
+    """Return the mean force and slope df/dη of a contact that persists, given its elastic force at the start."""
     mean, slope = mean_of_power(alpha, eta / s)
     w = 1.0 + rate * eta
     return force * mean * w, force * (slope / s * w + mean * rate)
@@ -46,13 +46,13 @@ def persistent_response(force, alpha, rate, s, eta):
 
 @inline
 def persists(rate, s, eta):
-    """Whether a closed contact that moves by η persists for sure; no if η is NaN."""
+    """True if a closed contact that moves by η persists for sure; False if η is NaN."""
     return MIN_STRETCH * s <= eta <= MAX_STRETCH * s and 1.0 + rate * eta >= MIN_LOSS_FACTOR
 
 
 @inline
 def take_closed_contacts(problem):
-    """The closed contacts as the active set, where they are. Returns its size."""
+    """Make the closed contacts the active set, with steps η = 0. Returns its size."""
     n, s, vectors = INT64_0, problem.s, problem.scratch.vectors
     for k in range(s.shape[0]):
         problem.scratch.is_active[k] = 0
@@ -66,8 +66,8 @@ def take_closed_contacts(problem):
 
 @inline
 def take_newton_step(problem, n):
-    """A round of Newton's method. Returns the error of the forces after it, relative; infinite if a contact may not
-    persist."""
+    """Do a round of Newton's method. Returns the largest relative error of the forces after it; infinite if a contact
+    may not persist."""
     scratch = problem.scratch
     vectors, near, contacts = scratch.vectors, scratch.active_compliance, scratch.active
     s, g, start_force = vectors[Row.START], vectors[Row.FREE_MOVE], vectors[Row.START_FORCE]
@@ -93,8 +93,10 @@ def take_newton_step(problem, n):
 
 @inline
 def scatter_end_forces(problem, n):
-    """END_FORCE of all contacts. The mean force φ without loss, times η, is what the potential gains; so its derivative
-    φ + η·dφ/dη is the force at the end."""
+    """Write END_FORCE, the elastic force at the end of the step, of all contacts.
+
+    The mean force φ without loss, times η, is what the potential gains; so its derivative φ + η·dφ/dη is that force.
+    """
     vectors, active = problem.scratch.vectors, problem.scratch.active
     f, eta, slope = vectors[Row.ACTIVE_FORCE], vectors[Row.ACTIVE_STEP], vectors[Row.SLOPE]
     for k in range(problem.s.shape[0]):
@@ -108,8 +110,8 @@ def scatter_end_forces(problem, n):
 
 @noinline
 def solve_persistent(problem):
-    """Solve the contacts of an island, as `solve_coupled`, if they persist. Returns rounds; 0 if they may not, and then
-    the scratch holds nothing."""
+    """Solve the contacts of an island, if they persist: FORCE, STEP, END, MISS and END_FORCE of the scratch then hold
+    the solution. Returns rounds; 0 if they may not persist, and then the scratch holds no solution."""
     vectors = problem.scratch.vectors
     f, eta, end = vectors[Row.ACTIVE_FORCE], vectors[Row.ACTIVE_STEP], vectors[Row.ACTIVE_END]
     n = take_closed_contacts(problem)

@@ -1,4 +1,4 @@
-"""What is heard of an island."""
+"""Pickups: what they add to the audio of an island."""
 
 from engine.compiler.decorators import inline
 from engine.compiler.lanes import greater, lane_maximum, load_lanes, magnitude, splat
@@ -10,7 +10,7 @@ from engine.kernel.sleep import track_peak
 
 @inline
 def pickup_value(pickups, state, samplerate, n):
-    """What pickup n gives at this sample."""
+    """Return the value of pickup n at this sample."""
     quantity = pickups.quantity[n]
     if quantity == Quantity.VELOCITY:
         return project(pickups.rows, n, state.p)
@@ -29,7 +29,7 @@ def pickup_value(pickups, state, samplerate, n):
 
 @inline
 def add_pickups(pickups, drive, state, samplerate, audio, i, frame):
-    """Add what the pickups hear to row i of the audio, that of a frame."""
+    """Add the values of the pickups to row i of the audio, that of a frame."""
     for n in range(pickups.quantity.shape[0]):
         value = pickup_value(pickups, state, samplerate, n) * pickups.gain[n]
         track_peak(state, value)
@@ -38,9 +38,9 @@ def add_pickups(pickups, drive, state, samplerate, audio, i, frame):
 
 @inline
 def add_flown_pickups(pickups, drive, state, samplerate, audio, i, span, frame):
-    """Add what the pickups hear in a free flight to rows of the audio from row i on. No contact pushes in it.
+    """Add the values of the pickups in a free flight to rows of the audio from row i on. No contact pushes in it.
 
-    span: which samples of the flight, first and last + 1; frame: of the first
+    span: samples of the flight, first and last + 1; frame: of the first
     """
     first, last = span
     for n in range(pickups.quantity.shape[0]):
@@ -56,7 +56,7 @@ def add_flown_pickups(pickups, drive, state, samplerate, audio, i, span, frame):
 
 @inline
 def velocities_to_accelerations(values, first, last, samplerate, previous, n):
-    """Replace what pickup n hears of velocity by accelerations, the mean over the step that ends at each sample."""
+    """Replace velocities of pickup n by accelerations, each the mean over the step that ends at its sample."""
     for k in range(first, last):
         velocity = values[k]
         values[k] = (velocity - previous[n]) * samplerate
@@ -65,7 +65,7 @@ def velocities_to_accelerations(values, first, last, samplerate, previous, n):
 
 @inline
 def largest_size(values, first, last):
-    """The largest absolute value of some samples of a flight."""
+    """Return the largest absolute value of some samples of a flight."""
     peak, k = 0.0, first
     if last - first == FLIGHT_FRAMES:
         lanes = splat(0.0)

@@ -1,4 +1,4 @@
-"""What is recorded of an island: rows of the ledger and of the trace."""
+"""Records of an island: rows of the ledger and of the trace."""
 
 from engine.compiler.decorators import INT64_1, inline, noinline
 from engine.kernel.codes import FLIGHT_FRAMES, EnergyTotal, Ledger, Wanted
@@ -11,13 +11,13 @@ from engine.kernel.rows import project
 
 @inline
 def wants_energies(output):
-    """Whether the ledger of a block is asked for."""
+    """True if the ledger of a block is wanted."""
     return output.wanted[Wanted.ENERGIES] != 0
 
 
 @inline
 def wants_motion(output):
-    """Whether the trace of a block is asked for."""
+    """True if the trace of a block is wanted."""
     return output.wanted[Wanted.MOTION] != 0
 
 
@@ -43,8 +43,8 @@ def write_trace(trace, begin, count, bounds, model, state, frame):
 
 @inline
 def traced_compression(contact, joined, state, k, frame):
-    """Compression k, m; where a contact is known to stay open it is read from the modes, for it is not kept.
-    joined: ConnectionState or None"""
+    """Return compression k, m. Where a contact is known to stay open, its compression is not kept, and is read from the
+    modes. joined: ConnectionState or None"""
     if contact is not None:
         if frame < state.contact_free_until[0] or is_left_out(joined, k):
             return compression_from_modes(contact, contact.other_rows, state, k)
@@ -53,7 +53,7 @@ def traced_compression(contact, joined, state, k, frame):
 
 @inline
 def is_left_out(joined, k):
-    """Whether contact k is left out of steps, for it cannot close."""
+    """True if contact k is left out of steps, because it cannot close."""
     if joined is None:
         return False
     return joined.near.is_far[k] != 0
@@ -61,8 +61,8 @@ def is_left_out(joined, k):
 
 @inline
 def record_step(output, i, bounds, model, state, frame, is_free):
-    """Write row i of the ledger and of the trace, where these are asked for, before a step. Where nothing but
-    connections acts, energies are those at the last check, as in a free flight: to measure them takes half a step."""
+    """Write row i of the ledger and of the trace, where these are wanted, before a step. Where nothing but connections
+    acts, energies are those at the last check, as in a free flight: to measure them takes half a step."""
     if wants_energies(output):
         if is_free and has_connections(model.connection, state):
             if (frame - 1) % FLIGHT_FRAMES == 0:
@@ -76,8 +76,8 @@ def record_step(output, i, bounds, model, state, frame, is_free):
 
 @inline
 def record_sleep(output, i, count, bounds, model, state, frame):
-    """Write `count` rows from i on of samples that are slept through: energies are those at the begin of the sleep, or
-    the last check."""
+    """Write `count` rows from i on of samples that are slept through, where these are wanted. Energies are those at the
+    begin of the sleep, or at the last check."""
     if wants_energies(output):
         if (frame - 1) % FLIGHT_FRAMES == 0:
             keep_energies(model, state)
@@ -95,7 +95,7 @@ def keep_energies(model, state):
 
 @inline
 def record_flight(output, i, count, bounds, model, state, frame):
-    """The same of samples of a free flight."""
+    """Write `count` rows from i on of samples of a free flight, where these are wanted."""
     if wants_energies(output):
         write_kept_energies(output.ledger, i, count, bounds.is_first, state.flight.ledger)
     if wants_motion(output):
@@ -104,15 +104,15 @@ def record_flight(output, i, count, bounds, model, state, frame):
 
 @inline
 def write_kept_energies(ledger, i, count, is_first, row):
-    """Write an island's kept energies of `count` samples."""
+    """Write the kept energies of an island to `count` samples of the ledger."""
     write_ledger(ledger, i, count, is_first, (row[Ledger.BALANCE], row[Ledger.ABSOLUTE]))
 
 
 @inline
 def write_flown_motion(trace, i, count, bounds, model, state, frame):
-    """Write rows of the trace in a free flight: the saved motion is taken on by single steps."""
+    """Write rows of the trace in a free flight; single steps advance the saved motion."""
     for n in range(count):
-        step_saved_motion(model.step, model.weight, state.flight, frame + n)
+        step_saved_motion(model.step, state.flight, frame + n)
         exchange_motion(state)
         write_trace(trace, i + n, INT64_1, bounds, model, state, frame + n)
         exchange_motion(state)
@@ -121,5 +121,5 @@ def write_flown_motion(trace, i, count, bounds, model, state, frame):
 
 @inline
 def keep_evaluations(state, outcome):
-    """Keep the evaluations of a step for the row of the trace that the step ends at."""
+    """Keep the evaluations of a step for the row of the trace at which the step ends."""
     state.law_evaluations[0] = outcome.evaluations

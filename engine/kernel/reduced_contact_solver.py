@@ -1,13 +1,13 @@
-"""The contact solve of an island whose contacts move almost alike, in the space of their basis (B = U·Uᵀ).
+"""Contact solve of an island whose contacts move almost alike, in the space of their basis (B = U·Uᵀ).
 
-Unknown w [rank], the forces seen by each row of the basis:
+The unknown w [rank] holds the force at each row of the basis:
 
     η = g - U·w,    f = φ(s, η),    w = Uᵀ·f
 
 w - Uᵀ·f(g - U·w) is the gradient of a convex potential, whose Hessian 1 + Uᵀ·J·U is at least 1, J = df/dη; so Newton's
 iteration with a line search cannot fail. It begins at w = 0, where contacts are deepest. Eight contacts are evaluated
-at a time, without branches; eight that are open, and would be so without any force, take part only if the solution of
-the others closes one.
+at a time, without branches. Eight that are open, and would be so without any force, take part only if the solution of
+the others closes one of them.
 """
 
 import math
@@ -19,7 +19,7 @@ from engine.compiler.overloads import overload_by_type
 from engine.kernel.codes import COLUMNS, LANES, MAX_RANK, ROWS_COLUMN, Row
 from engine.kernel.contact_law import branch_on_exponent, exponent, power, power_difference_quotient
 from engine.kernel.coupled_contact_round import contact_response
-from engine.kernel.laws import OF_EXPONENT, Power
+from engine.kernel.laws import SPECIAL_LAWS, Power
 from engine.kernel.scalar_contact_solver import loss_rate_of
 
 MAX_EVALUATIONS = 100
@@ -42,7 +42,7 @@ class Basis(NamedTuple):
 
 
 class Groups(NamedTuple):
-    """The contacts that take part in a solve, eight by eight."""
+    """Contacts that take part in a solve, in groups of eight."""
 
     used: int
     begin: Any  # the first contact of each eight
@@ -50,7 +50,7 @@ class Groups(NamedTuple):
 
 @inline
 def basis_of_island(basis, coefficients, contacts):
-    """The Basis of an island with so many contacts, which has one."""
+    """Return the Basis of an island that has one. contacts: their number in the island"""
     lanes = (contacts + LANES - 1) // LANES * LANES
     begin, first = basis.at_contacts_begin[0], basis.products_begin[0]
     at_contacts = coefficients.at_contacts[begin : begin + MAX_RANK * lanes]
@@ -61,7 +61,7 @@ def basis_of_island(basis, coefficients, contacts):
 
 @noinline
 def spread_rows(basis, at_rows, padded, at_contacts):
-    """U times numbers of the rows. padded: memory for all lanes"""
+    """Multiply numbers of the rows by U, into `at_contacts`. padded: memory for all lanes"""
     for k in range(0, basis.lanes, LANES):
         total = splat(0.0)
         for j in range(basis.rank):
@@ -73,7 +73,7 @@ def spread_rows(basis, at_rows, padded, at_contacts):
 
 @noinline
 def gather_rows(basis, at_contacts, padded, at_rows):
-    """Uᵀ times numbers of the contacts. padded: memory for all lanes"""
+    """Multiply numbers of the contacts by Uᵀ, into `at_rows`. padded: memory for all lanes"""
     for k in range(basis.contacts, basis.lanes):
         padded[k] = 0.0
     for k in range(basis.contacts):
@@ -87,8 +87,8 @@ def gather_rows(basis, at_contacts, padded, at_rows):
 
 @inline
 def smooth_response(law, unit, rate, s, eta):
-    """Mean forces (N) and their slopes (N/m) of eight contacts, for steps η from s. The slopes err by 1e-8 at
-    most.
+    """Return the mean forces (N) of eight contacts and their slopes (N/m), for steps η from s. The slopes have an error
+    of 1e-8 at most.
 
     unit: potential_coefficient of the law; 0 where there is no contact
     rate: of the contact loss, 1/m
@@ -111,7 +111,7 @@ def smooth_response(law, unit, rate, s, eta):
 
 @inline
 def add_rows(u, width, w, k, lanes):
-    """U·w of eight contacts from contact k on, added to these lanes; `width` is the length of a row."""
+    """Return these lanes with U·w of eight contacts from contact k on added; `width` is the length of a row."""
     lanes = multiply_add(load_lanes(u, k), w[0], lanes)
     lanes = multiply_add(load_lanes(u, k + width), w[1], lanes)
     lanes = multiply_add(load_lanes(u, k + 2 * width), w[2], lanes)
@@ -121,7 +121,8 @@ def add_rows(u, width, w, k, lanes):
 
 @noinline
 def respond_in_lanes(law, loss_rate, basis, groups, minus_w, vectors):
-    """ACTIVE_STEP, ACTIVE_FORCE and SLOPE of the contacts that take part, for minus the forces of the rows."""
+    """Write ACTIVE_STEP, ACTIVE_FORCE and SLOPE of the contacts that take part, eight at a time. minus_w: minus the
+    forces of the rows"""
     g, s = vectors[Row.FREE_MOVE], vectors[Row.START]
     unit, rate = vectors[Row.TARGET], vectors[Row.RHO]
     for n in range(groups.used):
@@ -133,9 +134,10 @@ def respond_in_lanes(law, loss_rate, basis, groups, minus_w, vectors):
         store_lanes(vectors[Row.SLOPE], k, slope)
 
 
-@inline
-def respond_one_by_one(law, loss_rate, basis, groups, minus_w, vectors):
-    """As `respond_in_lanes`, for a law whose exponent depends on the contact."""
+def respond_one_by_one(_, of):
+    """Write ACTIVE_STEP, ACTIVE_FORCE and SLOPE of the contacts that take part, one by one: the exponent of the law
+    depends on the contact."""
+    law, loss_rate, basis, groups, minus_w, vectors = of
     g, s, eta = vectors[Row.FREE_MOVE], vectors[Row.START], vectors[Row.ACTIVE_STEP]
     f, slope = vectors[Row.ACTIVE_FORCE], vectors[Row.SLOPE]
     for n in range(groups.used):
@@ -146,18 +148,19 @@ def respond_one_by_one(law, loss_rate, basis, groups, minus_w, vectors):
 
 
 def respond_as(kind: Any) -> Any:
-    """`respond_in_lanes` of a law of any exponent as one of this kind."""
+    """Return a function that does `respond_in_lanes` with a law of any exponent, taken as a law of this kind."""
 
-    def respond_as_kind(law, loss_rate, basis, groups, minus_w, vectors):
+    def respond_as_kind(of):
+        law, loss_rate, basis, groups, minus_w, vectors = of
         special = kind(law.potential_coefficient, law.exponent)
         respond_in_lanes(special, loss_rate, basis, groups, minus_w, vectors)
 
-    return respond_as_kind
+    return inline(respond_as_kind)
 
 
 @inline
 def shared_exponent(law, contacts):
-    """The exponent that all contacts have; 0 if they have several."""
+    """Return the exponent that all contacts have; 0 if they have several."""
     alpha = law.exponent[0]
     for k in range(1, contacts):
         if law.exponent[k] != alpha:
@@ -166,27 +169,28 @@ def shared_exponent(law, contacts):
 
 
 def respond(law: Any, loss_rate: Any, basis: Any, groups: Any, minus_w: Any, vectors: Any) -> None:
-    """ACTIVE_STEP, ACTIVE_FORCE and SLOPE of the contacts that take part, for minus the forces of the rows. In compiled
-    code only."""
+    """Write ACTIVE_STEP, ACTIVE_FORCE and SLOPE of the contacts that take part. minus_w: minus the forces of the rows.
+    In compiled code only."""
     raise TypeError("respond is for compiled code")
 
 
-ARGUMENTS = "law, loss_rate, basis, groups, minus_w, vectors"
-SPECIAL_LAWS = OF_EXPONENT.values()
-respond_with_power_law = branch_on_exponent(
-    {kind: respond_as(kind) for kind in SPECIAL_LAWS},
-    respond_one_by_one.py_func,
-    "shared_exponent(law, basis.contacts)",
-    ARGUMENTS,
-    {"shared_exponent": shared_exponent},
-)
+respond_as_any = branch_on_exponent({kind: respond_as(kind) for kind in SPECIAL_LAWS}, respond_one_by_one)
+
+
+def respond_with_power_law(law, loss_rate, basis, groups, minus_w, vectors):
+    """Write ACTIVE_STEP, ACTIVE_FORCE and SLOPE of the contacts that take part, for a law of any exponent: eight at a
+    time if all share an exponent that has its own law, or else one by one."""
+    of = (law, loss_rate, basis, groups, minus_w, vectors)
+    respond_as_any(shared_exponent(law, basis.contacts), of)
+
+
 overload_by_type(respond, dict.fromkeys(SPECIAL_LAWS, respond_in_lanes.py_func) | {Power: respond_with_power_law})
 
 
 @inline
 def load_contacts(law, loss_rate, s, g, basis, vectors):
-    """START, FREE_MOVE, TARGET (the stiffness of the law) and RHO (the rate of the loss) of all contacts; lanes beyond
-    them are open, and have none."""
+    """Write START, FREE_MOVE, TARGET (the stiffness of the law) and RHO (the rate of the loss) of all contacts. Lanes
+    beyond them are open, without stiffness and loss."""
     start, move, unit, rate = vectors[Row.START], vectors[Row.FREE_MOVE], vectors[Row.TARGET], vectors[Row.RHO]
     for k in range(basis.contacts, basis.lanes):
         start[k], move[k], unit[k], rate[k] = -1.0, 0.0, 0.0, 0.0
@@ -197,7 +201,7 @@ def load_contacts(law, loss_rate, s, g, basis, vectors):
 
 @inline
 def groups_in_reach(basis, vectors, begin):
-    """The Groups with a contact that is closed, or would be without forces."""
+    """Return the Groups with a contact that is closed, or would be closed without forces."""
     used = INT64_0
     for k in range(0, basis.lanes, LANES):
         s = load_lanes(vectors[Row.START], k)
@@ -210,7 +214,7 @@ def groups_in_reach(basis, vectors, begin):
 
 @inline
 def all_groups(basis, begin):
-    """The Groups of all contacts."""
+    """Return the Groups of all contacts."""
     used = basis.lanes // LANES
     for n in range(used):
         begin[n] = n * LANES
@@ -219,8 +223,8 @@ def all_groups(basis, begin):
 
 @noinline
 def evaluate(law, loss_rate, basis, groups, w, vectors):
-    """Forces and slopes for the forces w of the rows; WORK becomes the sums over the contacts of the products times
-    the slopes, the lower triangle of Uᵀ·J·U, and of the rows times the forces, Uᵀ·f."""
+    """Find forces and slopes of the contacts for the forces w of the rows. WORK becomes two sums over the contacts: of
+    the products times the slopes, the lower triangle of Uᵀ·J·U; and of the rows times the forces, Uᵀ·f."""
     minus_w = (-w[0], -w[1], -w[2], -w[3], -w[4])
     respond(law, loss_rate, basis, groups, minus_w, vectors)
     f, slope, sums, table = vectors[Row.ACTIVE_FORCE], vectors[Row.SLOPE], vectors[Row.WORK], basis.products
@@ -244,14 +248,14 @@ def evaluate(law, loss_rate, basis, groups, w, vectors):
 
 @inline
 def gradient_at(w, sums):
-    """The gradient w - Uᵀ·f of the potential."""
+    """Return the gradient w - Uᵀ·f of the potential."""
     at = ROWS_COLUMN
     return w[0] - sums[at], w[1] - sums[at + 1], w[2] - sums[at + 2], w[3] - sums[at + 3], w[4] - sums[at + 4]
 
 
 @inline
 def newton_direction(r, sums):
-    """The Newton step -(1 + Uᵀ·J·U)⁻¹·r from the gradient r, by the factors L·D·Lᵀ."""
+    """Return the Newton step -(1 + Uᵀ·J·U)⁻¹·r from the gradient r, by the factors L·D·Lᵀ."""
     i0 = 1.0 / (1.0 + sums[0])
     a10, a20, a30, a40 = sums[1], sums[3], sums[6], sums[10]
     l10, l20, l30, l40 = a10 * i0, a20 * i0, a30 * i0, a40 * i0
@@ -279,19 +283,19 @@ def newton_direction(r, sums):
 
 @inline
 def dot(a, b):
-    """Σ a·b over the rows."""
+    """Return Σ a·b over the rows."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4]
 
 
 @inline
 def largest(a):
-    """The largest size of a number of the rows."""
+    """Return the largest absolute value of the rows."""
     return max(max(max(abs(a[0]), abs(a[1])), max(abs(a[2]), abs(a[3]))), abs(a[4]))
 
 
 @inline
 def move_along(w, d, share):
-    """w + share·d."""
+    """Return w + share·d."""
     return w[0] + share * d[0], w[1] + share * d[1], w[2] + share * d[2], w[3] + share * d[3], w[4] + share * d[4]
 
 
@@ -345,8 +349,9 @@ def solve_reduced(law, loss_rate, basis, s, g, scratch):
 
 @inline
 def last_step_error(basis, groups, d, vectors):
-    """Take a Newton step d along the tangents of the laws: ACTIVE_FORCE, ACTIVE_STEP and ACTIVE_END of the contacts
-    that take part. Returns the error of second order that it leaves in the forces, as a share of all forces."""
+    """Take a Newton step d along the tangents of the laws: write ACTIVE_FORCE, ACTIVE_STEP and ACTIVE_END of the
+    contacts that take part. Returns the error of second order that it leaves in the forces, as a share of all
+    forces."""
     u, width, minus_d = basis.at_contacts, basis.lanes, (-d[0], -d[1], -d[2], -d[3], -d[4])
     error, total = splat(0.0), splat(TINY)
     for n in range(groups.used):
@@ -368,7 +373,7 @@ def last_step_error(basis, groups, d, vectors):
 
 @inline
 def store_reduced_solution(basis, groups, w, vectors):
-    """FORCE, STEP, END and MISS of all contacts. Returns whether those that took no part stay open."""
+    """Write FORCE, STEP, END and MISS of all contacts. Returns True if those that took no part stay open."""
     free_move, u, width = vectors[Row.FREE_MOVE], basis.at_contacts, basis.lanes
     minus_w = (-w[0], -w[1], -w[2], -w[3], -w[4])
     closed, next_used = splat(0.0), INT64_0

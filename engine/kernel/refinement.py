@@ -1,10 +1,10 @@
 """Refinement: a sample in several stages, where contact is possible (docs/design.md, sec. 2).
 
-A stage is a step of another length. In order 2 all lengths are positive, and modes lose in each stage
-(engine.build.mode_coefficients.damped_coefficients). In orders 4 and 6 some stages go backwards and none loses; half
+A stage is a step of another length. In order 2 all lengths are positive, and modes lose energy in each stage
+(engine.build.mode_coefficients.damped_coefficients). In orders 4 and 6 some stages go backwards and none has loss; half
 the loss of the sample comes before the first stage and half after the last. Each stage conserves energy, and so does
 their product, whose order is that of the lengths (engine.patch.accuracy). Out of contact the `exact` coefficients need
-no stages: they are of a flow, and one step of it is their product.
+no stages: they are those of the exact motion, and one step of it equals the product of the stages.
 """
 
 import math
@@ -18,7 +18,7 @@ from engine.kernel.contact_loss import is_loss_small, lose_at_contacts
 from engine.kernel.contacts import bound_at_contact, free_displacements
 from engine.kernel.events import finish_first_stage
 from engine.kernel.external_forces import next_force
-from engine.kernel.modes import apply_loss_all, begin_step, end_step
+from engine.kernel.modes import apply_loss_all, begin_step, end_step, motion_of
 from engine.kernel.step import StepOutcome, step
 
 # --- the coefficients of one stage
@@ -35,14 +35,15 @@ LENGTHS = {
 
 
 def coefficients_of_stage(stages: Any, s: int, modes: int, contacts: int, connections: int) -> Any:
-    """StepCoefficients of stages of kind s, for an island of so many modes, contacts and coordinates of connections. In
-    compiled code only."""
+    """Return the StepCoefficients of stages of kind s, for an island of so many modes, contacts and coordinates of
+    connections. In compiled code only."""
     raise TypeError("coefficients_of_stage is for compiled code")
 
 
 def write_stage(kind: Any, value: str, names: dict[str, Any]) -> str:
-    """The source of a record like `value`, without the row for each kind of stage in front. Written for its Numba type,
-    for a function that may return None gives what has to be tested for it wherever it is used."""
+    """Return the source of a record like `value`, without the row for each kind of stage in front. It is written for
+    the record's Numba type: the result of a function that may return None has to be tested for None wherever it is
+    used."""
     names[kind.instance_class.__name__] = kind.instance_class
     parts = []
     for field, inner in zip(fields_of(kind.instance_class), kind.types, strict=True):
@@ -73,7 +74,7 @@ overload_by_source(coefficients_of_stage, _write_stage_coefficients)
 
 @inline
 def chord_deviation(omega_squared, refinement, m, q, p):
-    """How far mode m strays from its chord within a sample, √kg·m."""
+    """Return how far mode m strays from its chord within a sample, √kg·m."""
     per_amplitude, by_weight = refinement.chord_deviation[m], refinement.gravity_deviation[m]
     if omega_squared is None:
         return per_amplitude * abs(p[m]) + by_weight
@@ -85,7 +86,7 @@ def chord_deviation(omega_squared, refinement, m, q, p):
 
 @noinline
 def update_margins(model, refinement, state):
-    """How far each compression may stray from its chord within a sample, until something acts again."""
+    """Find how far each compression may stray from its chord within a sample. This holds until something acts again."""
     bound, contact = state.displacement_bound, model.contact
     for m in range(state.p.shape[0]):
         bound[m] = chord_deviation(model.omega_squared, refinement, m, state.q, state.p)
@@ -96,7 +97,7 @@ def update_margins(model, refinement, state):
 
 @inline
 def stays_open(state):
-    """Whether no contact can close within the sample whose free displacements are known."""
+    """True if no contact can close within the sample whose free displacements are known."""
     for k in range(state.compression.shape[0]):
         s = state.compression[k]
         if not max(s, s + state.free_displacement[k]) + state.refinement.closing_margin[k] < 0.0:  # NaN is refined
@@ -106,7 +107,7 @@ def stays_open(state):
 
 @inline
 def save_momenta(state):
-    """Remember what the first half of a step changes."""
+    """Save the momenta and compensations that the first half of a step changes."""
     for m in range(state.p.shape[0]):
         state.refinement.saved_momentum[m] = state.p[m]
         state.refinement.saved_compensation[m] = state.kick_compensation[m]
@@ -122,24 +123,25 @@ def restore_momenta(state):
 
 @inline
 def try_free_step(model, refinement, state):
-    """A step on which nothing acts, if that is what it is. Returns whether, and the energy lost."""
+    """Try a step on which nothing acts; it is undone if a contact may close in it. Returns True if it was done, and the
+    energy lost."""
     if state.refinement.margin_valid[0] == 0:
         update_margins(model, refinement, state)
     save_momenta(state)
-    lost = begin_step(model.step, model.weight, state.kick_compensation, state.q, state.p)
+    lost = begin_step(model.step, motion_of(state))
     free_displacements(model.contact, model.step.contact, state)
     if not stays_open(state):
         restore_momenta(state)
         return False, 0.0
     for k in range(state.compression.shape[0]):
         state.compression[k] += state.free_displacement[k]
-    lost += end_step(model.step, model.weight, state.kick_compensation, state.q, state.p)
+    lost += end_step(model.step, motion_of(state))
     return True, lost
 
 
 @inline
 def is_forced(force, frame):
-    """Whether an external force acts in this step."""
+    """True if an external force acts in this step."""
     if force is None:
         return False
     return next_force(force, frame - 1) <= frame
@@ -147,9 +149,9 @@ def is_forced(force, frame):
 
 @inline
 def refined_step(model, contact, force, refinement, state, frame, in_contact):
-    """A sample in stages, or in one step where that is the same. Returns a StepOutcome.
+    """Do a sample in stages, or in one step where that is the same. Returns a StepOutcome.
 
-    in_contact: whether the sample before ended in contact
+    in_contact: True if the sample before ended in contact
     """
     if contact is None:
         return composed_step(model, force, refinement, state, frame)
@@ -163,7 +165,7 @@ def refined_step(model, contact, force, refinement, state, frame, in_contact):
 
 @inline
 def composed_step(model, force, refinement, state, frame):
-    """A sample in stages. Returns a StepOutcome."""
+    """Do a sample in stages. Returns a StepOutcome."""
     modes, contacts = state.p.shape[0], state.compression.shape[0]
     mean_force, impulse = state.refinement.mean_force, state.refinement.loss_impulse
     state.refinement.margin_valid[0] = 0

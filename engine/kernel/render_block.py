@@ -1,7 +1,7 @@
 """The only sample loop. Offline rendering, live sound, bench and tests all run it.
 
-Any block size gives the same samples, bit for bit: nothing here depends on where a block
-begins. Sample i is what the scene is like before step i; sample 0 is the initial state.
+Any block size gives the same samples, bit for bit: nothing here depends on where a block begins. Sample i shows the
+scene before step i; sample 0 is the initial state.
 """
 
 from typing import Any
@@ -29,7 +29,7 @@ from engine.kernel.external_forces import has_forces
 from engine.kernel.free_flight import begin_flight, end_flight
 from engine.kernel.island_view import island_bounds, island_model, island_state
 from engine.kernel.model import Refinement
-from engine.kernel.modes import flush_denormals, free_step
+from engine.kernel.modes import flush_denormals, free_step, motion_of
 from engine.kernel.motion_bounds import (
     amplitude_of_connected,
     bound_modal_displacements,
@@ -68,10 +68,10 @@ CHECK_PERIOD = np.int64(FLIGHT_FRAMES)  # samples; out of contact, compressions 
 
 @inline
 def advance(model, contact, force, state, frame, is_free, in_contact):
-    """One step of one island, the short way where nothing but its connections can act on it. Returns a StepOutcome.
+    """Do one step of one island, the short way where nothing but its connections can act on it. Returns a StepOutcome.
 
-    is_free:    whether nothing can
-    in_contact: whether the step before had a contact in reach
+    is_free:    True if nothing else can
+    in_contact: True if the step before had a contact in reach
     """
     if contact is None:
         if force is None:
@@ -83,7 +83,8 @@ def advance(model, contact, force, state, frame, is_free, in_contact):
 
 @inline
 def step_as_connected(model, contact, connection, state, frame):
-    """A step in one pass over the modes, where there are connections and that is possible. Returns a StepOutcome."""
+    """Do a step in one pass over the modes if there are connections and that is possible, or else in several. Returns a
+    StepOutcome."""
     if contact is not None:
         if connection is not None:
             if has_connections(connection, state) and not has_forces(model.force):
@@ -96,13 +97,13 @@ def step_as_connected(model, contact, connection, state, frame):
 
 @inline
 def refined_step_of_all(refinement, model, state, frame, in_contact):
-    """A step in stages, of all contacts. Returns a StepOutcome."""
+    """Advance a sample in stages, with all contacts. Returns a StepOutcome."""
     keep_all_contacts(model.contact, model.connection, state)
     return refined_step(model, model.contact, model.force, refinement, state, frame, in_contact)
 
 
 def advance_forced(refinement: Any, model: Any, state: Any, frame: int, in_contact: bool) -> StepOutcome:
-    """One step in which forces may act: in stages, if there is refinement. In compiled code only."""
+    """Advance a sample in which forces may act: in stages, if there is refinement. In compiled code only."""
     raise TypeError("advance_forced is for compiled code")
 
 
@@ -121,25 +122,23 @@ overload_by_type(
 
 @inline
 def advance_free(model, connection, state, frame):
-    """One step in which no force can act, but those of connections. Returns a StepOutcome."""
+    """Do one step in which no force can act, but those of connections. Returns a StepOutcome."""
     if connection is not None:
         if has_connections(connection, state):
             return advance_connected(model.refinement, model, state, frame)
-    lost = free_step(model.step, model.weight, state.kick_compensation, state.q, state.p)
+    lost = free_step(model.step, motion_of(state))
     return StepOutcome(FALSE, INT64_0, lost, 0.0)
 
 
 def advance_connected(refinement: Any, model: Any, state: Any, frame: int) -> StepOutcome:
-    """One step in which only connections act: in stages, if there is refinement. In compiled code only."""
+    """Advance a sample in which only connections act: in stages, if there is refinement. In compiled code only."""
     raise TypeError("advance_connected is for compiled code")
 
 
 overload_by_type(
     advance_connected,
     {
-        type(None): lambda refinement, model, state, frame: connected_step(
-            model.connection, model.weight, model.step, state
-        ),
+        type(None): lambda refinement, model, state, frame: connected_step(model.connection, model.step, state),
         Refinement: lambda refinement, model, state, frame: composed_step(model, model.force, refinement, state, frame),
     },
 )
@@ -147,7 +146,7 @@ overload_by_type(
 
 @inline
 def count_energy(outcome, state):
-    """Add what a step dissipated and was supplied with to the totals of the island."""
+    """Add the energy that a step dissipated, and that it was supplied with, to the totals of the island."""
     accumulate(state.energy_totals, EnergyTotal.DISSIPATED, outcome.dissipated)
     if outcome.supplied != 0.0:
         accumulate(state.energy_totals, EnergyTotal.SUPPLIED, outcome.supplied)
@@ -158,10 +157,10 @@ def count_energy(outcome, state):
 
 @inline
 def plan_free_flight(model, state, frame):
-    """After the step of this frame, find out whether anything can act on the island up to the next check.
+    """Find out, after the step of this frame, whether anything can act on the island up to the next check.
 
-    If not, and until something is due, its steps need no test for contact. It flies free, or sleeps if nothing vibrates
-    either. What is due makes no difference before it is: it may become known no sooner.
+    If not, its steps need no test for contact until something is due. The island flies free, or sleeps if nothing
+    vibrates either. Whatever is due makes no difference before its frame, because it may become known no sooner.
     """
     due = next_due(model.force, model.events, state, frame)
     if due > frame:
@@ -176,8 +175,8 @@ def plan_free_flight(model, state, frame):
 
 @inline
 def falls_asleep(model, state, frame, until):
-    """Let the island sleep up to a frame, with nothing in reach, if all has died; if it is awake, it is looked at now
-    and then. Returns whether it sleeps."""
+    """Let the island, whose contacts cannot close, sleep up to a frame if its vibration and sound have died out. An
+    island that is awake is examined only now and then. Returns True if it sleeps."""
     slept = state.sleep[Sleep.WAKE_FRAME] == frame + 1
     if frame % SLEEP_CHECK_PERIOD != 0 and not slept:
         return False
@@ -190,7 +189,7 @@ def falls_asleep(model, state, frame, until):
 
 @inline
 def stays_open(contact, model, state):
-    """Whether no contact can close before the next check."""
+    """True if no contact can close before the next check."""
     if contact is not None:
         if state.compression.shape[0] > 0:
             bound, flight = state.displacement_bound, model.flight
@@ -204,8 +203,8 @@ def stays_open(contact, model, state):
 
 @inline
 def update_before_sample(model, state, frame):
-    """Before the sample of a frame: out of contact, bring up to date what was not looked at, at every check and where
-    something is due or bodies have separated; and plan ahead at a check."""
+    """Update the island before the sample of a frame. Out of contact, read compressions from the modes and end a
+    flight: at every check, and where something is due or bodies have separated. At a check, also plan ahead."""
     is_check = frame % CHECK_PERIOD == 1
     if is_check:
         reset_line_search_budget(state.scratch, state)
@@ -219,17 +218,17 @@ def update_before_sample(model, state, frame):
 
 @inline
 def max_sleep(model, state, is_traced, remaining):
-    """How many samples may be slept through at once: one, if the flight of a mass is to be traced."""
+    """Return how many samples may be slept through at once: one, if the flight of a mass is to be traced."""
     return 1 if is_traced and free_mass_moves(model.weight, model.free_masses, state) else remaining
 
 
 @inline
 def finish_sleep(model, state, frame, slept):
-    """After samples slept through: free masses have moved on and may be near; else, once the sleep is over,
-    see whether anything is due."""
+    """Update the island after samples slept through. Free masses have moved on and may be near; if none moves and the
+    sleep is over, find out whether anything is due."""
     last = frame + slept - 1
     if free_mass_moves(model.weight, model.free_masses, state):
-        advance_free_masses(model.step, model.weight, model.free_masses, state, slept)
+        advance_free_masses(model.step, model.free_masses, state, slept)
     elif state.sleep[Sleep.WAKE_FRAME] == last + 1:
         if state.sleep[Sleep.FORCED] != 0:  # what it was put to sleep until is due
             state.sleep[Sleep.FORCED] = 0
@@ -242,25 +241,25 @@ def finish_sleep(model, state, frame, slept):
 
 @kernel
 def render_block(model, state, output, partition, frames):
-    """Render the next samples of one partition of the scene; engine.parallel.partitions adds them.
+    """Render the next samples of one partition of the scene; engine.parallel.partitions adds up the partitions.
 
     model, state, output: StructHandle of a Model, a State and a BlockOutput
     partition: its number; partitions have nothing in common, and may run at the same time
-    frames:    how many samples; they fill the first rows of the output
+    frames:    number of samples; they fill the first rows of the output
     """
     render_partition(load_struct(model), load_struct(state), output_view(load_struct(output)), partition, frames)
 
 
 @inline
 def output_view(output):
-    """The same with views, whose indices are not tested for negative ones."""
+    """Return a BlockOutput of views, whose indices are not tested for negative ones."""
     ledger, wanted = row_view(output.ledger, INT64_0), slice_view(output.wanted, INT64_0, output.wanted.shape[0])
     return BlockOutput(row_view(output.audio, INT64_0), ledger, output.trace, wanted)
 
 
 @inline
 def render_partition(model, state, output, partition, frames):
-    """As `render_block`, of what the handles point to, as views."""
+    """Render the next samples of one partition of the scene. model, state, output: records, `output` one of views"""
     clear_audio(output.audio, frames)
     islands, is_recorded = model.islands, wants_energies(output) or wants_motion(output)
     first, last = islands.partition[partition], islands.partition[partition + 1]
@@ -309,7 +308,8 @@ def render_chunk(model, state, output, bounds, start, begin, end):
 
 @inline
 def samples_to_step(state, frame, most):
-    """How many of at most so many samples are stepped through, up to the next check, in the same way."""
+    """Return how many samples, `most` at most, are stepped through in the same way: up to the next check, or to where
+    forces may act again."""
     count = min(most, CHECK_PERIOD - (frame - 1) % CHECK_PERIOD)
     until = state.contact_free_until[0]
     return min(count, until - frame) if frame < until else count
@@ -318,7 +318,7 @@ def samples_to_step(state, frame, most):
 @inline
 def render_steps(model, state, output, bounds, i, count, frame):
     """Render up to `count` rows of a block from row i on, step by step, until bodies separate; row i has this frame.
-    Returns how many rows."""
+    Returns the number of rows."""
     is_free, was_in_contact = frame < state.contact_free_until[0], state.in_contact[0] != 0
     for n in range(count):
         add_pickups(model.pickups, model.drive, state, model.samplerate, output.audio, i + n, frame + n)
@@ -342,7 +342,7 @@ def render_steps(model, state, output, bounds, i, count, frame):
 
 @inline
 def samples_to_fly(state, frame, most):
-    """How many of at most so many samples the island flies free."""
+    """Return how many samples, `most` at most, the island flies free from this frame on."""
     if frame >= state.flight.frame[FlightFrame.END]:
         return INT64_0
     return min(most, state.contact_free_until[0] - frame)

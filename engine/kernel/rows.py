@@ -1,4 +1,4 @@
-"""Points of bodies: how modes move them, and forces at them push modes. A row of mode shapes is a point
+"""Points of bodies: how modes move them, and how forces at them push modes. A row of mode shapes is a point
 (engine.kernel.model.ModeShapeRows)."""
 
 import numpy as np
@@ -13,7 +13,7 @@ ROWS_AT_ONCE = 4
 
 @inline
 def weighted_sum(weights, offset, x, begin, end):
-    """Σ weights[offset + m]·x[begin + m] over the modes begin to end of an island."""
+    """Return Σ weights[offset + m]·x[begin + m] over the modes begin to end of an island."""
     first = np.int64(begin)
     return sum_products(weights, np.int64(offset), x, first, np.int64(end) - first)
 
@@ -26,13 +26,13 @@ def project(rows, r, x):
 
 @inline
 def project_drift(rows, coefficients, r, p):
-    """Displacement at row r that the coming drift brings, m."""
+    """Displacement at row r by the coming drift, m."""
     return weighted_sum(coefficients.drift_phi, rows.offset[r], p, rows.mode_begin[r], rows.mode_end[r])
 
 
 @inline
 def rows_of_same_modes(rows, r, total):
-    """How many rows from r on weigh the same modes, up to ROWS_AT_ONCE. total: of all rows"""
+    """Return how many rows from r on weigh the same modes, up to ROWS_AT_ONCE. total: number of all rows"""
     begin, end, count = rows.mode_begin[r], rows.mode_end[r], INT64_1
     while count < ROWS_AT_ONCE and r + count < total:
         if rows.mode_begin[r + count] != begin or rows.mode_end[r + count] != end:
@@ -43,7 +43,7 @@ def rows_of_same_modes(rows, r, total):
 
 @inline
 def drifts_of_same_modes(rows, coefficients, r, count, p):
-    """The displacements, m, at two to four rows from r on that the coming drift brings: each momentum is read once for
+    """Return the displacements by the coming drift, m, at two to four rows from r on; each momentum is read once for
     all of them. Of fewer than four, the last stands for the missing ones."""
     of, begin = coefficients.drift_phi, np.int64(rows.mode_begin[r])
     modes, last = rows.mode_end[r] - begin, r + count - 1
@@ -69,7 +69,7 @@ def drifts_of_same_modes(rows, coefficients, r, count, p):
 
 @inline
 def add_drifts_of_same_modes(rows, coefficients, r, count, p, moves):
-    """Add the same to `moves`."""
+    """Add the displacements by the coming drift, m, at two to four rows from r on to `moves`."""
     e, f, g, h = drifts_of_same_modes(rows, coefficients, r, count, p)
     moves[r] += e
     moves[r + 1] += f
@@ -81,7 +81,7 @@ def add_drifts_of_same_modes(rows, coefficients, r, count, p, moves):
 
 @inline
 def add_drifts(rows, coefficients, p, moves):
-    """Add to `moves` the displacement at each row, if there are any, that the coming drift brings, m."""
+    """Add the displacement by the coming drift, m, at each row to `moves`, if there are rows."""
     if rows is not None:
         r, total = INT64_0, moves.shape[0]
         while r < total:
@@ -95,7 +95,7 @@ def add_drifts(rows, coefficients, p, moves):
 
 @inline
 def kick_at_row(rows, coefficients, r, f, p):
-    """Half a kick by a force f (N) at row r."""
+    """Do half a kick by a force f (N) at row r."""
     push_at_row(rows, coefficients.kick_phi, r, f, p)
 
 
@@ -113,7 +113,7 @@ def push_at_row(rows, weights, r, amount, p):
 
 @inline
 def kick_at_rows_of_same_modes(rows, coefficients, r, count, forces, p):
-    """Half a kick by four forces (N) at two to four rows from r on, of which the last stands for missing ones."""
+    """Do half a kick by four forces (N) at two to four rows from r on, of which the last stands for missing ones."""
     of, begin = coefficients.kick_phi, np.int64(rows.mode_begin[r])
     modes, last = rows.mode_end[r] - begin, r + count - 1
     i, j = np.int64(rows.offset[r]), np.int64(rows.offset[r + 1])
@@ -125,6 +125,6 @@ def kick_at_rows_of_same_modes(rows, coefficients, r, count, forces, p):
 
 @inline
 def bound_at_row(rows, r, bound):
-    """How far the point of row r can move, m, if each mode moves no further than `bound`."""
+    """Return how far the point of row r can move, m, if each mode moves no further than `bound`."""
     begin, first = np.int64(rows.mode_begin[r]), np.int64(rows.offset[r])
     return sum_sizes_of_products(rows.phi, first, bound, begin, np.int64(rows.mode_end[r]) - begin)

@@ -1,13 +1,12 @@
-"""The contact solve: given how far a contact would move without force, where it ends.
+"""Contact solve of one contact: its compression at the end of a step, given how far it would move without force.
 
-`solve_scalar_contact` solves an island with one contact. Unknown: the end compression b, with
-η = b - s beside it, so that neither is ever formed from the other (docs/design.md, sec. 3):
+`solve_scalar_contact` solves an island with one contact. The unknown is the end compression b, with η = b - s beside
+it, so that neither is ever formed from the other (docs/design.md, sec. 3):
 
     (b - G) + B·f = 0,    f = φ(s, b)·max(0, 1 + μη/h),    G = s + g
 
-with B the compliance of the bodies at the contact over one step (m/N), φ the
-discrete gradient of the contact's potential. The left side is convex and
-increasing in b, so the root is unique (paper, sec. 2.1.2). No function here
+with B the compliance of the bodies at the contact over one step (m/N), φ the discrete gradient of the contact's
+potential. The left side is convex and increasing in b, so the root is unique (paper, sec. 2.1.2). No function here
 raises; failure is a returned status.
 """
 
@@ -24,7 +23,7 @@ MAX_HALLEY_EVALUATIONS = 60  # bisection alone would be done by then
 
 
 class ContactEquation(NamedTuple):
-    """One contact's equation for its force (docs/design.md, sec. 3); values as in `solve_scalar_contact`."""
+    """Equation of one contact for its force (docs/design.md, sec. 3); values as in `solve_scalar_contact`."""
 
     law: Any
     k: int
@@ -45,7 +44,7 @@ def loss_rate_of(loss_rate, k):
 
 @inline
 def response_leaving(law, k, s, eta, rate):
-    """Mean force and its slope df/dη for a step that begins at s > 0 and ends outside contact."""
+    """Return the mean force and its slope df/dη for a step that begins at s > 0 and ends outside contact."""
     w = 1.0 + rate * eta
     if w <= 0.0:
         return 0.0, 0.0
@@ -55,7 +54,7 @@ def response_leaving(law, k, s, eta, rate):
 
 @inline
 def response_in_contact(law, k, s, b, eta, rate):
-    """Mean force and its first three derivatives by η for a step that ends at b > 0; 1 + rate·η ≥ 0."""
+    """Return the mean force and its first three derivatives by η for a step that ends at b > 0; 1 + rate·η ≥ 0."""
     unit = law.potential_coefficient[k]
     f, df, ddf, dddf = discrete_gradient(law, k, s, b, eta)
     if rate > 0.0:
@@ -66,7 +65,7 @@ def response_in_contact(law, k, s, b, eta, rate):
 
 @inline
 def solve_separation(law, k, s, g, rate, elastic):
-    """End of a step that begins in contact and ends outside it, in closed form.
+    """Solve for the end of a step that begins in contact and ends outside it, in closed form.
 
     `elastic` is B·V(s), m². Returns η, b, f, df/dη.
     """
@@ -91,7 +90,7 @@ def solve_separation(law, k, s, g, rate, elastic):
 
 @inline
 def solve_linear(law, k, s, g, scale):
-    """End of a step in contact for α = 1 without contact loss, in closed form: η, b, f, df/dη."""
+    """Solve for the end of a step in contact for α = 1 without contact loss, in closed form. Returns η, b, f, df/dη."""
     unit = law.potential_coefficient[k]
     free_end = s + g
     c = 1.0 + scale
@@ -113,9 +112,10 @@ def solve_linear(law, k, s, g, scale):
 
 @inline
 def solve_quadratic(law, k, s, g, scale):
-    """End of a step within contact for α = 2 without contact loss, in closed form: η, b, f, df/dη.
+    """Solve for the end of a step within contact for α = 2 without contact loss, in closed form. Returns η, b, f,
+    df/dη.
 
-    The span of x² over [s, b] is s² + sb + b², so the contact equation is quadratic.
+    The quotient of x³ over [s, b] is s² + sb + b², so the contact equation is quadratic.
     """
     over = (s + g) - scale * s * s  # > 0, or the step would separate
     c = 1.0 + scale * s
@@ -127,7 +127,7 @@ def solve_quadratic(law, k, s, g, scale):
 
 @inline
 def initial_guess(law, k, s, g, scale):
-    """Where to begin: the asymptotes of the solution (docs/design.md, sec. 3)."""
+    """Return an end compression to begin with, from the asymptotes of the solution (docs/design.md, sec. 3)."""
     free_end = s + g
     alpha = exponent(law, k)
     n = alpha + 1.0
@@ -159,7 +159,7 @@ def initial_guess(law, k, s, g, scale):
 
 @inline
 def initial_guess_lossy(law, k, s, g, scale, rate, b):
-    """Where to begin with contact loss, given where to begin without it."""
+    """Return an end compression to begin with under contact loss, given that without loss, b."""
     if s <= 0.0:
         return min(b, root_of_potential(law, k, (s + g) / (scale * rate)))
     force = (exponent(law, k) + 1.0) * scale * power(law, k, s)
@@ -178,8 +178,8 @@ def solve_scalar_contact(law, loss_rate, k, s, g, compliance, tolerance):
     compliance: B, change of compression per newton of contact force, m/N
     tolerance:  relative error left in b
 
-    Returns η (m), b (m), mean force f (N), slope df/dη (N/m), evaluations of the contact law,
-    and how it ended (FREE, SEPARATION, CLOSED, NEWTON or FAILED).
+    Returns η (m), b (m), mean force f (N), slope df/dη (N/m), evaluations of the contact law, and SolveStatus (FREE,
+    SEPARATION, CLOSED_FORM, NEWTON or FAILED).
     """
     free_end = s + g
     if s < MIN_COMPRESSION and free_end < MIN_COMPRESSION:
@@ -213,9 +213,10 @@ def solve_scalar_contact(law, loss_rate, k, s, g, compliance, tolerance):
 
 @inline
 def bracketed_halley(equation, b, eta):
-    """Halley's iteration from b (> 0), kept inside a bracket; returns as `solve_scalar_contact`.
+    """Solve a contact equation by Halley's iteration from b (> 0), kept inside a bracket. Returns η, b, mean force f,
+    slope df/dη, evaluations of the contact law, and SolveStatus.
 
-    The force is extrapolated over the last step, so no evaluation is spent on confirming.
+    The force is extrapolated over the last step, so no evaluation is spent on confirming it.
     """
     law, k, s, g, compliance, rate, tolerance = equation
     free_end = s + g

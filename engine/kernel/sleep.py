@@ -1,27 +1,28 @@
-"""Sleep: an island whose vibration and sound have died is not computed until something is due, or a
-body that still flies comes near another.
+"""Sleep: an island whose vibration and sound have died out is not computed until an event or force is due, or a body
+that still flies comes near another.
 
-It is decided on the scene's own grid of samples, so that blocks of any size give the same. What
-vibrates is left as it is and its pickups are silent, which changes the output by less than
-`Model.sleep_threshold` of its peak; free masses fly on.
+Islands are put to sleep at fixed samples of the scene, so that blocks of any size give the same. Modes that vibrate are
+left as they are and their pickups are silent, which changes the output by less than `Model.sleep_threshold` of its
+peak; free masses fly on.
 """
 
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.kernel.codes import EnergyTotal, Sleep, SleepMonitor
 from engine.kernel.energy import accumulate
 from engine.kernel.events import next_due
-from engine.kernel.modes import begin_step_mode, end_step_mode
+from engine.kernel.modes import add_free_step, motion_of
 
 
 @inline
 def track_peak(state, value):
-    """Keep the peak of what the pickups of an island give."""
+    """Raise the peak of the pickups of an island to this value, if it is larger."""
     state.sleep_monitor[SleepMonitor.PEAK] = max(state.sleep_monitor[SleepMonitor.PEAK], abs(value))
 
 
 @inline
 def extend_sleep(force, events, state, frame, most):
-    """Stay asleep from this frame on until something is due, for so many samples at most. Nothing flies."""
+    """Extend the sleep of an island in which nothing flies: from this frame until something is due, for `most` samples
+    at most."""
     due = next_due(force, events, state, frame - 1)
     if due > frame:
         state.sleep[Sleep.WAKE_FRAME] = state.sleep[Sleep.STATIC_UNTIL] = min(due, frame + most)
@@ -29,7 +30,7 @@ def extend_sleep(force, events, state, frame, most):
 
 @inline
 def audible_free_mass_moves(weight, free_masses, state):
-    """Whether a pickup hears a free mass that moves."""
+    """True if a pickup of the island registers free masses, and one of these moves."""
     if free_masses is None:
         return False
     return free_masses.is_audible[0] and free_mass_moves(weight, free_masses, state)
@@ -37,7 +38,8 @@ def audible_free_mass_moves(weight, free_masses, state):
 
 @inline
 def try_sleep(threshold, weight, free_masses, state, until, energy):
-    """With nothing in reach, sleep until a frame if all has died; returns whether. `energy` is that of vibration, J."""
+    """Let an island whose contacts cannot close sleep until a frame, if its vibration and sound have died out. Returns
+    True if it sleeps. `energy` is that of vibration, J."""
     monitor = state.sleep_monitor
     monitor[SleepMonitor.ENERGY_EVER] = max(monitor[SleepMonitor.ENERGY_EVER], energy)
     monitor[SleepMonitor.PEAK_EVER] = max(monitor[SleepMonitor.PEAK_EVER], monitor[SleepMonitor.PEAK])
@@ -53,7 +55,7 @@ def try_sleep(threshold, weight, free_masses, state, until, energy):
 
 @inline
 def free_mass_moves(weight, free_masses, state):
-    """Whether a free mass moves, or is about to; in an island that was put to sleep it waits."""
+    """True if a free mass moves, or is about to; in an island that was put to sleep, free masses wait."""
     if free_masses is None:
         return False
     if state.sleep[Sleep.FORCED] != 0:
@@ -69,30 +71,28 @@ def free_mass_moves(weight, free_masses, state):
 
 @inline
 def has_weight(weight, m):
-    """Whether mode m has weight."""
+    """True if mode m has weight."""
     if weight is None:
         return False
     return weight[m] != 0.0
 
 
 @noinline
-def advance_free_masses(h, weight, free_masses, state, count):
-    """Let free masses move on for so many samples."""
+def advance_free_masses(h, free_masses, state, count):
+    """Step the free masses by `count` samples."""
     if free_masses is not None:
         for j in range(free_masses.mode.shape[0]):
             m = free_masses.mode[j]
             lost = 0.0
             for _ in range(count):
-                half, first = begin_step_mode(h, weight, state.kick_compensation, m, state.q[m], state.p[m])
-                state.q[m], state.p[m], second = end_step_mode(h, weight, state.kick_compensation, m, state.q[m], half)
-                lost += first + second
+                lost += add_free_step((h, motion_of(state)), m, (0.0,))[0]
             accumulate(state.energy_totals, EnergyTotal.DISSIPATED, lost)
 
 
 @inline
 def skip_chunk(sleep, n, frame, count):
-    """Whether island n of the scene, of which nothing is to be recorded, sleeps for so many samples and nothing
-    in it flies: then it need not even be looked at."""
+    """True if island n of the scene, of which nothing is to be recorded, sleeps for `count` samples and nothing in it
+    flies. These samples are counted, and the island need not be looked at."""
     if sleep[n, Sleep.STATIC_UNTIL] >= frame + count:
         sleep[n, Sleep.SAMPLES_SLEPT] += count
         return True
@@ -101,7 +101,7 @@ def skip_chunk(sleep, n, frame, count):
 
 @inline
 def samples_to_sleep(state, frame, most):
-    """How many of at most so many samples the island sleeps through."""
+    """Return how many samples, `most` at most, the island sleeps through from this frame on, and count them."""
     count = min(most, state.sleep[Sleep.WAKE_FRAME] - frame)
     if count <= 0:
         return 0

@@ -1,4 +1,4 @@
-"""What changes while a scene sounds: the `State`; and where a block of samples goes."""
+"""The `State`: everything that changes while a scene sounds; and the arrays that a block of samples fills."""
 
 from typing import Annotated, NamedTuple
 
@@ -41,8 +41,8 @@ PerPartitionInt = Annotated[np.ndarray, Items(Axis.PARTITION, np.int64)]
 
 
 class Scratch(NamedTuple):
-    """Memory for the coupled contact solve of each partition. K is the largest number of contacts in an island, and L
-    at least as large, and a multiple of eight."""
+    """Memory for the coupled contact solve of each partition. K is the largest number of contacts in an island. L is at
+    least as large, and a multiple of eight."""
 
     vectors: PerPartition  # [partitions, rows (engine.kernel.codes.Row), L]
     active_compliance: PerPartition  # [partitions, K, L]: B of the active set
@@ -53,8 +53,8 @@ class Scratch(NamedTuple):
 
 
 class NearContacts(NamedTuple):
-    """The contacts of an island with connections that may close soon (engine.kernel.near_contacts). The last seven have
-    what a solve of these needs, one after the other, in front."""
+    """Contacts of an island with connections that may close soon (engine.kernel.near_contacts). The last seven fields
+    hold what a solve of these contacts needs, one after the other, at their front."""
 
     until: PerIslandInt  # before this frame, no other contact can close
     size: PerIslandInt  # how many they are
@@ -70,7 +70,7 @@ class NearContacts(NamedTuple):
 
 
 class ConnectionState(NamedTuple):
-    """What changes at connections, by coordinate."""
+    """State of connections, by coordinate."""
 
     stiffness: PerConnection  # N/m; events change it, and the next two
     damping: PerConnection  # kg/s
@@ -90,7 +90,7 @@ class ConnectionState(NamedTuple):
 
 
 class RefinementState(NamedTuple):
-    """What changes with refinement."""
+    """State of refined samples (engine.kernel.refinement)."""
 
     saved_momentum: PerMode  # before a first half-step that may be taken back
     saved_compensation: PerMode  # and the compensation of its kicks
@@ -102,7 +102,7 @@ class RefinementState(NamedTuple):
 
 
 class FreeFlightState(NamedTuple):
-    """What is kept of a free flight until it is over."""
+    """Data of a free flight that are kept until it is over."""
 
     frame: Annotated[np.ndarray, Items(Axis.ISLAND, np.int64, len(FlightFrame))]
     q: PerMode  # √kg·m, the saved motion: that at the begin of the flight, or since taken on by single steps
@@ -156,10 +156,10 @@ class State(NamedTuple):
 
 
 class Trace(NamedTuple):
-    """What every sample was like; arrays of [frames, …] that a block fills.
+    """Motion, forces and energies at every sample; arrays of [frames, …] that a block fills.
 
-    `force` is the mean over the step that ends at the sample, so it is 0 at sample 0; `iterations`
-    are those of that step.
+    `force` is the mean over the step that ends at the sample, so it is 0 at sample 0; `iterations` are those of that
+    step.
     """
 
     displacement: np.ndarray  # [frames, bodies], m
@@ -175,7 +175,7 @@ class Trace(NamedTuple):
 
 
 class BlockOutput(NamedTuple):
-    """Where a block of one partition goes."""
+    """Arrays that a block of one partition fills."""
 
     audio: np.ndarray  # [frames, channels], overwritten
     ledger: np.ndarray  # [rows (engine.kernel.codes.Ledger), frames], J, overwritten where energies are wanted

@@ -32,22 +32,22 @@ from engine.kernel.modes import (
     begin_step_towards,
     end_step,
     end_step_pushed,
+    motion_of,
     rescale_kinetic_energy,
     reverse_motion,
 )
 
 
 class Acting(NamedTuple):
-    """What may act on an island in a step, beside its own modes; None where it does not."""
+    """Records of what may act on an island in a step, beside its own modes; None where it does not."""
 
     contact: Any  # Contact
     connection: Any  # Connections
     force: Any  # ExternalForce
-    weight: Any  # of each mode
 
 
 class StepOutcome(NamedTuple):
-    """What a step did to an island."""
+    """Outcome of a step of an island."""
 
     in_contact: bool  # whether a contact was in reach
     evaluations: int  # of the contact laws
@@ -57,8 +57,8 @@ class StepOutcome(NamedTuple):
 
 @inline
 def repay_energy_debt(state, excess):
-    """At the end of a step, take from the kinetic energy what a capped contact solve created, or give it what that
-    took; what cannot be taken at once is owed. Returns the energy lost, J."""
+    """Take from the kinetic energy, at the end of a step, what a capped contact solve created, or give it what that
+    solve took; what cannot be taken at once is owed. Returns the energy lost, J."""
     owed = state.energy_debt[0] + excess
     if owed == 0.0:
         return 0.0
@@ -69,39 +69,40 @@ def repay_energy_debt(state, excess):
 
 @inline
 def without_end_loss(h):
-    """The coefficients of a step without loss at its ends."""
-    return StepCoefficients(h.kick, h.drift, h.spring_kick, None, h.drag, h.connection, h.contact, h.force)
+    """Return the coefficients of a step without loss at its ends."""
+    spring, weight = h.spring_kick, h.weight_kick
+    return StepCoefficients(h.kick, h.drift, spring, weight, None, h.drag, h.connection, h.contact, h.force)
 
 
 @inline
 def without_loss(h):
-    """The coefficients of a step without any loss of its modes."""
-    return StepCoefficients(h.kick, h.drift, h.spring_kick, None, None, h.connection, h.contact, h.force)
+    """Return the coefficients of a step without any loss of its modes."""
+    return StepCoefficients(h.kick, h.drift, h.spring_kick, h.weight_kick, None, None, h.connection, h.contact, h.force)
 
 
 @inline
-def end_step_before_loss(h, drag, weight, state, failed):
-    """The second half of a step without the half-step of loss at its end. A motion that is reversed loses nothing to
-    drag. Returns the energy lost, J."""
+def end_step_before_loss(h, drag, state, failed):
+    """Do the second half of a step without the half-step of loss at its end. Motion that is reversed because the
+    contact solve failed loses nothing to drag. Returns the energy lost, J."""
     if drag is not None:
         if not failed:
-            return end_step(without_end_loss(h), weight, state.kick_compensation, state.q, state.p)
-    return end_step(without_loss(h), weight, state.kick_compensation, state.q, state.p)
+            return end_step(without_end_loss(h), motion_of(state))
+    return end_step(without_loss(h), motion_of(state))
 
 
 @inline
 def step(model, force, h, state, frame):
-    """A step with connections, contacts and external forces. Returns a StepOutcome.
+    """Do a step with connections, contacts and external forces. Returns a StepOutcome.
 
     h: StepCoefficients
     """
-    acting = Acting(model.contact, model.connection, force, model.weight)
+    acting = Acting(model.contact, model.connection, force)
     return step_if_contacts(model.contact, acting, h, state, frame)
 
 
 @inline
 def step_if_contacts(contact, acting, h, state, frame):
-    """A step, of which there may be another kind if there are contacts. Returns a StepOutcome."""
+    """Do a step; where there are contacts, in two passes over the modes if possible. Returns a StepOutcome."""
     if contact is None:
         return step_in_passes(None, acting, h, state, frame)
     return step_with_contacts(h.contact.single, acting, h, state, frame)
@@ -114,8 +115,8 @@ def step_with_contacts(single: Any, acting: Any, h: Any, state: Any, frame: int)
 
 @inline
 def step_in_passes(single, acting, h, state, frame):
-    """A step whose parts each go through the modes that they act on. Returns a StepOutcome."""
-    dissipated = begin_step(h, acting.weight, state.kick_compensation, state.q, state.p)
+    """Do a step whose parts each make a pass over the modes that they act on. Returns a StepOutcome."""
+    dissipated = begin_step(h, motion_of(state))
     apply_forces(acting.force, h.force, frame, state)
     begin_connections(acting.connection, h, state)
     solution = solve_contacts(acting.contact, acting.connection, h, state)  # and their first half-kick
@@ -124,11 +125,11 @@ def step_in_passes(single, acting, h, state, frame):
 
 @inline
 def finish_step_in_passes(acting, h, state, frame, begun):
-    """The step from the first half-kick of the contacts on. Returns a StepOutcome.
+    """Finish a step after the first half-kick of the contacts. Returns a StepOutcome.
 
     begun: the ContactSolution, and the energy lost before it
     """
-    contact, connection, force, weight = acting
+    contact, connection, force = acting
     solution, dissipated = begun
     in_contact, failed = solution.status != SolveStatus.FREE, solution.status == SolveStatus.FAILED
     dissipated_in_contact, work = solution.dissipated, 0.0
@@ -141,7 +142,7 @@ def finish_step_in_passes(acting, h, state, frame, begun):
         measure_moves(connection, h, state)
     dissipated += finish_connections(connection, h, state)
     if in_contact or has_forces(force) or has_connections(connection, state):
-        dissipated += end_step_before_loss(h, h.drag, weight, state, failed)
+        dissipated += end_step_before_loss(h, h.drag, state, failed)
         apply_forces(force, h.force, frame, state)  # their second half-kicks come before the loss
         push_by_connections(connection, h, state)
         if in_contact:
@@ -149,47 +150,45 @@ def finish_step_in_passes(acting, h, state, frame, begun):
             dissipated_in_contact += repay_energy_debt(state, solution.excess)
         dissipated += apply_loss_all(h.loss, state.p)
     else:
-        dissipated += end_step(h, weight, state.kick_compensation, state.q, state.p)
+        dissipated += end_step(h, motion_of(state))
     return StepOutcome(in_contact, solution.evaluations, dissipated + dissipated_in_contact, work)
 
 
 @noinline
-def finish_rare_step(contact, weight, h, state, solution, dissipated):
-    """The rest of a step whose contact solve failed, or whose forces all but cancel. Returns a StepOutcome."""
+def finish_rare_step(contact, h, state, solution, dissipated):
+    """Finish a step whose contact solve failed, or whose forces all but cancel. Returns a StepOutcome."""
     used = use_single_solution(contact, None, h, state, INT64_0, solution)
-    acting = Acting(contact, None, None, weight)
+    acting = Acting(contact, None, None)
     return finish_step_in_passes(acting, h, state, INT64_0, (used, dissipated))
 
 
 @inline
-def step_in_two_passes(single, contact, weight, h, state):
-    """A step of an island with one contact at most, and without connections and external forces: a pass over the modes
-    before the solve, and one after it, instead of seven. Returns a StepOutcome."""
-    dissipated, move = begin_step_towards(h, single.drift_phi, weight, state.kick_compensation, state.q, state.p)
+def step_in_two_passes(single, contact, h, state):
+    """Do a step of an island with one contact at most, and without connections and external forces. It takes a pass
+    over the modes before the solve and one after it, instead of seven. Returns a StepOutcome."""
+    dissipated, move = begin_step_towards(h, motion_of(state), single.drift_phi)
     if state.compression.shape[0] == 0:
-        dissipated += end_step(h, weight, state.kick_compensation, state.q, state.p)
+        dissipated += end_step(h, motion_of(state))
         return StepOutcome(FALSE, INT64_0, dissipated, 0.0)
     s = state.compression[0]
     state.free_displacement[0] = move
     if not (s > 0.0 or s + move > 0.0):
         state.compression[0] = s + move
-        dissipated += end_step(h, weight, state.kick_compensation, state.q, state.p)
+        dissipated += end_step(h, motion_of(state))
         return StepOutcome(FALSE, INT64_0, dissipated, 0.0)
     solution = find_contact_force(contact, h.contact, state, INT64_0)
     count_outcome(state, solution.evaluations, solution.status)
     is_rare = must_be_measured(h.contact, state, 0, s, solution.eta, solution.force)
     if is_rare or solution.status == SolveStatus.FAILED or state.energy_debt[0] != 0.0:
-        return finish_rare_step(contact, weight, h, state, solution, dissipated)
+        return finish_rare_step(contact, h, state, solution, dissipated)
     lost = store_single_solution(contact, h.contact, state, INT64_0, solution)
-    dissipated += end_step_pushed(
-        h, single.kick_phi, -solution.force, weight, state.kick_compensation, state.q, state.p
-    )
+    dissipated += end_step_pushed(h, motion_of(state), single.kick_phi, -solution.force)
     return StepOutcome(solution.status != SolveStatus.FREE, solution.evaluations, dissipated + lost, 0.0)
 
 
 @inline
 def has_several_contacts(coupling, state):
-    """Whether the island has several contacts; known beforehand where no island of the scene has."""
+    """True if the island has several contacts; known by type where no island of the scene has."""
     if coupling is None:
         return False
     return state.compression.shape[0] > 1
@@ -197,11 +196,12 @@ def has_several_contacts(coupling, state):
 
 @inline
 def step_as_contacts_allow(single, acting, h, state, frame):
-    """A step in two passes where that can be, and else in as many as it takes. Returns a StepOutcome."""
+    """Step an island with contacts; in two passes over the modes where one contact at most and nothing else acts on it.
+    In compiled code only."""
     is_pushed = has_forces(acting.force) or has_connections(acting.connection, state)
     if has_several_contacts(h.contact.coupling, state) or is_pushed:
         return step_in_passes(single, acting, h, state, frame)
-    return step_in_two_passes(single, acting.contact, acting.weight, h, state)
+    return step_in_two_passes(single, acting.contact, h, state)
 
 
 overload_by_type(

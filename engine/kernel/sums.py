@@ -1,9 +1,10 @@
-"""Sums of products, whose bits are the same on any processor and in any kernel: eight numbers at a time, then over the
-lanes; fewer than eight one after the other.
-"""
+"""Sums of products whose bits are the same on any processor and in any kernel. Eight numbers are taken at a time, and
+then summed over the lanes; fewer than eight are taken one after the other."""
 
 from engine.compiler.decorators import INT64_0, inline
 from engine.compiler.lanes import (
+    EightFrom,
+    FewFrom,
     lane_sum,
     load_first_lanes,
     load_lanes,
@@ -17,13 +18,34 @@ from engine.kernel.codes import LANES
 
 @inline
 def lanes_of(count):
-    """How many of so many numbers are taken eight by eight."""
+    """Return the largest multiple of LANES that is no more than `count`: so many numbers are taken eight by eight."""
     return count // LANES * LANES
 
 
 @inline
+def fold(add, of, count, sums):
+    """Call add(of, m, sums) for items 0 to `count`, such as modes, and return the sums over all. Eight items are taken
+    at a time, and then summed over the lanes; a single item that is left comes last.
+
+    add:  a compiled function that returns the sums with those of item m added; m is an index, EightFrom or FewFrom
+    of:   what `add` reads and writes
+    sums: a tuple of Lanes to begin with
+    """
+    whole = lanes_of(count)
+    for m in range(INT64_0, whole, LANES):
+        sums = add(of, EightFrom(m), sums)
+    left = count - whole
+    if left > 1:
+        sums = add(of, FewFrom(whole, left), sums)
+    totals = lane_sum(sums)
+    if left == 1:
+        totals = add(of, whole, totals)
+    return totals
+
+
+@inline
 def sum_products(a, i, b, j, count):
-    """Σ a·b over `count` numbers of a from number i on, and of b from number j on."""
+    """Return Σ a·b over `count` numbers of a from number i on, and of b from number j on."""
     total = 0.0
     if count < LANES:
         for k in range(count):
@@ -44,7 +66,7 @@ def sum_products(a, i, b, j, count):
 
 @inline
 def sum_two_products(a, x, b, y, i, count):
-    """Σ a·x + Σ b·y over `count` numbers of a and b from number i on, and of x and y from their first."""
+    """Return Σ a·x + Σ b·y over `count` numbers of a and b from number i on, and of x and y from their first."""
     total, other = 0.0, 0.0
     if count < LANES:
         for k in range(count):
@@ -64,7 +86,7 @@ def sum_two_products(a, x, b, y, i, count):
 
 @inline
 def sum_sizes_of_products(a, i, b, j, count):
-    """Σ |a|·b over `count` numbers of a from number i on, and of b from number j on."""
+    """Return Σ |a|·b over `count` numbers of a from number i on, and of b from number j on."""
     total = 0.0
     if count < LANES:
         for k in range(count):

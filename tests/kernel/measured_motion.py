@@ -31,7 +31,7 @@ from engine.parallel.job_memory import block_output
 @inline
 def measured_step(model, force, h, state, frame):
     """A step of any length, part by part. Returns a StepOutcome."""
-    return step_in_passes(None, Acting(model.contact, model.connection, force, model.weight), h, state, frame)
+    return step_in_passes(None, Acting(model.contact, model.connection, force), h, state, frame)
 
 
 _NAMES = composed_step.py_func.__globals__ | {"step": measured_step}

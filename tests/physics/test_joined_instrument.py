@@ -21,12 +21,13 @@ BOARD_MODES = 10
 def scene() -> engine.Scene:
     """The instrument as a patch has it."""
     string = {"name": "string", "kind": "string", "length": LENGTH, "mass": MASS, "frequency": PITCH, "modes": MODES}
+    string |= {"sigma0": DAMPING, "residual": False}
     hammer = {"name": "hammer", "kind": "mass", "mass": HAMMER, "displacement": -GAP, "velocity": VELOCITY}
     joint = {"body": "string", "at": JOINED_AT, "on": "board", "on_at": "bridge", "stiffness": SPRING}
     return engine.Scene.model_validate(
         {
             "body": [
-                string | {"sigma0": DAMPING, "residual": False},
+                string,
                 hammer,
                 board({"bridge": BRIDGE}, modes=BOARD_MODES),
             ],

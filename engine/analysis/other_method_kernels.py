@@ -27,26 +27,26 @@ class SingleBody(NamedTuple):
 
 @kernel
 def compression(b, y):
-    """Compression of the upper wall, positive, or of the lower one, negative, m."""
+    """Return the compression of the upper wall, positive, or of the lower one, negative, m."""
     return max(0.0, y - b.upper_wall) - max(0.0, b.lower_wall - y)
 
 
 @kernel
 def acceleration(b, y):
-    """Acceleration at a displacement, m/s²."""
+    """Return the acceleration at a displacement, m/s²."""
     s = compression(b, y)
     return -b.stiffness * y - b.gravity - math.copysign(b.wall_stiffness * abs(s) ** b.alpha, s)
 
 
 @kernel
 def wall_energy(b, y):
-    """Potential energy of the walls, J per kg."""
+    """Return the potential energy of the walls, J per kg."""
     return b.wall_stiffness / (b.alpha + 1.0) * abs(compression(b, y)) ** (b.alpha + 1.0)
 
 
 @kernel
 def hamiltonian(b, y, v):
-    """Energy of the continuous system, J per kg."""
+    """Return the energy of the continuous system, J per kg."""
     return 0.5 * v * v + 0.5 * b.stiffness * y * y + b.gravity * y + wall_energy(b, y)
 
 
@@ -58,7 +58,7 @@ def write_row(row, y, v, energy):
 
 @kernel
 def verlet(b, y, v, h, n, out):
-    """Störmer-Verlet in its velocity form."""
+    """Simulate by the Störmer-Verlet method in its velocity form."""
     for i in range(n):
         write_row(out[i], y, v, hamiltonian(b, y, v))
         v += 0.5 * h * acceleration(b, y)
@@ -68,7 +68,8 @@ def verlet(b, y, v, h, n, out):
 
 @kernel
 def fdn(b, y, v, h, n, out):
-    """The paper's FDN (eq. 4; α = 1 and 3 only): the contact force is averaged over the neighbouring steps."""
+    """Simulate by the paper's FDN (eq. 4; α = 1 and 3 only): the contact force is averaged over the neighbouring
+    steps."""
     previous = y - h * v + 0.5 * h * h * acceleration(b, y)
     for i in range(n):
         s = compression(b, y)
@@ -83,7 +84,7 @@ def fdn(b, y, v, h, n, out):
 
 @kernel
 def midpoint(b, y, v, h, n, out):
-    """Implicit midpoint rule; the middle displacement is found by Newton's method between bounds."""
+    """Simulate by the implicit midpoint rule; Newton's method between bounds finds the middle displacement."""
     for i in range(n):
         write_row(out[i], y, v, hamiltonian(b, y, v))
         target, middle = y + 0.5 * h * v, y + 0.5 * h * v
@@ -105,7 +106,7 @@ def midpoint(b, y, v, h, n, out):
 
 @kernel
 def rk4(b, y, v, h, n, out):
-    """The classical Runge-Kutta method."""
+    """Simulate by the classical Runge-Kutta method."""
     for i in range(n):
         write_row(out[i], y, v, hamiltonian(b, y, v))
         y1, v1 = v, acceleration(b, y)
@@ -118,7 +119,7 @@ def rk4(b, y, v, h, n, out):
 
 @kernel
 def sav(b, y, v, h, n, out):
-    """Quadratised energy (SAV): ψ = √(2V) is a state of its own, and each step is explicit."""
+    """Simulate by a quadratised energy (SAV): ψ = √(2V) is a variable of its own, and each step is explicit."""
     psi = math.sqrt(2.0 * wall_energy(b, y))
     for i in range(n):
         write_row(out[i], y, v, hamiltonian(b, y, v))

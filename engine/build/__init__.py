@@ -1,1 +1,1 @@
-"""A Scene at a sample rate becomes a Model and a State."""
+"""Assembly: a Scene and a sample rate give a Model and a State."""

@@ -1,8 +1,9 @@
-"""The coordinates of air that sheets press on (docs/design.md, "Air").
+"""Connection coordinates of the air that sheets press on (docs/design.md, "Air").
 
-Uniform pressure in a volume V stores ½·(ρc²/V)·U², U the volume that its walls displace: a spring between the volumes
-of sheets. In a box, each standing wave a with ψ stores ½·(ω·a + y)², y = √(ρc²/∫ψ² dV)·∬ ±w·ψ dA over its walls, and so
-does the plug of air in its hole with uniform pressure: own modes, a cross term y·ω·a and a spring ½·y².
+Uniform pressure in a volume V stores the energy ½·(ρc²/V)·U². U is the volume that the walls displace, so the air is a
+spring between the displaced volumes of sheets. In a box, a standing wave of amplitude a and shape ψ stores
+½·(ω·a + y)², with y = √(ρc²/∫ψ² dV)·∬ ±w·ψ dA over the walls. The plug of air in the hole does the same with
+uniform pressure. The terms of this square are the energy of a mode of the air, a cross term y·ω·a and a spring ½·y².
 """
 
 from collections.abc import Sequence
@@ -21,7 +22,7 @@ from engine.patch.tables import AirConnection
 def air_coordinates(
     scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int]
 ) -> list[tuple[list[Coordinate], np.ndarray]]:
-    """The coordinates of air, with the stiffness that they have, in groups that are coupled.
+    """Return the coordinates of air and their stiffness matrix, in groups that are not coupled to each other.
 
     bodies, numbers: modes of the scene's bodies, and their numbers by name
     """
@@ -43,7 +44,7 @@ def air_coordinates(
 def _closed_volume(
     scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int], k: int, c: AirConnection
 ) -> Coordinate:
-    """Uniform pressure between two sheets, or behind one: its coordinate is the mean displacement."""
+    """Return the coordinate of uniform pressure between two sheets, or behind one: the mean displacement."""
     number = numbers[c.body]
     sheet = _sheet(scene, number)
     parts = {number: sheet.volume_row(bodies[number]) / sheet.area()}
@@ -60,7 +61,8 @@ def _box(
     number: int,
     connections: list[tuple[int, AirConnection]],
 ) -> list[tuple[list[Coordinate], np.ndarray]]:
-    """The air of a box: for uniform pressure and for each standing wave its own part ω·a, and that of its walls."""
+    """Return the coordinates of the air in a box. A standing wave has two: its own part ω·a, and the part y of its
+    walls. Uniform pressure has both if the box has a hole, else only the part of the walls."""
     box, modal = scene.body[number], bodies[number]
     assert isinstance(box, AirBox)
     k, plug = connections[0][0], int(box.hole is not None)
@@ -85,7 +87,7 @@ def _box(
 
 
 def _wall_rows(box: AirBox, modal: ModalBody, sheet: FlatSheet, wall: ModalBody, side: str) -> np.ndarray:
-    """√(ρc²/Λ)·∬ ±Φ·ψ dA over a wall, outwards [1 + waves, modes of the wall]."""
+    """Return √(ρc²/Λ)·∬ ±Φ·ψ dA over a wall, positive outwards [1 + waves, modes of the wall]."""
     positions, areas, _ = sheet.area_quadrature(wall.omega.size)
     places = np.array(positions)
     pressure = box.wall_rows(modal.omega.size, places, 1.0 if side == "top" else 0.0) * areas[:, None]

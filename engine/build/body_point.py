@@ -1,4 +1,4 @@
-"""A position on a body, as the parts of a build hand it on."""
+"""A position on a body, with the mode shapes there."""
 
 from typing import Any, NamedTuple
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 class BodyPoint(NamedTuple):
-    """A position on a body, with a factor on the mode shape there; no body: a barrier."""
+    """A position on a body, and the factor that multiplies the mode shape there. A barrier has no body."""
 
     body: str | None
     position: Any

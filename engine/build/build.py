@@ -1,7 +1,6 @@
-"""A Scene at a sample rate becomes a Model and a State.
+"""Build the Model and the State of a scene at a sample rate.
 
-Only what the scene calls for is built: an effect that no part uses, or that amounts to
-absence (no loss, no stiffness), is None.
+An effect that no part of the scene uses, or that has no strength (no loss, no stiffness), is not built: it is None.
 """
 
 import math
@@ -51,7 +50,7 @@ MAX_FORCE_AT_START = 1e12  # N
 
 
 class BuildResult(NamedTuple):
-    """What `build` returns."""
+    """Result of `build`: the Model, its State at time 0, and the Layout of both."""
 
     model: Model
     state: State
@@ -69,16 +68,16 @@ def build(
     variable_exponents: bool = False,
     like: Sequence[ModalBody] | None = None,
 ) -> BuildResult:
-    """Model, State and Layout of a scene at a sample rate (Hz).
+    """Build the Model, State and Layout of a scene at a sample rate (Hz).
 
-    accuracy: the scene's own if None
-    seconds:  how long it will sound; what forces do later is left out
+    accuracy: accuracy settings; those of the scene if None
+    seconds:  duration of the sound; the tables of forces end there
     one_partition_per_island: also where islands are small (engine.analysis.profile measures them)
-    event_capacity:     for how many events that the scene does not name there are slots (engine.live.player)
-    variable_exponents: exponents will be changed, beyond what the score says
-    like:               the modes of another build of the scene, to have as many of each body
-    Raises BuildError if a body vibrates too fast for the sample rate, if the accuracy asked for has steps back in time
-    and modes are heavily damped, or if there is no memory for so much (engine.build.limits).
+    event_capacity:     free slots on each island for events that the scene does not name (engine.live.player)
+    variable_exponents: True if exponents may change beyond what the score says
+    like:               modal bodies of another build of the scene; each body gets as many modes as it has there
+    Raises BuildError if a body vibrates too fast for the sample rate, if the accuracy has steps back in time
+    and modes are heavily damped, or if the scene needs too much memory (engine.build.limits).
     """
     accuracy = accuracy or scene.accuracy
     live = event_capacity > 0 or any(getattr(event, "parameter", None) for event in scene.event)
@@ -90,9 +89,9 @@ def build(
     islands = layout.islands._replace(event=event_begins, basis=bases.astype(np.int64))
     if one_partition_per_island:
         islands = islands._replace(partition=np.arange(event_begins.size))
-    omega, participation = layout.concatenate_modes("omega"), layout.concatenate_modes("gravity_participation")
+    omega, weights = layout.concatenate_modes("omega"), layout.weights()
     step = step_coefficients(layout, modes, samplerate)
-    weight = -scene.gravity * participation if (scene.gravity * participation).any() else None
+    weight = weights if weights.any() else None
     model = Model(
         samplerate=float(samplerate),
         islands=islands,
@@ -126,10 +125,10 @@ def check_and_layout(
     live: bool,
     like: Sequence[ModalBody] | None = None,
 ) -> Layout:
-    """The layout of a scene that can be built. Raises BuildError.
+    """Check that a scene can be built, and return its layout. Raises BuildError if it cannot.
 
-    live: events may come that the score does not name
-    like: as of `build`
+    live: True if events may come that the score does not name
+    like: modal bodies of another build, to have as many modes of each
     """
     modal_bodies = limits.build_modal_bodies(scene, samplerate, accuracy.scheme)
     if like is None:
@@ -148,7 +147,7 @@ def check_and_layout(
 
 
 def mode_coefficients(layout: Layout, samplerate: float, accuracy: Accuracy) -> ModeCoefficients:
-    """The step of each mode. Raises BuildError if modes are damped too heavily for steps back in time."""
+    """Return the step coefficients of each mode. Raises BuildError if damping is too heavy for steps back in time."""
     omega, sigma, h = layout.concatenate_modes("omega"), layout.concatenate_modes("sigma"), 1.0 / samplerate
     if accuracy.order > 2 and sigma.max(initial=0.0) * h > MAX_DAMPING_BACKWARDS:
         message = f"order {accuracy.order} has steps back in time, in which heavy damping would create energy"
@@ -166,7 +165,8 @@ def mode_coefficients(layout: Layout, samplerate: float, accuracy: Accuracy) -> 
 
 
 def nominal_stiffness(layout: Layout) -> np.ndarray:
-    """Stiffness of each point of contact, N/m^α; where it is 0 at first, what an event first makes it."""
+    """Return the stiffness of each contact point, N/m^α. If it is 0 at first, return the first value that an event
+    sets."""
     later: dict[str | None, float] = {}
     for event in layout.scene.event:
         if isinstance(event, ChangeEvent) and event.stiffness:
@@ -176,7 +176,8 @@ def nominal_stiffness(layout: Layout) -> np.ndarray:
 
 
 def trace_points(layout: Layout) -> list[BodyPoint]:
-    """Where each body is traced: at its first pickup, or else its first contact, or else its first force."""
+    """Return the point at which each body is traced: its first pickup, or else its first contact, or else its first
+    force."""
     scene, points = layout.scene, dict[str, BodyPoint]()
     for pickup in scene.pickup:
         everywhere = pickup.quantity == "pressure" and pickup.at is None
@@ -193,7 +194,7 @@ def trace_points(layout: Layout) -> list[BodyPoint]:
 
 
 def _free_masses(layout: Layout) -> FreeMasses | None:
-    """Free masses, counted from their island's first mode."""
+    """Return the modes of free masses, counted from the first mode of their island; None without any."""
     free, islands = np.flatnonzero(layout.free_mass_modes), layout.islands
     if free.size == 0:
         return None
@@ -208,7 +209,7 @@ def _free_masses(layout: Layout) -> FreeMasses | None:
 def _contact(
     layout: Layout, modes: ModeCoefficients, accuracy: Accuracy, samplerate: float, variable_exponents: bool
 ) -> Contact | None:
-    """The contacts of a layout; None without any."""
+    """Return the contacts of a layout; None without any."""
     if not layout.contact_points:
         return None
     scene = layout.scene
@@ -229,7 +230,7 @@ def _contact(
 
 
 def _contact_basis(layout: Layout, modes: ModeCoefficients, step_rate: float) -> ContactBasis | None:
-    """What contacts have in common; None where there is no such island."""
+    """Return the bases of the contacts of islands that have one; None if no island has."""
     tables = contact_basis_tables(layout, modes, all_factors(layout, modes, step_rate))
     if not tables.rows:
         return None
@@ -243,12 +244,12 @@ def _contact_basis(layout: Layout, modes: ModeCoefficients, step_rate: float) ->
 
 
 def _begins(arrays: list[np.ndarray]) -> np.ndarray:
-    """Where each array begins if they lie one after the other."""
+    """Return the position of the first number of each array if the arrays are joined end to end."""
     return np.cumsum([0, *(array.size for array in arrays[:-1])])
 
 
 def _external_force(layout: Layout, samplerate: float, seconds: float) -> ExternalForce | None:
-    """The external forces of a layout; None without any."""
+    """Return the external forces of a layout; None without any."""
     if not layout.force_order:
         return None
     forces = [layout.forces[j] for j in layout.force_order]
@@ -267,13 +268,15 @@ def _external_force(layout: Layout, samplerate: float, seconds: float) -> Extern
 
 
 def _driven_points(forces: Sequence[object]) -> np.ndarray | None:
-    """The point that strings drive by each force, or -1 of other forces; None if all are [forces]."""
+    """Return the number of the point that strings drive by each force, -1 for other forces [forces]; None if all are
+    -1."""
     points = np.array([force.number if isinstance(force, DriveForce) else -1 for force in forces], dtype=np.int64)
     return points if np.any(points >= 0) else None
 
 
 def _force_table(scene: Scene, force: object, samplerate: float, seconds: float) -> ForceTable:
-    """The table of a force, empty if strings make it. Raises BuildError if its file cannot be read to its end."""
+    """Return the table of a force; it is empty if strings make the force. Raises BuildError if its file cannot be read
+    to its end."""
     if isinstance(force, DriveForce):
         return ForceTable(0, np.zeros(0), 0.0)
     try:
@@ -285,12 +288,13 @@ def _force_table(scene: Scene, force: object, samplerate: float, seconds: float)
 
 
 def pickup_rows(layout: Layout) -> list[PickupRow]:
-    """Where the pickups of a layout are, and what they give."""
+    """Return the mode shapes and the quantity of each pickup point of a layout."""
     return [PickupRow(layout.row(heard.point), heard.quantity) for heard in layout.heard_points]
 
 
 def _pickups(layout: Layout) -> Pickups:
-    """A pickup of quantity force lists the contacts of its body, with the sign of their push on it."""
+    """Return the pickups of a layout. A pickup of quantity force lists the contacts of its body, with the sign of their
+    push on it."""
     begin, contact, sign = [0], list[int](), list[float]()
     for heard in layout.heard_points:
         island = layout.island_of_body[layout.body_index[heard.pickup.body]]
@@ -315,7 +319,7 @@ def _pickups(layout: Layout) -> Pickups:
 
 
 def _refuse_deep(layout: Layout, state: State) -> None:
-    """Refuse contacts that begin deeper than any force could have brought them."""
+    """Raise BuildError if contacts begin deeper than any force could have brought them."""
     faults: list[Fault] = []
     for slot, (k, _) in enumerate(layout.contact_points):
         depth, exponent = float(state.compression[slot]), float(state.exponent[slot])

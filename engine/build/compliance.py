@@ -1,4 +1,4 @@
-"""Contact compliance: how much the bodies of an island give at its contacts (docs/design.md, sec. 1)."""
+"""Contact compliance: the displacement at the contacts of an island per newton (docs/design.md, sec. 1)."""
 
 import math
 
@@ -13,14 +13,14 @@ from engine.build.layout import Layout
 def contact_compliance(
     layout: Layout, kick: np.ndarray, drift: np.ndarray, factors: list[IslandFactors | None]
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """Contact compliance matrix B = Φ diag(e) Φᵀ of each island, with e = v·t: displacement at contact i per newton at
-    contact j over one step, m/N. And what rounding cut from its diagonal, which is the sum of the products of kick and
-    drift that the kernel uses [contacts].
+    """Return the contact compliance matrix B = Φ diag(e) Φᵀ of each island, with e = v·t, and the rounding errors of
+    its diagonal. B is the displacement at contact i per newton at contact j over one step, m/N. An error is what
+    rounding cuts from the sum of the products of kick and drift that the kernel uses [contacts].
 
-    Where contacts are solved in the space of a basis, what rounding cut is with it, and 0 here.
+    Where contacts are solved in the space of a basis, the basis holds these errors, and they are 0 here.
 
     kick, drift: t and v of each mode, s
-    factors:     of the connections of each island, which hold what forces at contacts move
+    factors:     of the connections of each island, which reduce the displacement at contacts
     """
     islands = layout.islands
     matrices, low, uses = [], [], layout.basis_uses

@@ -1,4 +1,4 @@
-"""What stands against building connections, by the paths of their patch."""
+"""Find connections that cannot be built, and name them by their paths in the patch."""
 
 import math
 
@@ -19,7 +19,7 @@ STILL = 1e-12  # of a body's largest mode shape: what moves less at a place does
 
 
 def check_connections(layout: Layout, accuracy: Accuracy, samplerate: float) -> None:
-    """Raises BuildError, which names each connection that cannot be built."""
+    """Raise BuildError if connections cannot be built; it names each of them."""
     faults = [*_find_still(layout), *_find_apart(layout)]
     if accuracy.order > 2:
         faults += _find_overdamped(layout, accuracy, samplerate)
@@ -34,7 +34,7 @@ def check_connections(layout: Layout, accuracy: Accuracy, samplerate: float) -> 
 
 
 def _find_still(layout: Layout) -> list[Fault]:
-    """Connections at places that do not move, where they could hold nothing."""
+    """Find connections at positions that do not move, where they would have no effect."""
     faults, scene = [], layout.scene
     used = used_connections(scene)
     for k, connection in enumerate(scene.connection):
@@ -58,13 +58,13 @@ def _find_still(layout: Layout) -> list[Fault]:
 
 
 def _largest_shape(body: object, modal: object) -> float:
-    """About the largest mode shape of a body, 1/√kg."""
+    """Estimate the largest mode shape of a body, 1/√kg."""
     mass = body.total_mass()  # type: ignore[attr-defined]
     return 1 / math.sqrt(mass) if 0.0 < mass < math.inf else 1e-300
 
 
 def _find_apart(layout: Layout) -> list[Fault]:
-    """Rigid joints whose sides begin apart, or move apart."""
+    """Find rigid joints whose sides are apart, or move apart, at time 0."""
     faults = []
     for k, connection in enumerate(layout.scene.connection):
         if not (isinstance(connection, SpringConnection) and connection.rigid):
@@ -92,7 +92,7 @@ def _find_apart(layout: Layout) -> list[Fault]:
 
 
 def _find_overdamped(layout: Layout, accuracy: Accuracy, samplerate: float) -> list[Fault]:
-    """Dampers that are too strong to act outside of steps back in time."""
+    """Find dampers that are too strong to act outside of steps back in time."""
     changed = {
         e.connection: e.damping_coefficient
         for e in layout.scene.event
@@ -112,10 +112,10 @@ def _find_overdamped(layout: Layout, accuracy: Accuracy, samplerate: float) -> l
 
 
 def _find_unequal_loss(layout: Layout, accuracy: Accuracy) -> list[Fault]:
-    """Rigid joints whose sides lose unequally between samples of an even number of stages.
+    """Find rigid joints whose sides have unequal losses between samples of an even number of stages.
 
-    Loss lets the sides part, and in each stage the joint reverses the velocity at which they do. After an even number
-    of stages it is what it was, and the next loss adds to it.
+    Unequal losses give the sides a relative velocity, and the joint reverses it in each stage. After an even number of
+    stages it is what it was, and the next loss adds to it.
     """
     faults = []
     for coordinates in layout.coordinates:
@@ -131,5 +131,5 @@ def _find_unequal_loss(layout: Layout, accuracy: Accuracy) -> list[Fault]:
 
 
 def _mobility(item: Coordinate) -> float:
-    """W = Φ·Φᵀ of a coordinate, 1/kg."""
+    """Return the mobility W = Φ·Φᵀ of a coordinate, 1/kg."""
     return sum(float(np.sum(values**2)) for values in item.parts.values())

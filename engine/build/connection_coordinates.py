@@ -1,13 +1,14 @@
-"""The coordinates of connections: what each measures of the modes of its bodies, and the stiffness that they have
+"""Coordinates of connections: linear functions of the modes of the connected bodies, and their stiffness
 (docs/design.md, "Connections").
 
-A spring has one: its extension. Ends of strings at one point of a body have two: the displacement y there, and the
-force w = Σ ωₙ·cₙ·aₙ of all strings that end there, for a string of modes aₙ with fixed ends holds
+A spring has one coordinate: its extension. Ends of strings at one point of a body have two: the displacement y of the
+point, and the force w = Σ ωₙ·cₙ·aₙ of all strings that end there. A string that has modes aₙ with fixed ends holds
 
     V = Σ ½·(ωₙ·aₙ + cₙ·y)² + T/(2L)·y²,   cₙ = ωₙ·μ·φₙ'(L)/βₙ²
 
-when its end is at y; with both ends moving, Σ ½·(ωₙ·aₙ + c⁰ₙ·y₀ + c¹ₙ·y₁)² + T/(2L)·(y₁ - y₀)². What is kept of w is
-w/κ, κ = Σ (Σ cₙ² + T/L) over the strings, a length as y is: of unlike numbers the factors would not be as exact.
+when its end is at y. With both ends moving, it holds Σ ½·(ωₙ·aₙ + c⁰ₙ·y₀ + c¹ₙ·y₁)² + T/(2L)·(y₁ - y₀)². The arrays
+hold w/κ in place of w, with κ = Σ (Σ cₙ² + T/L) over the strings. It is a length, as y is: with numbers of unlike size
+the factors would be less exact.
 """
 
 import math
@@ -30,13 +31,13 @@ REDUNDANT = 1e-9  # of a rigid joint: what is left of it beside others, below wh
 
 
 def connected_pairs(scene: Scene, numbers: dict[str, int]) -> list[tuple[int, int]]:
-    """The numbers of bodies that connections join."""
+    """Return the pairs of bodies that connections join, as numbers."""
     used = used_connections(scene)
     return [(numbers[c.body], numbers[c.on]) for k, c in enumerate(scene.connection) if k in used and c.on is not None]
 
 
 def used_connections(scene: Scene) -> set[int]:
-    """Numbers of the connections that are built: that amount to anything, now or by an event."""
+    """Return the numbers of the connections that are built: those that have an effect, now or after an event."""
     changed = changed_connections(scene)
 
     def joins(c: Connection) -> bool:
@@ -48,7 +49,7 @@ def used_connections(scene: Scene) -> set[int]:
 
 
 def changed_connections(scene: Scene) -> set[str | None]:
-    """Names of connections that the score changes."""
+    """Return the names of the connections that the score changes."""
     return {e.connection for e in scene.event if isinstance(e, ChangeEvent) and e.connection is not None}
 
 
@@ -59,11 +60,11 @@ def find_coordinates(
     island_of: Sequence[int],
     step: float | None,
 ) -> list[Coordinates]:
-    """The coordinates of each island.
+    """Return the coordinates of each island.
 
     bodies, numbers: modes of the scene's bodies, and their numbers by name
     island_of:       the island of each body
-    step:            s, what springs make up for; None: they do not
+    step:            length of the steps for which springs are compensated, s; None: they are not
     """
     count = max(island_of) + 1
     items: list[list[Coordinate]] = [[] for _ in range(count)]
@@ -86,7 +87,7 @@ def find_coordinates(
 
 
 def _block_diagonal(groups: Sequence[tuple[list[Coordinate], np.ndarray]]) -> np.ndarray:
-    """The coupling of coordinates that are coupled within their groups only."""
+    """Return the stiffness matrix of all groups; coordinates are coupled only within their group."""
     size, begin = sum(len(items) for items, _ in groups), 0
     coupling = np.zeros((size, size))
     for items, inner in groups:
@@ -97,7 +98,7 @@ def _block_diagonal(groups: Sequence[tuple[list[Coordinate], np.ndarray]]) -> np
 
 
 def _compensated(scene: Scene, bodies: Sequence[ModalBody], coordinates: Coordinates, step: float) -> Coordinates:
-    """Coordinates whose springs give the right frequencies; those that have a name may change."""
+    """Return coordinates whose springs give the right frequencies. Connections that have a name may change."""
 
     def omega_of(body: int) -> np.ndarray:
         return np.zeros(1) if scene.body[body].IS_LUMPED else bodies[body].omega
@@ -108,7 +109,8 @@ def _compensated(scene: Scene, bodies: Sequence[ModalBody], coordinates: Coordin
 
 
 def _drop_redundant(items: list[Coordinate]) -> list[Coordinate]:
-    """The coordinates without rigid ones that others hold already, whose part of the force nothing says."""
+    """Return the coordinates without rigid ones that others hold already, as nothing determines their part of the
+    force."""
     kept, held = list[Coordinate](), list[dict[int, np.ndarray]]()
     for item in items:
         if item.is_rigid:
@@ -130,13 +132,13 @@ def _norm(parts: dict[int, np.ndarray]) -> float:
 
 
 def count_supports(body: Any) -> int:
-    """How many places supports hold a body at."""
+    """Count the positions at which supports hold a body."""
     supports = body.support if isinstance(body, DistributedBody) else []
     return sum(len(body.split_positions(support.at)) for support in supports)
 
 
 def _of_supports(scene: Scene, bodies: Sequence[ModalBody]) -> Iterator[Coordinate]:
-    """Supports: springs and dampers to the ground."""
+    """Yield the coordinates of supports, which are springs and dampers to the ground."""
     for b, body in enumerate(scene.body):
         for j, support in enumerate(body.support if isinstance(body, DistributedBody) else ()):
             places = body.split_positions(support.at)
@@ -148,14 +150,15 @@ def _of_supports(scene: Scene, bodies: Sequence[ModalBody]) -> Iterator[Coordina
 
 
 def _independent_rows(rows: np.ndarray) -> np.ndarray:
-    """Rows for places that share a spring evenly, as few as move [rows, modes]: places close together move alike."""
+    """Return rows for positions that share a spring evenly [rows, modes]. Positions close together move alike, so there
+    may be fewer rows than positions."""
     _, singular, shapes = np.linalg.svd(rows / math.sqrt(len(rows)), full_matrices=False)
     kept = singular > SMALLEST_SINGULAR_VALUE * singular[0]
     return np.asarray(singular[kept, None] * shapes[kept])
 
 
 def _of_springs(scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int]) -> Iterator[Coordinate]:
-    """Springs, dampers and rigid joints."""
+    """Yield the coordinates of springs, dampers and rigid joints."""
     used = used_connections(scene)
     for k, c in enumerate(scene.connection):
         if k in used and isinstance(c, SpringConnection):
@@ -167,12 +170,12 @@ def _of_springs(scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, in
 
 
 def _shape(scene: Scene, bodies: Sequence[ModalBody], number: int, at: Any) -> np.ndarray:
-    """Mode shapes of a body at the one place that a key gives."""
+    """Return the mode shapes of a body at the one position that a key gives."""
     return bodies[number].shape(scene.body[number].split_positions(at)[0])
 
 
 class _StringEnds:
-    """The ends of strings that move, by the point of the body that carries them."""
+    """Ends of strings that can move, by the point of the body that carries them."""
 
     def __init__(self, scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int]) -> None:
         self.scene, self.bodies = scene, bodies
@@ -184,7 +187,7 @@ class _StringEnds:
                 self.points.setdefault(point, []).append((k, numbers[c.body], c.at, c.on_at))
 
     def of_island(self, island: int, island_of: Sequence[int]) -> tuple[list[Coordinate], np.ndarray]:
-        """Two coordinates of each point of an island, w and y, and the stiffness that they have."""
+        """Return two coordinates of each point of an island, w and y, and their stiffness matrix."""
         points = [(on, ends) for (on, _), ends in self.points.items() if island_of[on] == island]
         items: list[Coordinate] = []
         coupling = np.zeros((2 * len(points), 2 * len(points)))
@@ -211,14 +214,14 @@ class _StringEnds:
 
 
 def end_row(string: Any, modal: ModalBody, end: float) -> np.ndarray:
-    """String.end_row, of a string whose residual modes do not move its end [modes], N/(√kg·m)."""
+    """Return String.end_row with zeros for residual and silent modes, which do not move the end [modes], N/(√kg·m)."""
     assert isinstance(string, String)
     count = modal.omega.size - modal.residual - modal.silent
     return np.pad(string.end_row(modal.omega[:count], end), (0, modal.residual + modal.silent))
 
 
 def end_stiffness(string: Any, modal: ModalBody, a: float, b: float) -> float:
-    """The stiffness, N/m, that two ends a and b of a string, or one with itself, have in V: Σ cₙ·cₙ ± T/L."""
+    """Return the stiffness in V between two ends a and b of a string, or of one end with itself, N/m: Σ cₙ·cₙ ± T/L."""
     tension = float(string.tension_and_bending()[0] / string.length)
     product = float(np.sum(end_row(string, modal, a) * end_row(string, modal, b) / modal.omega**2))
     return product + (tension if a == b else -tension)
@@ -227,8 +230,8 @@ def end_stiffness(string: Any, modal: ModalBody, a: float, b: float) -> float:
 def end_force_parts(
     scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int], name: str, end: float
 ) -> list[tuple[int, np.ndarray]]:
-    """The force of a string on its end (0 or 1), -∂V/∂y, as rows over the modes of bodies: its own, and those of the
-    bodies that its ends ride on [(number of the body, row [modes], N/(√kg·m))]."""
+    """Return the force of a string on its end (0 or 1), -∂V/∂y, as rows over the modes of the string and of the bodies
+    that carry its ends [(number of the body, row [modes], N/(√kg·m))]."""
     string = scene.body[numbers[name]]
     modal = bodies[numbers[name]]
     parts = [(numbers[name], -end_row(string, modal, end))]

@@ -1,4 +1,5 @@
-"""The factors of connections in a step, when a scene is built; engine.kernel.connection_factors makes them again."""
+"""Factors of connection forces in a step, when a scene is built; engine.kernel.connection_factors computes them again
+after a change."""
 
 from typing import NamedTuple
 
@@ -8,7 +9,7 @@ from engine.build.coordinates import Coordinates
 
 
 class IslandFactors(NamedTuple):
-    """The connections of an island in a step."""
+    """Factors of the connections of an island in a step."""
 
     compliance: np.ndarray  # B [coordinates, coordinates]
     per_extension: np.ndarray  # X
@@ -17,18 +18,19 @@ class IslandFactors(NamedTuple):
     drifts: np.ndarray  # v·rows
 
     def reduce(self, shapes: np.ndarray, kick: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-        """The compliance [rows, rows] of points whose mode shapes are given, with what the connections hold, of that
-        without."""
+        """Return the compliance [rows, rows] of points with the given mode shapes while connections act. `matrix` is
+        their compliance without connections."""
         moves = self.contact_moves(shapes, kick)
         return np.asarray(matrix - moves.T @ self.per_move @ moves)
 
     def contact_moves(self, shapes: np.ndarray, kick: np.ndarray) -> np.ndarray:
-        """How far forces at points move the coordinates [coordinates, rows], m/N."""
+        """Return the displacement of each coordinate per newton at each point [coordinates, rows], m/N."""
         return np.asarray(self.drifts @ (shapes * kick).T)
 
 
 def find_factors(coordinates: Coordinates, compliance: np.ndarray, step_rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """X and Y of f = X·s + Y·g: (1 + D·B)·f = K·s + D·g with D = K/2 + R/h; and (B·f)ᵢ = (g + s)ᵢ where rigid."""
+    """Return X and Y of f = X·s + Y·g. They solve (1 + D·B)·f = K·s + D·g with D = K/2 + R/h, and (B·f)ᵢ = (g + s)ᵢ
+    where rigid."""
     items, unit = coordinates.items, np.eye(len(coordinates.items))
     rigid = np.array([item.is_rigid for item in items])
     held = np.where(rigid, 1 / np.where(rigid, np.diag(compliance), 1.0), 0.0)

@@ -1,4 +1,4 @@
-"""Connections as the kernels read them: rows, compliance, and the factors of their forces
+"""Connections in the layout of the kernels: rows, compliance, and the factors of their forces
 (engine.kernel.connection_factors)."""
 
 import math
@@ -14,13 +14,13 @@ from engine.build.mode_shape_rows import mode_shape_rows, row_coefficients
 from engine.kernel.codes import FLIGHT_FRAMES
 from engine.kernel.model import ConnectionCoefficients, Connections, StepCoefficients
 
-MAX_MODES_AT_REST = 400  # of an island under load, whose energy at rest is looked for
+MAX_MODES_AT_REST = 400  # of an island under load; with more, its energy at rest is not computed
 
 
 def island_factors(
     layout: Layout, island: int, kick: np.ndarray, drift: np.ndarray, step_rate: float
 ) -> IslandFactors | None:
-    """The factors of an island's connections; None without any.
+    """Return the factors of an island's connections; None without any.
 
     kick, drift: t and v of the modes of the island, s
     step_rate:   one over the length of the step, 1/s; 0 if dampers act outside it
@@ -37,7 +37,7 @@ def island_factors(
 def connection_coefficients(
     layout: Layout, kick: np.ndarray, drift: np.ndarray, step_rate: float
 ) -> ConnectionCoefficients | None:
-    """The coefficients of all connections of a layout; None without any."""
+    """Return the coefficients of all connections of a layout; None without any."""
     if not layout.connection_parts:
         return None
     begins = layout.islands.mode
@@ -71,11 +71,11 @@ def connection_coefficients(
 def connections(
     layout: Layout, samplerate: float, step: StepCoefficients, weight: np.ndarray | None, is_refined: bool
 ) -> Connections | None:
-    """The connections of a layout; None without any.
+    """Return the connections of a layout; None without any.
 
-    step:       of a sample as one step
-    weight:     of each mode, if any has
-    is_refined: whether samples are made of stages
+    step:       coefficients of a sample that is one step
+    weight:     of each mode; None if no mode has weight
+    is_refined: True if samples are made of stages
     """
     if not layout.connection_parts:
         return None
@@ -97,7 +97,7 @@ def connections(
 
 
 def _plain_islands(layout: Layout, weight: np.ndarray | None, has_drag: bool) -> np.ndarray:
-    """Which islands have modes without weight and without loss in the drift [islands]."""
+    """True for each island whose modes have neither weight nor loss in the drift [islands]."""
     begins = layout.islands.mode
     loads = [weight is not None and weight[a:b].any() for a, b in pairwise(begins)]
     return np.array([not (has_drag or is_loaded) for is_loaded in loads])
@@ -107,10 +107,9 @@ def _plain_islands(layout: Layout, weight: np.ndarray | None, has_drag: bool) ->
 
 
 def lowest_energies(layout: Layout) -> np.ndarray:
-    """The energy of what is connected in each island when it is at rest, J [islands]: 0 without weight and without
-    springs under load; minus infinity where that is not worth finding."""
-    scene, omega = layout.scene, layout.concatenate_modes("omega")
-    weight, begins = -scene.gravity * layout.concatenate_modes("gravity_participation"), layout.islands.mode
+    """Return the energy of the connected bodies of each island at rest, J [islands]. It is 0 without weight and without
+    springs under load. It is minus infinity where finding it takes too long."""
+    omega, weight, begins = layout.concatenate_modes("omega"), layout.weights(), layout.islands.mode
     lowest = []
     for n, coordinates in enumerate(layout.coordinates):
         inside = slice(begins[n], begins[n + 1])
@@ -135,8 +134,8 @@ def _indices(layout: Layout, body: int) -> range:
 
 
 def _energy_at_rest(coordinates: Coordinates, rows: np.ndarray, omega: np.ndarray, load: np.ndarray) -> float:
-    """The least of ½q·ω²·q + ½s·K·s - load·q with s = rows·q - rest, and s = 0 where rigid, J; minus infinity if there
-    is none, as where something falls for ever."""
+    """Return the minimum of ½q·ω²·q + ½s·K·s - load·q with s = rows·q - rest, and s = 0 where rigid, J. Return minus
+    infinity if there is none, as when a body falls for ever."""
     items, size = coordinates.items, omega.size
     stiffness = coordinates.coupling + np.diag([item.stiffness for item in items])
     rest, rigid = np.array([item.rest for item in items]), np.array([item.is_rigid for item in items])

@@ -1,4 +1,4 @@
-"""The basis of an island's contacts: few numbers that say how it can move at many points.
+"""Basis of an island's contacts: a few coordinates that describe its motion at many points.
 
 Points closer together than the shortest wave of a body move almost alike. The mode shapes Φ [contacts, modes] of a
 bridge of 30 points then have a numerical rank of 4 or 5: Φ = U·Y, and the contact solve has as many unknowns as Y has
@@ -21,24 +21,24 @@ KEPT_SINGULAR_VALUE = 1e-9  # of the largest; what is left out moves the points 
 
 
 class BasisUse(Enum):
-    """When the contacts of an island are solved in the space of their basis."""
+    """Condition under which the contacts of an island are solved in the space of their basis."""
 
-    NONE = 0  # it has none
+    NONE = 0  # there is no basis
     FIRST = 1
-    IF_CAPPED = 2  # a few linear contacts are solved faster one by one, but for a solve in many
+    IF_CAPPED = 2  # a few linear contacts are solved faster one by one, unless that reaches its iteration limit
 
 
 class BasisOfIsland(NamedTuple):
-    """How an island moves at its contacts in a step, with Φ = U·Y: B = U·(1 + E)·Uᵀ."""
+    """Basis of an island's contacts in a step, with Φ = U·Y and B = U·(1 + E)·Uᵀ."""
 
     at_contacts: np.ndarray  # U [contacts, rank], √(m/N)
-    rounding: np.ndarray  # E [rank, rank]: what rounding made of Y·diag(t·v)·Yᵀ = 1
+    rounding: np.ndarray  # E [rank, rank]: rounding error of Y·diag(t·v)·Yᵀ = 1
     shapes: np.ndarray  # Y [rank, modes], 1/√(kg·m/N)
 
 
 def truncate_shapes(phi: np.ndarray) -> tuple[np.ndarray, int]:
-    """Mode shapes at contacts without their smallest singular values, and how many are left; the shapes as they are,
-    and 0, where a basis does not pay.
+    """Return the mode shapes at contacts without their smallest singular values, and the number of those that remain.
+    Where a basis does not pay, return the shapes as they are, and 0.
 
     phi: [contacts, modes], 1/√kg
     """
@@ -57,8 +57,8 @@ def truncate_shapes(phi: np.ndarray) -> tuple[np.ndarray, int]:
 def find_basis(
     phi: np.ndarray, rank: int, kick: np.ndarray, drift: np.ndarray, factors: IslandFactors | None
 ) -> BasisOfIsland:
-    """The basis of mode shapes of a rank, orthonormal in the compliance of the modes with what connections hold of it:
-    Y·M·Yᵀ = 1, and M = diag(t·v) if there are none.
+    """Return a basis of the given rank. It is orthonormal in the compliance M of the modes while connections act:
+    Y·M·Yᵀ = 1, with M = diag(t·v) if there are none.
 
     phi:         [contacts, modes], 1/√kg
     kick, drift: t and v of each mode, s
@@ -81,12 +81,12 @@ def find_basis(
 
 
 def entries_by_row(basis: BasisOfIsland) -> np.ndarray:
-    """U and then U·E, row by row, five rows each padded to a multiple of eight [10 × lanes]."""
+    """Return U and then U·E, row by row: five rows of each, padded to a multiple of eight contacts [10 × lanes]."""
     return np.concatenate([_padded(u).T.ravel() for u in (basis.at_contacts, basis.at_contacts @ basis.rounding)])
 
 
 def products_by_contact(basis: BasisOfIsland) -> np.ndarray:
-    """At each contact the products U_i·U_j of pairs j ≤ i, and U [lanes × 24]."""
+    """Return, for each contact, the products U_i·U_j of pairs j ≤ i, and U [lanes × 24]."""
     u = _padded(basis.at_contacts)
     first, second = np.tril_indices(MAX_RANK)
     table = np.zeros((len(u), COLUMNS))
@@ -96,12 +96,12 @@ def products_by_contact(basis: BasisOfIsland) -> np.ndarray:
 
 
 def entry_counts(contacts: int) -> tuple[int, int]:
-    """How many numbers `entries_by_row` and `products_by_contact` of so many contacts have."""
+    """Return the sizes of the arrays of `entries_by_row` and `products_by_contact` for a number of contacts."""
     lanes = -(-contacts // LANES) * LANES
     return 2 * MAX_RANK * lanes, COLUMNS * lanes
 
 
 def _padded(u: np.ndarray) -> np.ndarray:
-    """U with zeros in place of contacts and rows that the basis has not [lanes, 5]."""
+    """Return U with zeros for contacts and rows that the basis does not have [lanes, 5]."""
     contacts, rank = u.shape
     return np.pad(u, ((0, -contacts % LANES), (0, MAX_RANK - rank)))

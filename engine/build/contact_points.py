@@ -1,4 +1,4 @@
-"""Where a contact touches: its points, each with its position on either body, offset and stiffness."""
+"""Points of a contact, each with its position on either body, offset and stiffness."""
 
 from typing import Any, NamedTuple
 
@@ -17,7 +17,7 @@ class ContactPoint(NamedTuple):
 
 
 def contact_points(contact: Contact, body: Body, on: Body | None) -> list[ContactPoint]:
-    """The points of a contact; `body` is the one that touches."""
+    """Return the points of a contact; `body` is the one that touches."""
     if contact.bridge is not None and isinstance(body, LineBody):
         return _bridge(contact.bridge, contact.stiffness, body.length)
     if contact.frets is not None:
@@ -31,7 +31,7 @@ def contact_points(contact: Contact, body: Body, on: Body | None) -> list[Contac
 
 
 def count_points(contact: Contact) -> int:
-    """How many points a contact has, or more; without looking for them."""
+    """Return the number of points of a contact, or an upper bound of it, without computing the points."""
     if contact.bridge is not None:
         return contact.bridge.points
     if contact.frets is not None:
@@ -41,7 +41,7 @@ def count_points(contact: Contact) -> int:
 
 
 def _bridge(bridge: Bridge, stiffness: float, length: float) -> list[ContactPoint]:
-    """A parabola through its top; the points share its stiffness."""
+    """Return the points of a bridge, which is a parabola through its top. The points share its stiffness."""
     across = [2 * i / (bridge.points - 1) - 1 for i in range(bridge.points)]  # -1 to 1
     half = bridge.width / length / 2
     return [
@@ -51,8 +51,8 @@ def _bridge(bridge: Bridge, stiffness: float, length: float) -> list[ContactPoin
 
 
 def _frets(frets: Frets, stiffness: float) -> list[ContactPoint]:
-    """Each fret has the whole stiffness. Two heights for several frets are those of the first and the
-    last, with the others in line between them."""
+    """Return a point for each fret; each has the whole stiffness. Two heights for several frets are those of the first
+    and the last; the others lie on a line between them."""
     at = frets.at or [1 - 2 ** (-n / 12) for n in range(1, (frets.count or 0) + 1)]
     height = frets.height if isinstance(frets.height, list) else [frets.height] * len(at)
     if len(height) == 2 and len(at) > 2:

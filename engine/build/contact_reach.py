@@ -1,4 +1,5 @@
-"""How far what is connected can move contacts in a flight, per √(2E), E its energy (docs/design.md, "Connections")."""
+"""Bounds on how far connected bodies can move contacts in a flight, per √(2E) of their energy E (docs/design.md,
+"Connections")."""
 
 import math
 
@@ -12,7 +13,7 @@ UNBOUNDED = 1e300  # m/√J; infinity times no energy would be no number
 
 
 def dense_rows(layout: Layout, island: int) -> np.ndarray:
-    """The rows of the coordinates of an island over all its modes [coordinates, modes]."""
+    """Return the rows of an island's coordinates over all its modes [coordinates, modes]."""
     items = layout.coordinates[island].items
     rows = np.zeros((len(items), int(layout.islands.mode[island + 1] - layout.islands.mode[island])))
     for row, item in zip(rows, items, strict=True):
@@ -22,10 +23,10 @@ def dense_rows(layout: Layout, island: int) -> np.ndarray:
 
 
 def contact_reach(layout: Layout, seconds: float) -> np.ndarray:
-    """How far each contact can close in so many seconds by what is connected, m, per √(2E) of it, √J [contacts].
+    """Bound how far connected bodies can close each contact in `seconds`, m per √(2E) of their energy, √J [contacts].
 
-    A displacement Φ·q of energy E changes no faster than √(2E·ΣΦ²), and is no more than √(2E·C), C its static
-    compliance: by Cauchy and Schwarz, and whatever the springs of the connections are.
+    A displacement Φ·q of energy E changes no faster than √(2E·ΣΦ²), and is at most √(2E·C), with C its static
+    compliance. Both follow from the Cauchy-Schwarz inequality, and hold for any springs of the connections.
     """
     omega, begins, reach = layout.concatenate_modes("omega"), layout.islands.mode, []
     for n in range(begins.size - 1):
@@ -42,8 +43,8 @@ def contact_reach(layout: Layout, seconds: float) -> np.ndarray:
 
 
 def _static_compliances(layout: Layout, island: int, shapes: np.ndarray, omega: np.ndarray) -> list[float]:
-    """Φ·H⁻¹·Φᵀ of mode shapes, H the stiffness of the modes with the ends of strings; infinite where a free mass has a
-    part in it."""
+    """Return Φ·H⁻¹·Φᵀ of each mode shape. H is the stiffness of the modes with the ends of strings. The value is
+    infinite if a free mass takes part."""
     coupling = layout.coordinates[island].coupling
     ends = np.flatnonzero(np.any(coupling != 0.0, axis=1))
     rows, compliances = dense_rows(layout, island)[ends], []
@@ -64,13 +65,13 @@ def _static_compliances(layout: Layout, island: int, shapes: np.ndarray, omega: 
 
 
 def contact_reach_by_forces(layout: Layout, step: StepCoefficients, is_bounded: np.ndarray) -> np.ndarray:
-    """How much further each contact can close in a flight than its bodies would close it by themselves, m, per √(2E) of
-    what is connected, √J [contacts].
+    """Bound how much further each contact can close in a flight than its bodies alone would close it, m per √(2E) of
+    the connected bodies, √J [contacts].
 
-    A connection with the force f moves a contact by no more than max|f| times the sum of the sizes of what a newton in
-    one step brings about in each that follows; and f is no more than √(2E·ℓ·H⁻¹·ℓᵀ), ℓ being f per displacement.
+    A connection with the force f moves a contact by at most max|f| times the sum, over the steps that follow, of the
+    size of the displacement per newton in one step. And f is at most √(2E·ℓ·H⁻¹·ℓᵀ), with ℓ the force per displacement.
 
-    is_bounded: islands in which that is so: of single steps, without weight [islands]
+    is_bounded: True for islands in which this holds, with single steps and without weight [islands]
     """
     reach = []
     for n in range(layout.islands.mode.size - 1):
@@ -88,8 +89,8 @@ def contact_reach_by_forces(layout: Layout, step: StepCoefficients, is_bounded: 
 
 
 def _largest_forces(layout: Layout, island: int, omega: np.ndarray) -> np.ndarray:
-    """The largest force at each coordinate of an island, N, per √(2E) of what is connected [coordinates]; infinite
-    where a damper or a rigid joint has a part in it."""
+    """Return the largest force at each coordinate of an island, N per √(2E) of the connected bodies [coordinates]. It
+    is infinite if a damper or a rigid joint takes part."""
     items, coupling = layout.coordinates[island].items, layout.coordinates[island].coupling
     stiffness = np.array([item.stiffness for item in items])
     rows = coupling @ dense_rows(layout, island)
@@ -99,7 +100,7 @@ def _largest_forces(layout: Layout, island: int, omega: np.ndarray) -> np.ndarra
 
 
 def _modes_after_push(step: StepCoefficients, inside: slice) -> np.ndarray:
-    """Displacements of modes in the samples of a flight, per newton on their mode shapes in the first step of it
+    """Return the displacement of modes in each sample of a flight, per newton on their mode shapes in the first step
     [modes, samples]."""
     kick, drift = step.kick[inside], step.drift[inside]
     spring = np.zeros(kick.size) if step.spring_kick is None else step.spring_kick[inside]
@@ -115,7 +116,8 @@ def _modes_after_push(step: StepCoefficients, inside: slice) -> np.ndarray:
 
 
 def _sums_of_moves(shapes: np.ndarray, rows: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """The sum over all samples of how far a newton at each coordinate moves each contact, m/N [contacts, coordinates].
+    """Return the sum over all samples of the size of each contact's displacement per newton at each coordinate, m/N
+    [contacts, coordinates].
 
     shapes: at contacts [contacts, modes]; rows: of coordinates [coordinates, modes]
     """

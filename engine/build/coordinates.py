@@ -6,7 +6,7 @@ import numpy as np
 
 
 class Coordinate(NamedTuple):
-    """A coordinate of connections: Σ of a row over the modes of each of its bodies, less its rest."""
+    """A coordinate of connections: the sum of row · modal displacements over its bodies, minus its rest length."""
 
     path: str  # in the patch
     connection: int | None  # number of its connection
@@ -19,7 +19,7 @@ class Coordinate(NamedTuple):
 
 
 class Coordinates(NamedTuple):
-    """All coordinates of an island."""
+    """All coordinates of an island, and the stiffness that couples them."""
 
     items: list[Coordinate]
-    coupling: np.ndarray  # [items, items], N/m: of ends of strings
+    coupling: np.ndarray  # [items, items], N/m: stiffness between coordinates

@@ -1,4 +1,4 @@
-"""Sums and products to twice the precision of a number: pairs of what is rounded, and of what rounding cut off."""
+"""Sums and products in twice the precision of a float64: a pair holds a rounded value and its rounding error."""
 
 from typing import NamedTuple
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 def two_product(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Products and their rounding errors (Dekker): a·b = product + error exactly."""
+    """Return products and their rounding errors (Dekker): a·b = product + error exactly."""
 
     def halves(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         big = 134217729.0 * x
@@ -19,26 +19,26 @@ def two_product(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class Pair(NamedTuple):
-    """high + low, each an array of the same shape; |low| is no more than half a unit in the last place of high."""
+    """Numbers high + low, two arrays of the same shape; |low| is at most half a unit in the last place of high."""
 
     high: np.ndarray
     low: np.ndarray
 
 
 def as_pair(x: np.ndarray) -> Pair:
-    """A pair of numbers that are exact."""
+    """Return exact numbers as a pair."""
     return Pair(x, np.zeros_like(x))
 
 
 def add(a: Pair, b: Pair) -> Pair:
-    """a + b, to about 1e-31 of the larger."""
+    """Return a + b, to about 1e-31 of the larger."""
     high = a.high + b.high
     moved = high - a.high
     return _normalise(high, (a.high - (high - moved)) + (b.high - moved) + (a.low + b.low))
 
 
 def multiply(a: Pair, b: Pair) -> Pair:
-    """a·b, to about 1e-31 of it."""
+    """Return a·b, to about 1e-31 of the product."""
     product, error = two_product(a.high, b.high)
     return _normalise(product, error + (a.high * b.low + a.low * b.high))
 

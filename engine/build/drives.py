@@ -1,4 +1,4 @@
-"""One-way drive: points of bodies that ends of strings push, and in which order islands run for it."""
+"""One-way drive: the points of bodies that ends of strings push, and the order in which islands must run."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -9,7 +9,7 @@ from engine.patch.tables import EndConnection
 
 
 class DriveForce(NamedTuple):
-    """The force of all strings that drive one point of a body, as an external force."""
+    """The total force of the strings that drive one point of a body, as an external force."""
 
     body: str
     at: Any
@@ -18,7 +18,7 @@ class DriveForce(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """An end of a string that drives a body."""
+    """An end of a string that drives a body one way."""
 
     connection: int  # its number
     string: str
@@ -28,7 +28,8 @@ class Drive(NamedTuple):
 
 
 def find_drives(scene: Scene) -> list[Drive]:
-    """The ends of strings that drive bodies one way, those at one place of a body together."""
+    """Return the ends of strings that drive bodies one way. Those at one position of a body have the same point
+    number."""
     drives: list[Drive] = []
     numbers: dict[tuple[str, str], int] = {}
     for k, c in enumerate(scene.connection):
@@ -39,7 +40,8 @@ def find_drives(scene: Scene) -> list[Drive]:
 
 
 def drive_forces(scene: Scene) -> list[DriveForce]:
-    """The external forces by which strings drive bodies, one for each driven point, in the order of their numbers."""
+    """Return the external forces by which strings drive bodies, one for each driven point, in the order of the point
+    numbers."""
     forces: dict[int, DriveForce] = {}
     for drive in find_drives(scene):
         connection = scene.connection[drive.connection]
@@ -48,9 +50,9 @@ def drive_forces(scene: Scene) -> list[DriveForce]:
 
 
 def order_islands(scene: Scene, island_of: Sequence[int], numbers: dict[str, int]) -> list[int]:
-    """The number of the island of each body such that islands whose strings drive others come before these.
+    """Renumber the islands so that those whose strings drive others come first. Return the island of each body.
 
-    island_of: numbers in another order; numbers: of the bodies by name
+    island_of: islands of the bodies before that; numbers: of the bodies by name
     Raises BuildError if an island drives itself, directly or through others.
     """
     drives = find_drives(scene)

@@ -1,4 +1,4 @@
-"""The score of a scene as the kernels read it: events sorted by island and time."""
+"""The score of a scene in the layout of the kernels: events sorted by island and time."""
 
 import math
 from typing import Any
@@ -20,10 +20,10 @@ EventRow = tuple[
 def event_table(
     layout: Layout, stiffness: np.ndarray, samplerate: float, capacity: int = 0
 ) -> tuple[Events | None, np.ndarray]:
-    """Events of a layout, None without any; and where those of each island begin.
+    """Return the events of a layout, or None without any, and the position of the first event of each island.
 
-    stiffness: of each point of contact, N/m^α, of which events give multiples
-    capacity:  for how many more events there is to be a slot on each island
+    stiffness: of each contact point, N/m^α; events give multiples of it
+    capacity:  number of free slots on each island for further events
     """
     rows = [row for event in layout.scene.event for row in event_rows(layout, event, stiffness, samplerate)]
     rows += [
@@ -42,7 +42,8 @@ def event_table(
 
 
 def event_rows(layout: Layout, event: Event, stiffness: np.ndarray, samplerate: float) -> list[EventRow]:
-    """An event as rows of the score; none for a pluck, which is an external force, or for a change of tables."""
+    """Return an event as rows of the score. A pluck has none, as it is an external force; nor has a change of
+    tables."""
     if isinstance(event, StrikeEvent):
         return [_strike(layout, event, samplerate)]
     if isinstance(event, DampEvent):
@@ -112,7 +113,7 @@ def _change(layout: Layout, event: ChangeEvent, stiffness: np.ndarray, samplerat
 
 
 def _change_connection(layout: Layout, event: ChangeEvent, samplerate: float) -> list[EventRow]:
-    """A change of the one coordinate that a spring has."""
+    """Return the rows of a change of a spring, which has one coordinate."""
     start, rows = nearest_frame(event.time, samplerate), list[EventRow]()
     end = max(start + 1, nearest_frame(event.time + event.duration, samplerate))
     for n, coordinates in enumerate(layout.coordinates):

@@ -1,8 +1,8 @@
-"""The tables of free flight (engine.kernel.free_flight): powers of the map that one step is, and what is heard and lost
+"""Tables of free flight (engine.kernel.free_flight): powers of the map of one step, and the pickup signals and losses
 over them (docs/design.md, "Free flight").
 
 A step of a mode on which nothing acts is (q, p, w) → S·(q, p, w), with w its weight, and S [3, 3] the product of loss,
-kicks and drift. Its powers are found by squaring, to twice the precision of a number.
+kicks and drift. The powers of S are found by squaring, in twice the precision of a float64.
 """
 
 from collections.abc import Sequence
@@ -29,19 +29,19 @@ Q, P, W = 0, 1, 2
 
 
 class PickupRow(NamedTuple):
-    """Where a pickup is, and what it gives."""
+    """Mode shapes at a pickup, and the quantity of its signal."""
 
     row: ShapeRow
     quantity: Quantity
 
     @property
     def modes(self) -> slice:
-        """Of all modes, those that it hears."""
+        """Modes that the pickup depends on, as a slice of all modes."""
         return slice(self.row.mode_begin_of_all, self.row.mode_begin_of_all + self.row.phi.size)
 
     @property
     def map_row(self) -> int:
-        """Which row of the map it hears."""
+        """Row of the map that gives the pickup's signal: Q for a displacement, else P."""
         return Q if self.quantity is Quantity.DISPLACEMENT else P
 
 
@@ -52,10 +52,10 @@ def build_free_flight(
     pickups: Sequence[PickupRow],
     samplerate: float,
 ) -> FreeFlight:
-    """The tables of a step.
+    """Return the tables of free flight for a step.
 
     omega, weight: of each mode, rad/s and √kg·m/s²
-    pickups:       as the model has them
+    pickups:       in the order of the model
     """
     span, is_free = FLIGHT_FRAMES / samplerate, omega == 0.0
     single, lost = map_of_step(step, has_weight=weight is not None)
@@ -81,8 +81,8 @@ def build_free_flight(
 
 
 def map_of_step(step: StepCoefficients, has_weight: bool) -> tuple[list[Row], np.ndarray]:
-    """The map of a step of modes on which nothing acts, and the energy that it takes as a quadratic form of (q, p, w),
-    J: from the coefficients, and in the order, of engine.kernel.modes.free_step."""
+    """Return the map of a step of modes on which nothing acts, and the energy that it takes as a quadratic form of (q,
+    p, w), J. Coefficients and order are those of engine.kernel.modes.free_step."""
     size = 3 if has_weight else 2
     unit = np.repeat(np.eye(size)[:, :, None], step.kick.size, axis=2)
     q, p, *w = [[as_pair(entry) for entry in row] for row in unit]
@@ -109,7 +109,7 @@ def map_of_step(step: StepCoefficients, has_weight: bool) -> tuple[list[Row], np
 
 
 def matrix_product(a: list[Row], b: list[Row]) -> list[Row]:
-    """a·b of maps."""
+    """Return the product a·b of two maps."""
     size = len(a)
     product = []
     for i in range(size):
@@ -124,17 +124,17 @@ def matrix_product(a: list[Row], b: list[Row]) -> list[Row]:
 
 
 def as_array(of: list[Row]) -> np.ndarray:
-    """A map to the precision of a number [rows, columns, modes]."""
+    """Return a map in double precision [rows, columns, modes]."""
     return np.array([[entry.high for entry in row] for row in of])
 
 
 def free_entries(matrix: np.ndarray) -> list[np.ndarray]:
-    """The entries of a map that are of q and p, as FreeMotion has them."""
+    """Return the entries of a map that belong to q and p, in the order of FreeMotion."""
     return [matrix[i, j].copy() for i in (Q, P) for j in (Q, P)]
 
 
 def flight_weight(whole: list[Row], lost: np.ndarray, weight: np.ndarray, pickup_values: np.ndarray) -> FlightWeight:
-    """What weight does over a flight, whose map and losses are given."""
+    """Return the effects of weight over a flight whose map and losses are given."""
     push = multiply(whole[P][W], as_pair(weight))
     return FlightWeight(
         q=whole[Q][W].high * weight,
@@ -148,7 +148,7 @@ def flight_weight(whole: list[Row], lost: np.ndarray, weight: np.ndarray, pickup
 
 
 def pickup_values_of_weight(single: list[Row], weight: np.ndarray, pickups: Sequence[PickupRow]) -> np.ndarray:
-    """What pickups give of bodies that fall from rest [pickups, FLIGHT_FRAMES]."""
+    """Return the pickup signals of bodies that fall from rest [pickups, FLIGHT_FRAMES]."""
     table, step = np.zeros((len(pickups), FLIGHT_FRAMES)), as_array(single)
     fallen = np.zeros((2, weight.size))
     for frame in range(FLIGHT_FRAMES):
@@ -159,7 +159,8 @@ def pickup_values_of_weight(single: list[Row], weight: np.ndarray, pickups: Sequ
 
 
 def pickup_tables(step: np.ndarray, pickups: Sequence[PickupRow]) -> np.ndarray:
-    """What each mode gives at a pickup in each frame of a part, per displacement and per momentum at its first."""
+    """Return the signal of each mode at a pickup in each frame of a part of a flight, per displacement and per momentum
+    at its start."""
     power, powers = np.repeat(np.eye(2)[:, :, None], step.shape[2], axis=2), []
     for _ in range(FLIGHT_PART):
         powers.append(power)

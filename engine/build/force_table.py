@@ -1,4 +1,4 @@
-"""External forces as tables: the mean force over each step (paper, eq. 34)."""
+"""Tables of external forces: the mean force over each step (paper, eq. 34)."""
 
 import math
 import sys
@@ -24,7 +24,7 @@ LOOKAHEAD_SAMPLES = 4_096  # samples that the filter of a resampler may look ahe
 
 
 class ForceTable(NamedTuple):
-    """Mean force over each step from step `start` on, N; `tail` holds from its end on."""
+    """Mean force over each step from step `start` on, N; from the end of the values on, the force is `tail`."""
 
     start: int
     values: np.ndarray
@@ -32,18 +32,18 @@ class ForceTable(NamedTuple):
 
 
 def force_table(force: Force | PluckEvent, samplerate: float, seconds: float = math.inf) -> ForceTable:
-    """The table of a force: the mean of its values at the two ends of each step (eq. 34). What it does after
-    `seconds` is left out, for nobody will hear it.
+    """Return the table of a force: the mean of its values at the two ends of each step (eq. 34). The table ends after
+    `seconds`, when the sound is over.
 
-    Edges of constant and pulse count by the part of the step they cover, which keeps the
-    impulse exact wherever they fall.
+    A step that a constant or a pulse covers in part counts by that part. This keeps the impulse exact wherever the
+    edges fall.
     """
-    with np.errstate(over="ignore"):  # of a pulse that is no time at all
+    with np.errstate(over="ignore"):  # a pulse may have almost no duration
         return _table(force, samplerate, _last_step(samplerate, seconds))
 
 
 def _table(force: Force | PluckEvent, samplerate: float, last: int) -> ForceTable:
-    """The table of a force up to a step."""
+    """Return the table of a force up to step `last`."""
     if isinstance(force, ConstantForce):
         return _constant(force, samplerate, last)
     if isinstance(force, PulseForce):
@@ -77,7 +77,7 @@ def _table(force: Force | PluckEvent, samplerate: float, last: int) -> ForceTabl
 
 
 def count_steps(force: Force | PluckEvent, samplerate: float, seconds: float) -> float:
-    """About how many steps the table of a force has."""
+    """Estimate the number of steps in the table of a force."""
     if isinstance(force, ConstantForce):
         return 1 if force.envelope is None else max(0.0, min(force.envelope[-1][0], seconds - force.start)) * samplerate
     if isinstance(force, SampledForce):
@@ -93,12 +93,12 @@ def count_steps(force: Force | PluckEvent, samplerate: float, seconds: float) ->
 
 
 def _last_step(samplerate: float, seconds: float) -> int:
-    """A step from which on nobody listens; some more than there are, for a render's end is rounded."""
+    """Return a step after the end of the sound. It is later than necessary, as the end of a rendering is rounded."""
     return sys.maxsize if seconds == math.inf else math.ceil(seconds * samplerate) + 64
 
 
 def _constant(force: ConstantForce, samplerate: float, last: int) -> ForceTable:
-    """A constant, or the straight lines of its envelope; the mean over each step, exactly."""
+    """Return the table of a constant, or of the straight lines of its envelope: the exact mean over each step."""
     start = int(force.start * samplerate)
     if force.envelope is None:
         return ForceTable(start, force.amplitude * np.array([start + 1 - force.start * samplerate]), force.amplitude)
@@ -109,7 +109,7 @@ def _constant(force: ConstantForce, samplerate: float, last: int) -> ForceTable:
 
 
 def _envelope(envelope: list[list[float]] | None, time: np.ndarray) -> np.ndarray | float:
-    """The factor of an envelope at some times [times], s after the start of its force."""
+    """Return the factor of an envelope at some times [times], s after the start of its force."""
     if envelope is None:
         return 1.0
     times, factors = np.array(envelope, dtype=float).T
@@ -117,7 +117,7 @@ def _envelope(envelope: list[list[float]] | None, time: np.ndarray) -> np.ndarra
 
 
 def _envelope_integral(envelope: list[list[float]], time: np.ndarray) -> np.ndarray:
-    """The integral of the factor of an envelope from 0 to some times [times], s."""
+    """Return the integral of an envelope's factor from 0 to some times [times], s."""
     times, factors = np.array(envelope, dtype=float).T
     if times[0] > 0.0:
         times, factors = np.concatenate([[0.0], times]), np.concatenate([factors[:1], factors])
@@ -130,14 +130,14 @@ def _envelope_integral(envelope: list[list[float]], time: np.ndarray) -> np.ndar
 
 
 def _sample_times(force: SineForce | NoiseForce, samplerate: float, last: int) -> tuple[int, np.ndarray]:
-    """The step in which a force begins, and the times of the ends of its steps, s after its start."""
+    """Return the step in which a force begins, and the times of the ends of its steps, s after its start."""
     begin, end = force.start * samplerate, (force.start + force.duration) * samplerate
     frames = np.arange(int(begin), min(int(np.ceil(end)), last) + 1)
     return int(begin), frames / samplerate - force.start
 
 
 def _fade(force: SineForce | NoiseForce, time: np.ndarray) -> np.ndarray:
-    """½(1 - cos) up at the start of a force, and down at its end; 0 before and after."""
+    """Return the fade of a force: ½(1 - cos) up at its start and down at its end; 0 before and after."""
     inside = (time >= 0.0) & (time <= force.duration)
     if force.fade == 0.0:
         return inside.astype(float)
@@ -146,7 +146,7 @@ def _fade(force: SineForce | NoiseForce, time: np.ndarray) -> np.ndarray:
 
 
 def read_noise(force: NoiseForce, samplerate: float, most: int) -> np.ndarray:
-    """The first samples of a noise at the scene's rate; `most` of them are needed."""
+    """Return the first `most` samples of a noise at the scene's sample rate."""
     ratio = NOISE_RATE / samplerate
     needed = math.ceil((most + LOOKAHEAD_SAMPLES) * max(1.0, ratio))
     count = min(needed, math.ceil(force.duration * NOISE_RATE) + LOOKAHEAD_SAMPLES)
@@ -154,7 +154,7 @@ def read_noise(force: NoiseForce, samplerate: float, most: int) -> np.ndarray:
 
 
 def _resample(values: np.ndarray, rate: float, samplerate: float) -> np.ndarray:
-    """Samples of one rate at another."""
+    """Return samples of one rate at another."""
     if rate == samplerate:
         return values
     import soxr
@@ -163,7 +163,8 @@ def _resample(values: np.ndarray, rate: float, samplerate: float) -> np.ndarray:
 
 
 def _pluck(force: PluckForce | PluckEvent, samplerate: float, last: int) -> ForceTable:
-    """½(1 - cos) up, the same down; the mean over each step, exactly, however short the release."""
+    """Return the table of a pluck: ½(1 - cos) up, the same down. The mean over each step is exact, however short the
+    release."""
     start = force.time if isinstance(force, PluckEvent) else force.start
     begin, rise, fall = (x * samplerate for x in (start, force.duration, force.release))
 
@@ -177,7 +178,7 @@ def _pluck(force: PluckForce | PluckEvent, samplerate: float, last: int) -> Forc
 
 
 def read_samples(force: SampledForce, samplerate: float, most: int) -> np.ndarray:
-    """The first samples of a force file at the scene's rate, full scale = 1; `most` of them are needed.
+    """Return the first `most` samples of a force file at the scene's sample rate; full scale is 1.
 
     Raises ValueError, or what soundfile raises, if the file is damaged.
     """

@@ -1,8 +1,8 @@
-"""A model that has every effect, most of them with nothing to do: one kernel then runs any scene.
+"""A general model, which has every effect: absent ones become neutral, so that one kernel runs any scene.
 
 A kernel is compiled for the types of a model, and what is None in it is not compiled. Here each absent effect is
 replaced by arrays of neutral numbers (engine.kernel.axes.Items): a loss that takes nothing, no contacts, no events. The
-sound is the same, bit for bit. Only refinement stays as it is: scenes with it and without it have kernels of their own.
+sound is the same, bit for bit. Only refinement stays as it is: scenes with it and without it have different kernels.
 """
 
 from collections.abc import Mapping
@@ -22,17 +22,17 @@ NUMBERS = {"tolerance": 0.0, "max_rounds": 0}  # of an absent Contact
 
 
 class Filling(NamedTuple):
-    """How absent arrays are made."""
+    """Sizes and types of the neutral arrays that replace absent ones."""
 
     counts: Mapping[Axis, int]
     modal_dtype: Any  # of arrays of modes
     stages: int  # rows in front of each array; 0: none
-    row_axis: Axis | None  # what rows of mode shapes are
+    row_axis: Axis | None  # axis of rows of mode shapes
 
 
 def generalise(model: Model, state: State) -> tuple[Model, State]:
-    """A Model and a State for the general kernel, which give the same samples; their arrays are those given, and new
-    ones where there were none."""
+    """Return a Model and a State for the general kernel, which give the same samples. They keep the given arrays, and
+    have neutral ones where there were none."""
     counts = {Axis.SHAPE: 0, Axis.SHARED: 0, **item_counts(model)}
     filling = Filling(counts, model.step.kick.dtype, 0, None)
     contacts = int(np.diff(model.islands.contact).max(initial=1))
@@ -42,7 +42,7 @@ def generalise(model: Model, state: State) -> tuple[Model, State]:
 
 
 def fill_record(record: Any, value: Any, filling: Filling) -> Any:
-    """A record like `value`, or one with nothing to do if that is None, without anything absent in it.
+    """Return a record like `value` with neutral values in place of absent ones; all are neutral if `value` is None.
 
     record: its class
     """
@@ -66,7 +66,7 @@ def fill_record(record: Any, value: Any, filling: Filling) -> Any:
 
 
 def neutral_array(items: Items, filling: Filling) -> np.ndarray:
-    """An array of items that do nothing."""
+    """Return an array of items that do nothing."""
     axis = filling.row_axis if items.axis is Axis.ROW and filling.row_axis is not None else items.axis
     items = replace(items, axis=axis)
     single = axis in MODAL and items.dtype == np.float64 and not items.is_double

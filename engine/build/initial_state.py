@@ -13,7 +13,8 @@ from engine.kernel.state import ConnectionState, FreeFlightState, NearContacts, 
 
 
 def initial_state(layout: Layout, model: Model) -> State:
-    """The state at time 0: bodies as the patch puts them, and contacts where that takes them."""
+    """Return the state at time 0: bodies in the positions of the patch, and contacts and connections that follow from
+    them."""
     counts, q, contact = item_counts(model), layout.concatenate_modes("q"), model.contact
     given: dict[str, np.ndarray] = {}
     if contact is not None:
@@ -41,14 +42,15 @@ def initial_state(layout: Layout, model: Model) -> State:
 
 
 def _initial_velocity(layout: Layout, point: BodyPoint) -> float:
-    """Velocity of a point at time 0, m/s."""
+    """Return the velocity of a point at time 0, m/s."""
     if point.body is None:
         return 0.0
     return float(layout.mode_shape(point) @ layout.modal_bodies[layout.body_index[point.body]].p)
 
 
 def _initial_connections(layout: Layout, counts: dict[Axis, int], q: np.ndarray) -> ConnectionState:
-    """The state of connections at time 0: as the patch has them, and stretched by where bodies are."""
+    """Return the state of connections at time 0: their values in the patch, and the extensions that follow from the
+    positions of bodies."""
     items = [item for coordinates in layout.coordinates for item in coordinates.items]
     rest, extension = np.array([item.rest for item in items]), []
     for n in range(len(layout.coordinates)):
@@ -68,7 +70,7 @@ def _initial_connections(layout: Layout, counts: dict[Axis, int], q: np.ndarray)
 
 
 def item_counts(model: Model) -> dict[Axis, int]:
-    """How many items of each axis a model has."""
+    """Return the number of items of each axis in a model."""
     islands = model.islands
     counts = {Axis(axis): int(begins[-1]) for axis, begins in islands._asdict().items() if axis in list(Axis)}
     events = 0 if model.events is None else model.events.kind.size
@@ -78,7 +80,7 @@ def item_counts(model: Model) -> dict[Axis, int]:
 
 
 def allocate_scratch(partitions: int, contacts: int) -> Scratch:
-    """Memory of each partition of a scene whose islands have up to so many contacts."""
+    """Allocate the scratch memory of each partition, for islands of at most `contacts` contacts."""
     lanes = -(-contacts // LANES) * LANES
     matrices = np.zeros((2, partitions, contacts, lanes))
     vectors = np.zeros((partitions, len(Row), max(lanes, COLUMNS)))  # the reduced solve has up to so many sums
@@ -86,7 +88,7 @@ def allocate_scratch(partitions: int, contacts: int) -> Scratch:
 
 
 def _initial_compressions(layout: Layout, q: np.ndarray) -> np.ndarray:
-    """Projected displacement of each contact, before its barrier is subtracted [contacts], m."""
+    """Return the projected displacement of each contact, before its barrier is subtracted [contacts], m."""
     mode, compression = layout.islands.mode, np.zeros(len(layout.contact_points))
     for slot, (a, b) in enumerate(layout.contact_rows):
         island = int(np.searchsorted(layout.islands.contact, slot, side="right")) - 1

@@ -1,5 +1,5 @@
-"""What stands against building a scene, by the paths of its patch: numbers that cannot be computed with, and sizes for
-which there is neither the memory nor the time."""
+"""Checks that a scene can be built. They refuse numbers that cannot be computed with and sizes that need too much
+memory or time, and name the paths in the patch."""
 
 import math
 from collections.abc import Iterator
@@ -22,13 +22,13 @@ MAX_DECAY_RATE = 1e9  # 1/s; what decays faster has lost all in a thousandth of 
 MAX_SCENE_MODES = 250_000  # of all bodies
 MAX_SCENE_CONTACT_POINTS = 20_000  # of all contacts
 MAX_ISLAND_CONTACTS = 512  # in an island; its coupled solve takes time of their third power
-MAX_SHAPES = 1 << 24  # numbers: a mode's shape at a place that something acts at or listens to
+MAX_SHAPES = 1 << 24  # mode-shape values: one for each mode at each contact, connection, force or pickup
 MAX_FORCE_STEPS = 1 << 28  # of the tables of all forces: 2 GB
 MIN_BODY_MASS = 1e-12  # kg, as of masses
 
 
 def build_modal_bodies(scene: Scene, samplerate: float, scheme: str) -> list[ModalBody]:
-    """The modes of all bodies. Raises BuildError, which names each body that has none that can be built."""
+    """Return the modes of all bodies. Raises BuildError, which names each body that cannot be built."""
     bodies: list[ModalBody] = []
     faults: list[Fault] = []
     total = 0
@@ -54,7 +54,7 @@ def build_modal_bodies(scene: Scene, samplerate: float, scheme: str) -> list[Mod
 
 
 def build_modal_body(body: Body, path: str, samplerate: float, scheme: str) -> ModalBody:
-    """The modes of a body. Raises BuildError if it has none that can be built. path: of the body"""
+    """Return the modes of a body. Raises BuildError if it cannot be built. path: of the body"""
     try:
         modal = body.modal_body(MAX_FREQUENCY_SHARE * samplerate)
     except TooManyModes as error:
@@ -73,7 +73,7 @@ def build_modal_body(body: Body, path: str, samplerate: float, scheme: str) -> M
 
 
 def _explain_unfit(body: Body, modal: ModalBody, samplerate: float, scheme: str) -> str:
-    """What is wrong with the modes of a body; nothing if they can be built."""
+    """Explain why the modes of a body cannot be built; return an empty text if they can."""
     highest = MAX_FREQUENCY_SHARE * samplerate
     if modal.omega.size == 0:
         message = f"has no mode below {highest:g} Hz, {MAX_FREQUENCY_SHARE} of the sample rate"
@@ -94,7 +94,7 @@ def _explain_unfit(body: Body, modal: ModalBody, samplerate: float, scheme: str)
 
 
 def check_sizes(scene: Scene, modal_bodies: list[ModalBody]) -> None:
-    """Raises BuildError if contacts, connections, forces and pickups need more room than there is."""
+    """Raise BuildError if contacts, connections, forces and pickups need more memory than is allowed."""
     modes = {body.name: modal.omega.size for body, modal in zip(scene.body, modal_bodies, strict=True)}
     points = shapes = 0
     for k, contact in enumerate(scene.contact):
@@ -122,7 +122,7 @@ def check_sizes(scene: Scene, modal_bodies: list[ModalBody]) -> None:
 
 
 def check_forces(scene: Scene, samplerate: float, seconds: float) -> None:
-    """Raises BuildError if there is no room for the tables of all forces, or one is too fast for the sample rate."""
+    """Raise BuildError if the tables of all forces are too large, or a force is too fast for the sample rate."""
     steps = 0.0
     for path, force in _external_forces(scene):
         if isinstance(force, SineForce) and force.frequency >= samplerate / 2:
@@ -136,7 +136,7 @@ def check_forces(scene: Scene, samplerate: float, seconds: float) -> None:
 
 
 def _external_forces(scene: Scene) -> Iterator[tuple[str, Force | PluckEvent]]:
-    """Forces and plucks of the score, with their paths."""
+    """Yield the forces and the plucks of the score, with their paths."""
     yield from ((f"force[{i}]", force) for i, force in enumerate(scene.force))
     yield from ((f"event[{i}]", event) for i, event in enumerate(scene.event) if isinstance(event, PluckEvent))
 
@@ -156,7 +156,7 @@ def _check_shapes(path: str, shapes: int) -> None:
 
 
 def check_islands(layout: Layout) -> None:
-    """Raises BuildError if an island has more points of contact than can be solved together."""
+    """Raise BuildError if an island has more contact points than can be solved together."""
     scene, contacts, modes = layout.scene, np.diff(layout.islands.contact), np.diff(layout.islands.mode)
     n = int(np.argmax(contacts))
     names = [b.name for b in scene.body if layout.island_of_body[layout.body_index[b.name]] == n]

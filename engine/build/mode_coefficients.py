@@ -1,4 +1,4 @@
-"""The coefficients of a step of each mode: kick t and drift v (engine.kernel.modes), and what loss leaves."""
+"""Coefficients of a step of each mode: kick t and drift v (engine.kernel.modes), and the factors of loss."""
 
 import math
 
@@ -14,7 +14,7 @@ MAX_DAMPING_BACKWARDS = (
 
 
 def midpoint_coefficients(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
-    """Kick t and drift v (s) of the paper's midpoint scheme (eq. 8, 29, 36): t = h/2.
+    """Return kick t and drift v (s) of the paper's midpoint scheme (eq. 8, 29, 36): t = h/2.
 
     omega: angular frequencies, rad/s; sigma: decay rates, 1/s; h: step, s.
     Frequencies are warped to (2/h)·atan(ωh/2) (paper, sec. 4).
@@ -24,12 +24,12 @@ def midpoint_coefficients(omega: np.ndarray, sigma: np.ndarray, h: float) -> tup
 
 
 def exact_coefficients(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
-    """Kick t and drift v (s) that give free vibration its exact frequency and decay.
+    """Return kick t and drift v (s) that give free vibration its exact frequency and decay.
 
-    Together with the half-steps of loss, the mode's roots are exp(-σh ± iω_d·h),
-    ω_d² = ω² - σ², if cos θ = cos(ω_d·h)/cosh(σh) and t = tan(θ/2)/ω (docs/design.md, sec. 1).
-    Overdamped modes have cosh in place of cos. For ω = 0, t = (h/2)·√(tanh(σh)/σh): a free mass
-    falls as it should, and coasts to (σh)²/3; `damped_coefficients` does both. Valid for ω_d·h < π.
+    Together with the half-steps of loss, the mode's roots are exp(-σh ± iω_d·h), ω_d² = ω² - σ², if
+    cos θ = cos(ω_d·h)/cosh(σh) and t = tan(θ/2)/ω (docs/design.md, sec. 1). Overdamped modes have cosh in place of cos.
+    For ω = 0, t = (h/2)·√(tanh(σh)/σh): a free mass falls exactly, and coasts with an error of about (σh)²/3;
+    `damped_coefficients` makes both exact. Valid for ω_d·h < π.
     """
     pairs = [_exact_mode(w, s, h) for w, s in zip(omega.tolist(), sigma.tolist(), strict=True)]
     table = np.array(pairs).reshape(-1, 2)
@@ -53,8 +53,8 @@ def _exact_mode(w: float, s: float, h: float) -> tuple[float, float]:
 
 
 def damped_coefficients(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple[np.ndarray, ...]:
-    """Kick t and drift v (s); what is kept of the momentum in each half-step of loss, d, and in the drift, x; and the
-    energy lost in the drift over the squared momentum before it.
+    """Return five values for each mode: kick t and drift v (s); the factors of the momentum in each half-step of loss,
+    d, and in the drift, x; and the energy lost in the drift over the squared momentum before it.
 
     With loss in the drift too, the step is the exact motion under a force constant over it,
 
@@ -63,8 +63,8 @@ def damped_coefficients(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple
     p⁺ = b·p - ω²A·q + A·F,   b = a - 2σA,
 
     if the half-steps of loss keep d² = (A² - C·e^(-2σh))/(C·a) = (e^(-2σh) - b)/(ω²C), t = C·d/A, v = A/d,
-    and x = e^(-2σh)/d². Of the momentum p before x, the drift then takes ½(1 - x)(1 + x - ω²tv)·p² and nothing
-    of the rest, for v·(1 + ω²t²) = t·(1 + x). Any damping, ω_d·h < π.
+    and x = e^(-2σh)/d². The drift then takes the energy ½(1 - x)(1 + x - ω²tv)·p², with p the momentum before x, and
+    nothing else, for v·(1 + ω²t²) = t·(1 + x). Valid for any damping, ω_d·h < π.
     """
     slow = np.sqrt((sigma - omega).astype(complex)) * np.sqrt(sigma + omega)  # i·ω_d
     move, give, brake = _responses(sigma, slow, h)
@@ -84,7 +84,7 @@ def damped_coefficients(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple
 
 
 def _responses(sigma: np.ndarray, slow: np.ndarray, h: float) -> tuple[np.ndarray, ...]:
-    """A and C, how far a mode moves in a step per momentum and per force; and b."""
+    """Return A and C, the displacement of a mode in a step per momentum and per force, and the factor b."""
     from scipy.special import gammainc  # 0.1 s, which most scenes need not wait for
 
     close = np.abs(slow) * h < 0.02  # the two rates of decay are nearly one, and their difference would cancel
@@ -104,15 +104,16 @@ def _responses(sigma: np.ndarray, slow: np.ndarray, h: float) -> tuple[np.ndarra
 
 
 def _mean_decay(rate: np.ndarray, h: float) -> np.ndarray:
-    """∫₀ʰ e^(-rate·s) ds."""
+    """Return ∫₀ʰ e^(-rate·s) ds."""
     still = rate == 0.0
     return np.where(still, h, -np.expm1(-rate * h) / np.where(still, 1.0, rate))
 
 
 def loses_in_drift(omega: np.ndarray, sigma: np.ndarray, h: float, accuracy: Accuracy) -> np.ndarray:
-    """Modes that need `damped_coefficients` [modes], bool: what loses much within a step; free masses with damping,
-    which no other table moves as it should both where they coast and where they are pushed; and, where a sample has
-    several steps, all that lose, for then only these steps together are the motion over a sample."""
+    """True for modes that need `damped_coefficients` [modes], bool. These modes lose much within a step, or are free
+    masses with damping, for which no other table is exact both when they coast and when they are pushed. If a sample
+    has several steps, they are all modes with loss, for only these steps together are the exact motion over a
+    sample."""
     if accuracy.scheme != "exact" or accuracy.order > 2:
         return np.zeros(omega.size, np.bool_)
     if accuracy.is_refined:
@@ -121,18 +122,19 @@ def loses_in_drift(omega: np.ndarray, sigma: np.ndarray, h: float, accuracy: Acc
 
 
 def end_loss(decay_factor: np.ndarray) -> ModalLoss:
-    """The half-step of loss that leaves such a share of each momentum [modes]."""
-    # of the rounded share: the two must agree, or the ledger drifts
+    """Return the half-step of loss that multiplies each momentum by its decay factor [modes]."""
+    # from the rounded factor: the two must agree, or the energy balance drifts
     return ModalLoss(decay_factor, 0.5 * (1 - decay_factor) * (1 + decay_factor))
 
 
 def stage_coefficients(
     kick: np.ndarray, omega: np.ndarray, scheme: str, length: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Kick and drift (s) of a stage, whose length is a share of the step with the kicks given, and may be negative.
+    """Return kick and drift (s) of a stage. Its length is a share of the step with the given kicks, and may be
+    negative.
 
-    A step of the exact table turns a mode by θ = 2·atan(ω·kick), a stage by that share of θ. A stage of the
-    paper's scheme is a step of its own of that length.
+    A step of the exact table turns a mode by θ = 2·atan(ω·kick), a stage by that share of θ. A stage of the paper's
+    scheme is a step of its own of that length.
     """
     angle = np.arctan(omega * kick)
     exact = np.where(omega > 0.0, np.tan(length * angle) / np.where(omega > 0.0, omega, 1.0), length * kick)

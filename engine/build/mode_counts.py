@@ -1,4 +1,4 @@
-"""A scene with as many modes of each body as another build of it has: what one was built for then fits the other
+"""Give each body of a scene as many modes as another build of it has, so that tables of one fit the other
 (engine.build.table_exchange)."""
 
 from collections.abc import Sequence
@@ -15,8 +15,8 @@ from engine.patch.scene import Scene
 def fit_modes(
     scene: Scene, bodies: Sequence[ModalBody], samplerate: float, like: Sequence[ModalBody]
 ) -> list[ModalBody]:
-    """The modes of bodies, with residual ones, as many of each as another build has: the highest are left out where
-    they are more, and silent ones, which nothing moves, take the places of those that are missing.
+    """Return the modes of bodies, with residual ones, as many of each as another build has. The highest are left out if
+    there are too many. Silent modes, which nothing moves, replace those that are missing.
 
     Raises BuildError if the two cannot have the same modes.
     """
@@ -32,7 +32,7 @@ def fit_modes(
 
 
 def _first_modes(body: ModalBody, count: int) -> ModalBody:
-    """The first modes of a body."""
+    """Return a body with its first `count` modes."""
     if body.omega.size <= count:
         return body
     rows = (body.omega, body.sigma, body.q, body.p, body.gravity_participation)
@@ -41,7 +41,7 @@ def _first_modes(body: ModalBody, count: int) -> ModalBody:
 
 
 def _with_silent_modes(body: ModalBody, more: int) -> ModalBody:
-    """The body with silent modes before its residual ones."""
+    """Return the body with silent modes before its residual ones."""
     if more == 0:
         return body
     first = body.omega.size - body.residual

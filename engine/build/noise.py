@@ -1,4 +1,4 @@
-"""Seeded noise: one sequence at one rate for each seed, so that every sample rate hears the same."""
+"""Seeded noise: each seed gives one sequence at one rate, so that all sample rates have the same noise."""
 
 import math
 
@@ -13,9 +13,9 @@ MAX_LEAD = 1 << 20  # samples of it
 
 
 def draw_noise(force: NoiseForce, count: int) -> np.ndarray:
-    """The first samples of a noise at NOISE_RATE [count], of root mean square 1.
+    """Return the first samples of a noise at NOISE_RATE [count], of root mean square 1.
 
-    The generator is the one that numpy promises never to change (NEP 19). More samples begin with the same ones.
+    The generator is the one that numpy promises never to change (NEP 19). A longer noise begins with the same samples.
     """
     generator = np.random.RandomState(force.seed)
     if force.band is None:
@@ -35,7 +35,7 @@ def draw_noise(force: NoiseForce, count: int) -> np.ndarray:
 
 
 def _gain(low: float, high: float) -> float:
-    """Root mean square of white noise of root mean square 1 that has passed the filter: that of its response.
+    """Return the root mean square of white noise of root mean square 1 after the filter, from the filter's response.
 
     The bilinear transform takes a Butterworth edge at ω to tan(ω/2), exactly.
     """

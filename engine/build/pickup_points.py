@@ -1,4 +1,4 @@
-"""What each pickup hears: one or several points of bodies, each with a quantity, a channel and a gain."""
+"""Points of pickups: each pickup has one or several points on bodies, with a quantity, a channel and a gain."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -27,7 +27,7 @@ QUANTITIES = {
 
 
 class DrivePickup(NamedTuple):
-    """The force of a string on its end, which drives a body instead of being heard."""
+    """The force of a string on its end, which drives a body and goes to no output channel."""
 
     body: str
     at: float
@@ -36,7 +36,7 @@ class DrivePickup(NamedTuple):
 
 
 class HeardPoint(NamedTuple):
-    """One term of what a pickup hears."""
+    """One term of a pickup's signal."""
 
     pickup: Pickup | DrivePickup
     point: BodyPoint
@@ -46,21 +46,21 @@ class HeardPoint(NamedTuple):
 
 
 def drive_pickups(scene: Scene) -> list[DrivePickup]:
-    """What is heard of strings so that they drive bodies."""
+    """Return the pickups of the forces by which strings drive bodies."""
     return [DrivePickup(drive.string, drive.end, drive.point) for drive in find_drives(scene)]
 
 
 def heard_points(
     scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int], pickup: Pickup | DrivePickup
 ) -> Iterator[HeardPoint]:
-    """All that a pickup hears. bodies, numbers: modes of the scene's bodies, and their numbers by name"""
+    """Yield the terms of a pickup's signal. bodies, numbers: modes of the scene's bodies, and their numbers by name"""
     for point in _points(scene, bodies, numbers, pickup):
         for channel, gain in channel_gains(pickup):
             yield HeardPoint(pickup, point, QUANTITIES[pickup.quantity or "velocity"], channel, gain)
 
 
 def channel_gains(pickup: Pickup | DrivePickup) -> list[tuple[int, float]]:
-    """The channels of a pickup, from 0, with its gain on each; a pan shares its power between two."""
+    """Return the channels of a pickup, from 0, with its gain on each. A pan shares its power between two."""
     if isinstance(pickup, DrivePickup):
         return [(-1 - pickup.point, 1.0)]
     if pickup.pan is None:
@@ -72,7 +72,7 @@ def channel_gains(pickup: Pickup | DrivePickup) -> list[tuple[int, float]]:
 def _points(
     scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int], pickup: Pickup | DrivePickup
 ) -> list[BodyPoint]:
-    """Where a pickup listens; nowhere, if that is all contact forces of its body."""
+    """Return the points of a pickup; NOWHERE if its signal is all contact forces of its body."""
     if pickup.quantity == "force":
         return [NOWHERE]
     if pickup.quantity == "end_force":
@@ -94,5 +94,5 @@ def _points(
 
 
 def _mean_shape(body: ModalBody, places: list[object]) -> np.ndarray:
-    """Mean of the mode shapes at some places [modes], 1/√kg."""
+    """Return the mean of the mode shapes at some positions [modes], 1/√kg."""
     return np.asarray(np.mean([body.shape(place) for place in places], axis=0))

@@ -1,4 +1,5 @@
-"""Which contacts of a scene amount to anything: those that are stiff, now or by an event, and that can close."""
+"""Select the contacts of a scene that can have an effect: those that are stiff, now or after an event, and can
+close."""
 
 import math
 from collections.abc import Iterable
@@ -14,7 +15,7 @@ from engine.patch.tables import ChangeEvent, SpringConnection, StrikeEvent
 
 
 def contacts_to_build(scene: Scene, modal_bodies: list[ModalBody], live: bool = False) -> list[int]:
-    """Numbers of the contacts that are built. live: events may come that the scene does not name."""
+    """Return the numbers of the contacts that are built. live: events may come that the scene does not name"""
     stiff = {e.contact for e in scene.event if isinstance(e, ChangeEvent) and e.stiffness}
     contacts = [k for k, c in enumerate(scene.contact) if c.stiffness > 0.0 or c.name in stiff]
     if live:
@@ -25,7 +26,7 @@ def contacts_to_build(scene: Scene, modal_bodies: list[ModalBody], live: bool = 
 
 
 def initial_reach(layout: Layout, contacts: Iterable[int]) -> dict[int, float]:
-    """√2E of each island that has contacts, from the energy it holds at time 0, √J; infinite if it is driven."""
+    """Return √(2E) of each island with contacts, from its energy E at time 0, √J; infinite if it is driven."""
     scene, island_of, bodies_of = layout.scene, layout.island_of_body, dict[int, list[int]]()
     for b in range(len(scene.body)):
         bodies_of.setdefault(island_of[b], []).append(b)
@@ -54,10 +55,10 @@ def initial_reach(layout: Layout, contacts: Iterable[int]) -> dict[int, float]:
 
 
 def is_reachable(layout: Layout, k: int, reach_of_island: dict[int, float]) -> bool:
-    """Whether the energy of its island could ever close contact k.
+    """True if the energy of its island could ever close contact k.
 
-    A displacement Φq of energy E is at most √(2E·Σ Φ²/ω²), by Cauchy and Schwarz; both schemes
-    keep to that, for they conserve E. What drives an island can close all its contacts.
+    A displacement Φq of energy E is at most √(2E·Σ Φ²/ω²), by the Cauchy-Schwarz inequality. Both schemes keep to that
+    bound, for they conserve E. In a driven island, all contacts count as reachable.
     """
     contact = layout.scene.contact[k]
     reach = reach_of_island[layout.island_of_body[layout.body_index[contact.body]]]
@@ -71,17 +72,17 @@ def is_reachable(layout: Layout, k: int, reach_of_island: dict[int, float]) -> b
 
 
 def static_compliance(layout: Layout, point: BodyPoint) -> float:
-    """Static compliance Σ Φ²/ω² at a point, m/N; infinite for a free mass."""
+    """Return the static compliance Σ Φ²/ω² at a point, m/N; infinite for a free mass."""
     if point.body is None:
         return 0.0
     phi, omega = layout.mode_shape(point), layout.modal_bodies[layout.body_index[point.body]].omega
     moved = phi != 0.0
-    with np.errstate(over="ignore"):  # of a mode that is slower than anything
+    with np.errstate(over="ignore"):  # a mode may be extremely slow
         return math.inf if np.any(omega[moved] == 0.0) else float(np.sum((phi[moved] / omega[moved]) ** 2))
 
 
 def _spring_energy(layout: Layout, coordinates: Coordinates) -> float:
-    """Energy that the springs of an island hold at time 0, J."""
+    """Return the energy that the springs of an island hold at time 0, J."""
     bodies, items = layout.modal_bodies, coordinates.items
     s = np.array([sum(float(row @ bodies[b].q) for b, row in item.parts.items()) - item.rest for item in items])
     stiffness = coordinates.coupling + np.diag([item.stiffness for item in items])
@@ -89,7 +90,7 @@ def _spring_energy(layout: Layout, coordinates: Coordinates) -> float:
 
 
 def initial_contact_energy(layout: Layout, k: int) -> float:
-    """Energy that contact k holds at time 0, J."""
+    """Return the energy that contact k holds at time 0, J."""
     contact, energy = layout.scene.contact[k], 0.0
     for point in layout.points_of(contact):
         s = -layout.offset(k, point)

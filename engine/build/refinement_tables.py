@@ -1,4 +1,4 @@
-"""The coefficients of the stages of a refined sample (engine.kernel.refinement)."""
+"""Coefficients of the stages of a refined sample (engine.kernel.refinement)."""
 
 import numpy as np
 
@@ -8,13 +8,13 @@ from engine.build.step_coefficients import ModeCoefficients, stack, step_coeffic
 from engine.kernel.model import ContactLoss, ModalLoss, Refinement
 from engine.patch.accuracy import Accuracy, stage_lengths
 
-MAX_LOSS_IN_STEP = 0.5  # μ·f·W·h/2, of contact loss between stages: beyond, a step of order 2 errs no more
+MAX_LOSS_IN_STEP = 0.5  # μ·f·W·h/2, of contact loss between stages: beyond, a step of order 2 is no less accurate
 
 
 def build_refinement(
     layout: Layout, kick: np.ndarray, accuracy: Accuracy, samplerate: float, finest: Accuracy | None = None
 ) -> Refinement | None:
-    """Stages of a sample, be it one; None without contacts and connections.
+    """Return the stages of a sample, even if there is only one; None without contacts and connections.
 
     kick:   t of each mode in a whole step, s
     finest: the accuracy of the Refinement whose kernel this one is for, if that is another
@@ -38,7 +38,6 @@ def build_refinement(
         else ModeCoefficients(*stage_coefficients(kick, omega, accuracy.scheme, length), None, None)
         for length in kinds
     ]
-    weight = np.abs(layout.scene.gravity * layout.concatenate_modes("gravity_participation"))
     return Refinement(
         stages=stack(
             [
@@ -70,16 +69,16 @@ def build_refinement(
         chord_deviation=np.where(
             omega > 0.0, np.minimum(omega * (omega + 2 * sigma) * h**2 / 8, 2.0), sigma * h**2 / 4
         ),
-        gravity_deviation=weight * h**2 / 8 * (1 + 64 * h * sigma),
+        gravity_deviation=np.abs(layout.weights()) * h**2 / 8 * (1 + 64 * h * sigma),
     )
 
 
 def loss_times(accuracy: Accuracy) -> np.ndarray:
-    """How long contact loss acts before each stage, as a share of a sample; after each, the same in reverse order. In
-    order 2 it acts in the stages.
+    """Return the duration of contact loss before each stage, as a share of a sample. After the stages, the durations
+    are the same in reverse order. In order 2 they are 0, as loss acts in the stages.
 
-    It acts at 0, γ, 1 - γ and 1 of a step of order 4 or 6 whose first stage is γ long, with the weights of the
-    quadrature of third degree there; the lengths of the stages between sum to 1 - 2γ.
+    In a step of order 4 or 6 whose first stage has the length γ, loss acts at 0, γ, 1 - γ and 1, with the weights of
+    the quadrature of third degree there. The lengths of the stages between have the sum 1 - 2γ.
     """
     lengths = stage_lengths(accuracy.replace(substeps=1))
     times = np.zeros(len(lengths))
@@ -90,7 +89,8 @@ def loss_times(accuracy: Accuracy) -> np.ndarray:
 
 
 def _contact_loss(layout: Layout, step: float, acts: bool) -> ContactLoss | None:
-    """Contact loss between stages, where it acts there; None if no contact has loss. step: length of a substep, s"""
+    """Return the contact loss between stages, which is 0 if `acts` is False; None if no contact has loss. step: length
+    of a substep, s"""
     loss = np.array([layout.scene.contact[k].loss for k, _ in layout.contact_points])
     if not loss.any():
         return None
@@ -103,7 +103,8 @@ def _contact_loss(layout: Layout, step: float, acts: bool) -> ContactLoss | None
 def _damped_stage(
     kick: np.ndarray, omega: np.ndarray, sigma: np.ndarray, scheme: str, length: float, h: float, damped: np.ndarray
 ) -> ModeCoefficients:
-    """The modes in a stage that loses, whose length is a share of a sample of h seconds; of some, also in its drift."""
+    """Return the coefficients of modes in a stage with loss, whose length is a share of a sample of h seconds. The
+    modes in `damped` also lose in the drift."""
     kicks, drifts = stage_coefficients(kick, omega, scheme, length)
     decay = np.exp(-sigma * length * h)
     if not damped.any():

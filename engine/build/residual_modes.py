@@ -1,9 +1,9 @@
-"""What the modes that are not built would give at contacts: their static compliance, as a few modes near the Nyquist
-frequency (docs/design.md, "Residual modes").
+"""Residual modes: a few modes near the Nyquist frequency, with the static compliance at contacts of the modes that are
+not built (docs/design.md, "Residual modes").
 
-The modes above 0.49 of the sample rate are left out, or the patch builds fewer. All that is left out is stiff, and
-follows a contact force at once: by C_r = Σ Φᵢ·Φⱼ/ω² over it. A mode with Φ² = ω²·C_r gives that, and is passive as any
-other; a compliance added to that of the contacts alone would not be.
+Modes above 0.49 of the sample rate are not built, or the patch asks for fewer modes. All modes that are left out are
+stiff and follow a contact force at once, with the compliance C_r = Σ Φᵢ·Φⱼ/ω² over them. A mode with Φ² = ω²·C_r has
+this compliance, and is as passive as any other. A compliance added to that of the contacts alone would not be passive.
 """
 
 import math
@@ -25,7 +25,7 @@ MIN_PART = 1e-3  # of the largest: smaller residual modes are left out
 
 
 def with_residual_modes(scene: Scene, bodies: Sequence[ModalBody], samplerate: float) -> list[ModalBody]:
-    """The modes of bodies, with residual ones where they help. samplerate: Hz, of the steps"""
+    """Return the modes of bodies, with residual modes where they help. samplerate: of the steps, Hz"""
     places = _contact_places(scene)
     return [
         _with_residual(body, modal, places[body.name], samplerate)
@@ -38,8 +38,8 @@ def with_residual_modes(scene: Scene, bodies: Sequence[ModalBody], samplerate: f
 def residual_compliance(
     body: DistributedBody, modal: ModalBody, places: Sequence[object]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Static compliance between places of a body [places, places], m/N: of what its modes leave out, and of its modes
-    but those so slow that they are masses to a contact."""
+    """Return two static compliances between positions of a body [places, places], m/N: of the modes that are not built,
+    and of those that are. The second is without modes so slow that they act as masses on a contact."""
     shapes = np.array([modal.shape(place) for place in places])
     moving = modal.omega > 2 * math.pi * SLOW
     built = shapes[:, moving] / modal.omega[moving]
@@ -51,7 +51,7 @@ def residual_compliance(
 
 
 def _with_residual(body: DistributedBody, modal: ModalBody, places: list[object], samplerate: float) -> ModalBody:
-    """The modes of a body and its residual ones, whose shapes go with the static ones."""
+    """Return the modes of a body with its residual modes, whose shapes are combinations of static deflections."""
     if body.residual is None and len(places) > MAX_POINTS:
         return modal
     compliance, built = residual_compliance(body, modal, places)
@@ -83,7 +83,7 @@ def _with_residual(body: DistributedBody, modal: ModalBody, places: list[object]
 
 
 def _contact_places(scene: Scene) -> dict[str, list[object]]:
-    """The places of each body that contacts touch, each once."""
+    """Return the positions of each body that contacts touch, each once."""
     bodies = {body.name: body for body in scene.body}
     places: dict[str, list[object]] = {}
     for contact in scene.contact:

@@ -1,11 +1,11 @@
-"""What a step makes of a spring, and how that is made up for (docs/design.md, "Connections").
+"""Compensation of springs for the error of a step (docs/design.md, "Connections").
 
-A force that is constant over a step, and follows from the mean of the extensions at its ends, meets a compliance that
-is too small at high frequencies: by the factor 1 - θ²/6 to leading order, θ = ωh, whatever mode gives it. With the mode
-shapes γₙ·Φₙ in place of Φₙ, γₙ² = θₙ/sin θₙ, each mode gives what it should at its own frequency, and all of them a
-constant too much: between springs i and j, C_ij = Σ (γₙ² - 1)·Φᵢ·Φⱼ/ωₙ². That is taken from the compliance of the
-springs: K⁻¹ → K⁻¹ - C. What holds harder than that is made up for in part; and what stands beside a damper, a rigid
-joint or a spring that may change is not.
+A force that is constant over a step, and follows from the mean of the extensions at its ends, acts on a compliance that
+is too small at high frequencies: by the factor 1 - θ²/6 to leading order, θ = ωh, for every mode. With the mode shapes
+γₙ·Φₙ in place of Φₙ, γₙ² = θₙ/sin θₙ, each mode has the right compliance at its own frequency. But together they have a
+constant excess of compliance between springs i and j, C_ij = Σ (γₙ² - 1)·Φᵢ·Φⱼ/ωₙ². The compliance of the springs is
+reduced by it: K⁻¹ → K⁻¹ - C. Springs that are too stiff for this are compensated in part. Springs that share an excess
+with a damper, a rigid joint or a spring that may change are not compensated.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,14 +15,14 @@ import numpy as np
 
 from engine.build.coordinates import Coordinate, Coordinates
 
-MAX_GAIN = 2.2  # γ²: that of 14 kHz at 44.1 kHz; what is higher gives almost the same at every frequency that is heard
+MAX_GAIN = 2.2  # γ² of 14 kHz at 44.1 kHz; higher modes have almost the same effect at all audible frequencies
 MAX_SHARE = 0.75  # of the compliance of springs that may be taken from it
 MAX_SHARE_LATER = 0.95  # the same where an event makes one harder
-MAX_OVERLAP = 0.1  # of what two coordinates have too much, as a share: beyond, they stand beside each other
+MAX_OVERLAP = 0.1  # of the excess compliance that two coordinates share; with more, they do not act independently
 
 
 class _Rows(NamedTuple):
-    """The rows of coordinates over the modes of all their bodies."""
+    """Rows of coordinates over the modes of all their bodies."""
 
     modes: dict[int, slice]  # by number of the body
     shapes: np.ndarray  # [coordinates, modes], 1/√kg
@@ -30,11 +30,11 @@ class _Rows(NamedTuple):
     gain: np.ndarray  # γ² - 1 [modes]
 
     def scaled(self, share: np.ndarray) -> np.ndarray:
-        """The rows with a share of the gain for each."""
+        """Return the rows, each with a share of the gain."""
         return np.asarray(self.shapes * np.sqrt(1 + share[:, None] * self.gain))
 
     def excess(self, share: np.ndarray) -> np.ndarray:
-        """The compliance that they have too much then [coordinates, coordinates], m/N."""
+        """Return the excess compliance of rows that have a share of the gain [coordinates, coordinates], m/N."""
         scaled = self.scaled(share)
         return np.asarray(
             (scaled * self.modal_compliance) @ scaled.T - (self.shapes * self.modal_compliance) @ self.shapes.T
@@ -44,10 +44,11 @@ class _Rows(NamedTuple):
 def compensate_springs(
     coordinates: Coordinates, may_change: Sequence[bool], omega_of: Callable[[int], np.ndarray], step: float
 ) -> Coordinates:
-    """The coordinates of an island, whose plain springs give the right frequencies in a step of so many seconds.
+    """Return the coordinates of an island with plain springs that give the right frequencies in steps of `step`
+    seconds.
 
-    may_change: whether an event may change each
-    omega_of:   angular frequencies of a body, rad/s; 0 of modes whose shapes are to stay as they are
+    may_change: True for each coordinate that an event may change
+    omega_of:   angular frequencies of a body, rad/s; 0 for modes whose shapes must not change
     """
     items = coordinates.items
     rows, alone = _rows(items, omega_of, step), np.array(may_change, dtype=bool)
@@ -81,12 +82,13 @@ def compensate_springs(
 
 
 def stiffness_beside(excess: float, stiffness: float) -> float:
-    """The stiffness (N/m) that, with so much compliance of its rows beyond the right one (m/N), is as this one."""
+    """Return the stiffness (N/m) that acts like `stiffness` (N/m) on rows with an excess compliance of `excess`
+    (m/N)."""
     return stiffness / (1 - min(stiffness * excess, MAX_SHARE_LATER))
 
 
 def _rows(items: Sequence[Coordinate], omega_of: Callable[[int], np.ndarray], step: float) -> _Rows:
-    """The rows of coordinates, with their gains."""
+    """Return the rows of coordinates, with their gains."""
     bodies = sorted({b for item in items for b in item.parts})
     omega = [omega_of(b) for b in bodies]
     empty = {b: np.zeros(w.size) for b, w in zip(bodies, omega, strict=True)}

@@ -1,16 +1,18 @@
-"""Islands: bodies that contacts join, directly or through others. Islands never couple, so each is computed alone."""
+"""Islands: groups of bodies that contacts and connections join, directly or through others. Islands are not coupled to
+each other, so each is computed alone."""
 
 from collections.abc import Iterable
 
 import numpy as np
 
-MAX_PARTITIONS = 8  # as many cores can share the work
+MAX_PARTITIONS = 8  # the largest number of cores that can share the work
 MIN_COST_FOR_THREADS = 200.0  # ns a sample: below, waking a thread costs more than it saves
 COST_PER_ISLAND = 15.0  # ns a sample, besides its modes and contacts
 
 
 def connected_components(count: int, pairs: Iterable[tuple[int, int]]) -> list[int]:
-    """Number of the component of each of `count` items that pairs join, from 0, in the order of their first items."""
+    """Return the component of each of `count` items that pairs join, numbered from 0 in the order of their first
+    items."""
     root = list(range(count))
 
     def find(i: int) -> int:
@@ -26,12 +28,13 @@ def connected_components(count: int, pairs: Iterable[tuple[int, int]]) -> list[i
 
 
 def estimate_cost(modes: np.ndarray, contacts: np.ndarray) -> np.ndarray:
-    """About what islands of so many modes and contacts cost in contact, ns a sample [islands]."""
+    """Estimate the cost of islands in contact from their numbers of modes and contacts, ns a sample [islands]."""
     return np.asarray(COST_PER_ISLAND + modes * (1 + contacts / 4) + contacts**2)
 
 
 def partition_islands(cost: np.ndarray) -> np.ndarray:
-    """Where to cut the islands into partitions of about equal cost [partitions + 1]: one partition if it is little."""
+    """Cut the islands into partitions of about equal cost, and return where each begins [partitions + 1]. There is one
+    partition if the cost is small."""
     total = np.cumsum(cost)
     if total.size < 2 or total[-1] < MIN_COST_FOR_THREADS:
         return np.array([0, total.size])

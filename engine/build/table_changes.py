@@ -1,5 +1,5 @@
-"""Live parameters that tables are made of, such as the pitch of a body: each change is built beside the sound, and the
-tables are exchanged between two samples."""
+"""Live parameters that change tables, such as the pitch of a body. New tables are built while the sound goes on, and
+exchanged between two samples."""
 
 import heapq
 import math
@@ -28,7 +28,7 @@ MAX_STEPS = 64  # … and how many steps there are at most
 
 
 class NewValue(NamedTuple):
-    """What a parameter is to be. parameter: its path as one writes it"""
+    """A new value of a live parameter. parameter: its path in a patch"""
 
     path: LivePath
     parameter: str
@@ -36,21 +36,21 @@ class NewValue(NamedTuple):
 
 
 class Exchange(NamedTuple):
-    """Tables to be exchanged at a frame."""
+    """Tables that are exchanged at a frame."""
 
     values: tuple[NewValue, ...]
     copies: Copies
-    island: int  # the first whose energy is counted anew …
+    island: int  # the first whose energy is counted again …
     islands: int  # … and how many there are
     due: int  # frame
 
 
 class TableChanges:
-    """Makes the tables of live parameters anew.
+    """Build the tables of live parameters again after a change.
 
-    scene, built: what is rendered, and what `build` made of it
-    models:       the Models at work, the coarser ones too, whose arrays are written to
-    coarser:      makes the coarser ones of a build
+    scene, built: the rendered scene, and the result of `build` for it
+    models:       the Models in use, with the coarser ones; their arrays are written to
+    coarser:      makes the coarser Models of a build
     options:      of `build`
     """
 
@@ -66,16 +66,16 @@ class TableChanges:
         self._targets, self._coarser, self._options = list(models) or [built.model], coarser, options
         self._known: list[Model] | None = None  # the numbers that the targets have, or are to have
         self._busy_until: dict[int, int] = {}  # frame, by island: changes of one follow each other
-        self._kept: list[Exchange] = []  # what may still be read
+        self._kept: list[Exchange] = []  # exchanges whose numbers the audio thread may still read
         self.lock = threading.Lock()
 
     @property
     def samplerate(self) -> float:
-        """Of the tables, Hz."""
+        """Sample rate of the tables, Hz."""
         return self._targets[0].samplerate
 
     def range_of(self, path: LivePath) -> LiveRange:
-        """What a parameter can be."""
+        """Return the range of values of a parameter."""
         return live_range(self._scene, path.section, path.number, path.keys)
 
     def check_range(self, new: NewValue) -> None:
@@ -83,12 +83,12 @@ class TableChanges:
         check_range(self._scene, *new)
 
     def value(self, path: LivePath) -> float:
-        """The value that a parameter has, or glides to."""
+        """Return the value that a parameter has, or glides to."""
         return value_at(self._scene, path)
 
     def check(self, values: Sequence[NewValue]) -> None:
-        """Raise ValueError (BuildError) if values are out of range, or bodies whose modes are computed in a moment
-        cannot have them; the rest is found when the tables are made."""
+        """Raise ValueError (BuildError) if values are out of range, or if a body whose modes are computed quickly
+        cannot have them. Other errors are found when the tables are built."""
         scene, accuracy = self._with_values(values), self._options.get("accuracy") or self._scene.accuracy
         for number in {path.number for path, _, _ in values if path.section == "body"}:
             body = scene.body[number]
@@ -104,10 +104,11 @@ class TableChanges:
         now: Callable[[], int] = lambda: 0,
         budget: float = math.inf,
     ) -> list[Exchange]:
-        """The steps in which parameters glide to values, from a frame on or when the last changes of their subsystems
-        are over. Raises ValueError (BuildError, CannotExchange) if they cannot have these; nothing has changed then.
+        """Return the steps in which parameters glide to values. They begin at a frame, or when the last changes of the
+        same islands are over. Raises ValueError (BuildError, CannotExchange) if the values are impossible; nothing has
+        changed then.
 
-        now:    the frame that the sound has reached, asked when the tables are ready
+        now:    returns the frame that the sound has reached; called when the tables are ready
         budget: seconds; if the tables of all steps took longer, there are fewer steps
         """
         only_levels = all(new.path.is_level for new in values)
@@ -136,7 +137,7 @@ class TableChanges:
         return steps
 
     def _glide(self, values: Sequence[NewValue], number: int) -> list[tuple[NewValue, ...]]:
-        """The values of each of some steps to new ones."""
+        """Return the values of parameters in each step of a glide to new ones."""
         before = [self.value(new.path) for new in values]
         return [
             tuple(
@@ -147,12 +148,12 @@ class TableChanges:
         ]
 
     def _level_copies(self, values: Sequence[NewValue]) -> Copies:
-        """What gives pickups other levels."""
+        """Return the copies that give pickups new levels."""
         scene = self._with_values(values)
         return collect_copies([pair for new in values for pair in self._level_pairs(scene, new.path)])
 
     def _table_copies(self, glide: Sequence[tuple[NewValue, ...]], last: list[Model]) -> list[Copies]:
-        """What makes the targets the Models of each step of a glide. last: those of the last step"""
+        """Return the copies that make the targets the Models of each step of a glide. last: Models of the last step"""
         known, copies = self._known or self._build(self._scene), list[Copies]()
         for step in glide:
             after = last if step is glide[-1] else self._build(self._with_values(step))
@@ -162,14 +163,14 @@ class TableChanges:
         return copies
 
     def _with_values(self, values: Sequence[NewValue]) -> Scene:
-        """The scene with other values. Raises ValueError if they are out of range."""
+        """Return the scene with other values. Raises ValueError if they are out of range."""
         scene = self._scene
         for path, parameter, value in values:
             scene = with_value(scene, path, parameter, value)
         return scene
 
     def forget(self) -> None:
-        """Forget what has been read; the audio thread must not wait for any."""
+        """Forget all exchanges; the audio thread must have made them before."""
         self._kept.clear()
 
     def _build(self, scene: Scene) -> list[Model]:
@@ -177,7 +178,7 @@ class TableChanges:
         return [built.model, *self._coarser(built)]
 
     def _level_pairs(self, scene: Scene, path: LivePath) -> list[tuple[np.ndarray, np.ndarray]]:
-        """The gains of a pickup on its channels: to write to, and to read from."""
+        """Return pairs of arrays for the gains of a pickup on its channels: to write to, and to read from."""
         gains, pairs = dict(channel_gains(scene.pickup[path.number])), list[tuple[np.ndarray, np.ndarray]]()
         original = self._layout.scene.pickup[path.number]
         for n, heard in enumerate(self._layout.heard_points):
@@ -187,7 +188,7 @@ class TableChanges:
         return pairs
 
     def _islands(self, paths: Sequence[LivePath]) -> tuple[int, int]:
-        """The first island whose energy parameters change, and how many there are up to the last."""
+        """Return the first island whose energy the parameters change, and the number of islands up to the last."""
         layout, scene = self._layout, self._scene
         if any(path.section == "" for path in paths):
             return 0, max(layout.island_of_body) + 1
@@ -199,7 +200,7 @@ class TableChanges:
 
 
 class ScoredChange(NamedTuple):
-    """What changes of tables at one time of the score."""
+    """Changes of tables at one time of the score."""
 
     frame: int
     seconds: float  # that it glides
@@ -207,7 +208,8 @@ class ScoredChange(NamedTuple):
 
 
 def scored_changes(scene: Scene, samplerate: float) -> list[ScoredChange]:
-    """The changes of tables in the score of a scene, in their order; those of one time are made together."""
+    """Return the changes of tables in the score of a scene, in their order. Those of one time and duration are made
+    together."""
     events = [e for e in scene.event if isinstance(e, ChangeEvent) and e.parameter is not None]
     paths, together = live_paths(scene, True) if events else {}, dict[tuple[int, float], list[NewValue]]()
     for event in events:
@@ -218,7 +220,7 @@ def scored_changes(scene: Scene, samplerate: float) -> list[ScoredChange]:
 
 
 class ScoredExchanges:
-    """The exchanges that a score asks for, made when their time comes."""
+    """Exchanges of tables in a score; each is built when its time comes."""
 
     def __init__(self, tables: TableChanges, changes: Sequence[ScoredChange]) -> None:
         self._tables, self._changes = tables, deque(changes)
@@ -227,12 +229,12 @@ class ScoredExchanges:
 
     @property
     def next_frame(self) -> int | None:
-        """The frame before which something has to be done; None if nothing has."""
+        """Frame before which the next change is to be made; None without any."""
         frames = [change.frame for change in list(self._changes)[:1]] + [step[0] for step in self._steps[:1]]
         return min(frames, default=None)
 
     def due(self, frame: int) -> Iterator[Exchange]:
-        """The exchanges that are due at a frame. Raises ValueError (BuildError, CannotExchange)."""
+        """Yield the exchanges that are due at a frame. Raises ValueError (BuildError, CannotExchange)."""
         while self._changes and self._changes[0].frame <= frame:
             change = self._changes.popleft()
             for step in self._tables.steps(change.values, change.seconds, change.frame):
@@ -244,13 +246,14 @@ class ScoredExchanges:
 
 
 def scored_exchanges(scene: Scene, built: BuildResult, **options: Any) -> ScoredExchanges | None:
-    """The exchanges that the score of a scene asks for; None if it asks for none. options: as of TableChanges"""
+    """Return the exchanges of tables in the score of a scene; None without any. options: of TableChanges"""
     changes = scored_changes(scene, built.model.samplerate)
     return ScoredExchanges(TableChanges(scene, built, **options), changes) if changes else None
 
 
 def glide_between(before: float, after: float, share: float) -> float:
-    """Where a value is on its way from one to another: at equal ratios if both have one sign, else at equal steps."""
+    """Return the value at a share of the way from one to another, in equal ratios if both have one sign, else in equal
+    steps."""
     if share >= 1.0:
         return after
     if before * after > 0.0:

@@ -1,8 +1,8 @@
-"""What of the tables of a Model has to be overwritten so that it becomes the Model of a scene with another value.
+"""Overwrite the tables of a Model so that it becomes the Model of a scene with another value.
 
-The two have the same arrays (`like` of engine.build.build.build); where their numbers differ, those of the one are
-copied over those of the other, between two steps. Motion stays as it is. What that does to the energy is counted as
-supplied by whoever turned the value, so that it cannot blow up the sound.
+The two have the same arrays (`like` of engine.build.build.build). Where their numbers differ, those of the new Model
+are copied over the old ones, between two steps. Motion stays as it is. The change of energy is counted as supplied, so
+that it cannot make the sound unstable.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,20 +18,20 @@ KEPT = ("events",)  # fields of a Model that live sound writes to
 
 
 class CannotExchange(ValueError):
-    """A scene whose tables do not fit in the place of those that sound."""
+    """The tables of a scene do not fit in the place of those in use."""
 
 
 class Copies(NamedTuple):
-    """What has to be copied."""
+    """Numbers to copy, and the addresses to copy them to."""
 
     table: np.ndarray  # [copies, 3]: addresses to write to and to read from, and how many words
-    values: np.ndarray  # what is read, one after the other
+    values: np.ndarray  # numbers to read, one after the other
 
 
 def make_copies(target: Sequence[Model], state: State, before: Sequence[Model], after: Sequence[Model]) -> Copies:
-    """What makes Models, which have the numbers of `before`, into those of `after`.
+    """Return the copies that turn Models with the numbers of `before` into those of `after`.
 
-    target: the Models that sound, with their coarser ones; state: theirs
+    target: the Models in use, with their coarser ones; state: their State
     Raises CannotExchange if the arrays are not alike.
     """
     if target[0].step.kick.dtype != np.float64:
@@ -47,7 +47,7 @@ def make_copies(target: Sequence[Model], state: State, before: Sequence[Model], 
 
 
 def collect_copies(pairs: Sequence[tuple[np.ndarray, np.ndarray]]) -> Copies:
-    """Copies of arrays to write to, contiguous, and arrays to read from, all of 8 bytes a number."""
+    """Return the copies for pairs of contiguous arrays, to write to and to read from, all of 8 bytes a number."""
     values = np.concatenate([new.view(np.int64) for _, new in pairs]) if pairs else np.zeros(0, np.int64)
     begins = np.cumsum([0, *(new.size for _, new in pairs)])
     rows = [
@@ -58,7 +58,7 @@ def collect_copies(pairs: Sequence[tuple[np.ndarray, np.ndarray]]) -> Copies:
 
 
 def _differences(ours: Any, old: Any, new: Any, name: str) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """The parts of arrays that differ: to write to, and to read from."""
+    """Yield the parts of arrays that differ, in pairs: to write to, and to read from."""
     if type(old) is not type(new) or (isinstance(old, np.ndarray) and old.shape != new.shape):
         raise CannotExchange(
             f"its {name.replace('_', ' ')} would have another structure than what sounds; stop and start again"
@@ -81,7 +81,8 @@ def _differences(ours: Any, old: Any, new: Any, name: str) -> Iterator[tuple[np.
 
 
 def _invalidated(record: Any) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """What makes the audio thread make the factors of connections anew: they are for the stiffness of the moment."""
+    """Yield copies that make the audio thread compute the factors of connections again, as those depend on the present
+    stiffness."""
     if isinstance(record, ConnectionCoefficients):
         never = np.full(record.made_for_stiffness.size, np.nan)
         yield record.made_for_stiffness.reshape(-1), never

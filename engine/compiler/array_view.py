@@ -1,11 +1,11 @@
-"""Arrays within a kernel, at their barest: where one is, and how long.
+"""Minimal array types for kernels: an address and a length.
 
-Numba hands an array on as seven values, and a scene has a hundred arrays: half of the code it made was packing and
-unpacking. An `ArrayView1D` is two values, and its indices are not tested for negative ones, of which kernels have none.
-It lives no longer than its array. Views are indexed, sliced and asked for `.shape[0]` as arrays are, so that kernels
-take either. An `ArrayView2D` is a two-dimensional array of two values, whose rows are one-dimensional views.
+Numba passes an array as seven values, and a scene has a hundred arrays: half of the generated code packed and unpacked
+them. An `ArrayView1D` is two values, and its indices are not tested for negative ones, of which kernels have none. It
+is valid only as long as its array. Views are indexed, sliced and have `.shape[0]` as arrays do, so that kernels take
+either. An `ArrayView2D` is a two-dimensional array of two values, whose rows are one-dimensional views.
 
-Without the trick, what is cut from an array is an array.
+Without the trick ARRAY_VIEWS, a part of an array is an array.
 """
 
 import operator
@@ -53,24 +53,24 @@ class _ArrayView2DModel(models.StructModel):
 
 
 def slice_view(array: Any, begin: int, end: int) -> Any:
-    """Items begin:end of a contiguous array of one dimension; in compiled code only."""
+    """Return items begin:end of a contiguous one-dimensional array; in compiled code only."""
     raise TypeError("slice_view is for compiled code")
 
 
 def matrix_view(array: Any, n: int) -> Any:
-    """Matrix n of a contiguous array of three dimensions; in compiled code only."""
+    """Return matrix n of a contiguous three-dimensional array; in compiled code only."""
     raise TypeError("matrix_view is for compiled code")
 
 
 def column_view(array: Any, begin: int) -> Any:
-    """The columns of a contiguous array of two dimensions from `begin` on; in compiled code only. Rows of the view run
-    over the end of the array's."""
+    """Return the columns of a contiguous two-dimensional array from `begin` on; in compiled code only. Rows of the view
+    reach beyond the end of the array's rows."""
     raise TypeError("column_view is for compiled code")
 
 
 def row_view(array: Any, begin: int) -> Any:
-    """The rows of a contiguous array of two dimensions from `begin` on; in compiled code only. Their number is not
-    that of the array's."""
+    """Return the rows of a contiguous two-dimensional array from `begin` on; in compiled code only. The view does not
+    know how many there are."""
     raise TypeError("row_view is for compiled code")
 
 
@@ -127,7 +127,7 @@ def _shape(context: Any, builder: Any, kind: ArrayView1D, value: Any) -> Any:
 
 
 def _element_address(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    """Address of an element."""
+    """Return the address of an element."""
     of, index = _unpack(context, builder, sig, args), args[1]
     if isinstance(index, int):
         index = context.get_constant(INDEX, index)
@@ -187,7 +187,7 @@ def _build_view(context: Any, builder: Any, kind: Any, data: Any, shape: list[An
 
 
 def _build_array(context: Any, builder: Any, kind: Any, data: Any, shape: list[Any]) -> Any:
-    """An array of NumPy's, which holds no reference to the memory that it is a part of."""
+    """Return a NumPy array that holds no reference to the memory that it is a part of."""
     made = make_array(kind)(context, builder)
     item_size = context.get_constant(INDEX, context.get_abi_sizeof(context.get_data_type(kind.dtype)))
     strides = [item_size] if len(shape) == 1 else [builder.mul(shape[1], item_size), item_size]
@@ -196,10 +196,10 @@ def _build_array(context: Any, builder: Any, kind: Any, data: Any, shape: list[A
 
 
 def _let_kernels_cut(result_kind: Callable[..., Any], build: Callable[..., Any]) -> None:
-    """Let compiled code cut arrays.
+    """Let compiled code take parts of arrays: slices, matrices, columns and rows.
 
-    result_kind: from the kind of an array and a number of dimensions to the kind of what is cut from it
-    build:       makes a value of that kind from an address and a shape
+    result_kind: returns the type of a part, from the type of an array and a number of dimensions
+    build:       returns a value of that type, from an address and a shape
     """
 
     def typed(cut_dimensions: int, dimensions: int) -> Callable[..., Any]:

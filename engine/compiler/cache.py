@@ -1,8 +1,8 @@
-"""Kernels on disk: a second start does not compile again.
+"""Compiled kernels on disk, so that a second start does not compile them again.
 
-Each kernel is one file, named by a digest of what it is of, and it holds that in full. Whatever is wrong with a file,
-its kernel is compiled again. The files are in a folder named by a digest of all kernel sources, of what compiles them,
-and of the processor: a code object of another is never run.
+Each kernel is one file, named by a digest of its key, and it begins with that key in full. If a file is invalid in any
+way, its kernel is compiled again. The files are in a folder named by a digest of all kernel sources, of the compilers
+and of the processor, so that machine code for another processor is never run.
 """
 
 import hashlib
@@ -26,7 +26,7 @@ IN_USE = in_use(Trick.KERNEL_FILES)
 
 
 def kernel_sources() -> list[Path]:
-    """The files of this package that hold compiled code, or say how what it is given is laid out."""
+    """Return the files of this package that hold compiled code, or define the layout of its arguments."""
     package = Path(__file__).parents[1]
     files = [(path, path.relative_to(package).parts[0]) for path in sorted(package.rglob("*.py"))]
     return [path for path, room in files if room == COMPILED or any(m in path.read_text("utf-8") for m in MARKS)]
@@ -34,7 +34,7 @@ def kernel_sources() -> list[Path]:
 
 @lru_cache
 def source_digest() -> str:
-    """Digest of all kernel sources."""
+    """Return the digest of all kernel sources."""
     package, sources = Path(__file__).parents[1], hashlib.sha256()
     for path in kernel_sources():
         content = path.read_bytes()
@@ -44,9 +44,9 @@ def source_digest() -> str:
 
 @lru_cache
 def digest() -> str:
-    """Digest of all kernel sources and of what compiles them, then of the processor.
+    """Return the digest of all kernel sources and of the compilers, then that of the processor.
 
-    Machines of several kinds may share a home folder: each has kernels of its own, and none counts as older sources.
+    Machines of several kinds may share a home folder. Each has its own kernels, and none counts as older sources.
     """
     versions = (*map(package_version, COMPILERS), np.__version__, sys.version, *sorted(switched_off()))
     sources = hashlib.sha256("\0".join((*versions, source_digest())).encode())
@@ -54,7 +54,7 @@ def digest() -> str:
 
 
 def package_version(name: str) -> str:
-    """The version of a package, without importing it."""
+    """Return the version of a package, without importing it."""
     try:
         return version(name)
     except PackageNotFoundError:
@@ -62,7 +62,8 @@ def package_version(name: str) -> str:
 
 
 def processor() -> tuple[str, ...]:
-    """What machine code depends on: the system, the processor and what it can do; and what Numba is told of it."""
+    """Return the properties that machine code depends on: the system, the processor and its features, and Numba's
+    settings of them."""
     import llvmlite.binding as llvm
 
     settings = [os.environ.get(name, "") for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")]
@@ -71,7 +72,8 @@ def processor() -> tuple[str, ...]:
 
 @lru_cache
 def kernel_folder() -> Path:
-    """The folder of kernels of the present sources; what there is too much of is deleted. Raises OSError."""
+    """Return the folder of kernels of the present sources, and delete old kernels above the size limit. Raises
+    OSError."""
     path = cache_files.folder(digest())
     _prune(path)
     return path
@@ -88,7 +90,7 @@ def _prune(present: Path) -> None:
 
 @lru_cache
 def warn_once(message: str) -> None:
-    """Tell the user, once, and not from each process of a sweep."""
+    """Warn the user, once, and not from each process of a sweep."""
     from multiprocessing import parent_process
 
     if parent_process() is None:
@@ -96,7 +98,7 @@ def warn_once(message: str) -> None:
 
 
 def read_kernel(module: str, function: str, kinds: tuple[Kind, ...]) -> bytes | None:
-    """The machine code of a kernel, as it was written; None if it is to be compiled."""
+    """Return the stored machine code of a kernel; None if the kernel must be compiled."""
     if not IN_USE:
         return None
     try:
@@ -111,7 +113,7 @@ def read_kernel(module: str, function: str, kinds: tuple[Kind, ...]) -> bytes | 
 
 
 def write_kernel(module: str, function: str, kinds: tuple[Kind, ...], content: bytes) -> None:
-    """Keep the machine code of a kernel, or say why that cannot be."""
+    """Store the machine code of a kernel, or warn that it cannot be stored, with the reason."""
     if not IN_USE:
         return
     try:
@@ -124,12 +126,12 @@ def write_kernel(module: str, function: str, kinds: tuple[Kind, ...], content: b
 
 
 def key(module: str, function: str, kinds: tuple[Kind, ...]) -> bytes:
-    """What a file must be of."""
+    """Return the key of a kernel, which is the first line of its file."""
     return json.dumps([digest(), module, function, kinds]).encode()
 
 
 def _path(module: str, function: str, kinds: tuple[Kind, ...]) -> Path:
-    """The file of a kernel. Raises OSError."""
+    """Return the file of a kernel. Raises OSError."""
     name = f"{module.rpartition('.')[2]}.{function}"[:100]
     key_digest = hashlib.sha256(key(module, function, kinds)).hexdigest()[:16]
     return kernel_folder() / f"{name}-{key_digest}{cache_files.KERNEL}"

@@ -1,4 +1,4 @@
-"""How kernels are compiled: every option in one place, with its reason."""
+"""Options by which kernels are compiled, all in one place, each with its reason."""
 
 import gc
 from collections.abc import Callable, Iterator
@@ -25,7 +25,7 @@ BASE_OPTIONS: dict[str, Any] = {
 
 
 def is_option(name: str) -> bool:
-    """Whether Numba knows an option."""
+    """True if Numba knows an option."""
     from numba.core.cpu import CPUTargetOptions
 
     return hasattr(CPUTargetOptions, name)
@@ -46,22 +46,23 @@ def inline(function: Callable[..., Any]) -> Any:
 
 
 def noinline(function: Callable[..., Any]) -> Any:
-    """Compile a function that is large and seldom runs, and is called: inlined wherever it is called, the coupled
-    contact solve alone would take 15 s to compile."""
+    """Compile a function that is large and seldom runs; kernels call it. Inlined at each call, the coupled contact
+    solve alone would take 15 s to compile."""
     options = INLINE_OPTIONS | ({"forceinline": False} if "forceinline" in INLINE_OPTIONS else {})  # or it is inherited
     return SkipInlinedLibraries.mark(numba.njit(**options)(function), inlined=True)
 
 
 def kernel(function: Callable[..., Any], from_python: bool = True) -> Any:
-    """Compile a function that others than compiled code call: Python, or by address (engine.compiler.kernels)."""
+    """Compile a function that is called from outside compiled code: by Python, or by its address
+    (engine.compiler.kernels)."""
     options = BASE_OPTIONS | ({} if from_python else {"no_cpython_wrapper": True})
     return SkipInlinedLibraries.mark(numba.njit(**options)(function), inlined=False)
 
 
 @contextmanager
 def garbage_kept() -> Iterator[None]:
-    """Compile without Python's collection of garbage: what Numba makes is alive until a kernel is done, and looking
-    through it again and again takes a fifth of the time (17.4 → 13.9 s for a guitar string)."""
+    """Compile without Python's garbage collection. The objects that Numba makes live until a kernel is done, and
+    searching them again and again takes a fifth of the time (17.4 → 13.9 s for a guitar string)."""
     collects = gc.isenabled()
     gc.disable()
     try:

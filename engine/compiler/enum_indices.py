@@ -1,4 +1,5 @@
-"""Arrays are indexed by members of enumerations, as in `ledger[row, Ledger.STORED]`: Numba can since version 0.66."""
+"""Let compiled code index arrays by members of enumerations, as in `ledger[row, Ledger.STORED]`. Numba does so
+itself since version 0.66."""
 
 import operator
 from typing import Any
@@ -8,7 +9,7 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 
 
 def _as_integers(array: Any, index: Any) -> Any:
-    """The kind of an index with members of enumerations, as integers; None if it has no such member."""
+    """Return the Numba type of an index with its members of enumerations as integers; None if it has no such member."""
     kinds: Any = index.types if isinstance(index, types.UniTuple | types.Tuple) else [index]
     if not isinstance(array, types.Array) or not any(isinstance(kind, types.IntEnumMember) for kind in kinds):
         return None
@@ -18,7 +19,7 @@ def _as_integers(array: Any, index: Any) -> Any:
 
 
 def _of_item(array: Any, integers: Any) -> Any:
-    """The kind of what an index gives: a number, or a row of a matrix. None if neither."""
+    """Return the Numba type of an indexed item: a number, or a row of a matrix. None if it is neither."""
     count = integers.count if isinstance(integers, types.UniTuple) else 1
     if count == array.ndim:
         return array.dtype

@@ -1,5 +1,5 @@
-"""What a compiled callback needs and Numba has not: memory at an address, functions at an address, a clock, and
-numbers that two threads share. In compiled code only."""
+"""Operations that a compiled callback needs and Numba lacks: memory at an address, functions at an address, a clock,
+and numbers that two threads share. In compiled code only."""
 
 import sys
 from collections.abc import Callable
@@ -16,53 +16,55 @@ BYTE = ir.IntType(8)
 
 
 def int64_view(address: int, size: int) -> Any:
-    """Whole numbers of 64 bits at an address, as a view."""
+    """Return a view of 64-bit integers at an address."""
     raise TypeError("int64_view is for compiled code")
 
 
 def float64_view(address: int, size: int) -> Any:
-    """Numbers of double precision at an address, as a view."""
+    """Return a view of double-precision numbers at an address."""
     raise TypeError("float64_view is for compiled code")
 
 
 def float32_view(address: int, size: int) -> Any:
-    """Numbers of single precision at an address, as a view."""
+    """Return a view of single-precision numbers at an address."""
     raise TypeError("float32_view is for compiled code")
 
 
 def load_acquire(numbers: Any, i: int) -> int:
-    """Number i of a view that another thread writes: all that it wrote before is seen after (acquire)."""
+    """Return number i of a view that another thread writes. All that it wrote before is visible afterwards
+    (acquire)."""
     raise TypeError("load_acquire is for compiled code")
 
 
 def store_release(numbers: Any, i: int, value: int) -> None:
-    """Set number i of a view that another thread watches: all written before is seen there (release)."""
+    """Set number i of a view that another thread reads. All that was written before is visible there (release)."""
     raise TypeError("store_release is for compiled code")
 
 
 def atomic_add(numbers: Any, i: int, change: int) -> int:
-    """Add to number i of a view that several threads change, and return what it was: all of them see such changes in
+    """Add to number i of a view that several threads change, and return its old value. All threads see such changes in
     one order."""
     raise TypeError("atomic_add is for compiled code")
 
 
 def atomic_exchange(numbers: Any, i: int, value: int) -> int:
-    """As `atomic_add`, but number i becomes the value."""
+    """Set number i of a view that several threads change, and return its old value. All threads see such changes in one
+    order."""
     raise TypeError("atomic_exchange is for compiled code")
 
 
 def call_address(function: int, numbers: Any) -> None:
-    """Call a function at an address, of as many whole numbers or addresses as a tuple holds."""
+    """Call the function at an address with the integers or addresses in a tuple."""
     raise TypeError("call_address is for compiled code")
 
 
 def monotonic_seconds() -> float:
-    """Seconds since some beginning; never goes back."""
+    """Return the seconds since an arbitrary start. They never go back."""
     raise TypeError("monotonic_seconds is for compiled code")
 
 
 def _memory(function: Callable[..., Any], dtype: types.Type) -> None:
-    """Let a function give a view of a type."""
+    """Let a function return a view of numbers of a type."""
 
     @type_callable(function)
     def kind(context: Any) -> Any:

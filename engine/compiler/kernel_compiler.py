@@ -1,4 +1,4 @@
-"""Compiles a kernel to machine code that is run without Numba."""
+"""Compile a kernel to machine code that runs without Numba."""
 
 import importlib
 from typing import Any
@@ -13,7 +13,7 @@ from engine.compiler.struct_types import StructHandleType
 
 
 def compile_kernel(module: str, function: str, kinds: tuple[Kind, ...]) -> bytes:
-    """Compile a function for arguments of these kinds: what engine.compiler.code_objects loads."""
+    """Compile a function for arguments of these kinds. Return the bytes that engine.compiler.code_objects loads."""
     dispatcher = kernel(getattr(importlib.import_module(module), function).py_func, from_python=False)
     signature = tuple(map(_numba_type, kinds))
     with garbage_kept():
@@ -30,6 +30,6 @@ def _numba_type(kind: Kind) -> Any:
 
 
 def _needed(library: Any) -> list[str]:
-    """The functions that the code of a library calls, and does not have."""
+    """Return the names of the functions that the code of a library calls, but does not contain."""
     functions = library._final_module.functions
     return sorted(f.name for f in functions if f.is_declaration and not f.name.startswith("llvm."))

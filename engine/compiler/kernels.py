@@ -29,7 +29,7 @@ class Kernel:
         self._lock = threading.Lock()
 
     def address(self, *kinds: Kind) -> int:
-        """Its address, for arguments of these kinds; it is compiled if need be."""
+        """Return the kernel's address for arguments of these kinds; compile the kernel if necessary."""
         with self._lock:
             if kinds not in self._loaded:
                 code = self._from_disk(kinds)
@@ -37,24 +37,25 @@ class Kernel:
             return self._loaded[kinds].address
 
     def compile_for_host(self, *kinds: Kind) -> None:
-        """Compile it for this very processor, unless that is kept already."""
+        """Compile the kernel for the processor of this machine, unless that code is stored already."""
         if cache.read_kernel(self.module, self.function, kinds) is None:
             self._compile(kinds)
 
     def is_ready(self, *kinds: Kind) -> bool:
-        """Whether it need not be compiled."""
+        """True if the kernel need not be compiled."""
         with self._lock:
             if kinds not in self._loaded and (code := self._from_disk(kinds)) is not None:
                 self._loaded[kinds] = code
             return kinds in self._loaded
 
     def callable(self, *kinds: Kind, result: Any = None) -> Callable[..., Any]:
-        """What calls it with whole numbers, addresses and numbers; other threads run meanwhile. result: its C type"""
+        """Return a function that calls the kernel with integers, addresses and numbers. Other threads run meanwhile.
+        result: its C type"""
         types: list[Any] = [C_TYPES[kind] if isinstance(kind, str) else ctypes.c_void_p for kind in kinds]
         return ctypes.CFUNCTYPE(result, *types)(self.address(*kinds))
 
     def _from_disk(self, kinds: tuple[Kind, ...]) -> Code | None:
-        """Its code, if it is kept or shipped, and whole, and can be run here."""
+        """Return the stored or shipped code of the kernel; None if there is none that is complete and runs here."""
         for read in (cache.read_kernel, read_shipped):
             content = read(self.module, self.function, kinds)
             if content is not None and (code := load_code(content)) is not None:

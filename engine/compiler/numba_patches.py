@@ -9,23 +9,23 @@ from engine.compiler.tricks import Trick, in_use
 
 
 class SkipInlinedLibraries:
-    """Leaves the libraries of inlined functions as they are.
+    """Leave out work on the libraries of inlined functions.
 
-    Numba makes each function a library of its own, with all it calls, optimises it and translates it to machine code.
-    An inlined function is never run from there: left to the kernel that inlines it, both are done once instead of at
-    each level of calls (28 → 18 s for a string on a bridge).
+    Numba makes a library of each function with all it calls, optimises it and translates it to machine code. The
+    library of an inlined function is never run. If both are left to the kernel that inlines it, they are done once
+    instead of at each level of calls (28 → 18 s for a string on a bridge).
     """
 
-    compiling: ClassVar[list[bool]] = []  # whether each function that is being compiled is inlined
+    compiling: ClassVar[list[bool]] = []  # for each function being compiled, True if it is inlined
 
     @classmethod
     def active(cls) -> bool:
-        """Whether an inlined function is being compiled."""
+        """True if an inlined function is being compiled."""
         return bool(cls.compiling) and cls.compiling[-1]
 
     @classmethod
     def mark(cls, dispatcher: Any, inlined: bool) -> Any:
-        """Say of a dispatcher whether its function is inlined."""
+        """Mark a dispatcher's function as inlined or not, and return the dispatcher."""
         if not INSTALLED:
             return dispatcher
         compile_plainly = dispatcher._compiler.compile
@@ -66,7 +66,7 @@ class SkipInlinedLibraries:
 
     @staticmethod
     def self_test() -> bool:
-        """Whether Numba has what is changed, with the arguments that are expected, and a compiler to mark."""
+        """True if Numba has the methods that are changed, with the expected arguments, and a compiler to mark."""
         from numba.core import dispatcher
 
         methods = CPUCodeLibrary._optimize_final_module, CPUCodeLibrary._finalize_final_module

@@ -1,4 +1,4 @@
-"""Functions whose compiled code is chosen, or written, by the types of their arguments."""
+"""Functions whose compiled code is chosen, or generated, by the types of their arguments."""
 
 import inspect
 from collections.abc import Callable, Mapping
@@ -9,7 +9,7 @@ from numba.extending import overload
 
 
 def overload_by_type(function: Callable[..., Any], implementations: Mapping[Any, Callable[..., Any]]) -> None:
-    """Let compiled calls of a function be calls of the implementation for the type of its first argument.
+    """Replace compiled calls of a function by calls of the implementation for the type of its first argument.
 
     implementations: by NamedTuple class, or `type(None)`; each has the arguments of the function
     """
@@ -22,9 +22,9 @@ def overload_by_type(function: Callable[..., Any], implementations: Mapping[Any,
 
 
 def overload_by_source(function: Callable[..., Any], write: Callable[..., tuple[str, Mapping[str, Any]]]) -> None:
-    """Let compiled calls of a function return an expression that is written for the Numba types of its arguments.
+    """Replace compiled calls of a function by an expression that is generated for the Numba types of its arguments.
 
-    write: from these types to the source of the expression, in the names of the arguments, and what else it names
+    write: from these types to the source of the expression, in the names of the arguments, and the other names in it
     """
     parameters = ", ".join(inspect.signature(function).parameters)
 
@@ -39,7 +39,8 @@ def overload_by_source(function: Callable[..., Any], write: Callable[..., tuple[
 
 
 def _overload_with(function: Callable[..., Any], choose: Callable[..., Any]) -> None:
-    """Let compiled calls of a function be calls of what is chosen by the Numba types of its arguments."""
+    """Replace compiled calls of a function by calls of the function that `choose` returns for the Numba types of its
+    arguments."""
 
     def chosen(*kinds: Any) -> Any:
         return choose(*kinds)
@@ -50,5 +51,5 @@ def _overload_with(function: Callable[..., Any], choose: Callable[..., Any]) -> 
 
 
 def is_none(kind: Any) -> bool:
-    """Whether a Numba type is that of None."""
+    """True if a Numba type is that of None."""
     return isinstance(kind, types.NoneType)

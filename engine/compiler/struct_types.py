@@ -1,4 +1,4 @@
-"""What a StructHandle is to compiled code."""
+"""The Numba type of a StructHandle, and `load_struct`, which reads the tuple at its address."""
 
 from typing import Any
 
@@ -38,7 +38,7 @@ def _unbox(kind: StructHandleType, held: Any, c: Any) -> NativeValue:
 
 
 def load_struct(held: Any) -> Any:
-    """The tuple that a handle points to; in compiled code only."""
+    """Return the tuple that a handle points to; in compiled code only."""
     raise TypeError("load_struct is for compiled code")
 
 

@@ -1,4 +1,4 @@
-"""Plays a scene block by block as an audio driver asks for it, without the interpreter.
+"""Play a scene block by block for an audio driver, without the Python interpreter.
 
 The same function plays for the driver, for tests and for a replay.
 """
@@ -26,20 +26,21 @@ UNSIGNED_LONG = 0xFFFFFFFF  # the bits of one that every system has
 OUTPUT_UNDERFLOW = 4  # flag of PortAudio: the driver ran dry before this block
 CONTINUE, COMPLETE = 0, 1  # answers to PortAudio
 LIMITER_RELEASE = 0.1  # s, in which the limiter lets go
-MAX_ENVELOPE = 1e6  # of full scale, that the limiter follows
+MAX_ENVELOPE = 1e6  # of full scale: the largest level that the limiter follows
 EASE_SECONDS = 1.0  # after which quality rises again
 
 
 @inline
 def insert_queued_event(shared, event, value):
-    """Hand an event to the scene, by the addresses of its numbers."""
+    """Pass an event to the scene, by the addresses of its numbers."""
     model, state, frame = shared[Slot.MODEL], shared[Slot.STATE], shared[Slot.FRAME]
     call_address(shared[Slot.INSERT_EVENT], (model, state, event, value, frame))
 
 
 @inline
 def set_quality(shared, level):
-    """Play at a level of quality: 0 as asked; then coarser models; then with ever more of the quietest asleep."""
+    """Play at a quality level. Level 0 is the full quality; the next use coarser models, and then more and more of the
+    quietest islands sleep."""
     last, level = shared[Slot.MODEL_COUNT] - 1, max(0, min(level, shared[Slot.LOWEST_QUALITY]))
     shared[Slot.MODEL] = int64_view(shared[Slot.MODELS], shared[Slot.MODEL_COUNT])[min(level, last)]
     order = int64_view(shared[Slot.ORDER], EVENT_SLOTS)
@@ -51,7 +52,7 @@ def set_quality(shared, level):
 
 @inline
 def apply_tuning(shared, event):
-    """Give some islands other tables; what that does to their energy is booked."""
+    """Exchange the tables of some islands, and count the change of their energy as supplied."""
     book_energy(shared, event, -1)
     for i in range(event[EventSlot.TARGET_BEGIN]):
         order = int64_view(event[EventSlot.START] + 24 * i, 3)
@@ -63,7 +64,7 @@ def apply_tuning(shared, event):
 
 @inline
 def book_energy(shared, event, sign):
-    """Book the energies of some islands as supplied, or as taken."""
+    """Count the energies of some islands as supplied if `sign` is 1, or as taken if it is -1."""
     order = int64_view(shared[Slot.ORDER], EVENT_SLOTS)
     for n in range(event[EventSlot.ISLAND], event[EventSlot.ISLAND] + event[EventSlot.TARGET_END]):
         order[EventSlot.KIND], order[EventSlot.ISLAND], order[EventSlot.TARGET_BEGIN] = EventKind.BOOK_ENERGY, n, sign
@@ -72,7 +73,7 @@ def book_energy(shared, event, sign):
 
 @inline
 def adapt_quality(shared, gauge, frames, share):
-    """After a block: one level down if it came near its deadline; up again after a second of ease."""
+    """Lower the quality by one level if a block came near its deadline; raise it again after a second of low load."""
     level = shared[Slot.QUALITY]
     shared[Slot.FRAMES_AT_EASE] = shared[Slot.FRAMES_AT_EASE] + frames if share < gauge[Gauge.LOAD_LOW] else 0
     if share > gauge[Gauge.LOAD_HIGH] and level < shared[Slot.LOWEST_QUALITY]:
@@ -90,13 +91,13 @@ def adapt_quality(shared, gauge, frames, share):
 
 @inline
 def waiting_tuning(shared, n):
-    """The tuning that waits at place n for its frame."""
+    """Return number n of the exchanges of tables that wait for their frame."""
     return int64_view(shared[Slot.TUNINGS] + 8 * EVENT_SLOTS * n, EVENT_SLOTS)
 
 
 @inline
 def postpone_tuning(shared, event):
-    """Let a tuning wait for its frame, behind those of sooner frames and of the same."""
+    """Let an exchange of tables wait for its frame, behind those of earlier frames and of the same."""
     n = shared[Slot.WAITING_TUNINGS]
     while n > 0 and waiting_tuning(shared, n - 1)[EventSlot.TAKEN_AT] > event[EventSlot.TAKEN_AT]:
         later, sooner = waiting_tuning(shared, n), waiting_tuning(shared, n - 1)
@@ -111,7 +112,7 @@ def postpone_tuning(shared, event):
 
 @inline
 def apply_due_tunings(shared):
-    """Do the tunings whose frame has come."""
+    """Make the exchanges of tables whose frame has come."""
     due = 0
     while due < shared[Slot.WAITING_TUNINGS] and waiting_tuning(shared, due)[EventSlot.TAKEN_AT] <= shared[Slot.FRAME]:
         apply_tuning(shared, waiting_tuning(shared, due))
@@ -126,8 +127,8 @@ def apply_due_tunings(shared):
 
 @inline
 def drain_queue(shared):
-    """Hand the events that have been put in to the scene, and note when; tunings wait for their frame. Returns how
-    many frames may be computed until the next tuning."""
+    """Pass the queued events to the scene, and record the frame of each; exchanges of tables wait for their frame.
+    Returns the number of frames that may be computed until the next exchange."""
     size = shared[Slot.QUEUE_SIZE]
     while shared[Slot.READ_INDEX] != load_acquire(shared, Slot.WRITE_INDEX) and shared[Slot.WAITING_TUNINGS] < size:
         slot = shared[Slot.READ_INDEX] % size
@@ -150,7 +151,7 @@ def drain_queue(shared):
 
 @inline
 def output_stage(shared, gauge, out, frames):
-    """Bring the mix to the output: gain, fades at start and stop, and a limiter of last resort."""
+    """Write the mix to the output, with gain, fades at start and stop, and a limiter as a last protection."""
     channels = shared[Slot.CHANNELS]
     total = float64_view(int64_view(shared[Slot.JOB], JOB_SLOTS)[Job.AUDIO], frames * channels)
     release = math.exp(-1.0 / (LIMITER_RELEASE * shared[Slot.SAMPLERATE]))
@@ -179,7 +180,8 @@ def output_stage(shared, gauge, out, frames):
 
 @inline
 def play_scene(shared, out, frames):
-    """Play so many frames, no more than are computed at once, into `out`: single precision, channels interleaved."""
+    """Play frames of one scene, no more than are computed at once, into `out`: single precision, channels
+    interleaved."""
     gauge = float64_view(shared[Slot.GAUGES], GAUGES)
     int64_view(shared[Slot.JOB], JOB_SLOTS)[Job.MODEL] = shared[Slot.MODEL]
     render_partitions(shared[Slot.JOB], frames)
@@ -189,7 +191,8 @@ def play_scene(shared, out, frames):
 
 @inline
 def current_player(shared):
-    """The shared that is played now: the first, or of those that took over the first that has not ended."""
+    """Return the shared memory of the scene that is played: the first, or the first of its successors that has not
+    ended."""
     while shared[Slot.FINISHED] != 0 and load_acquire(shared, Slot.SUCCESSOR) != 0:
         shared = int64_view(shared[Slot.SUCCESSOR], SLOTS)
     return shared
@@ -197,7 +200,7 @@ def current_player(shared):
 
 @inline
 def play_block(top, out, frames):
-    """Play so many frames of what is on, and of what takes over from it while the one fades into the other."""
+    """Play frames of the present scene, and of its successor while one fades into the other."""
     shared, count = current_player(top), frames * top[Slot.CHANNELS]
     following = load_acquire(shared, Slot.SUCCESSOR)
     if load_acquire(shared, Slot.STOP_REQUESTED) != 0 or following != 0:
@@ -221,7 +224,7 @@ def play_block(top, out, frames):
 
 @inline
 def play_frames(top, output, frames):
-    """As `perform`, any number of frames, to an address."""
+    """Play any number of frames of the present scene and its successors, to an address."""
     done = 0
     while done < frames:
         shared = current_player(top)
@@ -237,7 +240,7 @@ def play_frames(top, output, frames):
 
 @inline
 def record_load(shared, gauge, frames, seconds):
-    """Note how long a block took, as a share of its deadline."""
+    """Record the time of a block, as a share of its deadline."""
     share = seconds * shared[Slot.SAMPLERATE] / max(1, frames)
     float64_view(shared[Slot.LOADS], shared[Slot.LOAD_COUNT])[shared[Slot.CALLS] % shared[Slot.LOAD_COUNT]] = share
     shared[Slot.CALLS] += 1
@@ -247,15 +250,16 @@ def record_load(shared, gauge, frames, seconds):
 
 @kernel
 def record_load_py(address, frames, seconds):
-    """The same, from a callback in Python."""
+    """Record the time of a block, as a share of its deadline, from a callback in Python. address: of the shared
+    memory"""
     shared = int64_view(address, SLOTS)
     record_load(shared, float64_view(shared[Slot.GAUGES], GAUGES), frames, seconds)
 
 
 @kernel
 def enqueue(address, kind, island, first, last, start, length, a, b):
-    """Put an event into the ring, from Python: 1 if there was room. `start`: frame it begins at, at the earliest;
-    `length`: in frames."""
+    """Put an event into the queue, from Python. Returns 1 if there was room, else 0. `start`: the earliest frame at
+    which it begins; `length`: in frames."""
     shared = int64_view(address, SLOTS)
     if shared[Slot.WRITE_INDEX] - load_acquire(shared, Slot.READ_INDEX) >= shared[Slot.QUEUE_SIZE]:
         return 0
@@ -278,14 +282,14 @@ def enqueue(address, kind, island, first, last, start, length, a, b):
 def play_into(address, output, frames):
     """Play some frames, from Python.
 
-    address: of the shared; output: address of single-precision room for them, channels interleaved
+    address: of the shared memory; output: address of single-precision room for them, channels interleaved
     """
     play_frames(int64_view(address, SLOTS), output, frames)
 
 
 @kernel
 def portaudio_callback(source, output, frames, time, flags, address):
-    """What PortAudio calls. Nothing here can raise, wait, or ask for memory."""
+    """Play a block when PortAudio calls. Nothing here can raise, wait, or ask for memory."""
     begin = monotonic_seconds()
     top = int64_view(address, SLOTS)
     shared, count = current_player(top), frames & UNSIGNED_LONG

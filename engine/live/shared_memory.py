@@ -1,15 +1,16 @@
-"""What Python and the audio thread share: whole numbers and addresses, gauges, and events in a queue.
+"""Memory that Python and the audio thread share: integers and addresses, gauges, and a queue of events.
 
-Everything that the audio thread needs is found by addresses in one array of whole numbers: the kernel of the scene, its
-Model, State and outputs, a queue of events (engine.parallel.event_slots), a ring of what was played.
+The audio thread finds everything by addresses in one array of integers: the kernel of the scene, its Model, State and
+outputs, a queue of events (engine.parallel.event_slots), and a ring of the frames that were played.
 """
 
 from enum import IntEnum
 
 
 class Slot(IntEnum):
-    """Whole numbers and addresses. Set once …"""
+    """Integers and addresses in the shared memory."""
 
+    # set once
     JOB = 0  # address of the Job of a block (engine.parallel.partitions)
     INSERT_EVENT = 1  # address of the kernel that takes an event
     MODEL = 2  # address of the Model that is played
@@ -17,9 +18,9 @@ class Slot(IntEnum):
     CHANNELS = 4
     CHUNK_FRAMES = 5  # frames computed at once, at most
     EVENTS = 6  # queue of events
-    VALUES = 7  # and of their values
+    VALUES = 7  # queue of the values of events
     QUEUE_SIZE = 8
-    RECORD = 9  # ring of what was played
+    RECORD = 9  # ring of the frames that were played
     RECORD_FRAMES = 10
     GAUGES = 11
     FADE_IN_FRAMES = 12
@@ -32,15 +33,15 @@ class Slot(IntEnum):
     ORDER = 19  # an event that the audio thread itself inserts
     QUALITY_LOG = 20  # ring of frames and levels of quality
     QUALITY_LOG_SIZE = 21
-    SPARE = 22  # where the successor plays while one sound fades into another
-    TUNINGS = 23  # tunings that wait for their frame
-    # … what Python changes …
+    SPARE = 22  # memory for the successor's output while one sound fades into another
+    TUNINGS = 23  # exchanges of tables that wait for their frame
+    # changed by Python
     WRITE_INDEX = 24  # events put in so far
     STOP_REQUESTED = 25
     SUCCESSOR = 26  # address of the shared memory that takes over
     FADE_OUT_FRAMES = 27
-    # … and what the audio thread does
-    END = 28  # frame at which all is over
+    # changed by the audio thread
+    END = 28  # frame at which playing ends
     READ_INDEX = 29  # events taken so far
     FRAME = 30
     FINISHED = 31
@@ -56,7 +57,7 @@ class Slot(IntEnum):
 
 
 class Gauge(IntEnum):
-    """Numbers."""
+    """Floating-point numbers in the shared memory."""
 
     GAIN = 0
     ENVELOPE = 1  # of the limiter
@@ -64,4 +65,4 @@ class Gauge(IntEnum):
     MAX_LOAD = 3
     SECONDS_USED = 4
     LOAD_HIGH = 5  # a block with a higher load lowers the quality
-    LOAD_LOW = 6  # one with a lower load is at ease
+    LOAD_LOW = 6  # after a second of lower loads, the quality rises

@@ -1,4 +1,4 @@
-"""Events that come while a scene is played: they join the score, as if it had always said so."""
+"""Insert events while a scene is played. They join the score, as if it had contained them from the start."""
 
 from engine.compiler.decorators import inline, kernel
 from engine.compiler.intrinsics import float64_view, int64_view
@@ -29,7 +29,7 @@ EVENT_SLOTS = len(EventSlot)
 
 @kernel
 def insert_event_at(model, state, event, value, frame):
-    """Write an event, at an address, into the score of its island; it begins no sooner than `frame`."""
+    """Insert an event, at an address, into the score of its island; it begins no sooner than `frame`."""
     insert_event(
         load_struct(model),
         load_struct(state),
@@ -41,8 +41,8 @@ def insert_event_at(model, state, event, value, frame):
 
 @inline
 def insert_event(model, state, event, value, frame):
-    """As `insert_event_at`, of what the handles point to. What does not fit into a full score is dropped, and marked
-    so."""
+    """Insert an event into the score of its island, no sooner than `frame`, or carry out an order to sleep or to count
+    energy. If the score is full, the event is dropped, and marked as DROPPED."""
     n, start, kind = event[EventSlot.ISLAND], max(event[EventSlot.START], frame), event[EventSlot.KIND]
     if kind == EventKind.SLEEP_QUIETEST:
         sleep_quietest(model, state, event[EventSlot.TARGET_BEGIN], frame)
@@ -65,7 +65,7 @@ def insert_event(model, state, event, value, frame):
 
 @inline
 def partition_of(islands, n):
-    """The partition of the scene that island n belongs to."""
+    """Return the partition of the scene that island n belongs to."""
     partition = 0
     while islands.partition[partition + 1] <= n:
         partition += 1
@@ -74,7 +74,8 @@ def partition_of(islands, n):
 
 @inline
 def interrupt_at(state, n, start, frame):
-    """Let island n look at itself when something begins. frame: the next"""
+    """End the free flight and the sleep of island n at frame `start` at the latest, as something begins there.
+    frame: the next one"""
     state.contact_free_until[n] = min(state.contact_free_until[n], start)
     state.sleep[n, Sleep.WAKE_FRAME] = min(state.sleep[n, Sleep.WAKE_FRAME], start)
     state.sleep[n, Sleep.STATIC_UNTIL] = min(state.sleep[n, Sleep.STATIC_UNTIL], start)
@@ -84,7 +85,7 @@ def interrupt_at(state, n, start, frame):
 
 @inline
 def make_island_ready(model, state, n, frame):
-    """Wake an island, and bring up to date what it has not looked at while nothing could act on it."""
+    """Wake an island, and update the state that was not computed while nothing could act on it."""
     if max(state.contact_free_until[n], state.sleep[n, Sleep.WAKE_FRAME]) >= frame:
         bounds = island_bounds(model.islands, partition_of(model.islands, n), n)
         part, part_state = island_model(model, state, bounds), island_state(state, bounds)
@@ -96,8 +97,8 @@ def make_island_ready(model, state, n, frame):
 
 @inline
 def book_island_energy(model, state, n, sign):
-    """Count the energy that island n holds as supplied, times a sign; if as supplied, its coefficients are new, and so
-    are its compressions."""
+    """Count the energy of island n as supplied, times a sign. A positive sign means that coefficients are new:
+    compressions, extensions and velocities are then computed again first."""
     bounds = island_bounds(model.islands, partition_of(model.islands, n), n)
     part, part_state = island_model(model, state, bounds), island_state(state, bounds)
     if sign > 0:
@@ -110,8 +111,8 @@ def book_island_energy(model, state, n, sign):
 
 @inline
 def reset_compressions(contact, state):
-    """Read the compressions from the modes, also in contact. What is closed by now is in contact: else a check before
-    the next step would open it, and its energy would be gone."""
+    """Compute the compressions from the modes, also in contact. If any is closed now, the island is in contact: else a
+    check before the next step would open it, and its energy would be lost."""
     if contact is not None:
         for k in range(state.compression.shape[0]):
             state.compression[k] = compression_from_modes(contact, contact.other_rows, state, k)
@@ -122,7 +123,8 @@ def reset_compressions(contact, state):
 
 @inline
 def reset_velocities(pickups, state):
-    """Let accelerations go on from the velocities that the pickups hear now: a pickup that was moved hears no step."""
+    """Set the previous velocities of acceleration pickups to the present ones, so that a pickup that was moved has no
+    step in its signal."""
     for n in range(pickups.quantity.shape[0]):
         if pickups.quantity[n] == Quantity.ACCELERATION:
             state.previous_velocity[n] = project(pickups.rows, n, state.p)
@@ -130,7 +132,8 @@ def reset_velocities(pickups, state):
 
 @inline
 def next_due_in(model, state, n, frame):
-    """When the next thing happens to an island that would have to be awake for it; before `frame` if it goes on."""
+    """Return the frame of the next event or force for which island n must be awake; it is before `frame` if one goes
+    on."""
     bounds = island_bounds(model.islands, partition_of(model.islands, n), n)
     part = island_model(model, state, bounds)
     return next_due(part.force, part.events, island_state(state, bounds), frame - 1)
@@ -138,9 +141,9 @@ def next_due_in(model, state, n, frame):
 
 @inline
 def sleep_quietest(model, state, count, frame):
-    """Put the quietest islands to sleep until something is due in them, or another order comes; and wake those that
-    slept by an order before. Nothing in them moves, so that to sleep takes and gives no energy. The last one awake
-    stays so, and so does one in contact."""
+    """Put the quietest islands to sleep until something is due in them, or another order comes; wake those that slept
+    by an earlier order. A sleeping island does not move, so that its energy stays the same. The last island that is
+    awake stays awake, and so does one in contact."""
     islands, awake = state.sleep.shape[0], 0
     for n in range(islands):
         if state.sleep[n, Sleep.FORCED] != 0:
@@ -170,22 +173,22 @@ def force_to_sleep(model, state, n, frame):
 
 @inline
 def is_quieter(state, n, other):
-    """Whether island n is quieter than another; than none, if that is negative."""
+    """True if island n is quieter than another, or if there is no other (a negative number)."""
     peaks = state.sleep_monitor
     return other < 0 or peaks[n, SleepMonitor.PEAK] < peaks[other, SleepMonitor.PEAK]
 
 
 @inline
 def retrigger_force(force, j, start, scale):
-    """Let external force j begin anew, so many times as strong; old logs have 0 there."""
+    """Start external force j again, `scale` times as strong. Old logs have a scale of 0, which counts as 1."""
     if force is not None:
-        if force.start[j] <= start or force.start[j] >= UNUSED_SLOT:  # one that is still to come is left alone
+        if force.start[j] <= start or force.start[j] >= UNUSED_SLOT:  # a force that has not begun yet is not changed
             force.start[j], force.scale[j] = start, scale if scale > 0.0 else 1.0
 
 
 @inline
 def truncate_previous(events, cursor, begin, event, start):
-    """End what runs now where a newer event of its kind begins, on the same targets; but not what lasts longer."""
+    """End running events where a newer one of the same kind and targets begins; but not damping that lasts longer."""
     kind, length = event[EventSlot.KIND], event[EventSlot.LENGTH]
     for j in range(begin + cursor[EventCursor.FIRST_ACTIVE], begin + cursor[EventCursor.NEXT]):
         same = events.target_begin[j] == event[EventSlot.TARGET_BEGIN]
@@ -196,7 +199,7 @@ def truncate_previous(events, cursor, begin, event, start):
 
 @inline
 def compact_events(events, glide_start, cursor, begin, end, frame):
-    """Forget events of an island's score, slots begin to end, that are over."""
+    """Remove the events that are over from an island's score, slots begin to end."""
     kept, running = begin, 0
     for j in range(begin + cursor[EventCursor.FIRST_ACTIVE], end):
         started = j < begin + cursor[EventCursor.NEXT]
@@ -215,7 +218,7 @@ def compact_events(events, glide_start, cursor, begin, end, frame):
 
 @inline
 def insert_sorted(events, cursor, begin, end, event, value, start):
-    """Put an event where its start belongs among those that have not begun. Returns whether there was a slot."""
+    """Insert an event among those that have not begun, sorted by start. Returns True if there was a free slot."""
     if begin == end or events.start[end - 1] != UNUSED_SLOT:
         return False
     j = end - 1

@@ -1,10 +1,10 @@
-"""An event as whole numbers and values: how it is handed to a scene that is being rendered."""
+"""An event as integers and values, the form in which a scene that is being rendered takes it."""
 
 from enum import IntEnum
 
 
 class EventSlot(IntEnum):
-    """Whole numbers of an event."""
+    """Integers of an event."""
 
     KIND = 0  # engine.kernel.codes.EventKind
     ISLAND = 1

@@ -1,10 +1,10 @@
-"""What a block of a scene takes, and what the threads share that render it, as whole numbers and addresses."""
+"""Data for the kernels that render a block, and for the threads that do so together: integers and addresses."""
 
 from enum import IntEnum
 
 
 class Job(IntEnum):
-    """What a block of a scene takes: whole numbers and addresses."""
+    """Integers and addresses that describe a block of a scene."""
 
     RENDER_BLOCK = 0  # address of the kernel
     MODEL = 1
@@ -12,10 +12,10 @@ class Job(IntEnum):
     PARTITIONS = 3
     CHANNELS = 4
     OUTPUTS = 5  # address of addresses: of the BlockOutput of each partition
-    AUDIOS = 6  # of its audio
-    LEDGERS = 7  # of its ledger
+    AUDIOS = 6  # address of addresses: of the audio of each partition
+    LEDGERS = 7  # address of addresses: of the ledger of each partition
     AUDIO = 8  # address of the sum of the audio [frames, channels]
-    LEDGER = 9  # and of the ledgers [rows, CAPACITY]; 0: energies are not measured
+    LEDGER = 9  # address of the sum of the ledgers [rows, CAPACITY]; 0: energies are not measured
     CAPACITY = 10  # frames that a block may have
     BALANCE = 11  # address of the Balance
     CREW = 12  # address of what the helpers share; 0: there are none
@@ -23,14 +23,14 @@ class Job(IntEnum):
 
 
 class Crew(IntEnum):
-    """What the thread that renders and its helpers share."""
+    """Integers and addresses that the rendering thread and its helpers share."""
 
     JOB = 0  # address of the Job
-    RANGE = 1  # generation, and in its place the number of partitions
-    NEXT = 2  # generation, and the next partition that nobody has begun
+    RANGE = 1  # generation · 2^16 + the number of partitions
+    NEXT = 2  # generation · 2^16 + the next partition that nobody has begun
     DONE = 3  # partitions that are finished
     ASLEEP = 4  # helpers that wait to be woken
     STOP = 5  # 1: helpers are to end
     SEMAPHORE = 6
     WAIT = 7  # address of the function that waits on it
-    POST = 8  # and of that which posts it
+    POST = 8  # address of the function that posts it

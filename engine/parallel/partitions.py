@@ -1,11 +1,11 @@
-"""A block of all partitions of a scene, on one core or on several, and their sum.
+"""Render a block of all partitions of a scene, on one core or on several, and add them.
 
-The thread that renders a block hands it to helpers (engine.parallel.helpers) by what all of them share: each takes the
-next partition that nobody has begun, until there is none. The thread takes part itself, and at last waits only for
-partitions that a helper is at work on. Partitions are added in one order, so that the sum is the same however they ran.
+The thread that renders a block shares the work with helpers (engine.parallel.helpers): each takes the next partition
+that nobody has begun, until there is none. The thread takes part itself, and at last waits only for partitions that a
+helper is at work on. Partitions are added in one order, so that the sum is the same however they ran.
 
-Which partition is taken is decided by one number: generation · 2^16 + the next partition. It only grows, so that what a
-helper read long ago is never taken for one of a later block.
+One number decides which partition is taken: generation · 2^16 + the next partition. It only grows, so that a number
+that a helper read long ago is never taken for one of a later block.
 """
 
 from engine.compiler.decorators import INT64_0, inline, kernel
@@ -25,7 +25,7 @@ from engine.parallel.jobs import Crew, Job
 
 GENERATION = 1 << 16  # more than there are partitions
 # Tried: a job for each core in a pool of Python's threads. To hand one over takes 50 µs, most of a block of 64 frames.
-SPIN_SECONDS = 50e-6  # that a helper looks for work before it sleeps
+SPIN_SECONDS = 50e-6  # s that a helper looks for work before it sleeps
 LEDGER_ROWS, NUMBER_BYTES = len(Ledger), 8
 
 
@@ -54,7 +54,7 @@ def take_partitions(crew):
 
 @inline
 def is_work_left(crew):
-    """Whether a partition is likely to be left: `take_partitions` knows."""
+    """True if a partition is probably left; only `take_partitions` decides."""
     return load_acquire(crew, Crew.NEXT) < load_acquire(crew, Crew.RANGE)
 
 
@@ -76,7 +76,7 @@ def share_partitions(job, address):
 
 @inline
 def sum_partitions(job):
-    """Add the outputs of all partitions; those of one are the sum."""
+    """Add the outputs of all partitions. The output of a single partition is the sum already."""
     parts, frames = job[Job.PARTITIONS], job[Job.FRAMES]
     if parts > 1:
         add_arrays(int64_view(job[Job.AUDIOS], parts), job[Job.AUDIO], INT64_0, frames * job[Job.CHANNELS])
@@ -88,7 +88,7 @@ def sum_partitions(job):
 
 @inline
 def follow_balance(job):
-    """Follow the energies of a block, where they are measured."""
+    """Update the energy balance by the energies of a block, where they are measured."""
     if job[Job.LEDGER] != 0:
         row, frames = NUMBER_BYTES * job[Job.CAPACITY], job[Job.FRAMES]
         balances = float64_view(job[Job.LEDGER] + Ledger.BALANCE * row, frames)
@@ -98,7 +98,7 @@ def follow_balance(job):
 
 @inline
 def add_arrays(sources, target, offset, count):
-    """Write the sum of so many numbers of arrays, at addresses, from number `offset` on, to another array."""
+    """Write the sum of arrays, at addresses, to another array: `count` numbers from number `offset` on."""
     total = float64_view(target + NUMBER_BYTES * offset, count)
     for part in range(sources.shape[0]):
         values = float64_view(sources[part] + NUMBER_BYTES * offset, count)
@@ -112,7 +112,7 @@ def add_arrays(sources, target, offset, count):
 
 @inline
 def render_partitions(address, frames):
-    """Render the next frames of all partitions of the job at an address, add them, and follow their energies."""
+    """Render the next frames of all partitions of the job at an address, add them, and update the energy balance."""
     job = int64_view(address, JOB_SLOTS)
     job[Job.FRAMES] = frames
     if job[Job.CREW] == 0:
@@ -126,13 +126,13 @@ def render_partitions(address, frames):
 
 @kernel
 def render_job(address, frames):
-    """As `render_partitions`, from Python."""
+    """Render the next frames of all partitions of the job at an address, from Python."""
     render_partitions(address, frames)
 
 
 @kernel
 def help_crew(address):
-    """What a helper does until it is told to stop: look for work, and sleep if there has been none for a while."""
+    """Run a helper until Crew.STOP is set: look for work, and sleep if there has been none for a while."""
     crew = int64_view(address, CREW_SLOTS)
     while load_acquire(crew, Crew.STOP) == 0:
         take_partitions(crew)

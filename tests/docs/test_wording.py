@@ -8,34 +8,7 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 
-# A digest of their whole text guards the shipped kernels; their docstrings change with the next change of a kernel.
-LATER_FOLDERS = ("engine/kernel/", "engine/build/")
-LATER_FILES = {
-    "engine/analysis/other_method_kernels.py",
-    "engine/compiler/array_view.py",
-    "engine/compiler/cache.py",
-    "engine/compiler/decorators.py",
-    "engine/compiler/enum_indices.py",
-    "engine/compiler/intrinsics.py",
-    "engine/compiler/kernel_compiler.py",
-    "engine/compiler/kernels.py",
-    "engine/compiler/lanes.py",
-    "engine/compiler/numba_patches.py",
-    "engine/compiler/overloads.py",
-    "engine/compiler/struct_types.py",
-    "engine/live/audio_thread.py",
-    "engine/live/shared_memory.py",
-    "engine/parallel/event_insertion.py",
-    "engine/parallel/event_slots.py",
-    "engine/parallel/jobs.py",
-    "engine/parallel/partitions.py",
-}
-SOURCES = [
-    path
-    for path in sorted((ROOT / "engine").rglob("*.py"))
-    if not path.relative_to(ROOT).as_posix().startswith(LATER_FOLDERS)
-    and path.relative_to(ROOT).as_posix() not in LATER_FILES
-]
+SOURCES = sorted((ROOT / "engine").rglob("*.py"))
 GUIDES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 INDIRECT = re.compile(r"(What|How|Whether|As|Which|Where)\b")
 RIDDLES = re.compile(
@@ -91,7 +64,3 @@ def test_indirect_docstrings_and_riddles_are_found():
         " errs"
     ]
     assert not INDIRECT.match("Assemble a scene.") and not RIDDLES.search("errors are learned")
-
-
-def test_files_that_are_left_for_later_exist():
-    assert all((ROOT / name).is_file() for name in LATER_FILES)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
+from kernel_shape import measure_kernel
 
 # a package imports only from those to its left; those of one group do not know each other, but all know the first
 ORDER = [
@@ -114,6 +115,14 @@ def test_an_edited_kernel_is_used(tmp_path):
     assert "frame + (k - first), values[k] * gain" in text
     kernel.write_text(text.replace(", values[k] * gain", ", 2.0 * values[k] * gain"), "utf-8")
     assert last() == pytest.approx(2 * first, rel=1e-12)
+
+
+def test_the_kernel_has_no_more_special_cases_than_it_had():
+    """Limits that fall with each change: `python tests/docs/kernel_shape.py` prints what there is."""
+    shape = measure_kernel()
+    assert shape.lines <= 7420 and shape.files <= 38 and shape.arrows <= 159
+    assert shape.ways <= 10 and shape.wide <= 20
+    assert shape.know["weight"] <= 49 and shape.know["connections"] <= 55 and shape.know["contact loss"] <= 36
 
 
 def test_patches_are_small_enough_to_read():

@@ -139,6 +139,7 @@ def test_render_and_plot(run, capsys):
     assert "peak_force=" in capsys.readouterr().out
 
 
+@pytest.mark.hard
 def test_contact_durations_fall_with_stiffness(run):
     rows = table(run("sweep_contact_duration") / "sweep_contact_duration.csv")
     stiffness, duration = ([float(row[name]) for row in rows] for name in ("stiffness", "duration"))
@@ -147,6 +148,7 @@ def test_contact_durations_fall_with_stiffness(run):
     assert is_picture(Path("sweep_contact_duration.png"))
 
 
+@pytest.mark.hard
 def test_errors_fall_with_order_and_substeps(run):
     rows = table(run("compare_schemes") / "compare_schemes.csv")
     error = {tuple(row[name] for name in ("scheme", "order", "substeps", "oversample")): row for row in rows}
@@ -158,6 +160,7 @@ def test_errors_fall_with_order_and_substeps(run):
     assert all(float(row["ns_per_sample"]) > 0.0 for row in rows)
 
 
+@pytest.mark.hard
 def test_sounds_have_the_parameters_that_made_them(run):
     folder = run("labelled_set") / "labelled_set"
     found = np.load(folder / "labelled_set.npz")
@@ -226,6 +229,7 @@ def test_a_note_of_a_port_is_heard(run, sounddevice, monkeypatch, capsys):
     assert "A4" in capsys.readouterr().out
 
 
+@pytest.mark.hard
 def test_another_program_strikes_louder_and_louder(run, monkeypatch):
     """The time between two strikes is that of the player; the messages come over UDP."""
     pytest.importorskip("pythonosc", reason="needs python-osc")

@@ -3,6 +3,7 @@ space of their basis. That these are on the laws is tested against fifty digits 
 """
 
 import numpy as np
+import pytest
 
 from engine.build import contact_basis
 from engine.build.initial_state import allocate_scratch
@@ -16,6 +17,7 @@ from engine.kernel.reduced_contact_solver import basis_of_island, solve_reduced
 from engine.kernel.scalar_contact_solver import solve_scalar_contact
 from engine.kernel.state import Scratch
 
+pytestmark = pytest.mark.hard
 PROBLEMS = 400
 TOLERANCE = 1e-15  # of the solvers
 

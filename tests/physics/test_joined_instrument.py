@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 import engine
 from bench.scenes.choirs import BOARD_MASS, BOARD_RIGIDITY, BOARD_SIZE, LOSS_FACTOR, board
 
+pytestmark = pytest.mark.hard
 SECONDS, SAMPLERATE = 6e-3, 44_100
 LENGTH, MASS, PITCH, MODES, DAMPING = 0.62, 3.93e-3, 261.6, 12, 0.5  # of the string; its loss in 1/s
 STRUCK_AT, JOINED_AT, BRIDGE = 0.12, 0.93, (0.42, 0.37)

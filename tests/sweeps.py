@@ -15,6 +15,8 @@ from engine.sweep.task import render_task
 
 MARBLE = str(ROOT / "patches" / "marble_on_a_bell.toml")
 SECONDS = 0.02  # of a sound, in which a marble close to the bell strikes it
+STIFFNESS, MASS = "contact.glass.stiffness", "body.marble.mass"
+GRID = {STIFFNESS: "1e8..1e10:log:3", MASS: [0.002, 0.004]}
 
 
 def axis(text: str, patch: str = MARBLE, sampling: bool = False) -> SweepAxis:

@@ -62,8 +62,8 @@ def run_sweep(
     load_xarray()
     with _sweep_folder(folder) as place:
         _render_grid(scene, vary, place, cores, settings)
-        found = read_sweep(place, scene, sounds)
-        return found if folder is not None else found.drop_vars("file").drop_attrs(deep=False)
+        dataset = read_sweep(place, scene, sounds)
+        return dataset if folder is not None else dataset.drop_vars("file").drop_attrs(deep=False)
 
 
 def run_sweep_rows(

@@ -5,13 +5,11 @@ import sys
 
 import numpy as np
 import pytest
-from sweeps import MARBLE, SECONDS, swept
+from sweeps import GRID, MARBLE, MASS, SECONDS, STIFFNESS, swept
 
 import engine
 
 SCENE = engine.load(MARBLE)
-STIFFNESS, MASS = "contact.glass.stiffness", "body.marble.mass"
-GRID = {STIFFNESS: "1e8..1e10:log:3", MASS: [0.002, 0.004]}
 
 
 @pytest.fixture(scope="module")

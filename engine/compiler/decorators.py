@@ -7,6 +7,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from numba import types
 
 from engine.compiler import enum_indices  # noqa: F401, it changes what Numba knows
 from engine.compiler.numba_patches import SkipInlinedLibraries
@@ -42,21 +43,29 @@ if in_use(Trick.NO_WRAPPERS, lambda: is_option("no_cpython_wrapper") and is_opti
 
 def inline(function: Callable[..., Any]) -> Any:
     """Compile a function that is inlined where kernels call it."""
-    return SkipInlinedLibraries.mark(numba.njit(**INLINE_OPTIONS)(function), inlined=True)
+    return _compile(function, INLINE_OPTIONS, inlined=True)
 
 
 def noinline(function: Callable[..., Any]) -> Any:
     """Compile a function that is large and seldom runs; kernels call it. Inlined at each call, the coupled contact
     solve alone would take 15 s to compile."""
     options = INLINE_OPTIONS | ({"forceinline": False} if "forceinline" in INLINE_OPTIONS else {})  # or it is inherited
-    return SkipInlinedLibraries.mark(numba.njit(**options)(function), inlined=True)
+    return _compile(function, options, inlined=True)
 
 
 def kernel(function: Callable[..., Any], from_python: bool = True) -> Any:
     """Compile a function that is called from outside compiled code: by Python, or by its address
     (engine.compiler.kernels)."""
     options = BASE_OPTIONS | ({} if from_python else {"no_cpython_wrapper": True})
-    return SkipInlinedLibraries.mark(numba.njit(**options)(function), inlined=False)
+    return _compile(function, options, inlined=False)
+
+
+def _compile(function: Callable[..., Any], options: dict[str, Any], inlined: bool) -> Any:
+    """Let Numba compile a function; the type that it has as an argument is named after it, not after its address in
+    memory, so that the same sources make the same bytes."""
+    dispatcher = numba.njit(**options)(function)
+    types.Dispatcher(dispatcher).name = f"function {function.__module__}.{function.__qualname__}"
+    return SkipInlinedLibraries.mark(dispatcher, inlined=inlined)
 
 
 @contextmanager

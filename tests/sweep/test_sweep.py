@@ -388,7 +388,7 @@ def test_workers_of_another_engine_are_left_out(tmp_path, cluster):
     time.sleep(3.0)
     run = sweep(*words)
     _, said = run.communicate(timeout=60)
-    assert run.returncode == 0 and said.startswith("left out, for they have another engine")
+    assert run.returncode == 0 and said.startswith("these workers are left out, because they have another")
     assert [row["status"] for row in rows(tmp_path / "a")] == ["done"] * 3
 
 

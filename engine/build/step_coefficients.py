@@ -11,7 +11,7 @@ from engine.build.connection_tables import connection_coefficients, island_facto
 from engine.build.contact_basis import entries_by_row, find_basis, products_by_contact
 from engine.build.layout import Layout, ShapeRow
 from engine.build.mode_shape_rows import row_coefficients
-from engine.kernel.model import BasisCoefficients, ContactCoefficients, ModalLoss, SingleContact, StepCoefficients
+from engine.kernel.model import BasisCoefficients, ContactCoefficients, ModalLoss, StepCoefficients
 
 
 class ModeCoefficients(NamedTuple):
@@ -75,7 +75,7 @@ def contact_coefficients(layout: Layout, modes: ModeCoefficients, rate: float, s
         compliance_low=low,
         loss_rate=loss * rate if loss.any() else None,
         coupling=np.concatenate([m.ravel() for m in matrices]) if any(m.size > 1 for m in matrices) else None,
-        single=_single_contacts(layout, modes),
+        only_kick_phi=_kicks_by_only_contacts(layout, modes),
         basis=_basis_coefficients(layout, modes, factors),
     )
 
@@ -122,18 +122,18 @@ def _basis_coefficients(
     return BasisCoefficients(rows, np.concatenate(tables.at_contacts), np.concatenate(tables.products))
 
 
-def _single_contacts(layout: Layout, modes: ModeCoefficients) -> SingleContact | None:
-    """Return the step coefficients of the modes of islands with one contact, and no force or connection; None if there
+def _kicks_by_only_contacts(layout: Layout, modes: ModeCoefficients) -> np.ndarray | None:
+    """Return t·Φ of the modes of islands with one contact and no connection, and zeros elsewhere [modes]; None if there
     is no such island."""
     islands = layout.islands
-    has_one = (np.diff(islands.contact) == 1) & (np.diff(islands.force) == 0) & (np.diff(islands.connection) == 0)
+    has_one = (np.diff(islands.contact) == 1) & (np.diff(islands.connection) == 0)
     if not has_one.any():
         return None
     phi = np.zeros(modes.kick.size)
     for n in np.flatnonzero(has_one).tolist():
         for side in layout.contact_rows[islands.contact[n]]:
             phi[islands.mode[n] : islands.mode[n + 1]] += layout.dense_mode_shape(side, n)
-    return SingleContact(kick_phi=modes.kick * phi, drift_phi=modes.drift * phi)
+    return modes.kick * phi
 
 
 def stack(records: Sequence[Any]) -> Any:

@@ -99,6 +99,11 @@ def put_number(numbers: Any, place: Any, value: Any) -> None:
     raise TypeError("put_number is for compiled code")
 
 
+def place_after(place: Any, by: int) -> Any:
+    """Return the index, EightFrom or FewFrom of so many numbers further on."""
+    raise TypeError("place_after is for compiled code")
+
+
 def zero_like(value: Any) -> Any:
     """Return zero, or eight zeros where `value` is eight numbers."""
     raise TypeError("zero_like is for compiled code")
@@ -313,6 +318,23 @@ def _put_number(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     number = context.cast(builder, args[2], sig.args[2], kind)
     context.pack_value(builder, kind, number, _address(context, builder, sig, args))
     return context.get_dummy_value()
+
+
+@type_callable(place_after)
+def _type_place_after(context: Any) -> Any:
+    return lambda place, by: place
+
+
+@lower_builtin(place_after, types.BaseTuple, types.Integer)
+def _tuple_after(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    first, *size = cgutils.unpack_tuple(builder, args[0])
+    by = context.cast(builder, args[1], sig.args[1], sig.args[0][0])
+    return context.make_tuple(builder, sig.return_type, [builder.add(first, by), *size])
+
+
+@lower_builtin(place_after, types.Integer, types.Integer)
+def _index_after(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    return builder.add(args[0], context.cast(builder, args[1], sig.args[1], sig.args[0]))
 
 
 @type_callable(zero_like)

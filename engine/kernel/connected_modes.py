@@ -1,101 +1,104 @@
-"""A step of one connected mode, or of eight, and how far it moves the connections, in this step and in the next."""
+"""The pass over the modes of an island with connections: it pushes by these, and finds how far they move in this step
+and in the next, so that their forces in the next step are known before its pass."""
 
 import numpy as np
 
-from engine.compiler.decorators import INT64_0, inline, noinline
-from engine.compiler.lanes import EightFrom, FewFrom, lane_sum, multiply_add, number_at, splat
-from engine.kernel.codes import LANES
-from engine.kernel.modes import (
-    apply_loss,
-    begin_step_mode,
-    end_step_mode,
-    kick_by_force,
-    kick_by_spring,
-    motion_of,
-    put_motion,
-)
-from engine.kernel.sums import lanes_of
+from engine.compiler.decorators import INT64_0, INT64_1, inline, noinline
+from engine.compiler.lanes import lane_sum, splat
+from engine.kernel.connections import clear_moves, project_rows, push_at_rows
+from engine.kernel.moving_modes import PushedPoint, count_loss, move_some_modes, plain_step
 
 
 @inline
-def step_mode(h, push, m, motion):
-    """Step mode m; `push`, if there is one, is added to its momentum in each half-kick. Returns the energy lost, the
-    momentum of its drift, and the momentum with which it would drift in the next step."""
-    x = number_at(motion.q, m)
-    half, lost_first = begin_step_mode(h, motion.compensation, m, x, number_at(motion.p, m))
-    half = kick_by_force(push, half)
-    moved, left, lost_later = end_step_mode(h, push, motion.compensation, m, x, half)
-    coming = coming_momentum(h, motion.compensation, m, moved, left)  # before they are written, or all is read again
-    put_motion(motion, m, moved, left)
-    return lost_first + lost_later, half, coming
+def move_connected_modes(connection, pushes, h, state):
+    """Move all modes by a step, with the forces of connections, and find how far these move, in this step and in the
+    next. Returns the energy lost, J.
+
+    pushes: State.push, or None if it is all zeros
+    """
+    joined = state.connection
+    clear_moves(joined.move)
+    clear_moves(joined.free_move)
+    joined.is_move_known[0] = 1
+    return move_as_modes_allow(h.weight_kick, h.drag, pushes, connection, h, state)
 
 
 @inline
-def coming_momentum(h, compensation, m, q, p):
-    """Return the momentum of mode m in the coming drift, if nothing else acts. Unlike
-    engine.kernel.modes.begin_step_mode, this changes nothing."""
-    left, _ = apply_loss(h.loss, m, p)
-    return kick_by_spring(h.spring_kick, m, q, add_weight_kick(h.weight_kick, compensation, m, left))
-
-
-@inline
-def add_weight_kick(weight_kick, compensation, m, p):
-    """Return the momentum after half a kick by weight. Unlike engine.kernel.modes.kick_by_weight, this carries no
-    rounding."""
+def move_as_modes_allow(weight_kick, drag, pushes, connection, h, state):
+    """Move all modes, without reading the weight and the drag if the modes of the island have none. Returns the energy
+    lost, J."""
     if weight_kick is None:
-        return p
-    return p + (number_at(weight_kick, m) - number_at(compensation, m))
+        if drag is None:
+            return move_groups(connection, pushes, plain_step(h), 0.5, state)
+    if connection.is_plain[0] != 0:
+        return move_groups(connection, pushes, plain_step(h), 0.5, state)
+    return move_groups(connection, pushes, h, 1.0, state)
 
 
 @inline
-def add_step(sums, stepped, drift_phi):
-    """Return the sums with the moves of a connection by modes added, in this step and in the next. Its v·Φ are
-    given."""
-    return multiply_add(drift_phi, stepped[1], sums[0]), multiply_add(drift_phi, stepped[2], sums[1])
+def move_groups(connection, pushes, h, share, state):
+    """Move all modes, those of each body with all rows of connections on it. Returns the energy lost, J: this share of
+    what the modes count."""
+    losses, begin, r, parts = (splat(0.0), splat(0.0)), INT64_0, INT64_0, connection.coordinate.shape[0]
+    while r < parts:
+        first, end = np.int64(connection.rows.mode_begin[r]), np.int64(connection.rows.mode_end[r])
+        count = INT64_1
+        while r + count < parts and connection.rows.mode_begin[r + count] == first:
+            count += 1
+        if begin < first:
+            losses, _, _ = move_some_modes(h, (pushes, None, None), begin, first - begin, losses, state)
+        losses = move_group(connection, pushes, h, (r, count), losses, state)
+        begin, r = end, r + count
+    if begin < state.p.shape[0]:
+        losses, _, _ = move_some_modes(h, (pushes, None, None), begin, state.p.shape[0] - begin, losses, state)
+    return count_loss(share * lane_sum(losses[0]), share * lane_sum(losses[1]), state)
 
 
 @inline
-def keep_sums(joined, i, sums):
-    """Add sums over modes, in lanes, to how far coordinate i moves in this step and in the next."""
-    joined.move[i] += lane_sum(sums[0])
-    joined.free_move[i] += lane_sum(sums[1])
+def point_of_row(connection, h, r, state):
+    """Return the PushedPoint of row r."""
+    rows, offset = h.connection.rows, np.int64(connection.rows.offset[r])
+    return PushedPoint(rows.kick_phi, rows.drift_phi, offset, -state.connection.force[connection.coordinate[r]])
 
 
 @inline
-def push_of(pushes, m):
-    """Return the momentum that contacts give mode m, or eight, in half a kick; None where there are no contacts."""
-    if pushes is None:
-        return None
-    return number_at(pushes, m)
+def add_moves_of_row(connection, r, moves, joined):
+    """Add how far row r moves, in this step and in the next, in lanes, to the moves of its coordinate."""
+    i = connection.coordinate[r]
+    joined.move[i] += lane_sum(moves[0])
+    joined.free_move[i] += lane_sum(moves[1])
 
 
 @inline
-def add_push(pushes, m, push):
-    """Return the momentum that connections and contacts give mode m, or eight, in half a kick."""
-    if pushes is None:
-        return push
-    return push + number_at(pushes, m)
+def move_group(connection, pushes, h, rows, losses, state):
+    """Move the modes of a body with so many rows. Returns the losses with theirs added.
 
-
-# --- how far a point will move
-
-
-@inline
-def coming_move(coefficients, h, place, m, motion):
-    """Return how far mode m, or eight, moves a point in the coming drift, m. place: of the first of these in its row"""
-    q, p = number_at(motion.q, m), number_at(motion.p, m)
-    return number_at(coefficients.drift_phi, place) * coming_momentum(h, motion.compensation, m, q, p)
+    rows: the first, and their number
+    """
+    (r, count), joined = rows, state.connection
+    if count > 2:
+        return move_group_of_many(connection, h, rows, losses, state)
+    first, modes = np.int64(connection.rows.mode_begin[r]), np.int64(connection.rows.mode_end[r])
+    modes -= first
+    a = point_of_row(connection, h, r, state)
+    if count == 1:
+        losses, moves, _ = move_some_modes(h, (pushes, a, None), first, modes, losses, state)
+    else:
+        b = point_of_row(connection, h, r + 1, state)
+        losses, moves, others = move_some_modes(h, (pushes, a, b), first, modes, losses, state)
+        add_moves_of_row(connection, r + 1, others, joined)
+    add_moves_of_row(connection, r, moves, joined)
+    return losses
 
 
 @noinline
-def coming_move_at_row(rows, coefficients, h, r, state):
-    """Return how far the coming drift moves the point of row r, m, if nothing but the springs of its modes acts."""
-    first, row = np.int64(rows.mode_begin[r]), np.int64(rows.offset[r])
-    count, total, motion = np.int64(rows.mode_end[r]) - first, splat(0.0), motion_of(state)
-    whole = lanes_of(count)
-    for k in range(INT64_0, whole, LANES):
-        total = total + coming_move(coefficients, h, EightFrom(row + k), EightFrom(first + k), motion)
-    if whole < count:
-        place, m = FewFrom(row + whole, count - whole), FewFrom(first + whole, count - whole)
-        total = total + coming_move(coefficients, h, place, m, motion)
-    return lane_sum(total)
+def move_group_of_many(connection, h, rows, losses, state):
+    """Move the modes of a body with more than two rows, such as a board. Returns the losses with theirs added."""
+    (r, count), joined = rows, state.connection
+    first, modes = np.int64(connection.rows.mode_begin[r]), np.int64(connection.rows.mode_end[r])
+    modes -= first
+    push_at_rows(connection, h.connection, r, r + count, state)
+    project_rows(connection, h.connection, state.drift_momentum, r, r + count, joined.move)
+    losses, _, _ = move_some_modes(h, (state.push, None, None), first, modes, losses, state)
+    project_rows(connection, h.connection, state.drift_momentum, r, r + count, joined.free_move)
+    return losses

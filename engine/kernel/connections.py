@@ -2,8 +2,8 @@
 
 Their forces are constant over a step, and linear in extensions and moves (engine.kernel.connection_factors), so that
 they need no iteration, and no stiffness makes a step unstable (docs/design.md, "Connections"). They act like any other
-force: half a kick before the drift, and half a kick after it. Contacts are solved in between; in the same step, the
-forces of connections are corrected for what the contact forces move.
+force: half a kick before the drift, and half a kick after it. They are found first, and corrected for what the contact
+forces of the same step move.
 """
 
 import math
@@ -12,13 +12,14 @@ import numpy as np
 
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.kernel.connection_factors import update_factors
+from engine.kernel.contacts import contact_number
 from engine.kernel.rows import (
     drifts_of_same_modes,
-    kick_at_row,
-    kick_at_rows_of_same_modes,
     project,
     project_drift,
     push_at_row,
+    push_both_at_row,
+    push_both_at_rows_of_same_modes,
     rows_of_same_modes,
 )
 from engine.kernel.sums import sum_products, sum_two_products
@@ -41,13 +42,6 @@ def has_connections(connection, state):
 
 
 @inline
-def forget_moves(joined):
-    """Mark `free_move` as unknown, because motion has changed from outside. joined: ConnectionState or None"""
-    if joined is not None:
-        joined.is_move_known[0] = 0
-
-
-@inline
 def forget_near_contacts(joined):
     """Mark state.connection.near as out of date, because other contacts may close. joined: ConnectionState or None"""
     if joined is not None:
@@ -64,13 +58,11 @@ def product_at(matrix, i, x):
 
 
 @inline
-def project_moves(connection, h, p, moves):
-    """Write how far the coming drift changes each extension, m, to `moves`."""
-    for i in range(moves.shape[0]):
-        moves[i] = 0.0
-    r, total, of = INT64_0, connection.coordinate.shape[0], connection.coordinate
-    while r < total:
-        count = rows_of_same_modes(connection.rows, r, total)
+def project_rows(connection, h, p, begin, end, moves):
+    """Add how far a drift with momenta p moves rows begin:end of connections to the moves of their coordinates, m."""
+    r, of = begin, connection.coordinate
+    while r < end:
+        count = rows_of_same_modes(connection.rows, r, end)
         if count == 1:
             moves[of[r]] += project_drift(connection.rows, h.rows, r, p)
         else:
@@ -85,98 +77,68 @@ def project_moves(connection, h, p, moves):
 
 
 @inline
-def kick_by_forces(connection, h, forces, p):
-    """Do half a kick by forces at all coordinates, N."""
-    r, total, of = INT64_0, connection.coordinate.shape[0], connection.coordinate
-    while r < total:
-        count = rows_of_same_modes(connection.rows, r, total)
+def push_at_rows(connection, h, begin, end, state):
+    """Do half a kick by the forces at rows begin:end, and keep it for the second one."""
+    r, of, forces = begin, connection.coordinate, state.connection.force
+    while r < end:
+        count = rows_of_same_modes(connection.rows, r, end)
+        c = -forces[of[r + 2]] if count > 2 else 0.0
+        d = -forces[of[r + 3]] if count > 3 else 0.0
         if count == 1:
-            kick_at_row(connection.rows, h.rows, r, -forces[of[r]], p)
+            push_both_at_row(connection.rows, h.rows, r, -forces[of[r]], state)
         else:
-            c = -forces[of[r + 2]] if count > 2 else 0.0
-            d = -forces[of[r + 3]] if count > 3 else 0.0
             four = -forces[of[r]], -forces[of[r + 1]], c, d
-            kick_at_rows_of_same_modes(connection.rows, h.rows, r, count, four, p)
+            push_both_at_rows_of_same_modes(connection.rows, h.rows, r, count, four, state)
         r += count
 
 
 @inline
-def push_by_connections(connection, h, state):
-    """Do half a kick by all connections."""
-    if connection is not None:
-        kick_by_forces(connection, h.connection, state.connection.force, state.p)
+def clear_moves(moves):
+    """Set the moves of all connections to zero."""
+    for i in range(moves.shape[0]):
+        moves[i] = 0.0
 
 
 @inline
-def solve_connections(h, joined):
-    """Find the forces of connections from `free_move`, if no contact pushes."""
-    x, y, n = h.force_per_extension, h.force_per_move, joined.force.shape[0]
-    for i in range(n):
-        joined.force[i] = sum_two_products(x, joined.extension, y, joined.free_move, np.int64(i) * n, n)
-
-
-@inline
-def begin_connections(connection, h, state):
-    """Find the forces of connections, and let them kick, after the first half-kick of all else but contacts."""
+def find_connection_forces(connection, h, state):
+    """Find the forces of connections, if no contact pushes."""
     if connection is not None:
-        if state.connection.extension.shape[0] > 0:
+        joined = state.connection
+        if joined.extension.shape[0] > 0:
             update_factors(connection, h.connection, h.contact, state)
-            state.connection.is_move_known[0] = 0
-            project_moves(connection, h.connection, state.p, state.connection.free_move)
-            solve_connections(h.connection, state.connection)
-            push_by_connections(connection, h, state)
+            if joined.is_move_known[0] == 0:
+                clear_moves(joined.free_move)
+                rows = connection.coordinate.shape[0]
+                project_rows(connection, h.connection, state.drift_momentum, INT64_0, rows, joined.free_move)
+            x, y, n = h.connection.force_per_extension, h.connection.force_per_move, joined.force.shape[0]
+            for i in range(n):
+                joined.force[i] = sum_two_products(x, joined.extension, y, joined.free_move, np.int64(i) * n, n)
+
+
+@noinline
+def push_by_connections(connection, h, state):
+    """Do half a kick by all connections, keep it for the second one, and measure how far the coming drift changes each
+    extension. The moves of the next step are not known then."""
+    if connection is not None:
+        rows, joined = connection.coordinate.shape[0], state.connection
+        push_at_rows(connection, h.connection, INT64_0, rows, state)
+        clear_moves(joined.move)
+        project_rows(connection, h.connection, state.drift_momentum, INT64_0, rows, joined.move)
+        joined.is_move_known[0] = 0
 
 
 @inline
-def answer_contact(connection, h, state, k, f):
-    """Correct the forces of connections for what contact k moves with its force f, after the first half-kick of this
-    contact alone; and let the change kick."""
+def answer_contacts(connection, h, reach, state):
+    """Correct the forces of connections for how far the contact forces move these."""
     if connection is not None:
-        joined, contacts = state.connection, state.compression.shape[0]
+        joined, n = state.connection, reach.count
         for i in range(joined.move.shape[0]):
-            joined.move[i] = -h.connection.contact_moves[i * contacts + k] * f
-        answer(connection, h.connection, joined, state.p)
-
-
-@inline
-def answer_contacts(connection, h, state):
-    """Correct the forces of connections for what all contact forces move, after their first half-kick; and let the
-    change kick."""
-    if connection is not None:
-        if state.connection.extension.shape[0] > 0:
-            joined, contacts = state.connection, state.compression.shape[0]
-            for i in range(joined.move.shape[0]):
-                moved = 0.0
-                for k in range(contacts):
-                    moved += h.connection.contact_moves[i * contacts + k] * state.contact_force[k]
-                joined.move[i] = -moved
-            answer(connection, h.connection, joined, state.p)
-
-
-@inline
-def answer(connection, h, joined, p):
-    """Change the forces of connections by Y times `move`, by which the bodies would move them further; and let the
-    change kick."""
-    for i in range(joined.move.shape[0]):
-        joined.free_move[i] = product_at(h.force_per_move, i, joined.move)
-    kick_by_forces(connection, h, joined.free_move, p)
-    for i in range(joined.move.shape[0]):
-        joined.force[i] += joined.free_move[i]
-
-
-@inline
-def measure_moves(connection, h, state):
-    """Measure how far the coming drift changes each extension, m, by the momenta that the bodies have by now."""
-    if connection is not None:
-        project_moves(connection, h.connection, state.p, state.connection.move)
-
-
-@inline
-def hold_connections(connection, state):
-    """Set the moves of all connections in this step to zero."""
-    if connection is not None:
-        for i in range(state.connection.move.shape[0]):
-            state.connection.move[i] = 0.0
+            moved = 0.0
+            for k in range(n):
+                moved += reach.moves[i * n + k] * state.contact_force[contact_number(reach.index, k)]
+            joined.move[i] = -moved
+        for i in range(joined.move.shape[0]):
+            joined.force[i] += product_at(h.connection.force_per_move, i, joined.move)
 
 
 @inline

@@ -1,27 +1,23 @@
-"""Contact forces of a step: they are found after the first half-kick of all else, and then act.
+"""Contact forces of a step. They are found from the momenta of the coming drift, and then push.
 
-A solve that fails, or whose forces are not finite, acts on nothing: the step then reverses the island's motion
-(engine.kernel.modes.reverse_motion), which keeps every energy as it is.
+A solve that fails, or whose forces are not finite, acts on nothing: the motion of the island is reversed
+(engine.kernel.modes.reverse_momenta), which keeps every energy as it is.
 """
 
 import math
 from typing import NamedTuple
 
-from engine.compiler.decorators import INT64_0, inline, noinline
+from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
 from engine.kernel.codes import Row, SolveStatus
-from engine.kernel.connections import answer_contact, answer_contacts
 from engine.kernel.contacts import (
-    apply_contact_force,
-    apply_contact_forces,
+    contact_number,
     end_force_of,
     energy_created,
     energy_created_if_persistent,
     find_moves_by_basis,
-    free_displacements,
     measured_miss,
     moves_by_basis,
     must_be_measured,
-    store_free_move,
     store_solution,
 )
 from engine.kernel.coupled_contact_round import contact_response
@@ -32,13 +28,74 @@ from engine.kernel.reduced_contact_solver import basis_of_island, solve_reduced
 from engine.kernel.scalar_contact_solver import loss_rate_of, solve_scalar_contact
 
 
+class SingleSolution(NamedTuple):
+    """Solution of the equation of an only contact."""
+
+    eta: float  # change of compression, m
+    end: float  # compression at the end of the step, m
+    force: float  # mean over the step, N
+
+
 class ContactSolution(NamedTuple):
-    """Outcome of the contact solve of an island in a step."""
+    """Outcome of the contact solve of an island in a step. `State.contact_force` and, where an island has several
+    contacts, the scratch hold the forces."""
 
     status: int  # SolveStatus; FREE if no contact was in reach
     evaluations: int  # of the contact laws
-    dissipated: float  # J, by contact loss
     excess: float  # J, that forces off their curves create
+    is_persistent: bool  # True if all that are closed remain so, and END_FORCE is known
+    is_measured: bool  # True if forces all but cancel, so that moves have to be measured
+    single: SingleSolution  # of an only contact
+
+
+# --- the forces are found
+
+
+@inline
+def no_solution(status, evaluations):
+    """Return the ContactSolution of a step in which no contact pushes."""
+    return ContactSolution(status, evaluations, 0.0, FALSE, FALSE, SingleSolution(0.0, 0.0, 0.0))
+
+
+@inline
+def solve_contacts(contact, h, reach, state):
+    """Find the forces of contacts within reach. Returns a ContactSolution; contacts that all remain open have moved
+    then.
+
+    h: ContactCoefficients
+    """
+    if not is_any_closing(reach):
+        open_contacts(reach, state)
+        return no_solution(SolveStatus.FREE, INT64_0)
+    return solve_closing(contact, h, reach, reach.coupling, state)
+
+
+@inline
+def is_any_closing(reach):
+    """True if a contact is closed, or would be closed at the end of the step."""
+    for n in range(reach.count):
+        if reach.compression[n] > 0.0 or reach.compression[n] + reach.free_displacement[n] > 0.0:
+            return True
+    return False
+
+
+@inline
+def open_contacts(reach, state):
+    """Store the compressions at the end of a step in which all contacts are open, and forces of zero."""
+    for n in range(reach.count):
+        k = contact_number(reach.index, n)
+        state.compression[k] = reach.compression[n] + reach.free_displacement[n]
+        state.contact_force[k] = 0.0
+
+
+@inline
+def solve_closing(contact, h, reach, coupling, state):
+    """Find the forces of contacts of which some are closing: of an only contact, or of several. Returns a
+    ContactSolution."""
+    if coupling is not None:  # by type, where no island of the scene has several contacts
+        if state.compression.shape[0] > 1:
+            return solve_several_contacts(contact, h, reach, state)
+    return solve_only_contact(contact, h, reach, state)
 
 
 @inline
@@ -49,56 +106,41 @@ def count_outcome(state, evaluations, status):
         state.iteration_histogram[evaluations] += 1
 
 
-class SingleSolution(NamedTuple):
-    """Solution of one contact's equation."""
-
-    eta: float  # change of compression, m
-    end: float  # compression at the end of the step, m
-    force: float  # mean over the step, N
-    evaluations: int  # of the contact law
-    status: int  # SolveStatus
-
-
 @inline
-def find_contact_force(contact, h, state, k):
-    """Solve contact k alone; nothing is moved. Returns a SingleSolution."""
+def solve_only_contact(contact, h, reach, state):
+    """Find the force of the only contact of an island. Returns a ContactSolution."""
+    s, g = reach.compression[0], reach.free_displacement[0]
     eta, b, f, _, evaluations, status = solve_scalar_contact(
-        contact.law,
-        h.loss_rate,
-        k,
-        state.compression[k],
-        state.free_displacement[k],
-        h.compliance[k],
-        contact.tolerance,
+        contact.law, h.loss_rate, INT64_0, s, g, h.compliance[0], contact.tolerance
     )
     if not math.isfinite(eta + b + f):
         status = SolveStatus.FAILED
-    return SingleSolution(eta, b, f, evaluations, status)
+    count_outcome(state, evaluations, status)
+    state.contact_force[0] = f
+    is_measured = must_be_measured(h, state, INT64_0, s, eta, f)
+    return ContactSolution(status, evaluations, 0.0, FALSE, is_measured, SingleSolution(eta, b, f))
 
 
-@inline
-def store_single_solution(contact, h, state, k, solution):
-    """Store the solution of contact k, where its forces do not cancel. Returns the energy lost, J."""
-    eta, b, f, _, _ = solution
-    miss = (state.free_displacement[k] - eta) - h.compliance[k] * f
-    return store_solution(contact, h, state, k, (eta, b, f, f, end_force_of(contact, h.loss_rate, k, b)), miss)
-
-
-@inline
-def use_single_solution(contact, connection, step, state, k, solution):
-    """Do the first half-kick by the force that was found at contact k, and store its solution. Returns a
-    ContactSolution."""
-    (eta, b, f, evaluations, status), h = solution, step.contact
-    if status == SolveStatus.FAILED:
-        return ContactSolution(status, evaluations, 0.0, 0.0)
-    apply_contact_force(contact, contact.other_rows, h, k, f, state.p)
-    answer_contact(connection, step, state, k, f)
-    s = state.compression[k]
-    if not must_be_measured(h, state, k, s, eta, f):
-        return ContactSolution(status, evaluations, store_single_solution(contact, h, state, k, solution), 0.0)
-    miss = measured_miss(contact, h, state, k, eta, f)
-    lost = store_solution(contact, h, state, k, (eta, b, f, f, end_force_of(contact, h.loss_rate, k, b)), miss)
-    return ContactSolution(status, evaluations, lost, energy_created(contact, state, k, s, lost, f))
+@noinline
+def solve_several_contacts(contact, h, reach, state):
+    """Find the forces of several contacts of an island together. Returns a ContactSolution."""
+    law, loss_rate, s, g = reach.law, reach.loss_rate, reach.compression, reach.free_displacement
+    problem = CoupledProblem(law, loss_rate, reach.coupling, s, g, contact.tolerance, state.scratch)
+    rounds, status, excess, is_persistent = INT64_0, SolveStatus.NEWTON, 0.0, TRUE
+    if not moves_by_basis(contact.basis):
+        rounds = solve_persistent(problem)
+    if rounds == 0:
+        rounds, status, excess = find_coupled_forces(contact, h, reach, problem, state)
+        is_persistent = FALSE
+    vectors, is_measured = state.scratch.vectors, FALSE
+    for n in range(reach.count):
+        eta, b, f, k = vectors[Row.STEP, n], vectors[Row.END, n], vectors[Row.FORCE, n], contact_number(reach.index, n)
+        if not math.isfinite(eta + b + f):
+            status = SolveStatus.FAILED
+        state.contact_force[k] = f
+        is_measured = is_measured or must_be_measured(h, state, k, s[n], eta, f)
+    count_outcome(state, rounds, status)
+    return ContactSolution(status, rounds, excess, is_persistent, is_measured, SingleSolution(0.0, 0.0, 0.0))
 
 
 @inline
@@ -114,20 +156,20 @@ def solve_by_basis(basis, coefficients, law, loss_rate, state):
 
 
 @inline
-def find_coupled_forces(contact, h, problem, state):
-    """Find the forces of all contacts of an island, in the space of their basis or in that of the contacts; the scratch
-    holds them. Returns rounds, SolveStatus, and the energy that forces off their curves create, J."""
-    law, loss_rate, evaluations = contact.law, h.loss_rate, INT64_0
+def find_coupled_forces(contact, h, reach, problem, state):
+    """Find the forces of several contacts, in the space of their basis or in that of the contacts; the scratch holds
+    them. Returns rounds, SolveStatus, and the energy that forces off their curves create, J."""
+    evaluations, is_all = INT64_0, reach.count == state.compression.shape[0]
     is_first = moves_by_basis(contact.basis)
     if is_first:
-        evaluations = solve_by_basis(contact.basis, h.basis, law, loss_rate, state)
+        evaluations = solve_by_basis(contact.basis, h.basis, contact.law, h.loss_rate, state)
         if evaluations > 0:
             return evaluations, SolveStatus.NEWTON, 0.0
-    for k in range(state.compression.shape[0]):
-        state.scratch.vectors[Row.FORCE, k] = state.contact_force[k]
+    for n in range(reach.count):
+        state.scratch.vectors[Row.FORCE, n] = state.contact_force[contact_number(reach.index, n)]
     rounds, status, excess = solve_coupled(problem, contact.max_rounds, state.line_search_budget)
-    if status == SolveStatus.CAPPED and not is_first:
-        evaluations = solve_by_basis(contact.basis, h.basis, law, loss_rate, state)
+    if status == SolveStatus.CAPPED and is_all and not is_first:
+        evaluations = solve_by_basis(contact.basis, h.basis, contact.law, h.loss_rate, state)
         if evaluations > 0:
             return rounds + evaluations, SolveStatus.NEWTON, 0.0
     while status == SolveStatus.CAPPED and not excess < 0.5 * kinetic_energy(state.p):
@@ -136,121 +178,86 @@ def find_coupled_forces(contact, h, problem, state):
     return rounds, status, excess
 
 
-@noinline
-def solve_coupled_contacts(contact, connection, step, state):
-    """Solve all contacts of an island, and do the first half-kick by their forces. Returns a ContactSolution."""
-    h = step.contact
-    problem = CoupledProblem(
-        contact.law,
-        h.loss_rate,
-        h.coupling,
-        state.compression,
-        state.free_displacement,
-        contact.tolerance,
-        state.scratch,
-    )
-    if not moves_by_basis(contact.basis):
-        rounds = solve_persistent(problem)
-        if rounds > 0:
-            return use_persistent_solution(contact, connection, step, state, rounds)
-    rounds, status, excess = find_coupled_forces(contact, h, problem, state)
-    status = push_by_solution(contact, connection, step, state, rounds, status)
-    if status == SolveStatus.FAILED:
-        return ContactSolution(status, rounds, 0.0, 0.0)
-    lost, excess = store_coupled_solution(contact, h, state, status, excess)
-    return ContactSolution(status, rounds, lost, excess)
+# --- the forces are stored, once all forces have pushed
 
 
 @inline
-def push_by_solution(contact, connection, step, state, rounds, status):
-    """Do the first half-kick by the forces found at all contacts of an island. Returns SolveStatus."""
-    vectors, n = state.scratch.vectors, state.compression.shape[0]
-    for k in range(n):
-        if not math.isfinite(vectors[Row.STEP, k] + vectors[Row.END, k] + vectors[Row.FORCE, k]):
-            status = SolveStatus.FAILED
-    count_outcome(state, rounds, status)
-    if status != SolveStatus.FAILED:
-        for k in range(n):
-            state.contact_force[k] = vectors[Row.FORCE, k]
-        apply_contact_forces(contact, step.contact, state)
-        answer_contacts(connection, step, state)
-    return status
+def store_contacts(contact, h, reach, solution, state):
+    """Store the compressions and forces of contacts within reach. Returns the energy that contact loss takes, and what
+    forces off their curves create, J."""
+    return store_by_count(contact, h, reach, reach.coupling, solution, state)
 
 
 @inline
-def takes_part(s, vectors, k):
-    """True if contact k has a force or energy in this step."""
-    return vectors[Row.FORCE, k] != 0.0 or s[k] > 0.0 or vectors[Row.END, k] > 0.0
+def store_by_count(contact, h, reach, coupling, solution, state):
+    """Store an only contact, or several. Returns the energy lost, and created, J."""
+    if coupling is not None:
+        if state.compression.shape[0] > 1:
+            return store_several_contacts(contact, h, reach, solution, state)
+    return store_only_contact(contact, h, reach, solution, state)
 
 
 @inline
-def measure_misses(contact, h, state):
-    """Measure MISS of the contacts that take part, where the forces of an island all but cancel. Returns True if it was
-    measured."""
-    s, vectors, measured = state.compression, state.scratch.vectors, False
-    for k in range(s.shape[0]):
-        measured = measured or must_be_measured(h, state, k, s[k], vectors[Row.STEP, k], vectors[Row.FORCE, k])
-    if measured:
-        find_misses(contact, h, state)
-    return measured
-
-
-@noinline
-def find_misses(contact, h, state):
-    """Find MISS of the contacts that take part, from the momenta that the bodies have by now."""
-    s, vectors = state.compression, state.scratch.vectors
-    if moves_by_basis(contact.basis):
-        find_moves_by_basis(contact.basis, h.basis, state)
-        for k in range(s.shape[0]):
-            vectors[Row.MISS, k] = state.free_displacement[k] - vectors[Row.STEP, k]
-        return
-    for k in range(s.shape[0]):
-        if takes_part(s, vectors, k):
-            vectors[Row.MISS, k] = measured_miss(contact, h, state, k, vectors[Row.STEP, k], vectors[Row.FORCE, k])
-
-
-@inline
-def store_coupled_solution(contact, h, state, status, excess):
-    """Give all contacts of an island the compressions and forces that were found. Returns the energy lost and the
-    energy that forces off their curves create, J."""
-    s, vectors, lost = state.compression, state.scratch.vectors, 0.0
-    measured = measure_misses(contact, h, state)
-    if measured:
-        excess = 0.0
-    for k in range(s.shape[0]):
-        if not takes_part(s, vectors, k):
-            store_free_move(state, k)
-            continue
-        begin, eta, b, f = s[k], vectors[Row.STEP, k], vectors[Row.END, k], vectors[Row.FORCE, k]
-        law_force = force_of_law(contact, h.loss_rate, k, begin, eta, f, status)
-        end_force = end_force_of(contact, h.loss_rate, k, b)
-        lost_at_contact = store_solution(contact, h, state, k, (eta, b, f, law_force, end_force), vectors[Row.MISS, k])
-        lost += lost_at_contact
-        if measured:
-            excess += energy_created(contact, state, k, begin, lost_at_contact, f)
+def store_only_contact(contact, h, reach, solution, state):
+    """Store the solution of the only contact of an island. Returns the energy lost, and created, J."""
+    (eta, b, f), s, excess = solution.single, reach.compression[0], 0.0
+    if solution.is_measured:
+        miss = measured_miss(contact, h, state, INT64_0, eta, f)
+    else:
+        miss = (reach.free_displacement[0] - eta) - h.compliance[0] * f
+    end_force = end_force_of(contact, h.loss_rate, INT64_0, b)
+    lost = store_solution(contact, h, state, INT64_0, (eta, b, f, f, end_force), miss)
+    if solution.is_measured:
+        excess = energy_created(contact, state, INT64_0, s, lost, f)
     return lost, excess
 
 
 @noinline
-def use_persistent_solution(contact, connection, step, state, rounds):
-    """Use what `solve_persistent` has found: as any other solution, but that the forces at the end are known. Returns a
-    ContactSolution."""
-    s, vectors, lost, excess, h = state.compression, state.scratch.vectors, 0.0, 0.0, step.contact
-    status = push_by_solution(contact, connection, step, state, rounds, SolveStatus.NEWTON)
-    if status == SolveStatus.FAILED:
-        return ContactSolution(status, rounds, 0.0, 0.0)
-    measured = measure_misses(contact, h, state)
-    for k in range(s.shape[0]):
-        begin, f, miss = s[k], vectors[Row.FORCE, k], vectors[Row.MISS, k]
-        if begin <= 0.0:
-            store_free_move(state, k)
+def store_several_contacts(contact, h, reach, solution, state):
+    """Store the solutions of several contacts of an island. Returns the energy lost, and created, J."""
+    vectors, lost, excess = state.scratch.vectors, 0.0, solution.excess
+    if solution.is_measured:
+        measure_misses(contact, h, reach, state)
+        excess = 0.0
+    for n in range(reach.count):
+        k, s, eta, b = contact_number(reach.index, n), reach.compression[n], vectors[Row.STEP, n], vectors[Row.END, n]
+        f, miss = vectors[Row.FORCE, n], vectors[Row.MISS, n]
+        if not takes_part(s, b, f):
+            state.compression[k], state.contact_force[k] = b, 0.0
+            state.compression_compensation[k] += miss
             continue
-        solution = (vectors[Row.STEP, k], vectors[Row.END, k], f, f, vectors[Row.END_FORCE, k])
-        lost_at_contact = store_solution(contact, h, state, k, solution, miss)
+        law_force = force_of_law(contact, h.loss_rate, k, s, eta, f, solution.status)
+        end_force = vectors[Row.END_FORCE, n] if solution.is_persistent else end_force_of(contact, h.loss_rate, k, b)
+        values = eta, b, f, law_force, end_force
+        lost_at_contact = store_solution(contact, h, state, k, values, miss)
         lost += lost_at_contact
-        if measured:
-            excess += energy_created_if_persistent(h.loss_rate, state, k, begin, lost_at_contact, solution)
-    return ContactSolution(status, rounds, lost, excess)
+        if solution.is_measured:
+            if solution.is_persistent:
+                excess += energy_created_if_persistent(h.loss_rate, state, k, s, lost_at_contact, values)
+            else:
+                excess += energy_created(contact, state, k, s, lost_at_contact, f)
+    return lost, excess
+
+
+@inline
+def takes_part(s, b, f):
+    """True if a contact has a force or energy in this step."""
+    return f != 0.0 or s > 0.0 or b > 0.0
+
+
+@noinline
+def measure_misses(contact, h, reach, state):
+    """Measure MISS of the contacts that take part, from the momenta of the drift."""
+    vectors = state.scratch.vectors
+    if moves_by_basis(contact.basis):
+        find_moves_by_basis(contact.basis, h.basis, state)
+        for k in range(reach.count):
+            vectors[Row.MISS, k] = state.free_displacement[k] - vectors[Row.STEP, k]
+        return
+    for n in range(reach.count):
+        eta, f = vectors[Row.STEP, n], vectors[Row.FORCE, n]
+        if takes_part(reach.compression[n], vectors[Row.END, n], f):
+            vectors[Row.MISS, n] = measured_miss(contact, h, state, contact_number(reach.index, n), eta, f)
 
 
 @inline
@@ -259,38 +266,3 @@ def force_of_law(contact, loss_rate, k, s, eta, f, status):
     if status == SolveStatus.CAPPED and loss_rate_of(loss_rate, k) > 0.0:
         return contact_response(contact.law, loss_rate, k, s, eta)[0]
     return f
-
-
-@inline
-def solve_contacts(contact, connection, step, state):
-    """Solve for the contact forces of an island. Do the first half-kick by them, and by the correction of the forces of
-    connections. Returns a ContactSolution.
-
-    step: StepCoefficients
-    """
-    if contact is None:
-        return ContactSolution(SolveStatus.FREE, INT64_0, 0.0, 0.0)
-    closing, last = INT64_0, INT64_0
-    free_displacements(contact, step.contact, state)
-    for k in range(state.compression.shape[0]):
-        s = state.compression[k]
-        if s > 0.0 or s + state.free_displacement[k] > 0.0:
-            closing += 1
-            last = k
-    if closing == 0:
-        for k in range(state.compression.shape[0]):
-            state.compression[k] += state.free_displacement[k]
-        return ContactSolution(SolveStatus.FREE, INT64_0, 0.0, 0.0)
-    return solve_closing(contact, connection, step, step.contact.coupling, state, last)
-
-
-@inline
-def solve_closing(contact, connection, step, coupling, state, last):
-    """Solve the contacts of an island, of which some are in reach; `last` is the last of these. Returns a
-    ContactSolution."""
-    if coupling is not None:  # by type, where no island of the scene has several contacts
-        if state.compression.shape[0] > 1:
-            return solve_coupled_contacts(contact, connection, step, state)
-    solution = find_contact_force(contact, step.contact, state, last)
-    count_outcome(state, solution.evaluations, solution.status)
-    return use_single_solution(contact, connection, step, state, last, solution)

@@ -1,10 +1,12 @@
 """Contacts: how bodies move them and they push bodies, whether they can close, and how a solution is stored."""
 
+from typing import Any, NamedTuple
+
 from engine.compiler.decorators import inline, noinline
 from engine.kernel.codes import Row
 from engine.kernel.contact_law import elastic_force, potential, potential_difference
 from engine.kernel.reduced_contact_solver import basis_of_island, gather_rows, spread_rows
-from engine.kernel.rows import add_drifts, bound_at_row, kick_at_row, project, project_drift
+from engine.kernel.rows import add_drifts, bound_at_row, project, project_drift, push_both_at_row
 from engine.kernel.scalar_contact_solver import loss_rate_of
 
 CANCELLATION = 3.0  # times compression and step: what B·f may be before moves are measured instead. At 100, a body
@@ -31,24 +33,46 @@ def find_moves_by_basis(basis, coefficients, state):
         g, momentum = state.free_displacement, state.scratch.vectors[Row.GUESS]
         island_basis = basis_of_island(basis, coefficients, g.shape[0])
         for j in range(island_basis.rank):
-            momentum[j] = project_drift(basis.rows, coefficients.rows, j, state.p)
+            momentum[j] = project_drift(basis.rows, coefficients.rows, j, state.drift_momentum)
         spread_rows(island_basis, momentum, state.scratch.vectors[Row.WORK], g)
 
 
 @inline
 def push_by_basis(basis, coefficients, state):
-    """Do half a kick by all contact forces, by the basis of the island's contacts."""
+    """Do half a kick by all contact forces, by the basis of the island's contacts, and keep it for the second half."""
     if basis is not None:
         f, vectors = state.contact_force, state.scratch.vectors
         island_basis = basis_of_island(basis, coefficients, f.shape[0])
         gather_rows(island_basis, f, vectors[Row.WORK], vectors[Row.GUESS])
         for j in range(island_basis.rank):
-            kick_at_row(basis.rows, coefficients.rows, j, -vectors[Row.GUESS, j], state.p)
+            push_both_at_row(basis.rows, coefficients.rows, j, -vectors[Row.GUESS, j], state)
+
+
+class Reach(NamedTuple):
+    """Contacts of an island that may close, of which the forces of a step are to be found: all of them, or those that
+    are near (engine.kernel.near_contacts). Arrays are of these contacts, one after the other."""
+
+    count: int
+    index: Any  # their numbers in the island; None if there are never but all
+    compression: Any  # s, m
+    free_displacement: Any  # g, m: how the coming drift changes it without contact force
+    law: Any
+    loss_rate: Any  # μ/h, 1/m, or None
+    coupling: Any  # B, row by row, m/N; None if no island has several contacts
+    moves: Any  # m/N: of each connection, row by row; None without connections
+
+
+@inline
+def contact_number(index, n):
+    """Return the number in its island of contact n within reach."""
+    if index is None:
+        return n
+    return index[n]
 
 
 @inline
 def free_displacement_at(contact, other_rows, h, k, p):
-    """Change of compression k by the coming drift without contact force, g, m."""
+    """Change of compression k by a drift with momenta p, m."""
     g = project_drift(contact.rows, h.rows, k, p)
     if other_rows is not None:
         g += project_drift(other_rows, h.other_rows, k, p)
@@ -56,7 +80,7 @@ def free_displacement_at(contact, other_rows, h, k, p):
 
 
 @inline
-def free_displacements(contact, h, state):
+def find_free_displacements(contact, h, state):
     """Find how far the coming drift changes each compression, m."""
     if moves_by_basis(contact.basis):
         find_moves_by_basis(contact.basis, h.basis, state)
@@ -64,37 +88,29 @@ def free_displacements(contact, h, state):
     moves = state.free_displacement
     for k in range(moves.shape[0]):
         moves[k] = 0.0
-    add_drifts(contact.rows, h.rows, state.p, moves)
-    add_drifts(contact.other_rows, h.other_rows, state.p, moves)
+    add_drifts(contact.rows, h.rows, state.drift_momentum, moves)
+    add_drifts(contact.other_rows, h.other_rows, state.drift_momentum, moves)
 
 
 @inline
-def apply_contact_force(contact, other_rows, h, k, f, p):
-    """Do half a kick by the force f of contact k on the bodies it joins."""
-    kick_at_row(contact.rows, h.rows, k, -f, p)
-    if other_rows is not None:
-        kick_at_row(other_rows, h.other_rows, k, -f, p)
+def push_at_contact(contact, other_rows, h, k, state):
+    """Do half a kick by the force of contact k on the bodies it joins, and keep it for the second half."""
+    f = state.contact_force[k]
+    if f != 0.0:
+        push_both_at_row(contact.rows, h.rows, k, -f, state)
+        if other_rows is not None:
+            push_both_at_row(other_rows, h.other_rows, k, -f, state)
 
 
 @inline
-def apply_contact_forces(contact, h, state):
-    """Do half a kick by all contact forces."""
+def push_by_contacts(contact, h, index, count, state):
+    """Do half a kick by the forces of contacts within reach, and keep it for the second half."""
     if contact is not None:
         if moves_by_basis(contact.basis):
             push_by_basis(contact.basis, h.basis, state)
             return
-        for k in range(state.compression.shape[0]):
-            f = state.contact_force[k]
-            if f != 0.0:
-                apply_contact_force(contact, contact.other_rows, h, k, f, state.p)
-
-
-@inline
-def clear_forces(contact, state):
-    """Set all contact forces of this step to zero."""
-    if contact is not None:
-        for k in range(state.compression.shape[0]):
-            state.contact_force[k] = 0.0
+        for n in range(count):
+            push_at_contact(contact, contact.other_rows, h, contact_number(index, n), state)
 
 
 @inline
@@ -252,15 +268,6 @@ def store_solution(contact, h, state, k, solution, miss):
 
 
 @inline
-def store_free_move(state, k):
-    """Store the compression of contact k, which is open before the step and after it, and a force of zero."""
-    vectors = state.scratch.vectors
-    state.compression[k] = vectors[Row.END, k]
-    state.compression_compensation[k] += vectors[Row.MISS, k]
-    state.contact_force[k] = 0.0
-
-
-@inline
 def dissipation_of(contact, loss_rate, k, s, solution, miss):
     """Energy that the contact loss of a solution takes, J."""
     eta, b, f, law_force, end_force = solution
@@ -289,9 +296,9 @@ def must_be_measured(h, state, k, s, eta, f):
 
 @noinline
 def measured_miss(contact, h, state, k, eta, f):
-    """Measure how far the bodies move at contact k beyond the step η, m, by the momenta they have by now.
+    """Measure how far the bodies move at contact k beyond the step η, m, by the momenta of the drift with all forces.
     `free_displacement` becomes the whole move."""
-    move = free_displacement_at(contact, contact.other_rows, h, k, state.p)
+    move = free_displacement_at(contact, contact.other_rows, h, k, state.drift_momentum)
     state.free_displacement[k] = move
     return (move - eta) + h.compliance_low[k] * f  # the last is taken off in `store_solution`
 

@@ -6,15 +6,21 @@ stays closed: turning a knob cannot blow up the sound.
 
 import math
 
-from engine.compiler.decorators import INT64_0, inline, noinline
-from engine.compiler.lanes import EightFrom, FewFrom, lane_sum, number_at, put_number, splat
-from engine.kernel.codes import LANES, NO_END, UNUSED_SLOT, DampedModes, EnergyTotal, EventCursor, EventKind
-from engine.kernel.connections import forget_moves, forget_near_contacts, has_connections
+from engine.compiler.decorators import inline, noinline
+from engine.kernel.codes import NO_END, UNUSED_SLOT, DampedModes, EnergyTotal, EventCursor, EventKind
+from engine.kernel.connections import forget_near_contacts, has_connections
 from engine.kernel.contacts import invalidate_margins
 from engine.kernel.energy import accumulate, island_energy
+from engine.kernel.event_dampers import (
+    damp_modes,
+    damp_modes_by_half,
+    find_momentum_kept,
+    is_damping,
+    is_event_active,
+)
 from engine.kernel.external_forces import next_force
+from engine.kernel.modes import forget_drift
 from engine.kernel.near_contacts import keep_all_contacts
-from engine.kernel.sums import lanes_of
 
 
 @inline
@@ -207,7 +213,7 @@ def run_due_events(model, state, frame):
         accumulate(state.energy_totals, EnergyTotal.SUPPLIED, island_energy(model, state) - before)
         state.contact_free_until[0] = 0
         invalidate_margins(state.refinement)
-        forget_moves(state.connection)
+        forget_drift(state)
     forget_finished(events, state, frame)
     if cursor[EventCursor.DAMPED] == DampedModes.UNKNOWN:
         find_momentum_kept(events, state)
@@ -248,54 +254,6 @@ def move_event(events, source, target):
     events.value[target], events.value2[target] = events.value[source], events.value2[source]
 
 
-@noinline
-def find_momentum_kept(events, state):
-    """Find the share of each momentum that the dampers of the events that go on leave in a step."""
-    cursor, kept = state.event_cursor, state.momentum_kept
-    for m in range(kept.shape[0]):
-        kept[m] = 1.0
-    cursor[EventCursor.DAMPED] = DampedModes.NONE
-    for j in range(cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT]):
-        if events.kind[j] == EventKind.DAMP:
-            cursor[EventCursor.DAMPED] = DampedModes.SOME
-            for m in range(events.target_begin[j], events.target_end[j]):
-                kept[m] *= events.value[j]
-
-
-@noinline
-def damp_modes(state):
-    """Let the dampers of events act for a whole sample at its end: the half of it that belongs to the next sample would
-    come at the same place. The energy lost counts as dissipated."""
-    total, whole = splat(0.0), lanes_of(state.p.shape[0])
-    for m in range(INT64_0, whole, LANES):
-        total = total + damp_mode(EightFrom(m), state.momentum_kept, state.p)
-    if whole < state.p.shape[0]:
-        rest = FewFrom(whole, state.p.shape[0] - whole)
-        total = total + damp_mode(rest, state.momentum_kept, state.p)
-    forget_moves(state.connection)
-    accumulate(state.energy_totals, EnergyTotal.DISSIPATED, lane_sum(total))
-
-
-@inline
-def damp_mode(m, momentum_kept, p):
-    """Damp mode m, and add the energy lost, J, to the sums."""
-    before, kept = number_at(p, m), number_at(momentum_kept, m)
-    put_number(p, m, kept * before)
-    return 0.5 * (1.0 - kept) * (1.0 + kept) * before * before
-
-
-@noinline
-def damp_modes_by_half(state):
-    """Let the dampers of events act for half a sample. The energy lost counts as dissipated."""
-    total = 0.0
-    for m in range(state.p.shape[0]):
-        before, kept = state.p[m], math.sqrt(state.momentum_kept[m])
-        state.p[m] = kept * before
-        total += 0.5 * (1.0 - kept) * (1.0 + kept) * before * before
-    forget_moves(state.connection)
-    accumulate(state.energy_totals, EnergyTotal.DISSIPATED, total)
-
-
 @inline
 def damps_in_halves(connection, refinement, state):
     """True if dampers act after the first stage of a sample and after its last, for half a sample each.
@@ -306,20 +264,6 @@ def damps_in_halves(connection, refinement, state):
     if refinement is None:
         return False
     return has_connections(connection, state) and refinement.sequence.shape[0] % 2 == 0
-
-
-@inline
-def is_event_active(state):
-    """True if an event has begun and is not over."""
-    return state.event_cursor[EventCursor.FIRST_ACTIVE] < state.event_cursor[EventCursor.NEXT]
-
-
-@inline
-def is_damping(events, state):
-    """True if dampers of events act."""
-    if events is None:
-        return False
-    return is_event_active(state) and state.event_cursor[EventCursor.DAMPED] == DampedModes.SOME
 
 
 @inline

@@ -3,7 +3,7 @@
 from engine.compiler.decorators import inline
 from engine.kernel.codes import UNUSED_SLOT
 from engine.kernel.drive import driven_force
-from engine.kernel.rows import kick_at_row, project_drift
+from engine.kernel.rows import project_drift, push_both_at_row
 
 
 @inline
@@ -52,13 +52,16 @@ def next_force(force, frame):
 
 
 @inline
-def apply_forces(force, coefficients, frame, state):
-    """Do half a kick by every external force."""
+def push_by_forces(force, coefficients, frame, state):
+    """Do half a kick by every external force, and keep it for the second half. Returns True if any acts."""
+    acts = False
     if force is not None:
         for j in range(force.start.shape[0]):
             f = force_at(force, force.drive, state.drive, j, frame)
             if f != 0.0:
-                kick_at_row(force.rows, coefficients, j, f, state.p)
+                push_both_at_row(force.rows, coefficients, j, f, state)
+                acts = True
+    return acts
 
 
 @inline
@@ -69,5 +72,5 @@ def external_work(force, coefficients, frame, state):
         for j in range(force.start.shape[0]):
             f = force_at(force, force.drive, state.drive, j, frame)
             if f != 0.0:
-                work += f * project_drift(force.rows, coefficients, j, state.p)
+                work += f * project_drift(force.rows, coefficients, j, state.drift_momentum)
     return work

@@ -33,7 +33,7 @@ from engine.kernel.codes import (
     Quantity,
 )
 from engine.kernel.energy import accumulate, mode_potential
-from engine.kernel.modes import free_step, motion_of
+from engine.kernel.modes import forget_drift, free_step, motion_of
 from engine.kernel.sums import lanes_of
 
 PARTS = FLIGHT_FRAMES // FLIGHT_PART
@@ -223,6 +223,7 @@ def begin_flight(model, state, measures_energy, frame):
         kept.energy_totals[column] = state.energy_totals[column]
     if measures_energy:
         measure_flight(model, state, kept)
+    forget_drift(state)
     advance_modes(flight.motion, flight.motion_low, flight.weight, kept, state.q, state.p)
     push_by_weight(flight.weight, state.kick_compensation, kept, state.p)
 
@@ -270,4 +271,5 @@ def end_flight(model, state, frame):
     if end - FLIGHT_FRAMES < frame and frame < end:
         step_saved_motion(model.step, state.flight, frame)
         exchange_motion(state)
+        forget_drift(state)
     state.flight.frame[FlightFrame.END] = 0

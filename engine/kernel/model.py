@@ -74,14 +74,6 @@ class ModalLoss(NamedTuple):
     dissipation_factor: PerMode  # energy lost over p², (1 - d²)/2 for a half-step
 
 
-class SingleContact(NamedTuple):
-    """Motion of all modes of an island at its one contact, the two bodies together: a step with contact then needs two
-    passes over the modes. Zeros where an island has another number of contacts."""
-
-    kick_phi: PerModeShape  # t·Φ, as of rows
-    drift_phi: PerModeShape  # v·Φ
-
-
 class BasisCoefficients(NamedTuple):
     """Motion of the rows of a ContactBasis in a step of length h."""
 
@@ -118,7 +110,7 @@ class ContactCoefficients(NamedTuple):
     compliance_low: PerContact  # m/N: what rounding cut from B_kk
     loss_rate: PerContact | None  # μ/h, 1/m: Hunt-Crossley loss (paper, eq. 41)
     coupling: PerCompliance | None  # B of each island, m/N; where an island has several contacts
-    single: SingleContact | None  # where an island has one, and no external force
+    only_kick_phi: PerModeShape | None  # t·Φ of the only contact of an island, of both bodies; or zeros
     basis: BasisCoefficients | None
 
 

@@ -16,7 +16,7 @@ import math
 from typing import Any, NamedTuple
 
 from engine.compiler.decorators import inline, noinline
-from engine.compiler.lanes import multiply_add, number_at, put_number, splat, zero_like
+from engine.compiler.lanes import number_at, put_number, splat, zero_like
 from engine.kernel.sums import fold
 
 DENORMAL_LIMIT = 1e-290  # √kg·m, √kg·m/s
@@ -131,68 +131,34 @@ def put_motion(motion, m, q, p):
 
 @inline
 def add_first_half(of, m, sums):
-    """Do the first half of a step of mode m, up to the contact, and add the energy lost to the sums."""
-    h, motion = of
+    """Find the momentum of mode m in the coming drift, and add the energy lost up to there to the sums."""
+    h, motion, momentum = of
     half, lost = begin_step_mode(h, motion.compensation, m, number_at(motion.q, m), number_at(motion.p, m))
-    put_number(motion.p, m, half)
+    put_number(momentum, m, half)
     return (sums[0] + lost,)
 
 
 @inline
-def begin_step(h, motion):
-    """Do the first half of a step of all modes, up to the contact. Returns the energy lost."""
-    return fold(add_first_half, (h, motion), motion.p.shape[0], (splat(0.0),))[0]
+def find_drift_momenta(h, state):
+    """Find the momenta of the coming drift without the forces that are still to be found, unless they are known."""
+    if state.is_drift_known[0] == 0:
+        of = h, motion_of(state), state.drift_momentum
+        state.drift_loss[0] = fold(add_first_half, of, state.p.shape[0], (splat(0.0),))[0]
+        state.is_drift_known[0] = 1
+        forget_moves(state.connection)
 
 
 @inline
-def add_first_half_towards(of, m, sums):
-    """Do the first half of a step of mode m. Add to the sums the energy lost, and how far the coming drift moves a
-    contact."""
-    h, motion, drift_phi = of
-    half, lost = begin_step_mode(h, motion.compensation, m, number_at(motion.q, m), number_at(motion.p, m))
-    put_number(motion.p, m, half)
-    return sums[0] + lost, multiply_add(number_at(drift_phi, m), half, sums[1])
+def forget_moves(joined):
+    """Mark how far the coming drift moves connections as unknown. joined: ConnectionState or None"""
+    if joined is not None:
+        joined.is_move_known[0] = 0
 
 
 @inline
-def begin_step_towards(h, motion, drift_phi):
-    """Do the first half of a step of all modes, up to a contact whose v·Φ are given. Returns the energy lost, and how
-    far the coming drift moves the contact, m."""
-    return fold(add_first_half_towards, (h, motion, drift_phi), motion.p.shape[0], (splat(0.0), splat(0.0)))
-
-
-@inline
-def add_second_half(of, m, sums):
-    """Do the second half of a step of mode m, after the contact, and add the energy lost to the sums."""
-    h, motion = of
-    moved, left, lost = end_step_mode(h, None, motion.compensation, m, number_at(motion.q, m), number_at(motion.p, m))
-    put_motion(motion, m, moved, left)
-    return (sums[0] + lost,)
-
-
-@inline
-def end_step(h, motion):
-    """Do the second half of a step of all modes, after the contact. Returns the energy lost."""
-    return fold(add_second_half, (h, motion), motion.p.shape[0], (splat(0.0),))[0]
-
-
-@inline
-def add_pushed_half(of, m, sums):
-    """Do the second half of a step of mode m, with both half-kicks by a force at a point. Add the energy lost to the
-    sums."""
-    h, motion, kick_phi, force = of
-    push = number_at(kick_phi, m) * force
-    half = number_at(motion.p, m) + push
-    moved, left, lost = end_step_mode(h, push, motion.compensation, m, number_at(motion.q, m), half)
-    put_motion(motion, m, moved, left)
-    return (sums[0] + lost,)
-
-
-@inline
-def end_step_pushed(h, motion, kick_phi, force):
-    """Do the second half of a step of all modes, with both half-kicks by a force (N) at a point whose t·Φ are given.
-    Returns the energy lost."""
-    return fold(add_pushed_half, (h, motion, kick_phi, force), motion.p.shape[0], (splat(0.0),))[0]
+def forget_drift(state):
+    """Mark the momenta of the coming drift as unknown: motion, or the length of a step, has changed from outside."""
+    state.is_drift_known[0] = 0
 
 
 @inline
@@ -241,15 +207,11 @@ def flush_denormals(q, p):
 
 
 @noinline
-def reverse_motion(drift, q, p):
-    """Reverse the motion in the middle of a step: after its second half, q is as before the step and p is reversed, so
-    that every energy is what it was. No drag acts in that half.
-
-    This is the last resort where contact forces cannot be found: no force acts, and nothing moves.
-    """
+def reverse_momenta(p):
+    """Reverse the motion. This is the last resort where contact forces cannot be found: no force acts, nothing moves,
+    and every energy is what it was."""
     for m in range(p.shape[0]):
         p[m] = -p[m]
-        q[m] -= drift[m] * p[m]  # what the drift that follows adds
 
 
 @noinline

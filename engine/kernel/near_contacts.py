@@ -12,10 +12,22 @@ from typing import Any
 import numpy as np
 
 from engine.compiler.decorators import INT64_0, inline, noinline
-from engine.compiler.overloads import overload_by_source
+from engine.compiler.overloads import is_none, overload_by_source, overload_by_type
 from engine.kernel.codes import FLIGHT_FRAMES
-from engine.kernel.contacts import compression_from_modes, reach_of_connected, split_bound_at_contact
+from engine.kernel.connections import has_connections
+from engine.kernel.contacts import (
+    Reach,
+    compression_from_modes,
+    find_free_displacements,
+    free_displacement_at,
+    moves_by_basis,
+    reach_of_connected,
+    split_bound_at_contact,
+)
 from engine.kernel.energy import island_energy
+from engine.kernel.event_dampers import is_damping
+from engine.kernel.external_forces import has_forces
+from engine.kernel.model import Connections
 from engine.kernel.motion_bounds import bound_modal_displacements
 from engine.kernel.scalar_contact_solver import loss_rate_of
 
@@ -23,25 +35,98 @@ FOUND = 2  # of NearContacts.is_far: near, but what it pushes is still taken for
 UNBOUNDED = 1e290  # √kg·m: of a mode that a contact pushes
 
 
+def contacts_in_reach(connection: Any, model: Any, h: Any, state: Any, is_sample: bool, frame: int) -> Reach:
+    """Find how far the coming drift would close the contacts that may close, with the forces of connections and without
+    those of contacts; in compiled code only.
+
+    h:         StepCoefficients
+    is_sample: True if the step is a whole sample; among the stages of a sample, all contacts are in reach
+    """
+    raise TypeError("contacts_in_reach is for compiled code")
+
+
+@inline
+def contacts_without_connections(connection, model, h, state, is_sample, frame):
+    """Do this in a scene without connections."""
+    find_free_displacements(model.contact, h.contact, state)
+    return all_contacts(model.contact, None, None, h.contact, state)
+
+
+@inline
+def contacts_beside_connections(connection, model, h, state, is_sample, frame):
+    """Do this in a scene with connections."""
+    contact = model.contact
+    if is_sample and selects(model, contact, connection, state):
+        if frame >= state.connection.near.until[0]:
+            find_near_contacts(model, contact, connection, h, state, frame)
+        find_near_displacements(contact, h, state)
+        reach = near_contacts(contact, h, state)
+    else:
+        read_far_contacts(contact, state)
+        find_free_displacements(contact, h.contact, state)
+        reach = all_contacts(contact, state.connection.near.contact, h.connection.contact_moves, h.contact, state)
+    g, f = reach.free_displacement, state.connection.force
+    for i in range(f.shape[0]):
+        for n in range(reach.count):
+            g[n] -= reach.moves[i * reach.count + n] * f[i]
+    return reach
+
+
+@inline
+def selects(model, contact, connection, state):
+    """True if contacts that are far are left out of the steps of this island."""
+    return has_connections(connection, state) and not has_forces(model.force) and not moves_by_basis(contact.basis)
+
+
+@inline
+def all_contacts(contact, index, moves, h, state):
+    """Return the Reach of all contacts. h: ContactCoefficients"""
+    s, g = state.compression, state.free_displacement
+    return Reach(s.shape[0], index, s, g, contact.law, h.loss_rate, h.coupling, moves)
+
+
+@inline
+def near_contacts(contact, h, state):
+    """Return the Reach of the contacts that are near. h: StepCoefficients"""
+    near, n = state.connection.near, state.connection.near.size[0]
+    law = law_of_near(contact.law, near.potential_coefficient[0:n], near.exponent[0:n])
+    rate = gathered(h.contact.loss_rate, near.loss_rate, n)
+    coupling = gathered(h.contact.coupling, near.coupling, n * n)
+    return Reach(n, near.contact, near.compression[0:n], near.free_displacement[0:n], law, rate, coupling, near.moves)
+
+
+@inline
+def find_near_displacements(contact, h, state):
+    """Find how far the coming drift would change the compression of each near contact without its force."""
+    near = state.connection.near
+    for n in range(near.size[0]):
+        k = near.contact[n]
+        near.compression[n] = state.compression[k]
+        near.free_displacement[n] = free_displacement_at(
+            contact, contact.other_rows, h.contact, k, state.drift_momentum
+        )
+
+
 @noinline
-def find_near_contacts(model, contact, connection, h, is_disturbed, state, frame):
-    """Find the contacts that may close in the next FLIGHT_FRAMES samples. is_disturbed: whether dampers of events act.
+def find_near_contacts(model, contact, connection, h, state, frame):
+    """Find the contacts that may close in the next FLIGHT_FRAMES samples.
 
     h: StepCoefficients
     """
     near = state.connection.near
     read_far_contacts(contact, state)
     if connection.is_plain[0] != 0:
-        select_contacts(model, contact, connection, is_disturbed, state)
+        select_contacts(model, contact, connection, is_damping(model.events, state), state)
     gather_coefficients(contact, h, state)
     near.until[0] = frame + FLIGHT_FRAMES
 
 
 @inline
 def read_far_contacts(contact, state):
-    """Read the compressions that were not kept from the modes; all are kept now."""
+    """Read the compressions that were not kept from the modes; all are kept now, and in reach."""
     near = state.connection.near
     for k in range(near.is_far.shape[0]):
+        near.contact[k] = k
         if near.is_far[k] != 0:
             state.compression[k] = min(compression_from_modes(contact, contact.other_rows, state, k), 0.0)
             state.compression_compensation[k] = state.contact_force[k] = 0.0
@@ -139,9 +224,13 @@ def _write_law(law: Any, coefficient: Any, exponent: Any) -> tuple[str, dict[str
 overload_by_source(law_of_near, _write_law)
 
 
-@inline
-def loss_rate_of_near(loss_rate, gathered):
-    """The loss rates that were gathered, if there is contact loss."""
-    if loss_rate is None:
-        return None
-    return gathered
+def gathered(original: Any, copy: Any, count: int) -> Any:
+    """The first items of a copy; None where there is no original. In compiled code only."""
+    raise TypeError("gathered is for compiled code")
+
+
+overload_by_source(gathered, lambda original, copy, count: ("None" if is_none(original) else "copy[0:count]", {}))
+overload_by_type(
+    contacts_in_reach,
+    {type(None): contacts_without_connections.py_func, Connections: contacts_beside_connections.py_func},
+)

@@ -15,10 +15,11 @@ from engine.compiler.overloads import is_none, overload_by_source
 from engine.kernel.axes import Axis, fields_of
 from engine.kernel.connections import count_connections, damp_connections, has_connections
 from engine.kernel.contact_loss import is_loss_small, lose_at_contacts
-from engine.kernel.contacts import bound_at_contact, free_displacements
+from engine.kernel.contacts import bound_at_contact, find_free_displacements
 from engine.kernel.events import finish_first_stage
 from engine.kernel.external_forces import next_force
-from engine.kernel.modes import apply_loss_all, begin_step, end_step, motion_of
+from engine.kernel.modes import apply_loss_all, find_drift_momenta, forget_drift
+from engine.kernel.moving_modes import move_modes
 from engine.kernel.step import StepOutcome, step
 
 # --- the coefficients of one stage
@@ -106,37 +107,18 @@ def stays_open(state):
 
 
 @inline
-def save_momenta(state):
-    """Save the momenta and compensations that the first half of a step changes."""
-    for m in range(state.p.shape[0]):
-        state.refinement.saved_momentum[m] = state.p[m]
-        state.refinement.saved_compensation[m] = state.kick_compensation[m]
-
-
-@inline
-def restore_momenta(state):
-    """Undo the first half of a step."""
-    for m in range(state.p.shape[0]):
-        state.p[m] = state.refinement.saved_momentum[m]
-        state.kick_compensation[m] = state.refinement.saved_compensation[m]
-
-
-@inline
 def try_free_step(model, refinement, state):
-    """Try a step on which nothing acts; it is undone if a contact may close in it. Returns True if it was done, and the
-    energy lost."""
+    """Do a step on which nothing acts, if no contact can close in it. Returns True if it was done, and the energy
+    lost."""
     if state.refinement.margin_valid[0] == 0:
         update_margins(model, refinement, state)
-    save_momenta(state)
-    lost = begin_step(model.step, motion_of(state))
-    free_displacements(model.contact, model.step.contact, state)
+    find_drift_momenta(model.step, state)
+    find_free_displacements(model.contact, model.step.contact, state)
     if not stays_open(state):
-        restore_momenta(state)
         return False, 0.0
     for k in range(state.compression.shape[0]):
         state.compression[k] += state.free_displacement[k]
-    lost += end_step(model.step, motion_of(state))
-    return True, lost
+    return True, move_modes(model.step, None, None, state)
 
 
 @inline
@@ -148,23 +130,23 @@ def is_forced(force, frame):
 
 
 @inline
-def refined_step(model, contact, force, refinement, state, frame, in_contact):
+def refined_step(model, contact, refinement, state, frame, in_contact):
     """Do a sample in stages, or in one step where that is the same. Returns a StepOutcome.
 
     in_contact: True if the sample before ended in contact
     """
     if contact is None:
-        return composed_step(model, force, refinement, state, frame)
-    is_plain = not in_contact and not is_forced(force, frame) and not has_connections(model.connection, state)
+        return composed_step(model, refinement, state, frame)
+    is_plain = not in_contact and not is_forced(model.force, frame) and not has_connections(model.connection, state)
     if is_plain and not refinement.refine_free_flight:
         is_free, lost = try_free_step(model, refinement, state)
         if is_free:
             return StepOutcome(FALSE, INT64_0, lost, 0.0)
-    return composed_step(model, force, refinement, state, frame)
+    return composed_step(model, refinement, state, frame)
 
 
 @inline
-def composed_step(model, force, refinement, state, frame):
+def composed_step(model, refinement, state, frame):
     """Do a sample in stages. Returns a StepOutcome."""
     modes, contacts = state.p.shape[0], state.compression.shape[0]
     mean_force, impulse = state.refinement.mean_force, state.refinement.loss_impulse
@@ -184,7 +166,8 @@ def composed_step(model, force, refinement, state, frame):
         if is_apart:
             duration, rate = refinement.loss_before[i], model.samplerate if i > 0 else 0.0
             lost += lose_at_contacts(refinement.contact_loss, model.contact, duration, FALSE, rate, state)
-        outcome = step(model, force, h, state, frame)
+        forget_drift(state)  # that of a stage of another length
+        outcome = step(model, h, state, FALSE, FALSE, frame)
         if outcome.in_contact:
             in_contact = True
             for k in range(contacts):
@@ -203,4 +186,5 @@ def composed_step(model, force, refinement, state, frame):
     for k in range(contacts):
         state.contact_force[k] = mean_force[k] + impulse[k] * model.samplerate
     lost += damp_connections(model.connection, refinement.end_damping, TRUE, state)
+    forget_drift(state)
     return StepOutcome(in_contact, evaluations, lost + apply_loss_all(refinement.end_loss, state.p), work)

@@ -9,13 +9,11 @@ from typing import Any
 import numpy as np
 
 from engine.compiler.array_view import row_view, slice_view
-from engine.compiler.decorators import FALSE, INT64_0, inline, kernel
+from engine.compiler.decorators import INT64_0, TRUE, inline, kernel
 from engine.compiler.overloads import overload_by_type
 from engine.compiler.struct_types import load_struct
 from engine.kernel.codes import CHUNK_FRAMES, FLIGHT_FRAMES, EnergyTotal, FlightFrame, Sleep
-from engine.kernel.connected_contact_step import try_connected_step
-from engine.kernel.connected_step import connected_step
-from engine.kernel.connections import forget_moves, has_connections
+from engine.kernel.connections import has_connections
 from engine.kernel.contacts import (
     cannot_close,
     invalidate_margins,
@@ -24,19 +22,19 @@ from engine.kernel.contacts import (
 )
 from engine.kernel.drive import clear_drive
 from engine.kernel.energy import accumulate
-from engine.kernel.events import finish_score, is_event_active, next_due, run_score
+from engine.kernel.event_dampers import is_event_active
+from engine.kernel.events import finish_score, next_due, run_score
 from engine.kernel.external_forces import has_forces
 from engine.kernel.free_flight import begin_flight, end_flight
 from engine.kernel.island_view import island_bounds, island_model, island_state
 from engine.kernel.model import Refinement
-from engine.kernel.modes import flush_denormals, free_step, motion_of
+from engine.kernel.modes import flush_denormals, forget_drift
 from engine.kernel.motion_bounds import (
     amplitude_of_connected,
     bound_modal_displacements,
     energy_of_connected,
     vibration_energy,
 )
-from engine.kernel.near_contacts import keep_all_contacts
 from engine.kernel.pickups import add_flown_pickups, add_pickups
 from engine.kernel.recording import (
     keep_evaluations,
@@ -46,7 +44,7 @@ from engine.kernel.recording import (
     wants_energies,
     wants_motion,
 )
-from engine.kernel.refinement import composed_step, refined_step
+from engine.kernel.refinement import refined_step
 from engine.kernel.sleep import (
     advance_free_masses,
     extend_sleep,
@@ -67,79 +65,38 @@ CHECK_PERIOD = np.int64(FLIGHT_FRAMES)  # samples; out of contact, compressions 
 
 
 @inline
-def advance(model, contact, force, state, frame, is_free, in_contact):
-    """Do one step of one island, the short way where nothing but its connections can act on it. Returns a StepOutcome.
+def advance(model, state, frame, is_free, in_contact):
+    """Do one step of one island. Returns a StepOutcome.
 
-    is_free:    True if nothing else can
+    is_free:    True if nothing but its connections can act on it
     in_contact: True if the step before had a contact in reach
     """
-    if contact is None:
-        if force is None:
-            return advance_free(model, model.connection, state, frame)
-    if is_free or (state.compression.shape[0] == 0 and not has_forces(force)):
-        return advance_free(model, model.connection, state, frame)
-    return advance_forced(model.refinement, model, state, frame, in_contact)
+    is_free = is_free or (state.compression.shape[0] == 0 and not has_forces(model.force))
+    return advance_sample(model.refinement, model, state, frame, is_free, in_contact)
 
 
 @inline
-def step_as_connected(model, contact, connection, state, frame):
-    """Do a step in one pass over the modes if there are connections and that is possible, or else in several. Returns a
-    StepOutcome."""
-    if contact is not None:
-        if connection is not None:
-            if has_connections(connection, state) and not has_forces(model.force):
-                is_done, outcome = try_connected_step(model, contact, connection, model.step, state, frame)
-                if is_done:
-                    return outcome
-    keep_all_contacts(contact, connection, state)
-    return step(model, model.force, model.step, state, frame)
+def advance_refined(model, refinement, state, frame, is_free, in_contact):
+    """Advance a sample, in stages where forces may act. Returns a StepOutcome."""
+    if is_free and not has_connections(model.connection, state):
+        return step(model, model.step, state, TRUE, TRUE, frame)
+    return refined_step(model, model.contact, refinement, state, frame, in_contact)
 
 
-@inline
-def refined_step_of_all(refinement, model, state, frame, in_contact):
-    """Advance a sample in stages, with all contacts. Returns a StepOutcome."""
-    keep_all_contacts(model.contact, model.connection, state)
-    return refined_step(model, model.contact, model.force, refinement, state, frame, in_contact)
-
-
-def advance_forced(refinement: Any, model: Any, state: Any, frame: int, in_contact: bool) -> StepOutcome:
-    """Advance a sample in which forces may act: in stages, if there is refinement. In compiled code only."""
-    raise TypeError("advance_forced is for compiled code")
+def advance_sample(refinement: Any, model: Any, state: Any, frame: int, is_free: bool, in_contact: bool) -> StepOutcome:
+    """Advance a sample: in stages, if there is refinement. In compiled code only."""
+    raise TypeError("advance_sample is for compiled code")
 
 
 overload_by_type(
-    advance_forced,
+    advance_sample,
     {  # chosen by type, so that the other is not compiled
-        type(None): lambda refinement, model, state, frame, in_contact: step_as_connected(
-            model, model.contact, model.connection, state, frame
+        type(None): lambda refinement, model, state, frame, is_free, in_contact: step(
+            model, model.step, state, TRUE, is_free, frame
         ),
-        Refinement: lambda refinement, model, state, frame, in_contact: refined_step_of_all(
-            refinement, model, state, frame, in_contact
+        Refinement: lambda refinement, model, state, frame, is_free, in_contact: advance_refined(
+            model, refinement, state, frame, is_free, in_contact
         ),
-    },
-)
-
-
-@inline
-def advance_free(model, connection, state, frame):
-    """Do one step in which no force can act, but those of connections. Returns a StepOutcome."""
-    if connection is not None:
-        if has_connections(connection, state):
-            return advance_connected(model.refinement, model, state, frame)
-    lost = free_step(model.step, motion_of(state))
-    return StepOutcome(FALSE, INT64_0, lost, 0.0)
-
-
-def advance_connected(refinement: Any, model: Any, state: Any, frame: int) -> StepOutcome:
-    """Advance a sample in which only connections act: in stages, if there is refinement. In compiled code only."""
-    raise TypeError("advance_connected is for compiled code")
-
-
-overload_by_type(
-    advance_connected,
-    {
-        type(None): lambda refinement, model, state, frame: connected_step(model.connection, model.step, state),
-        Refinement: lambda refinement, model, state, frame: composed_step(model, model.force, refinement, state, frame),
     },
 )
 
@@ -181,7 +138,7 @@ def falls_asleep(model, state, frame, until):
     if frame % SLEEP_CHECK_PERIOD != 0 and not slept:
         return False
     flush_denormals(state.q, state.p)
-    forget_moves(state.connection)
+    forget_drift(state)
     energy = vibration_energy(model.omega_squared, model.weight, state.q, state.p)
     energy += energy_of_connected(model.connection, model.omega_squared, model.weight, state)
     return try_sleep(model.sleep_threshold, model.weight, model.free_masses, state, until, energy)
@@ -324,7 +281,7 @@ def render_steps(model, state, output, bounds, i, count, frame):
         add_pickups(model.pickups, model.drive, state, model.samplerate, output.audio, i + n, frame + n)
         record_step(output, i + n, bounds, model, state, frame + n, is_free)
         run_score(model, model.events, state, frame + n)
-        outcome = advance(model, model.contact, model.force, state, frame + n, is_free, was_in_contact)
+        outcome = advance(model, state, frame + n, is_free, was_in_contact)
         if wants_energies(output):
             count_energy(outcome, state)
         finish_score(model, model.events, state)

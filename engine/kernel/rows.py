@@ -94,14 +94,8 @@ def add_drifts(rows, coefficients, p, moves):
 
 
 @inline
-def kick_at_row(rows, coefficients, r, f, p):
-    """Do half a kick by a force f (N) at row r."""
-    push_at_row(rows, coefficients.kick_phi, r, f, p)
-
-
-@inline
 def push_at_row(rows, weights, r, amount, p):
-    """Change the momenta of the modes that row r weighs by their weights times an amount: phi and N·s, or t·Φ and N."""
+    """Change the momenta of the modes that row r weighs by their weights times an amount, N·s."""
     begin, end, offset = rows.mode_begin[r], rows.mode_end[r], rows.offset[r]
     if end - begin == 1:
         p[begin] += weights[offset] * amount
@@ -112,15 +106,30 @@ def push_at_row(rows, weights, r, amount, p):
 
 
 @inline
-def kick_at_rows_of_same_modes(rows, coefficients, r, count, forces, p):
-    """Do half a kick by four forces (N) at two to four rows from r on, of which the last stands for missing ones."""
+def push_both_at_row(rows, coefficients, r, f, state):
+    """Do half a kick by a force f (N) at row r on the momenta of the coming drift, and keep it for the second half."""
+    begin, end, offset = rows.mode_begin[r], rows.mode_end[r], rows.offset[r]
+    kick = coefficients.kick_phi[offset : offset + (end - begin)]
+    momentum, push = state.drift_momentum[begin:end], state.push[begin:end]
+    for m in range(momentum.shape[0]):
+        change = kick[m] * f
+        momentum[m] += change
+        push[m] += change
+
+
+@inline
+def push_both_at_rows_of_same_modes(rows, coefficients, r, count, forces, state):
+    """Do half a kick by four forces (N) at two to four rows from r on, of which the last stands for missing ones, and
+    keep it for the second half."""
     of, begin = coefficients.kick_phi, np.int64(rows.mode_begin[r])
     modes, last = rows.mode_end[r] - begin, r + count - 1
     i, j = np.int64(rows.offset[r]), np.int64(rows.offset[r + 1])
     k, n = np.int64(rows.offset[min(r + 2, last)]), np.int64(rows.offset[last])
-    a, b, c, d = forces
+    (a, b, c, d), momentum, push = forces, state.drift_momentum, state.push
     for m in range(modes):
-        p[begin + m] += (of[i + m] * a + of[j + m] * b) + (of[k + m] * c + of[n + m] * d)
+        change = (of[i + m] * a + of[j + m] * b) + (of[k + m] * c + of[n + m] * d)
+        momentum[begin + m] += change
+        push[begin + m] += change
 
 
 @inline

@@ -10,7 +10,7 @@ from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.kernel.codes import EnergyTotal, Sleep, SleepMonitor
 from engine.kernel.energy import accumulate
 from engine.kernel.events import next_due
-from engine.kernel.modes import add_free_step, motion_of
+from engine.kernel.modes import add_free_step, forget_drift, motion_of
 
 
 @inline
@@ -81,6 +81,7 @@ def has_weight(weight, m):
 def advance_free_masses(h, free_masses, state, count):
     """Step the free masses by `count` samples."""
     if free_masses is not None:
+        forget_drift(state)
         for j in range(free_masses.mode.shape[0]):
             m = free_masses.mode[j]
             lost = 0.0

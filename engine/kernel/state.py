@@ -81,10 +81,7 @@ class ConnectionState(NamedTuple):
     free_move: PerConnection  # g, m: how the coming drift changes the extension without the force
     move: PerConnection  # m: how it does with it
     lowest_energy: PerIsland  # J: of all that is connected, at rest; minus infinity where that is not known
-    is_move_known: PerIslandInt  # 1 if `free_move` is that of the coming step
-    push: PerDoubleMode  # √kg·m/s: memory for what connections give each mode, and its momentum in the drift
-    coming: PerDoubleMode  # √kg·m/s: and in the coming drift
-    contact_push: PerDoubleMode  # √kg·m/s: memory for what contacts give each mode in half a kick; 0 between steps
+    is_move_known: PerIslandInt  # 1 if `free_move` is that of the coming drift
     matrix: PerConnectionPair  # memory to make factors
     near: NearContacts
 
@@ -92,8 +89,6 @@ class ConnectionState(NamedTuple):
 class RefinementState(NamedTuple):
     """State of refined samples (engine.kernel.refinement)."""
 
-    saved_momentum: PerMode  # before a first half-step that may be taken back
-    saved_compensation: PerMode  # and the compensation of its kicks
     closing_margin: PerContact  # m: how far a compression may stray within a sample
     margin_valid: PerIslandInt  # whether the margins still hold
     mean_force: PerContact  # N, over the stages so far
@@ -125,6 +120,10 @@ class State(NamedTuple):
     q: PerMode  # √kg·m, displacement
     p: PerMode  # √kg·m/s, momentum
     kick_compensation: PerMode  # rounding carried from kick to kick, of weights (Kahan)
+    drift_momentum: PerDoubleMode  # √kg·m/s: momentum of the coming drift, by all but the forces of the coming step
+    push: PerDoubleMode  # √kg·m/s: what these forces give each mode in half a kick; 0 between steps
+    drift_loss: PerIsland  # J: what modes lose from the sample to the coming drift
+    is_drift_known: PerIslandInt  # 1 if the last two but `push` are those of the coming drift
     displacement_bound: PerMode  # √kg·m: memory to bound how far each mode can move
     potential_coefficient: PerContact  # k/(α+1), N/m^α: stiffness as contact laws count it; events change it
     exponent: PerContact  # events change that of a general law

@@ -44,6 +44,17 @@ def fold(add, of, count, sums):
 
 
 @inline
+def fold_lanes(add, of, count, sums):
+    """Do what `fold` does, and return the sums in lanes, to which more can be added."""
+    whole = lanes_of(count)
+    for m in range(INT64_0, whole, LANES):
+        sums = add(of, EightFrom(m), sums)
+    if whole < count:
+        sums = add(of, FewFrom(whole, count - whole), sums)
+    return sums
+
+
+@inline
 def sum_products(a, i, b, j, count):
     """Return Σ a·b over `count` numbers of a from number i on, and of b from number j on."""
     total = 0.0

@@ -19,6 +19,7 @@ from engine.kernel.energy import accumulate, island_energy
 from engine.kernel.events import move_event, next_due
 from engine.kernel.free_flight import end_flight
 from engine.kernel.island_view import island_bounds, island_model, island_state
+from engine.kernel.modes import forget_drift
 from engine.kernel.near_contacts import keep_all_contacts
 from engine.kernel.recording import keep_energies
 from engine.kernel.rows import project
@@ -106,6 +107,7 @@ def book_island_energy(model, state, n, sign):
         reset_compressions(part.contact, part_state)
         reset_extensions(part.connection, part_state)
         reset_velocities(part.pickups, part_state)
+        forget_drift(part_state)
     accumulate(part_state.energy_totals, EnergyTotal.SUPPLIED, sign * island_energy(part, part_state))
 
 

@@ -108,6 +108,14 @@ class Sleep(IntEnum):
     FORCED = 3  # 1 if it was put to sleep
 
 
+class StepKind(IntEnum):
+    """Length of a step: that of State.drift_kind. Stages of kind s are FIRST_STAGE + s."""
+
+    UNKNOWN = 0
+    SAMPLE = 1  # a whole sample
+    FIRST_STAGE = 2
+
+
 class Wanted(IntEnum):
     """Outputs of a block that may be wanted beside its audio: items of BlockOutput.wanted."""
 

@@ -13,6 +13,7 @@ import numpy as np
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.kernel.connection_factors import update_factors
 from engine.kernel.contacts import contact_number
+from engine.kernel.modes import forget_drift
 from engine.kernel.rows import (
     drifts_of_same_modes,
     project,
@@ -189,6 +190,7 @@ def damp_connections(connection, duration, is_end, state):
     lost = 0.0
     if connection is not None:
         if duration is not None:
+            forget_drift(state)
             lost = damp_each(connection, duration, is_end, state.connection.damping, state.p)
     return lost
 

@@ -9,6 +9,7 @@ import math
 
 from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
 from engine.kernel.contact_law import elastic_force
+from engine.kernel.modes import forget_drift
 from engine.kernel.rows import project, push_at_row
 
 MAX_LOSS_LEAVING = 0.5  # μ·|u|, share of the elastic force that loss takes while bodies part: beyond, it might pull
@@ -77,6 +78,7 @@ def lose_at_contacts(contact_loss, contact, duration, is_backwards, rate, state)
 @noinline
 def lose_at_each(contact_loss, contact, duration, is_backwards, rate, state):
     """Let the loss of each closed contact act for a duration, s, one after the other. Returns the energy lost, J."""
+    forget_drift(state)
     lost, count = 0.0, state.compression.shape[0]
     for n in range(INT64_0, count):
         k = count - 1 - n if is_backwards else n

@@ -2,7 +2,7 @@
 
 from typing import Any, NamedTuple
 
-from engine.compiler.decorators import inline, noinline
+from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.kernel.codes import Row
 from engine.kernel.contact_law import elastic_force, potential, potential_difference
 from engine.kernel.reduced_contact_solver import basis_of_island, gather_rows, spread_rows
@@ -86,6 +86,9 @@ def find_free_displacements(contact, h, state):
         find_moves_by_basis(contact.basis, h.basis, state)
         return
     moves = state.free_displacement
+    if moves.shape[0] == 1:
+        moves[0] = free_displacement_at(contact, contact.other_rows, h, INT64_0, state.drift_momentum)
+        return
     for k in range(moves.shape[0]):
         moves[k] = 0.0
     add_drifts(contact.rows, h.rows, state.drift_momentum, moves)

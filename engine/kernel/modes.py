@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 from engine.compiler.decorators import inline, noinline
 from engine.compiler.lanes import number_at, put_number, splat, zero_like
+from engine.kernel.codes import StepKind
 from engine.kernel.sums import fold
 
 DENORMAL_LIMIT = 1e-290  # √kg·m, √kg·m/s
@@ -139,12 +140,15 @@ def add_first_half(of, m, sums):
 
 
 @inline
-def find_drift_momenta(h, state):
-    """Find the momenta of the coming drift without the forces that are still to be found, unless they are known."""
-    if state.is_drift_known[0] == 0:
+def find_drift_momenta(h, kind, state):
+    """Find the momenta of the coming drift without the forces that are still to be found, unless they are known.
+
+    kind: StepKind of the step
+    """
+    if state.drift_kind[0] != kind:
         of = h, motion_of(state), state.drift_momentum
         state.drift_loss[0] = fold(add_first_half, of, state.p.shape[0], (splat(0.0),))[0]
-        state.is_drift_known[0] = 1
+        state.drift_kind[0] = kind
         forget_moves(state.connection)
 
 
@@ -157,8 +161,8 @@ def forget_moves(joined):
 
 @inline
 def forget_drift(state):
-    """Mark the momenta of the coming drift as unknown: motion, or the length of a step, has changed from outside."""
-    state.is_drift_known[0] = 0
+    """Mark the momenta of the coming drift as unknown: motion has changed from outside."""
+    state.drift_kind[0] = StepKind.UNKNOWN
 
 
 @inline
@@ -188,11 +192,12 @@ def add_loss(of, m, sums):
 
 
 @inline
-def apply_loss_all(loss, p):
+def apply_loss_all(loss, state):
     """Take the loss of all modes from their momenta. Returns the energy lost."""
     if loss is None:
         return 0.0
-    return fold(add_loss, (loss, p), p.shape[0], (splat(0.0),))[0]
+    forget_drift(state)
+    return fold(add_loss, (loss, state.p), state.p.shape[0], (splat(0.0),))[0]
 
 
 @noinline

@@ -13,7 +13,7 @@ import numpy as np
 
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.compiler.overloads import is_none, overload_by_source, overload_by_type
-from engine.kernel.codes import FLIGHT_FRAMES
+from engine.kernel.codes import FLIGHT_FRAMES, StepKind
 from engine.kernel.connections import has_connections
 from engine.kernel.contacts import (
     Reach,
@@ -35,28 +35,28 @@ FOUND = 2  # of NearContacts.is_far: near, but what it pushes is still taken for
 UNBOUNDED = 1e290  # √kg·m: of a mode that a contact pushes
 
 
-def contacts_in_reach(connection: Any, model: Any, h: Any, state: Any, is_sample: bool, frame: int) -> Reach:
+def contacts_in_reach(connection: Any, model: Any, h: Any, kind: int, state: Any, frame: int) -> Reach:
     """Find how far the coming drift would close the contacts that may close, with the forces of connections and without
     those of contacts; in compiled code only.
 
-    h:         StepCoefficients
-    is_sample: True if the step is a whole sample; among the stages of a sample, all contacts are in reach
+    h:    StepCoefficients
+    kind: StepKind; in the stages of a sample, all contacts are in reach
     """
     raise TypeError("contacts_in_reach is for compiled code")
 
 
 @inline
-def contacts_without_connections(connection, model, h, state, is_sample, frame):
+def contacts_without_connections(connection, model, h, kind, state, frame):
     """Do this in a scene without connections."""
     find_free_displacements(model.contact, h.contact, state)
     return all_contacts(model.contact, None, None, h.contact, state)
 
 
 @inline
-def contacts_beside_connections(connection, model, h, state, is_sample, frame):
+def contacts_beside_connections(connection, model, h, kind, state, frame):
     """Do this in a scene with connections."""
     contact = model.contact
-    if is_sample and selects(model, contact, connection, state):
+    if kind == StepKind.SAMPLE and selects(model, contact, connection, state):
         if frame >= state.connection.near.until[0]:
             find_near_contacts(model, contact, connection, h, state, frame)
         find_near_displacements(contact, h, state)

@@ -13,12 +13,13 @@ from typing import Any
 from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
 from engine.compiler.overloads import is_none, overload_by_source
 from engine.kernel.axes import Axis, fields_of
+from engine.kernel.codes import StepKind
 from engine.kernel.connections import count_connections, damp_connections, has_connections
 from engine.kernel.contact_loss import is_loss_small, lose_at_contacts
 from engine.kernel.contacts import bound_at_contact, find_free_displacements
 from engine.kernel.events import finish_first_stage
 from engine.kernel.external_forces import next_force
-from engine.kernel.modes import apply_loss_all, find_drift_momenta, forget_drift
+from engine.kernel.modes import apply_loss_all, find_drift_momenta
 from engine.kernel.moving_modes import move_modes
 from engine.kernel.step import StepOutcome, step
 
@@ -112,7 +113,7 @@ def try_free_step(model, refinement, state):
     lost."""
     if state.refinement.margin_valid[0] == 0:
         update_margins(model, refinement, state)
-    find_drift_momenta(model.step, state)
+    find_drift_momenta(model.step, StepKind.SAMPLE, state)
     find_free_displacements(model.contact, model.step.contact, state)
     if not stays_open(state):
         return False, 0.0
@@ -155,7 +156,7 @@ def composed_step(model, refinement, state, frame):
         mean_force[k] = 0.0
         impulse[k] = 0.0
     in_contact, evaluations, work = FALSE, INT64_0, 0.0
-    lost = apply_loss_all(refinement.end_loss, state.p)
+    lost = apply_loss_all(refinement.end_loss, state)
     lost += damp_connections(model.connection, refinement.end_damping, FALSE, state)
     is_apart = is_loss_small(refinement.contact_loss, model.contact, model.samplerate, state)
     stages = refinement.sequence.shape[0] if is_apart else refinement.sequence_in_solve.shape[0]
@@ -166,8 +167,7 @@ def composed_step(model, refinement, state, frame):
         if is_apart:
             duration, rate = refinement.loss_before[i], model.samplerate if i > 0 else 0.0
             lost += lose_at_contacts(refinement.contact_loss, model.contact, duration, FALSE, rate, state)
-        forget_drift(state)  # that of a stage of another length
-        outcome = step(model, h, state, FALSE, FALSE, frame)
+        outcome = step(model, h, StepKind.FIRST_STAGE + s, state, FALSE, frame)
         if outcome.in_contact:
             in_contact = True
             for k in range(contacts):
@@ -186,5 +186,4 @@ def composed_step(model, refinement, state, frame):
     for k in range(contacts):
         state.contact_force[k] = mean_force[k] + impulse[k] * model.samplerate
     lost += damp_connections(model.connection, refinement.end_damping, TRUE, state)
-    forget_drift(state)
-    return StepOutcome(in_contact, evaluations, lost + apply_loss_all(refinement.end_loss, state.p), work)
+    return StepOutcome(in_contact, evaluations, lost + apply_loss_all(refinement.end_loss, state), work)

@@ -12,7 +12,7 @@ from engine.compiler.array_view import row_view, slice_view
 from engine.compiler.decorators import INT64_0, TRUE, inline, kernel
 from engine.compiler.overloads import overload_by_type
 from engine.compiler.struct_types import load_struct
-from engine.kernel.codes import CHUNK_FRAMES, FLIGHT_FRAMES, EnergyTotal, FlightFrame, Sleep
+from engine.kernel.codes import CHUNK_FRAMES, FLIGHT_FRAMES, EnergyTotal, FlightFrame, Sleep, StepKind
 from engine.kernel.connections import has_connections
 from engine.kernel.contacts import (
     cannot_close,
@@ -79,7 +79,7 @@ def advance(model, state, frame, is_free, in_contact):
 def advance_refined(model, refinement, state, frame, is_free, in_contact):
     """Advance a sample, in stages where forces may act. Returns a StepOutcome."""
     if is_free and not has_connections(model.connection, state):
-        return step(model, model.step, state, TRUE, TRUE, frame)
+        return step(model, model.step, StepKind.SAMPLE, state, TRUE, frame)
     return refined_step(model, model.contact, refinement, state, frame, in_contact)
 
 
@@ -92,7 +92,7 @@ overload_by_type(
     advance_sample,
     {  # chosen by type, so that the other is not compiled
         type(None): lambda refinement, model, state, frame, is_free, in_contact: step(
-            model, model.step, state, TRUE, is_free, frame
+            model, model.step, StepKind.SAMPLE, state, is_free, frame
         ),
         Refinement: lambda refinement, model, state, frame, is_free, in_contact: advance_refined(
             model, refinement, state, frame, is_free, in_contact

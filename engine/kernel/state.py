@@ -120,10 +120,10 @@ class State(NamedTuple):
     q: PerMode  # √kg·m, displacement
     p: PerMode  # √kg·m/s, momentum
     kick_compensation: PerMode  # rounding carried from kick to kick, of weights (Kahan)
-    drift_momentum: PerDoubleMode  # √kg·m/s: momentum of the coming drift, by all but the forces of the coming step
-    push: PerDoubleMode  # √kg·m/s: what these forces give each mode in half a kick; 0 between steps
-    drift_loss: PerIsland  # J: what modes lose from the sample to the coming drift
-    is_drift_known: PerIslandInt  # 1 if the last two but `push` are those of the coming drift
+    push: PerDoubleMode  # √kg·m/s: what forces give each mode in half a kick; 0 between steps
+    drift_momentum: PerDoubleMode  # √kg·m/s: of the coming drift, by all but the forces of its step
+    drift_loss: PerIsland  # J: what modes lose before the coming drift
+    drift_kind: PerIslandInt  # StepKind of the step that both are known for
     displacement_bound: PerMode  # √kg·m: memory to bound how far each mode can move
     potential_coefficient: PerContact  # k/(α+1), N/m^α: stiffness as contact laws count it; events change it
     exponent: PerContact  # events change that of a general law

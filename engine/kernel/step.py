@@ -44,19 +44,19 @@ class Touch(NamedTuple):
 
 
 @inline
-def step(model, h, state, is_sample, is_free, frame):
+def step(model, h, kind, state, is_free, frame):
     """Do a step. Returns a StepOutcome.
 
-    h:         StepCoefficients
-    is_sample: True if it is a whole sample, False if it is a stage of one
-    is_free:   True if neither contacts nor external forces can act
+    h:       StepCoefficients
+    kind:    StepKind
+    is_free: True if neither contacts nor external forces can act
     """
-    find_drift_momenta(h, state)
+    find_drift_momenta(h, kind, state)
     is_forced = not is_free and push_by_forces(model.force, h.force, frame, state)
     if is_forced:
         forget_moves(state.connection)
     find_connection_forces(model.connection, h, state)
-    touch = push_by_all_contacts(model, model.contact, h, state, is_sample, is_free, is_forced, frame)
+    touch = push_by_all_contacts(model, model.contact, h, kind, state, is_free, is_forced, frame)
     if touch.status == SolveStatus.FAILED:
         return fail(state, touch.evaluations)
     if is_forced and not touch.is_measured:
@@ -79,20 +79,20 @@ def no_touch(status, evaluations):
 
 
 @inline
-def push_by_all_contacts(model, contact, h, state, is_sample, is_free, is_forced, frame):
+def push_by_all_contacts(model, contact, h, kind, state, is_free, is_forced, frame):
     """Find the forces of contacts, and let them push. Returns a Touch."""
     if contact is None:
         return no_touch(SolveStatus.FREE, INT64_0)
     if is_free:
         return no_touch(SolveStatus.FREE, INT64_0)
-    return push_by_reached_contacts(model, contact, h, state, is_sample, is_forced, frame)
+    return push_by_reached_contacts(model, contact, h, kind, state, is_forced, frame)
 
 
 @inline
-def push_by_reached_contacts(model, contact, h, state, is_sample, is_forced, frame):
+def push_by_reached_contacts(model, contact, h, kind, state, is_forced, frame):
     """Find the forces of contacts, and let them push. Returns a Touch."""
     connection = model.connection
-    reach = contacts_in_reach(connection, model, h, state, is_sample, frame)
+    reach = contacts_in_reach(connection, model, h, kind, state, frame)
     solution = solve_contacts(contact, h.contact, reach, state)
     if solution.status == SolveStatus.FREE or solution.status == SolveStatus.FAILED:
         return no_touch(solution.status, solution.evaluations)

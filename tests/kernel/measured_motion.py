@@ -5,6 +5,7 @@ from types import FunctionType
 from typing import NamedTuple
 
 import numpy as np
+from measured_step import measured_step
 
 import engine
 from engine.build.build import build
@@ -13,7 +14,7 @@ from engine.compiler.array_view import row_view
 from engine.compiler.decorators import INT64_0, INT64_1, inline, kernel
 from engine.compiler.struct_handle import StructHandle
 from engine.compiler.struct_types import load_struct
-from engine.kernel.codes import CHUNK_FRAMES, FLIGHT_FRAMES, Ledger
+from engine.kernel.codes import CHUNK_FRAMES, FLIGHT_FRAMES, Ledger, StepKind
 from engine.kernel.contacts import reset_line_search_budget, resync_open_contacts
 from engine.kernel.drive import clear_drive
 from engine.kernel.events import finish_score, run_score
@@ -23,16 +24,8 @@ from engine.kernel.pickups import add_pickups
 from engine.kernel.recording import write_trace
 from engine.kernel.refinement import composed_step
 from engine.kernel.state import State, Trace
-from engine.kernel.step import Acting, step_in_passes
 from engine.offline.trace import allocate_trace
 from engine.parallel.job_memory import block_output
-
-
-@inline
-def measured_step(model, force, h, state, frame):
-    """A step of any length, part by part. Returns a StepOutcome."""
-    return step_in_passes(None, Acting(model.contact, model.connection, force), h, state, frame)
-
 
 _NAMES = composed_step.py_func.__globals__ | {"step": measured_step}
 measured_sample_in_stages = inline(FunctionType(composed_step.py_func.__code__, _NAMES, "measured_sample_in_stages"))
@@ -42,9 +35,9 @@ measured_sample_in_stages = inline(FunctionType(composed_step.py_func.__code__, 
 def advance(refinement, model, state, frame):
     """A sample by measured steps. Returns a StepOutcome."""
     if refinement is None:
-        return measured_step(model, model.force, model.step, state, frame)
+        return measured_step(model, model.step, StepKind.SAMPLE, state, False, frame)
     else:
-        return measured_sample_in_stages(model, model.force, refinement, state, frame)
+        return measured_sample_in_stages(model, refinement, state, frame)
 
 
 @kernel

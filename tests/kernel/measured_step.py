@@ -1,0 +1,253 @@
+"""A step of an island part by part, written anew beside that of the engine: each force is measured from the momenta
+that the bodies have by then, and kicks twice. Modes are taken one by one, and no momentum is kept from step to step.
+
+The laws, the contact solvers and the factors of connections are the engine's.
+"""
+
+from engine.compiler.decorators import FALSE, INT64_0, inline, noinline
+from engine.kernel.codes import Row, SolveStatus
+from engine.kernel.connection_factors import update_factors
+from engine.kernel.connections import clear_moves, finish_connections, project_rows
+from engine.kernel.contact_forces import force_of_law, no_solution, solve_contacts, takes_part
+from engine.kernel.contacts import Reach, end_force_of, energy_created, free_displacement_at, store_solution
+from engine.kernel.external_forces import force_at
+from engine.kernel.modes import (
+    apply_loss,
+    begin_step_mode,
+    kick_by_spring,
+    kick_by_weight,
+    motion_of,
+    reverse_momenta,
+)
+from engine.kernel.rows import project_drift, push_at_row
+from engine.kernel.step import StepOutcome, repay_energy_debt
+
+
+@inline
+def begin_modes(h, state):
+    """Half a step of loss, and half a kick of each mode. Returns the energy lost, J."""
+    motion, lost = motion_of(state), 0.0
+    for m in range(state.p.shape[0]):
+        state.p[m], lost_at_mode = begin_step_mode(h, motion.compensation, m, state.q[m], state.p[m])
+        lost += lost_at_mode
+    return lost
+
+
+@inline
+def drift_modes(h, state):
+    """The drift, with its loss, and half a kick of each mode. Returns the energy lost, J."""
+    motion, lost = motion_of(state), 0.0
+    for m in range(state.p.shape[0]):
+        state.q[m] += h.drift[m] * state.p[m]
+        p, dragged = apply_loss(h.drag, m, state.p[m])
+        state.p[m] = kick_by_weight(
+            h.weight_kick, motion.compensation, m, kick_by_spring(h.spring_kick, m, state.q[m], p)
+        )
+        lost += dragged
+    return lost
+
+
+@inline
+def lose_at_end(h, state):
+    """Half a step of loss of each mode. Returns the energy lost, J."""
+    total = 0.0
+    for m in range(state.p.shape[0]):
+        state.p[m], lost = apply_loss(h.loss, m, state.p[m])
+        total += lost
+    return total
+
+
+# --- external forces
+
+
+@inline
+def kick_by_external(force, h, frame, state):
+    """Half a kick by every external force."""
+    if force is not None:
+        for j in range(force.start.shape[0]):
+            push_at_row(force.rows, h.kick_phi, j, force_at(force, force.drive, state.drive, j, frame), state.p)
+
+
+@inline
+def work_of_external(force, h, frame, state):
+    """Work of all external forces over the coming drift, J."""
+    work = 0.0
+    if force is not None:
+        for j in range(force.start.shape[0]):
+            work += force_at(force, force.drive, state.drive, j, frame) * project_drift(force.rows, h, j, state.p)
+    return work
+
+
+# --- connections
+
+
+@inline
+def measure_moves(connection, h, moves, state):
+    """How far the coming drift changes each extension, m."""
+    clear_moves(moves)
+    project_rows(connection, h.connection, state.p, INT64_0, connection.coordinate.shape[0], moves)
+
+
+@inline
+def kick_by_forces(connection, h, forces, state):
+    """Half a kick by forces at all coordinates, N."""
+    for r in range(connection.coordinate.shape[0]):
+        push_at_row(connection.rows, h.connection.rows.kick_phi, r, -forces[connection.coordinate[r]], state.p)
+
+
+@inline
+def begin_connections(connection, h, state):
+    """Find the forces of connections without those of contacts; and half a kick by them."""
+    if connection is not None:
+        joined, n = state.connection, state.connection.extension.shape[0]
+        update_factors(connection, h.connection, h.contact, state)
+        measure_moves(connection, h, joined.free_move, state)
+        x, y = h.connection.force_per_extension, h.connection.force_per_move
+        for i in range(n):
+            joined.force[i] = 0.0
+            for j in range(n):
+                joined.force[i] += x[i * n + j] * joined.extension[j] + y[i * n + j] * joined.free_move[j]
+        kick_by_forces(connection, h, joined.force, state)
+
+
+@inline
+def answer(connection, h, state):
+    """Correct the forces of connections by how far contact forces move them; and half a kick by the change."""
+    if connection is not None:
+        joined, n, contacts = state.connection, state.connection.extension.shape[0], state.compression.shape[0]
+        for i in range(n):
+            joined.move[i] = 0.0
+            for k in range(contacts):
+                joined.move[i] -= h.connection.contact_moves[i * contacts + k] * state.contact_force[k]
+        for i in range(n):
+            joined.free_move[i] = 0.0
+            for j in range(n):
+                joined.free_move[i] += h.connection.force_per_move[i * n + j] * joined.move[j]
+        kick_by_forces(connection, h, joined.free_move, state)
+        for i in range(n):
+            joined.force[i] += joined.free_move[i]
+
+
+@inline
+def finish(connection, h, state):
+    """Half a kick by connections after the drift."""
+    if connection is not None:
+        kick_by_forces(connection, h, state.connection.force, state)
+
+
+@inline
+def measure_connections(connection, h, state):
+    """Measure how far the coming drift changes each extension."""
+    if connection is not None:
+        measure_moves(connection, h, state.connection.move, state)
+        state.connection.is_move_known[0] = 0
+
+
+# --- contacts
+
+
+@inline
+def kick_by_contacts(contact, other_rows, h, state):
+    """Half a kick by all contact forces."""
+    for k in range(state.compression.shape[0]):
+        push_at_row(contact.rows, h.rows.kick_phi, k, -state.contact_force[k], state.p)
+        if other_rows is not None:
+            push_at_row(other_rows, h.other_rows.kick_phi, k, -state.contact_force[k], state.p)
+
+
+@inline
+def solve_all_contacts(contact, h, state):
+    """Find all contact forces. Returns a ContactSolution."""
+    if contact is None:
+        return no_solution(SolveStatus.FREE, INT64_0)
+    s, g = state.compression, state.free_displacement
+    for k in range(s.shape[0]):
+        g[k] = free_displacement_at(contact, contact.other_rows, h.contact, k, state.p)
+    reach = Reach(s.shape[0], None, s, g, contact.law, h.contact.loss_rate, h.contact.coupling, None)
+    return solve_contacts(contact, h.contact, reach, state)
+
+
+@inline
+def store_all_contacts(contact, h, solution, state):
+    """Store all contacts, with moves that are measured. Returns the energy lost, and created, J."""
+    if contact is None:
+        return 0.0, 0.0
+    return store_by_number(contact, h.contact, h.contact.coupling, solution, state)
+
+
+@inline
+def store_by_number(contact, h, coupling, solution, state):
+    """Store an only contact, or several. Returns the energy lost, and created, J."""
+    if coupling is not None:
+        if state.compression.shape[0] > 1:
+            return store_several(contact, h, solution, state)
+    eta, b, f = solution.single
+    return store_contact(contact, h, state, INT64_0, (eta, b, f, solution.status))
+
+
+@noinline
+def store_several(contact, h, solution, state):
+    """Store several contacts. Returns the energy lost, and created, J."""
+    vectors, lost, excess = state.scratch.vectors, 0.0, 0.0
+    for k in range(state.compression.shape[0]):
+        eta, b, f = vectors[Row.STEP, k], vectors[Row.END, k], vectors[Row.FORCE, k]
+        if takes_part(state.compression[k], b, f):
+            lost_here, created = store_contact(contact, h, state, k, (eta, b, f, solution.status))
+            lost, excess = lost + lost_here, excess + created
+        else:
+            state.compression[k], state.contact_force[k] = b, 0.0
+            state.compression_compensation[k] += vectors[Row.MISS, k]
+    return lost, excess
+
+
+@noinline
+def store_contact(contact, h, state, k, found):
+    """Store contact k. Returns the energy lost, and created, J."""
+    (eta, b, f, status), s = found, state.compression[k]
+    move = free_displacement_at(contact, contact.other_rows, h, k, state.p)
+    state.free_displacement[k] = move
+    law_force, end_force = (
+        force_of_law(contact, h.loss_rate, k, s, eta, f, status),
+        end_force_of(contact, h.loss_rate, k, b),
+    )
+    lost = store_solution(
+        contact, h, state, k, (eta, b, f, law_force, end_force), (move - eta) + h.compliance_low[k] * f
+    )
+    return lost, energy_created(contact, state, k, s, lost, f)
+
+
+@inline
+def kick_again(contact, h, state):
+    """Half a kick by all contact forces after the drift."""
+    if contact is not None:
+        kick_by_contacts(contact, contact.other_rows, h.contact, state)
+
+
+# --- the step
+
+
+@inline
+def measured_step(model, h, kind, state, is_free, frame):
+    """Do a step part by part. Returns a StepOutcome. The arguments are those of engine.kernel.step.step."""
+    contact, connection, force = model.contact, model.connection, model.force
+    lost = begin_modes(h, state)
+    kick_by_external(force, h.force, frame, state)
+    begin_connections(connection, h, state)
+    solution = solve_all_contacts(contact, h, state)
+    if solution.status == SolveStatus.FAILED:
+        reverse_momenta(state.p)
+        return StepOutcome(FALSE, solution.evaluations, 0.0, 0.0)
+    in_contact, at_contacts, excess = solution.status != SolveStatus.FREE, 0.0, 0.0
+    if in_contact:
+        kick_again(contact, h, state)
+        answer(connection, h, state)
+        at_contacts, excess = store_all_contacts(contact, h, solution, state)
+    work = work_of_external(force, h.force, frame, state)
+    measure_connections(connection, h, state)
+    lost += at_contacts + finish_connections(connection, h, state) + drift_modes(h, state)
+    kick_by_external(force, h.force, frame, state)
+    finish(connection, h, state)
+    if in_contact:
+        kick_again(contact, h, state)
+        lost += repay_energy_debt(state, excess)
+    return StepOutcome(in_contact, solution.evaluations, lost + lose_at_end(h, state), work)

@@ -4,9 +4,8 @@
 import numpy as np
 
 from engine.compiler.decorators import INT64_0, INT64_1, inline
-from engine.compiler.lanes import lane_sum, load_lanes, multiply_add, splat
-from engine.kernel.codes import LANES
-from engine.kernel.sums import sum_products, sum_sizes_of_products
+from engine.compiler.lanes import lane_sum, multiply_add, number_at, place_after, put_number, splat
+from engine.kernel.sums import fold_lanes, sum_products, sum_sizes_of_products
 
 ROWS_AT_ONCE = 4
 
@@ -42,29 +41,31 @@ def rows_of_same_modes(rows, r, total):
 
 
 @inline
+def offsets_of_rows(rows, r, count):
+    """Return the offsets of two to four rows from r on, of which the last stands for missing ones."""
+    last = r + count - 1
+    i, j = np.int64(rows.offset[r]), np.int64(rows.offset[r + 1])
+    return i, j, np.int64(rows.offset[min(r + 2, last)]), np.int64(rows.offset[last])
+
+
+@inline
+def add_drift_of_four(of, m, sums):
+    """Add how far mode m of a body moves four points to the sums."""
+    weights, (i, j, k, n), p, begin = of
+    x, (a, b, c, d) = number_at(p, place_after(m, begin)), sums
+    a = multiply_add(number_at(weights, place_after(m, i)), x, a)
+    b = multiply_add(number_at(weights, place_after(m, j)), x, b)
+    c = multiply_add(number_at(weights, place_after(m, k)), x, c)
+    return a, b, c, multiply_add(number_at(weights, place_after(m, n)), x, d)
+
+
+@inline
 def drifts_of_same_modes(rows, coefficients, r, count, p):
     """Return the displacements by the coming drift, m, at two to four rows from r on; each momentum is read once for
     all of them. Of fewer than four, the last stands for the missing ones."""
-    of, begin = coefficients.drift_phi, np.int64(rows.mode_begin[r])
-    modes, last = rows.mode_end[r] - begin, r + count - 1
-    i, j = np.int64(rows.offset[r]), np.int64(rows.offset[r + 1])
-    k, n = np.int64(rows.offset[min(r + 2, last)]), np.int64(rows.offset[last])
-    a, b, c, d = splat(0.0), splat(0.0), splat(0.0), splat(0.0)
-    vectors = modes // LANES * LANES
-    for m in range(0, vectors, LANES):
-        x = load_lanes(p, begin + m)
-        a = multiply_add(load_lanes(of, i + m), x, a)
-        b = multiply_add(load_lanes(of, j + m), x, b)
-        c = multiply_add(load_lanes(of, k + m), x, c)
-        d = multiply_add(load_lanes(of, n + m), x, d)
-    e, f, g, h = lane_sum(a), lane_sum(b), lane_sum(c), lane_sum(d)
-    for m in range(vectors, modes):
-        x = p[begin + m]
-        e += of[i + m] * x
-        f += of[j + m] * x
-        g += of[k + m] * x
-        h += of[n + m] * x
-    return e, f, g, h
+    begin, zeros = np.int64(rows.mode_begin[r]), splat(0.0)
+    of = coefficients.drift_phi, offsets_of_rows(rows, r, count), p, begin
+    return lane_sum(fold_lanes(add_drift_of_four, of, np.int64(rows.mode_end[r]) - begin, (zeros, zeros, zeros, zeros)))
 
 
 @inline
@@ -118,18 +119,25 @@ def push_both_at_row(rows, coefficients, r, f, state):
 
 
 @inline
+def push_by_four(of, m, sums):
+    """Do half a kick of mode m of a body by forces at four points, and keep it for the second half."""
+    weights, (i, j, k, n), (a, b, c, d), (momentum, push), begin = of
+    place = place_after(m, begin)
+    change = multiply_add(number_at(weights, place_after(m, i)), a, number_at(weights, place_after(m, j)) * b)
+    change = multiply_add(number_at(weights, place_after(m, k)), c, change)
+    change = multiply_add(number_at(weights, place_after(m, n)), d, change)
+    put_number(momentum, place, number_at(momentum, place) + change)
+    put_number(push, place, number_at(push, place) + change)
+    return sums
+
+
+@inline
 def push_both_at_rows_of_same_modes(rows, coefficients, r, count, forces, state):
     """Do half a kick by four forces (N) at two to four rows from r on, of which the last stands for missing ones, and
     keep it for the second half."""
-    of, begin = coefficients.kick_phi, np.int64(rows.mode_begin[r])
-    modes, last = rows.mode_end[r] - begin, r + count - 1
-    i, j = np.int64(rows.offset[r]), np.int64(rows.offset[r + 1])
-    k, n = np.int64(rows.offset[min(r + 2, last)]), np.int64(rows.offset[last])
-    (a, b, c, d), momentum, push = forces, state.drift_momentum, state.push
-    for m in range(modes):
-        change = (of[i + m] * a + of[j + m] * b) + (of[k + m] * c + of[n + m] * d)
-        momentum[begin + m] += change
-        push[begin + m] += change
+    begin, both = np.int64(rows.mode_begin[r]), (state.drift_momentum, state.push)
+    of = coefficients.kick_phi, offsets_of_rows(rows, r, count), forces, both, begin
+    fold_lanes(push_by_four, of, np.int64(rows.mode_end[r]) - begin, (splat(0.0),))
 
 
 @inline

@@ -132,11 +132,11 @@ def push_by_connections(connection, h, state):
 def answer_contacts(connection, h, reach, state):
     """Correct the forces of connections for how far the contact forces move these."""
     if connection is not None:
-        joined, n = state.connection, reach.count
+        joined, n = state.connection, reach.size
         for i in range(joined.move.shape[0]):
             moved = 0.0
             for k in range(n):
-                moved += reach.moves[i * n + k] * state.contact_force[contact_number(reach.index, k)]
+                moved += reach.moves[i * n + k] * state.contact_force[contact_number(reach.numbers, k)]
             joined.move[i] = -moved
         for i in range(joined.move.shape[0]):
             joined.force[i] += product_at(h.connection.force_per_move, i, joined.move)

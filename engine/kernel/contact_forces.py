@@ -73,7 +73,7 @@ def solve_contacts(contact, h, reach, state):
 @inline
 def is_any_closing(reach):
     """True if a contact is closed, or would be closed at the end of the step."""
-    for n in range(reach.count):
+    for n in range(reach.size):
         if reach.compression[n] > 0.0 or reach.compression[n] + reach.free_displacement[n] > 0.0:
             return True
     return False
@@ -82,8 +82,8 @@ def is_any_closing(reach):
 @inline
 def open_contacts(reach, state):
     """Store the compressions at the end of a step in which all contacts are open, and forces of zero."""
-    for n in range(reach.count):
-        k = contact_number(reach.index, n)
+    for n in range(reach.size):
+        k = contact_number(reach.numbers, n)
         state.compression[k] = reach.compression[n] + reach.free_displacement[n]
         state.contact_force[k] = 0.0
 
@@ -133,8 +133,9 @@ def solve_several_contacts(contact, h, reach, state):
         rounds, status, excess = find_coupled_forces(contact, h, reach, problem, state)
         is_persistent = FALSE
     vectors, is_measured = state.scratch.vectors, FALSE
-    for n in range(reach.count):
-        eta, b, f, k = vectors[Row.STEP, n], vectors[Row.END, n], vectors[Row.FORCE, n], contact_number(reach.index, n)
+    for n in range(reach.size):
+        eta, b, f = vectors[Row.STEP, n], vectors[Row.END, n], vectors[Row.FORCE, n]
+        k = contact_number(reach.numbers, n)
         if not math.isfinite(eta + b + f):
             status = SolveStatus.FAILED
         state.contact_force[k] = f
@@ -159,14 +160,14 @@ def solve_by_basis(basis, coefficients, law, loss_rate, state):
 def find_coupled_forces(contact, h, reach, problem, state):
     """Find the forces of several contacts, in the space of their basis or in that of the contacts; the scratch holds
     them. Returns rounds, SolveStatus, and the energy that forces off their curves create, J."""
-    evaluations, is_all = INT64_0, reach.count == state.compression.shape[0]
+    evaluations, is_all = INT64_0, reach.size == state.compression.shape[0]
     is_first = moves_by_basis(contact.basis)
     if is_first:
         evaluations = solve_by_basis(contact.basis, h.basis, contact.law, h.loss_rate, state)
         if evaluations > 0:
             return evaluations, SolveStatus.NEWTON, 0.0
-    for n in range(reach.count):
-        state.scratch.vectors[Row.FORCE, n] = state.contact_force[contact_number(reach.index, n)]
+    for n in range(reach.size):
+        state.scratch.vectors[Row.FORCE, n] = state.contact_force[contact_number(reach.numbers, n)]
     rounds, status, excess = solve_coupled(problem, contact.max_rounds, state.line_search_budget)
     if status == SolveStatus.CAPPED and is_all and not is_first:
         evaluations = solve_by_basis(contact.basis, h.basis, contact.law, h.loss_rate, state)
@@ -219,8 +220,8 @@ def store_several_contacts(contact, h, reach, solution, state):
     if solution.is_measured:
         measure_misses(contact, h, reach, state)
         excess = 0.0
-    for n in range(reach.count):
-        k, s, eta, b = contact_number(reach.index, n), reach.compression[n], vectors[Row.STEP, n], vectors[Row.END, n]
+    for n in range(reach.size):
+        k, s, eta, b = contact_number(reach.numbers, n), reach.compression[n], vectors[Row.STEP, n], vectors[Row.END, n]
         f, miss = vectors[Row.FORCE, n], vectors[Row.MISS, n]
         if not takes_part(s, b, f):
             state.compression[k], state.contact_force[k] = b, 0.0
@@ -251,13 +252,13 @@ def measure_misses(contact, h, reach, state):
     vectors = state.scratch.vectors
     if moves_by_basis(contact.basis):
         find_moves_by_basis(contact.basis, h.basis, state)
-        for k in range(reach.count):
+        for k in range(reach.size):
             vectors[Row.MISS, k] = state.free_displacement[k] - vectors[Row.STEP, k]
         return
-    for n in range(reach.count):
+    for n in range(reach.size):
         eta, f = vectors[Row.STEP, n], vectors[Row.FORCE, n]
         if takes_part(reach.compression[n], vectors[Row.END, n], f):
-            vectors[Row.MISS, n] = measured_miss(contact, h, state, contact_number(reach.index, n), eta, f)
+            vectors[Row.MISS, n] = measured_miss(contact, h, state, contact_number(reach.numbers, n), eta, f)
 
 
 @inline

@@ -52,8 +52,8 @@ class Reach(NamedTuple):
     """Contacts of an island that may close, of which the forces of a step are to be found: all of them, or those that
     are near (engine.kernel.near_contacts). Arrays are of these contacts, one after the other."""
 
-    count: int
-    index: Any  # their numbers in the island; None if there are never but all
+    size: int  # how many
+    numbers: Any  # theirs in the island; None if there are never but all
     compression: Any  # s, m
     free_displacement: Any  # g, m: how the coming drift changes it without contact force
     law: Any
@@ -63,11 +63,11 @@ class Reach(NamedTuple):
 
 
 @inline
-def contact_number(index, n):
+def contact_number(numbers, n):
     """Return the number in its island of contact n within reach."""
-    if index is None:
+    if numbers is None:
         return n
-    return index[n]
+    return numbers[n]
 
 
 @inline

@@ -67,8 +67,8 @@ def contacts_beside_connections(connection, model, h, kind, state, frame):
         reach = all_contacts(contact, state.connection.near.contact, h.connection.contact_moves, h.contact, state)
     g, f = reach.free_displacement, state.connection.force
     for i in range(f.shape[0]):
-        for n in range(reach.count):
-            g[n] -= reach.moves[i * reach.count + n] * f[i]
+        for n in range(reach.size):
+            g[n] -= reach.moves[i * reach.size + n] * f[i]
     return reach
 
 

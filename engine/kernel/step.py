@@ -33,7 +33,7 @@ class StepOutcome(NamedTuple):
 
 
 class Touch(NamedTuple):
-    """What contacts did in a step, before modes move."""
+    """Outcome of the contacts in a step, before modes move."""
 
     status: int  # SolveStatus; FREE if no contact was in reach
     evaluations: int  # of the contact laws
@@ -101,7 +101,7 @@ def push_by_reached_contacts(model, contact, h, kind, state, is_forced, frame):
     if not is_measured and pushes_in_pass(h.contact.only_kick_phi, connection, state):
         point_force = -solution.single.force
     else:
-        push_by_contacts(contact, h.contact, reach.index, reach.count, state)
+        push_by_contacts(contact, h.contact, reach.numbers, reach.size, state)
     if is_measured:
         push_by_all_connections(connection, h, state)
     lost, excess = store_contacts(contact, h.contact, reach, solution, state)

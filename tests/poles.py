@@ -4,6 +4,7 @@ import numpy as np
 
 from engine.build.build import build
 from engine.build.contact_reach import dense_rows
+from engine.kernel.codes import StepKind
 from engine.offline.simulation import Simulation
 
 SAMPLERATE = 44_100
@@ -22,7 +23,7 @@ def step_map(scene, samplerate=SAMPLERATE, **accuracy):
         state.frame[:] = 2
         for changed in (state.sleep, state.sleep_monitor, state.contact_free_until, state.kick_compensation):
             changed[:] = 0
-        state.connection.is_move_known[:] = 0
+        state.drift_kind[:], state.connection.is_move_known[:] = StepKind.UNKNOWN, 0
         state.connection.extension[:], state.connection.extension_compensation[:] = rows @ start[:modes], 0.0
         simulation.render_block(audio)
         columns.append(np.concatenate([state.q, state.p]))

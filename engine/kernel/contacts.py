@@ -2,8 +2,8 @@
 
 from typing import Any, NamedTuple
 
-from engine.compiler.decorators import INT64_0, inline, noinline
-from engine.kernel.codes import Row
+from engine.compiler.decorators import FALSE, inline, noinline
+from engine.kernel.codes import Row, SolveStatus
 from engine.kernel.contact_law import elastic_force, potential, potential_difference
 from engine.kernel.reduced_contact_solver import basis_of_island, gather_rows, spread_rows
 from engine.kernel.rows import add_drifts, bound_at_row, project, project_drift, push_both_at_row
@@ -48,6 +48,23 @@ def push_by_basis(basis, coefficients, state):
             push_both_at_row(basis.rows, coefficients.rows, j, -vectors[Row.GUESS, j], state)
 
 
+class Touch(NamedTuple):
+    """Outcome of the contacts in a step, before modes move."""
+
+    status: int  # SolveStatus; FREE if no contact was in reach
+    evaluations: int  # of the contact laws
+    dissipated: float  # J, by contact loss
+    excess: float  # J, that forces off their curves create
+    is_measured: bool  # True if connections have pushed, and their moves been measured
+    point_force: float  # N, of an only contact that is to push in the pass over the modes; or 0
+
+
+@inline
+def no_touch(status, evaluations):
+    """Return the Touch of a step in which no contact pushes."""
+    return Touch(status, evaluations, 0.0, 0.0, FALSE, 0.0)
+
+
 class Reach(NamedTuple):
     """Contacts of an island that may close, of which the forces of a step are to be found: all of them, or those that
     are near (engine.kernel.near_contacts). Arrays are of these contacts, one after the other."""
@@ -86,9 +103,6 @@ def find_free_displacements(contact, h, state):
         find_moves_by_basis(contact.basis, h.basis, state)
         return
     moves = state.free_displacement
-    if moves.shape[0] == 1:
-        moves[0] = free_displacement_at(contact, contact.other_rows, h, INT64_0, state.drift_momentum)
-        return
     for k in range(moves.shape[0]):
         moves[k] = 0.0
     add_drifts(contact.rows, h.rows, state.drift_momentum, moves)
@@ -106,14 +120,13 @@ def push_at_contact(contact, other_rows, h, k, state):
 
 
 @inline
-def push_by_contacts(contact, h, index, count, state):
+def push_by_contacts(contact, h, reach, state):
     """Do half a kick by the forces of contacts within reach, and keep it for the second half."""
-    if contact is not None:
-        if moves_by_basis(contact.basis):
-            push_by_basis(contact.basis, h.basis, state)
-            return
-        for n in range(count):
-            push_at_contact(contact, contact.other_rows, h, contact_number(index, n), state)
+    if moves_by_basis(contact.basis):
+        push_by_basis(contact.basis, h.basis, state)
+        return
+    for n in range(reach.size):
+        push_at_contact(contact, contact.other_rows, h, contact_number(reach.numbers, n), state)
 
 
 @inline
@@ -230,6 +243,14 @@ def reset_line_search_budget(coupling, state):
 
 
 # --- a solution is stored
+
+
+@inline
+def count_outcome(state, evaluations, status):
+    """Count the outcome of a solve."""
+    state.solve_outcomes[status] += 1
+    if status >= SolveStatus.NEWTON:
+        state.iteration_histogram[evaluations] += 1
 
 
 @inline

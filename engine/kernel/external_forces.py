@@ -3,6 +3,7 @@
 from engine.compiler.decorators import inline
 from engine.kernel.codes import UNUSED_SLOT
 from engine.kernel.drive import driven_force
+from engine.kernel.modes import forget_moves
 from engine.kernel.rows import project_drift, push_both_at_row
 
 
@@ -61,6 +62,8 @@ def push_by_forces(force, coefficients, frame, state):
             if f != 0.0:
                 push_both_at_row(force.rows, coefficients, j, f, state)
                 acts = True
+        if acts:
+            forget_moves(state.connection)
     return acts
 
 

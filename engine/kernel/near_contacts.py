@@ -35,30 +35,27 @@ FOUND = 2  # of NearContacts.is_far: near, but what it pushes is still taken for
 UNBOUNDED = 1e290  # √kg·m: of a mode that a contact pushes
 
 
-def contacts_in_reach(connection: Any, model: Any, h: Any, kind: int, state: Any, frame: int) -> Reach:
+def contacts_in_reach(connection: Any, model: Any, settings: Any, state: Any) -> Reach:
     """Find how far the coming drift would close the contacts that may close, with the forces of connections and without
     those of contacts; in compiled code only.
 
-    h:    StepCoefficients
-    kind: StepKind; in the stages of a sample, all contacts are in reach
+    settings: StepSettings; in the stages of a sample, all contacts are in reach
     """
     raise TypeError("contacts_in_reach is for compiled code")
 
 
 @inline
-def contacts_without_connections(connection, model, h, kind, state, frame):
+def contacts_without_connections(connection, model, settings, state):
     """Do this in a scene without connections."""
-    find_free_displacements(model.contact, h.contact, state)
-    return all_contacts(model.contact, None, None, h.contact, state)
+    find_free_displacements(model.contact, settings.h.contact, state)
+    return all_contacts(model.contact, None, None, settings.h.contact, state)
 
 
 @inline
-def contacts_beside_connections(connection, model, h, kind, state, frame):
+def contacts_beside_connections(connection, model, settings, state):
     """Do this in a scene with connections."""
-    contact = model.contact
-    if kind == StepKind.SAMPLE and selects(model, contact, connection, state):
-        if frame >= state.connection.near.until[0]:
-            find_near_contacts(model, contact, connection, h, state, frame)
+    contact, h = model.contact, settings.h
+    if leaves_out_contacts(connection, model, settings, state):
         find_near_displacements(contact, h, state)
         reach = near_contacts(contact, h, state)
     else:
@@ -73,9 +70,23 @@ def contacts_beside_connections(connection, model, h, kind, state, frame):
 
 
 @inline
-def selects(model, contact, connection, state):
-    """True if contacts that are far are left out of the steps of this island."""
-    return has_connections(connection, state) and not has_forces(model.force) and not moves_by_basis(contact.basis)
+def are_all_left_out(connection, model, settings, state):
+    """True if no contact of an island may close in this step, which is beside connections."""
+    if connection is None:
+        return False
+    return leaves_out_contacts(connection, model, settings, state) and state.connection.near.size[0] == 0
+
+
+@inline
+def leaves_out_contacts(connection, model, settings, state):
+    """True if contacts that are far are left out of this step. Finds which are, if it is time."""
+    if not has_connections(connection, state) or settings.kind != StepKind.SAMPLE:
+        return False
+    if has_forces(model.force) or moves_by_basis(model.contact.basis):
+        return False
+    if settings.frame >= state.connection.near.until[0]:
+        find_near_contacts(model, model.contact, connection, settings, state)
+    return True
 
 
 @inline
@@ -108,17 +119,14 @@ def find_near_displacements(contact, h, state):
 
 
 @noinline
-def find_near_contacts(model, contact, connection, h, state, frame):
-    """Find the contacts that may close in the next FLIGHT_FRAMES samples.
-
-    h: StepCoefficients
-    """
+def find_near_contacts(model, contact, connection, settings, state):
+    """Find the contacts that may close in the next FLIGHT_FRAMES samples."""
     near = state.connection.near
     read_far_contacts(contact, state)
     if connection.is_plain[0] != 0:
         select_contacts(model, contact, connection, is_damping(model.events, state), state)
-    gather_coefficients(contact, h, state)
-    near.until[0] = frame + FLIGHT_FRAMES
+    gather_coefficients(contact, settings.h, state)
+    near.until[0] = settings.frame + FLIGHT_FRAMES
 
 
 @inline

@@ -20,8 +20,7 @@ from engine.kernel.contacts import bound_at_contact, find_free_displacements
 from engine.kernel.events import finish_first_stage
 from engine.kernel.external_forces import next_force
 from engine.kernel.modes import apply_loss_all, find_drift_momenta
-from engine.kernel.moving_modes import move_modes
-from engine.kernel.step import StepOutcome, step
+from engine.kernel.step import StepOutcome, StepSettings, step
 
 # --- the coefficients of one stage
 
@@ -108,18 +107,18 @@ def stays_open(state):
 
 
 @inline
-def try_free_step(model, refinement, state):
-    """Do a step on which nothing acts, if no contact can close in it. Returns True if it was done, and the energy
-    lost."""
+def closes_in_sample(model, refinement, state):
+    """True if a contact may close within the sample, on which nothing acts. If not, compressions are those at its
+    end."""
     if state.refinement.margin_valid[0] == 0:
         update_margins(model, refinement, state)
     find_drift_momenta(model.step, StepKind.SAMPLE, state)
     find_free_displacements(model.contact, model.step.contact, state)
     if not stays_open(state):
-        return False, 0.0
+        return True
     for k in range(state.compression.shape[0]):
         state.compression[k] += state.free_displacement[k]
-    return True, move_modes(model.step, None, None, state)
+    return False
 
 
 @inline
@@ -136,13 +135,11 @@ def refined_step(model, contact, refinement, state, frame, in_contact):
 
     in_contact: True if the sample before ended in contact
     """
-    if contact is None:
-        return composed_step(model, refinement, state, frame)
-    is_plain = not in_contact and not is_forced(model.force, frame) and not has_connections(model.connection, state)
-    if is_plain and not refinement.refine_free_flight:
-        is_free, lost = try_free_step(model, refinement, state)
-        if is_free:
-            return StepOutcome(FALSE, INT64_0, lost, 0.0)
+    if contact is not None:
+        is_alone = not is_forced(model.force, frame) and not has_connections(model.connection, state)
+        if is_alone and not in_contact and not refinement.refine_free_flight:
+            if not closes_in_sample(model, refinement, state):
+                return step(model, StepSettings(model.step, StepKind.SAMPLE, TRUE, frame), state)
     return composed_step(model, refinement, state, frame)
 
 
@@ -167,7 +164,7 @@ def composed_step(model, refinement, state, frame):
         if is_apart:
             duration, rate = refinement.loss_before[i], model.samplerate if i > 0 else 0.0
             lost += lose_at_contacts(refinement.contact_loss, model.contact, duration, FALSE, rate, state)
-        outcome = step(model, h, StepKind.FIRST_STAGE + s, state, FALSE, frame)
+        outcome = step(model, StepSettings(h, StepKind.FIRST_STAGE + s, FALSE, frame), state)
         if outcome.in_contact:
             in_contact = True
             for k in range(contacts):

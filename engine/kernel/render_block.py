@@ -54,7 +54,7 @@ from engine.kernel.sleep import (
     try_sleep,
 )
 from engine.kernel.state import BlockOutput
-from engine.kernel.step import StepOutcome, step
+from engine.kernel.step import StepOutcome, StepSettings, step
 
 SLEEP_CHECK_PERIOD = np.int64(8 * FLIGHT_FRAMES)
 LONG_SLEEP_FRAMES = np.int64(64 * 64)  # samples an island sleeps at a time if nothing in it moves
@@ -79,7 +79,7 @@ def advance(model, state, frame, is_free, in_contact):
 def advance_refined(model, refinement, state, frame, is_free, in_contact):
     """Advance a sample, in stages where forces may act. Returns a StepOutcome."""
     if is_free and not has_connections(model.connection, state):
-        return step(model, model.step, StepKind.SAMPLE, state, TRUE, frame)
+        return step(model, StepSettings(model.step, StepKind.SAMPLE, TRUE, frame), state)
     return refined_step(model, model.contact, refinement, state, frame, in_contact)
 
 
@@ -92,7 +92,7 @@ overload_by_type(
     advance_sample,
     {  # chosen by type, so that the other is not compiled
         type(None): lambda refinement, model, state, frame, is_free, in_contact: step(
-            model, model.step, StepKind.SAMPLE, state, is_free, frame
+            model, StepSettings(model.step, StepKind.SAMPLE, is_free, frame), state
         ),
         Refinement: lambda refinement, model, state, frame, is_free, in_contact: advance_refined(
             model, refinement, state, frame, is_free, in_contact

@@ -3,24 +3,32 @@
 loss/2 · kick/2 · [find the forces] · drift · kick/2 · loss/2
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
+from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.kernel.codes import SolveStatus
 from engine.kernel.connected_modes import move_connected_modes
 from engine.kernel.connections import (
-    answer_contacts,
     find_connection_forces,
     finish_connections,
     has_connections,
     push_by_connections,
 )
-from engine.kernel.contact_forces import solve_contacts, store_contacts
-from engine.kernel.contacts import push_by_contacts
+from engine.kernel.contacts import no_touch
 from engine.kernel.external_forces import external_work, push_by_forces
-from engine.kernel.modes import find_drift_momenta, forget_drift, forget_moves, rescale_kinetic_energy, reverse_momenta
+from engine.kernel.modes import find_drift_momenta, forget_drift, rescale_kinetic_energy, reverse_momenta
 from engine.kernel.moving_modes import PushedPoint, move_modes
-from engine.kernel.near_contacts import contacts_in_reach
+from engine.kernel.only_contact import push_by_only_contact
+from engine.kernel.several_contacts import push_by_several_contacts
+
+
+class StepSettings(NamedTuple):
+    """What a step is done with, beside the model and the state."""
+
+    h: Any  # StepCoefficients
+    kind: int  # StepKind
+    is_free: bool  # True if neither contacts nor external forces can act
+    frame: int
 
 
 class StepOutcome(NamedTuple):
@@ -32,95 +40,45 @@ class StepOutcome(NamedTuple):
     supplied: float  # J, work of the external forces
 
 
-class Touch(NamedTuple):
-    """Outcome of the contacts in a step, before modes move."""
-
-    status: int  # SolveStatus; FREE if no contact was in reach
-    evaluations: int  # of the contact laws
-    dissipated: float  # J, by contact loss
-    excess: float  # J, that forces off their curves create
-    is_measured: bool  # True if connections have pushed, and their moves been measured
-    point_force: float  # N, of an only contact that pushes in the pass over the modes; or 0
-
-
 @inline
-def step(model, h, kind, state, is_free, frame):
-    """Do a step. Returns a StepOutcome.
-
-    h:       StepCoefficients
-    kind:    StepKind
-    is_free: True if neither contacts nor external forces can act
-    """
-    find_drift_momenta(h, kind, state)
-    is_forced = not is_free and push_by_forces(model.force, h.force, frame, state)
-    if is_forced:
-        forget_moves(state.connection)
+def step(model, settings, state):
+    """Do a step. Returns a StepOutcome."""
+    h, work, lost = settings.h, 0.0, 0.0
+    find_drift_momenta(h, settings.kind, state)
+    is_forced = not settings.is_free and push_by_forces(model.force, h.force, settings.frame, state)
     find_connection_forces(model.connection, h, state)
-    touch = push_by_all_contacts(model, model.contact, h, kind, state, is_free, is_forced, frame)
+    touch = push_by_all_contacts(model, model.contact, h.contact, settings, is_forced, state)
     if touch.status == SolveStatus.FAILED:
-        return fail(state, touch.evaluations)
-    if is_forced and not touch.is_measured:
-        push_by_all_connections(model.connection, h, state)
-    work = external_work(model.force, h.force, frame, state) if is_forced else 0.0
-    lost = move(model.connection, h, touch, is_forced, state) + finish_connections(model.connection, h, state)
-    in_contact = touch.status != SolveStatus.FREE
-    if in_contact:
-        lost += repay_energy_debt(state, touch.excess)
-    return StepOutcome(in_contact, touch.evaluations, lost + touch.dissipated, work)
-
-
-# --- contacts
-
-
-@inline
-def no_touch(status, evaluations):
-    """Return the Touch of a step in which no contact pushes."""
-    return Touch(status, evaluations, 0.0, 0.0, FALSE, 0.0)
+        reverse_motion(state)
+    else:
+        if is_forced:
+            if not touch.is_measured:
+                push_by_connections(model.connection, h, state)
+            work = external_work(model.force, h.force, settings.frame, state)
+        lost = move(model.connection, h, touch, is_forced, state)
+        lost += touch.dissipated + finish_connections(model.connection, h, state)
+        if touch.status != SolveStatus.FREE:
+            lost += repay_energy_debt(state, touch.excess)
+    return StepOutcome(touch.status != SolveStatus.FREE, touch.evaluations, lost, work)
 
 
 @inline
-def push_by_all_contacts(model, contact, h, kind, state, is_free, is_forced, frame):
-    """Find the forces of contacts, and let them push. Returns a Touch."""
+def push_by_all_contacts(model, contact, h, settings, is_forced, state):
+    """Find the forces of contacts, and let them push. Returns a Touch. h: ContactCoefficients or None"""
     if contact is None:
         return no_touch(SolveStatus.FREE, INT64_0)
-    if is_free:
+    if settings.is_free or state.compression.shape[0] == 0:
         return no_touch(SolveStatus.FREE, INT64_0)
-    return push_by_reached_contacts(model, contact, h, kind, state, is_forced, frame)
+    return push_by_one_or_several(model, contact, h.coupling, settings, is_forced, state)
 
 
 @inline
-def push_by_reached_contacts(model, contact, h, kind, state, is_forced, frame):
-    """Find the forces of contacts, and let them push. Returns a Touch."""
-    connection = model.connection
-    reach = contacts_in_reach(connection, model, h, kind, state, frame)
-    solution = solve_contacts(contact, h.contact, reach, state)
-    if solution.status == SolveStatus.FREE or solution.status == SolveStatus.FAILED:
-        return no_touch(solution.status, solution.evaluations)
-    answer_contacts(connection, h, reach, state)
-    is_measured, point_force = is_forced or solution.is_measured, 0.0
-    if not is_measured and pushes_in_pass(h.contact.only_kick_phi, connection, state):
-        point_force = -solution.single.force
-    else:
-        push_by_contacts(contact, h.contact, reach.numbers, reach.size, state)
-    if is_measured:
-        push_by_all_connections(connection, h, state)
-    lost, excess = store_contacts(contact, h.contact, reach, solution, state)
-    return Touch(solution.status, solution.evaluations, lost, excess, is_measured, point_force)
-
-
-@inline
-def push_by_all_connections(connection, h, state):
-    """Let connections push before the pass over the modes, if there are any, and measure how far they move."""
-    if connection is not None:
-        push_by_connections(connection, h, state)
-
-
-@inline
-def pushes_in_pass(kick_phi, connection, state):
-    """True if nothing but its only contact acts on the modes of the island."""
-    if kick_phi is None:
-        return False
-    return state.compression.shape[0] == 1 and not has_connections(connection, state)
+def push_by_one_or_several(model, contact, coupling, settings, is_forced, state):
+    """Find the forces of contacts, and let them push. Returns a Touch. coupling: None if no island has several"""
+    if coupling is not None:
+        if state.compression.shape[0] > 1:
+            return push_by_several_contacts(model, contact, settings, is_forced, state)
+    return push_by_only_contact(model, contact, settings, is_forced, state)
 
 
 # --- the modes move
@@ -179,12 +137,12 @@ def repay_energy_debt(state, excess):
 
 
 @noinline
-def fail(state, evaluations):
-    """End a step whose contact forces were not found: the motion is reversed. Returns a StepOutcome."""
+def reverse_motion(state):
+    """End a step whose contact forces were not found, or are not finite: nothing acts, and the motion of the island is
+    reversed, which keeps every energy as it is."""
     for m in range(state.push.shape[0]):
         state.push[m] = 0.0
     for k in range(state.contact_force.shape[0]):
         state.contact_force[k] = 0.0
     reverse_momenta(state.p)
     forget_drift(state)
-    return StepOutcome(TRUE, evaluations, 0.0, 0.0)

@@ -24,6 +24,7 @@ from engine.kernel.pickups import add_pickups
 from engine.kernel.recording import write_trace
 from engine.kernel.refinement import composed_step
 from engine.kernel.state import State, Trace
+from engine.kernel.step import StepSettings
 from engine.offline.trace import allocate_trace
 from engine.parallel.job_memory import block_output
 
@@ -35,7 +36,7 @@ measured_sample_in_stages = inline(FunctionType(composed_step.py_func.__code__, 
 def advance(refinement, model, state, frame):
     """A sample by measured steps. Returns a StepOutcome."""
     if refinement is None:
-        return measured_step(model, model.step, StepKind.SAMPLE, state, False, frame)
+        return measured_step(model, StepSettings(model.step, StepKind.SAMPLE, False, frame), state)
     else:
         return measured_sample_in_stages(model, refinement, state, frame)
 

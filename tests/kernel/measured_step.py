@@ -4,11 +4,12 @@ that the bodies have by then, and kicks twice. Modes are taken one by one, and n
 The laws, the contact solvers and the factors of connections are the engine's.
 """
 
+from typing import NamedTuple
+
 from engine.compiler.decorators import FALSE, INT64_0, inline, noinline
 from engine.kernel.codes import Row, SolveStatus
 from engine.kernel.connection_factors import update_factors
 from engine.kernel.connections import clear_moves, finish_connections, project_rows
-from engine.kernel.contact_forces import force_of_law, no_solution, solve_contacts, takes_part
 from engine.kernel.contacts import Reach, end_force_of, energy_created, free_displacement_at, store_solution
 from engine.kernel.external_forces import force_at
 from engine.kernel.modes import (
@@ -19,7 +20,9 @@ from engine.kernel.modes import (
     motion_of,
     reverse_momenta,
 )
+from engine.kernel.only_contact import solve_only_contact
 from engine.kernel.rows import project_drift, push_at_row
+from engine.kernel.several_contacts import force_of_law, solve_several_contacts, takes_part
 from engine.kernel.step import StepOutcome, repay_energy_debt
 
 
@@ -155,16 +158,50 @@ def kick_by_contacts(contact, other_rows, h, state):
             push_at_row(other_rows, h.other_rows.kick_phi, k, -state.contact_force[k], state.p)
 
 
+class Found(NamedTuple):
+    """Outcome of the contact solve."""
+
+    status: int  # SolveStatus
+    evaluations: int
+    single: tuple[float, float, float]  # η and the compression at the end of an only contact (m), and its force (N)
+
+
 @inline
 def solve_all_contacts(contact, h, state):
-    """Find all contact forces. Returns a ContactSolution."""
+    """Find all contact forces. Returns a Found."""
     if contact is None:
-        return no_solution(SolveStatus.FREE, INT64_0)
+        return Found(SolveStatus.FREE, INT64_0, (0.0, 0.0, 0.0))
     s, g = state.compression, state.free_displacement
+    is_closing = FALSE
     for k in range(s.shape[0]):
         g[k] = free_displacement_at(contact, contact.other_rows, h.contact, k, state.p)
-    reach = Reach(s.shape[0], None, s, g, contact.law, h.contact.loss_rate, h.contact.coupling, None)
-    return solve_contacts(contact, h.contact, reach, state)
+        is_closing = is_closing or s[k] > 0.0 or s[k] + g[k] > 0.0
+    if not is_closing:
+        for k in range(s.shape[0]):
+            s[k] += g[k]
+            state.contact_force[k] = 0.0
+        return Found(SolveStatus.FREE, INT64_0, (0.0, 0.0, 0.0))
+    return solve_by_number(contact, h.contact, h.contact.coupling, state)
+
+
+@inline
+def solve_by_number(contact, h, coupling, state):
+    """Find the force of an only contact, or of several. Returns a Found."""
+    if coupling is not None:
+        if state.compression.shape[0] > 1:
+            return solve_several(contact, h, state)
+    s, g = state.compression[0], state.free_displacement[0]
+    eta, b, f, evaluations, status = solve_only_contact(contact, h, s, g, state)
+    return Found(status, evaluations, (eta, b, f))
+
+
+@noinline
+def solve_several(contact, h, state):
+    """Find the forces of several contacts. Returns a Found."""
+    s, g = state.compression, state.free_displacement
+    reach = Reach(s.shape[0], None, s, g, contact.law, h.loss_rate, h.coupling, None)
+    solution = solve_several_contacts(contact, h, reach, state)
+    return Found(solution.status, solution.evaluations, (0.0, 0.0, 0.0))
 
 
 @inline
@@ -227,9 +264,9 @@ def kick_again(contact, h, state):
 
 
 @inline
-def measured_step(model, h, kind, state, is_free, frame):
+def measured_step(model, settings, state):
     """Do a step part by part. Returns a StepOutcome. The arguments are those of engine.kernel.step.step."""
-    contact, connection, force = model.contact, model.connection, model.force
+    h, frame, contact, connection, force = settings.h, settings.frame, model.contact, model.connection, model.force
     lost = begin_modes(h, state)
     kick_by_external(force, h.force, frame, state)
     begin_connections(connection, h, state)

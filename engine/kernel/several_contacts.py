@@ -1,16 +1,16 @@
-"""Contact forces of a step. They are found from the momenta of the coming drift, and then push.
-
-A solve that fails, or whose forces are not finite, acts on nothing: the motion of the island is reversed
-(engine.kernel.modes.reverse_momenta), which keeps every energy as it is.
-"""
+"""Several contacts of an island: their forces in a step are found together, from the momenta of the coming drift, and
+push."""
 
 import math
 from typing import NamedTuple
 
 from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
 from engine.kernel.codes import Row, SolveStatus
+from engine.kernel.connections import answer_contacts, push_by_connections
 from engine.kernel.contacts import (
+    Touch,
     contact_number,
+    count_outcome,
     end_force_of,
     energy_created,
     energy_created_if_persistent,
@@ -18,56 +18,56 @@ from engine.kernel.contacts import (
     measured_miss,
     moves_by_basis,
     must_be_measured,
+    no_touch,
+    push_by_contacts,
     store_solution,
 )
 from engine.kernel.coupled_contact_round import contact_response
 from engine.kernel.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
 from engine.kernel.modes import kinetic_energy
+from engine.kernel.near_contacts import contacts_in_reach
 from engine.kernel.persistent_contact_solver import solve_persistent
 from engine.kernel.reduced_contact_solver import basis_of_island, solve_reduced
-from engine.kernel.scalar_contact_solver import loss_rate_of, solve_scalar_contact
-
-
-class SingleSolution(NamedTuple):
-    """Solution of the equation of an only contact."""
-
-    eta: float  # change of compression, m
-    end: float  # compression at the end of the step, m
-    force: float  # mean over the step, N
+from engine.kernel.scalar_contact_solver import loss_rate_of
 
 
 class ContactSolution(NamedTuple):
-    """Outcome of the contact solve of an island in a step. `State.contact_force` and, where an island has several
-    contacts, the scratch hold the forces."""
+    """Outcome of the solve of several contacts in a step. `State.contact_force` and the scratch hold the forces."""
 
-    status: int  # SolveStatus; FREE if no contact was in reach
+    status: int  # SolveStatus
     evaluations: int  # of the contact laws
     excess: float  # J, that forces off their curves create
     is_persistent: bool  # True if all that are closed remain so, and END_FORCE is known
     is_measured: bool  # True if forces all but cancel, so that moves have to be measured
-    single: SingleSolution  # of an only contact
 
 
 # --- the forces are found
 
 
 @inline
-def no_solution(status, evaluations):
-    """Return the ContactSolution of a step in which no contact pushes."""
-    return ContactSolution(status, evaluations, 0.0, FALSE, FALSE, SingleSolution(0.0, 0.0, 0.0))
+def push_by_several_contacts(model, contact, settings, is_forced, state):
+    """Find the forces of several contacts, and let them push. Returns a Touch.
 
-
-@inline
-def solve_contacts(contact, h, reach, state):
-    """Find the forces of contacts within reach. Returns a ContactSolution; contacts that all remain open have moved
-    then.
-
-    h: ContactCoefficients
+    settings:  StepSettings
+    is_forced: True if external forces have pushed
     """
+    h, connection = settings.h, model.connection
+    reach = contacts_in_reach(connection, model, settings, state)
     if not is_any_closing(reach):
         open_contacts(reach, state)
-        return no_solution(SolveStatus.FREE, INT64_0)
-    return solve_closing(contact, h, reach, reach.coupling, state)
+        return no_touch(SolveStatus.FREE, INT64_0)
+    solution = solve_several_contacts(contact, h.contact, reach, state)
+    if solution.status == SolveStatus.FAILED:
+        return no_touch(solution.status, solution.evaluations)
+    answer_contacts(connection, h, reach, state)
+    push_by_contacts(contact, h.contact, reach, state)
+    if is_forced or solution.is_measured:
+        push_by_connections(connection, h, state)
+    lost, excess = store_several_contacts(contact, h.contact, reach, solution, state)
+    return Touch(solution.status, solution.evaluations, lost, excess, is_forced or solution.is_measured, 0.0)
+
+
+# --- the forces are found
 
 
 @inline
@@ -86,39 +86,6 @@ def open_contacts(reach, state):
         k = contact_number(reach.numbers, n)
         state.compression[k] = reach.compression[n] + reach.free_displacement[n]
         state.contact_force[k] = 0.0
-
-
-@inline
-def solve_closing(contact, h, reach, coupling, state):
-    """Find the forces of contacts of which some are closing: of an only contact, or of several. Returns a
-    ContactSolution."""
-    if coupling is not None:  # by type, where no island of the scene has several contacts
-        if state.compression.shape[0] > 1:
-            return solve_several_contacts(contact, h, reach, state)
-    return solve_only_contact(contact, h, reach, state)
-
-
-@inline
-def count_outcome(state, evaluations, status):
-    """Count the outcome of a solve."""
-    state.solve_outcomes[status] += 1
-    if status >= SolveStatus.NEWTON:
-        state.iteration_histogram[evaluations] += 1
-
-
-@inline
-def solve_only_contact(contact, h, reach, state):
-    """Find the force of the only contact of an island. Returns a ContactSolution."""
-    s, g = reach.compression[0], reach.free_displacement[0]
-    eta, b, f, _, evaluations, status = solve_scalar_contact(
-        contact.law, h.loss_rate, INT64_0, s, g, h.compliance[0], contact.tolerance
-    )
-    if not math.isfinite(eta + b + f):
-        status = SolveStatus.FAILED
-    count_outcome(state, evaluations, status)
-    state.contact_force[0] = f
-    is_measured = must_be_measured(h, state, INT64_0, s, eta, f)
-    return ContactSolution(status, evaluations, 0.0, FALSE, is_measured, SingleSolution(eta, b, f))
 
 
 @noinline
@@ -141,7 +108,7 @@ def solve_several_contacts(contact, h, reach, state):
         state.contact_force[k] = f
         is_measured = is_measured or must_be_measured(h, state, k, s[n], eta, f)
     count_outcome(state, rounds, status)
-    return ContactSolution(status, rounds, excess, is_persistent, is_measured, SingleSolution(0.0, 0.0, 0.0))
+    return ContactSolution(status, rounds, excess, is_persistent, is_measured)
 
 
 @inline
@@ -180,37 +147,6 @@ def find_coupled_forces(contact, h, reach, problem, state):
 
 
 # --- the forces are stored, once all forces have pushed
-
-
-@inline
-def store_contacts(contact, h, reach, solution, state):
-    """Store the compressions and forces of contacts within reach. Returns the energy that contact loss takes, and what
-    forces off their curves create, J."""
-    return store_by_count(contact, h, reach, reach.coupling, solution, state)
-
-
-@inline
-def store_by_count(contact, h, reach, coupling, solution, state):
-    """Store an only contact, or several. Returns the energy lost, and created, J."""
-    if coupling is not None:
-        if state.compression.shape[0] > 1:
-            return store_several_contacts(contact, h, reach, solution, state)
-    return store_only_contact(contact, h, reach, solution, state)
-
-
-@inline
-def store_only_contact(contact, h, reach, solution, state):
-    """Store the solution of the only contact of an island. Returns the energy lost, and created, J."""
-    (eta, b, f), s, excess = solution.single, reach.compression[0], 0.0
-    if solution.is_measured:
-        miss = measured_miss(contact, h, state, INT64_0, eta, f)
-    else:
-        miss = (reach.free_displacement[0] - eta) - h.compliance[0] * f
-    end_force = end_force_of(contact, h.loss_rate, INT64_0, b)
-    lost = store_solution(contact, h, state, INT64_0, (eta, b, f, f, end_force), miss)
-    if solution.is_measured:
-        excess = energy_created(contact, state, INT64_0, s, lost, f)
-    return lost, excess
 
 
 @noinline

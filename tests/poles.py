@@ -4,7 +4,7 @@ import numpy as np
 
 from engine.build.build import build
 from engine.build.contact_reach import dense_rows
-from engine.kernel.codes import StepKind
+from engine.kernel.data.enums import StepKind
 from engine.offline.simulation import Simulation
 
 SAMPLERATE = 44_100

@@ -12,7 +12,7 @@ from bench.performance.instruments import measure
 from bench.publish.report import figure, pin, publish
 from bench.scenes.choirs import choir, keyboard, struck_choir
 from engine.build.build import build
-from engine.kernel.modes import Motion, free_step
+from engine.kernel.modes.mode_step import Motion, free_step
 from engine.offline.simulation import Simulation, time_block
 
 RATE = 44_100

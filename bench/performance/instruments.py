@@ -8,7 +8,7 @@ import engine
 from bench.publish.report import pin, publish
 from bench.scenes.families import bank, hammered, tanpuras
 from engine.build.build import build
-from engine.kernel.axes import arrays_of
+from engine.kernel.data.axes import arrays_of
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import newton_statistics
 

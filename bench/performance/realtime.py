@@ -11,7 +11,7 @@ import numpy as np
 import engine
 from bench.publish.report import ROOT, pin, publish
 from engine.build.build import build
-from engine.kernel.axes import arrays_of
+from engine.kernel.data.axes import arrays_of
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import newton_statistics
 

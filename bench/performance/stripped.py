@@ -85,7 +85,7 @@ def measure(scene: engine.Scene) -> dict[str, float]:
     """Instructions of the sample loop, freshly compiled, and ns per sample (minimum of many short runs)."""
     from engine.build.build import build
     from engine.compiler.struct_handle import StructHandle
-    from engine.kernel.render_block import render_block
+    from engine.kernel.run.render_block import render_block
     from engine.parallel.job_memory import block_output
 
     model, state, _ = build(scene, 44_100, Accuracy(silence=-np.inf))

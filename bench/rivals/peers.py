@@ -24,10 +24,10 @@ from bench.scenes.families import bank, hammered
 from engine.analysis.other_method_kernels import SingleBody
 from engine.analysis.work_precision import measure_work_precision
 from engine.build.build import build
-from engine.kernel.axes import align_to_cache_lines
-from engine.kernel.laws import Linear
-from engine.kernel.model import Model
-from engine.kernel.state import State
+from engine.kernel.data.axes import align_to_cache_lines
+from engine.kernel.data.laws import Linear
+from engine.kernel.data.model import Model
+from engine.kernel.data.state import State
 from engine.offline.simulation import Simulation
 from engine.patch.accuracy import Accuracy
 

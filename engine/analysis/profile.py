@@ -14,9 +14,9 @@ from engine.build.layout import Layout
 from engine.build.subsystems import estimate_cost
 from engine.compiler.kinds import kind_of
 from engine.compiler.struct_handle import StructHandle
-from engine.kernel.codes import Ledger, Sleep
-from engine.kernel.model import Model
-from engine.kernel.state import State
+from engine.kernel.data.enums import Ledger, Sleep
+from engine.kernel.data.model import Model
+from engine.kernel.data.state import State
 from engine.offline.effects import EFFECTS
 from engine.offline.record import Record
 from engine.offline.statistics import Activity

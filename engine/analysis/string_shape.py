@@ -9,7 +9,7 @@ import numpy as np
 from engine.bodies import String
 from engine.bodies.distributed import LineBody
 from engine.build.build import build
-from engine.kernel.codes import FlightFrame
+from engine.kernel.data.enums import FlightFrame
 from engine.offline.simulation import Simulation
 from engine.offline.trace import allocate_trace
 from engine.patch.accuracy import Accuracy

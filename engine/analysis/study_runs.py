@@ -9,9 +9,9 @@ from engine.analysis.study_progress import StudyProgress, stages_of
 from engine.bodies import Mass, Oscillator
 from engine.build.build import build
 from engine.build.table_changes import scored_exchanges
-from engine.kernel.codes import EventKind
-from engine.kernel.model import Model
-from engine.kernel.state import State
+from engine.kernel.data.enums import EventKind
+from engine.kernel.data.model import Model
+from engine.kernel.data.state import State
 from engine.offline.decimation import decimate, decimation_tail
 from engine.offline.simulation import Simulation, time_block
 from engine.offline.statistics import SimulationStatistics, simulation_statistics

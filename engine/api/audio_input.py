@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from engine.kernel.codes import UNUSED_SLOT, EventKind
+from engine.kernel.data.enums import UNUSED_SLOT, EventKind
 from engine.live.audio_memory import RENDERED_AT_ONCE
 from engine.patch.reader import DOCUMENT, validate_document
 from engine.patch.scene import Scene

@@ -36,11 +36,11 @@ from engine.build.refinement_tables import build_refinement
 from engine.build.residual_modes import with_residual_modes
 from engine.build.step_coefficients import ModeCoefficients, all_factors, contact_basis_tables, step_coefficients
 from engine.faults import BuildError, Fault
-from engine.kernel.axes import align_to_cache_lines, to_single_precision
-from engine.kernel.codes import Quantity
-from engine.kernel.laws import select_law
-from engine.kernel.model import Contact, ContactBasis, Drive, ExternalForce, FreeMasses, ModalLoss, Model, Pickups
-from engine.kernel.state import State
+from engine.kernel.data.axes import align_to_cache_lines, to_single_precision
+from engine.kernel.data.enums import Quantity
+from engine.kernel.data.laws import select_law
+from engine.kernel.data.model import Contact, ContactBasis, Drive, ExternalForce, FreeMasses, ModalLoss, Model, Pickups
+from engine.kernel.data.state import State
 from engine.output_files import error_reason
 from engine.patch.accuracy import Accuracy
 from engine.patch.scene import Scene

@@ -1,5 +1,5 @@
-"""Factors of connection forces in a step, when a scene is built; engine.kernel.connection_factors computes them again
-after a change."""
+"""Factors of connection forces in a step, when a scene is built; engine.kernel.interactions.connection_factors computes
+them again after a change."""
 
 from typing import NamedTuple
 

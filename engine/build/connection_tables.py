@@ -1,5 +1,5 @@
 """Connections in the layout of the kernels: rows, compliance, and the factors of their forces
-(engine.kernel.connection_factors)."""
+(engine.kernel.interactions.connection_factors)."""
 
 import math
 from itertools import pairwise
@@ -11,8 +11,8 @@ from engine.build.contact_reach import contact_reach, contact_reach_by_forces, d
 from engine.build.coordinates import Coordinates
 from engine.build.layout import Layout
 from engine.build.mode_shape_rows import mode_shape_rows, row_coefficients
-from engine.kernel.codes import FLIGHT_FRAMES
-from engine.kernel.model import ConnectionCoefficients, Connections, StepCoefficients
+from engine.kernel.data.enums import FLIGHT_FRAMES
+from engine.kernel.data.model import ConnectionCoefficients, Connections, StepCoefficients
 
 MAX_MODES_AT_REST = 400  # of an island under load; with more, its energy at rest is not computed
 

@@ -2,7 +2,7 @@
 
 Points closer together than the shortest wave of a body move almost alike. The mode shapes Φ [contacts, modes] of a
 bridge of 30 points then have a numerical rank of 4 or 5: Φ = U·Y, and the contact solve has as many unknowns as Y has
-rows (engine.kernel.reduced_contact_solver; docs/design.md, sec. 3, "Many points close together").
+rows (engine.kernel.contact.reduced_contact_solver; docs/design.md, sec. 3, "Many points close together").
 """
 
 import math
@@ -13,7 +13,7 @@ import numpy as np
 
 from engine.build.connection_factors import IslandFactors
 from engine.build.double_double import two_product
-from engine.kernel.codes import COLUMNS, LANES, MAX_RANK, ROWS_COLUMN
+from engine.kernel.data.enums import COLUMNS, LANES, MAX_RANK, ROWS_COLUMN
 
 FEW_LINEAR_CONTACTS = 24  # of α = 1, without contact loss
 MIN_CONTACTS = 10  # below, the solve in the space of all contacts is faster

@@ -6,8 +6,8 @@ import math
 import numpy as np
 
 from engine.build.layout import Layout
-from engine.kernel.codes import FLIGHT_FRAMES
-from engine.kernel.model import StepCoefficients
+from engine.kernel.data.enums import FLIGHT_FRAMES
+from engine.kernel.data.model import StepCoefficients
 
 UNBOUNDED = 1e300  # m/√J; infinity times no energy would be no number
 

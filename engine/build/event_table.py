@@ -7,8 +7,8 @@ import numpy as np
 
 from engine.build.layout import Layout
 from engine.build.spring_compensation import stiffness_beside
-from engine.kernel.codes import NO_END, UNUSED_SLOT, EventKind
-from engine.kernel.model import Events
+from engine.kernel.data.enums import NO_END, UNUSED_SLOT, EventKind
+from engine.kernel.data.model import Events
 from engine.patch.frames import nearest_frame
 from engine.patch.tables import ChangeEvent, DampEvent, Event, StrikeEvent
 

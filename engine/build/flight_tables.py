@@ -1,5 +1,5 @@
-"""Tables of free flight (engine.kernel.free_flight): powers of the map of one step, and the pickup signals and losses
-over them (docs/design.md, "Free flight").
+"""Tables of free flight (engine.kernel.modes.free_flight): powers of the map of one step, and the pickup signals and
+losses over them (docs/design.md, "Free flight").
 
 A step of a mode on which nothing acts is (q, p, w) → S·(q, p, w), with w its weight, and S [3, 3] the product of loss,
 kicks and drift. The powers of S are found by squaring, in twice the precision of a float64.
@@ -13,8 +13,8 @@ import numpy as np
 from engine.build.double_double import Pair, add, as_pair, multiply
 from engine.build.layout import ShapeRow
 from engine.build.mode_shape_rows import place_entries
-from engine.kernel.codes import FLIGHT_FRAMES, FLIGHT_PART, Quantity
-from engine.kernel.model import (
+from engine.kernel.data.enums import FLIGHT_FRAMES, FLIGHT_PART, Quantity
+from engine.kernel.data.model import (
     FlightLoss,
     FlightWeight,
     FreeFlight,
@@ -82,7 +82,7 @@ def build_free_flight(
 
 def map_of_step(step: StepCoefficients, has_weight: bool) -> tuple[list[Row], np.ndarray]:
     """Return the map of a step of modes on which nothing acts, and the energy that it takes as a quadratic form of (q,
-    p, w), J. Coefficients and order are those of engine.kernel.modes.free_step."""
+    p, w), J. Coefficients and order are those of engine.kernel.modes.mode_step.free_step."""
     size = 3 if has_weight else 2
     unit = np.repeat(np.eye(size)[:, :, None], step.kick.size, axis=2)
     q, p, *w = [[as_pair(entry) for entry in row] for row in unit]

@@ -1,8 +1,9 @@
 """A general model, which has every effect: absent ones become neutral, so that one kernel runs any scene.
 
 A kernel is compiled for the types of a model, and what is None in it is not compiled. Here each absent effect is
-replaced by arrays of neutral numbers (engine.kernel.axes.Items): a loss that takes nothing, no contacts, no events. The
-sound is the same, bit for bit. Only refinement stays as it is: scenes with it and without it have different kernels.
+replaced by arrays of neutral numbers (engine.kernel.data.axes.Items): a loss that takes nothing, no contacts, no
+events. The sound is the same, bit for bit. Only refinement stays as it is: scenes with it and without it have different
+kernels.
 """
 
 from collections.abc import Mapping
@@ -12,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from engine.build.initial_state import allocate_scratch, item_counts
-from engine.kernel.axes import MODAL, Axis, Items, fields_of
-from engine.kernel.laws import Power
-from engine.kernel.model import Model, Refinement
-from engine.kernel.state import RefinementState, State
+from engine.kernel.data.axes import MODAL, Axis, Items, fields_of
+from engine.kernel.data.laws import Power
+from engine.kernel.data.model import Model, Refinement
+from engine.kernel.data.state import RefinementState, State
 
 KEPT_ABSENT = Refinement, RefinementState
 NUMBERS = {"tolerance": 0.0, "max_rounds": 0}  # of an absent Contact

@@ -6,10 +6,10 @@ from engine.build.body_point import BodyPoint
 from engine.build.connection_tables import lowest_energies
 from engine.build.contact_reach import dense_rows
 from engine.build.layout import Layout
-from engine.kernel.axes import Axis, allocate
-from engine.kernel.codes import COLUMNS, DRIVE_FRAMES, LANES, Row
-from engine.kernel.model import Model
-from engine.kernel.state import ConnectionState, FreeFlightState, NearContacts, RefinementState, Scratch, State
+from engine.kernel.data.axes import Axis, allocate
+from engine.kernel.data.enums import COLUMNS, DRIVE_FRAMES, LANES, Row
+from engine.kernel.data.model import Model
+from engine.kernel.data.state import ConnectionState, FreeFlightState, NearContacts, RefinementState, Scratch, State
 
 
 def initial_state(layout: Layout, model: Model) -> State:

@@ -17,8 +17,8 @@ from engine.build.coordinates import Coordinates
 from engine.build.drives import DriveForce, drive_forces, find_drives, order_islands
 from engine.build.pickup_points import DrivePickup, HeardPoint, drive_pickups, heard_points
 from engine.build.subsystems import connected_components, estimate_cost, partition_islands
-from engine.kernel.codes import LANES
-from engine.kernel.model import Islands
+from engine.kernel.data.enums import LANES
+from engine.kernel.data.model import Islands
 from engine.patch.scene import Scene
 from engine.patch.tables import ChangeEvent, Contact, Force, Pickup, PluckEvent
 

@@ -1,10 +1,10 @@
-"""Coefficients of a step of each mode: kick t and drift v (engine.kernel.modes), and the factors of loss."""
+"""Coefficients of a step of each mode: kick t and drift v (engine.kernel.modes.mode_step), and the factors of loss."""
 
 import math
 
 import numpy as np
 
-from engine.kernel.model import ModalLoss
+from engine.kernel.data.model import ModalLoss
 from engine.patch.accuracy import Accuracy
 
 HEAVY_DAMPING = 0.05  # σh, from which loss in the drift is worth its time

@@ -1,11 +1,11 @@
-"""Mode shapes at points, as rows for the kernels (engine.kernel.model.ModeShapeRows)."""
+"""Mode shapes at points, as rows for the kernels (engine.kernel.data.model.ModeShapeRows)."""
 
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from engine.build.layout import ShapeRow
-from engine.kernel.model import ModeShapeRows, RowCoefficients
+from engine.kernel.data.model import ModeShapeRows, RowCoefficients
 
 SIMD_WIDTH = 8  # modes that the processor takes at once
 

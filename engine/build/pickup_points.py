@@ -12,7 +12,7 @@ from engine.bodies.sheet import FlatSheet
 from engine.build.body_point import NOWHERE, BodyPoint
 from engine.build.connection_coordinates import end_force_parts
 from engine.build.drives import find_drives
-from engine.kernel.codes import Quantity
+from engine.kernel.data.enums import Quantity
 from engine.patch.scene import Scene
 from engine.patch.tables import Pickup
 

@@ -1,11 +1,11 @@
-"""Coefficients of the stages of a refined sample (engine.kernel.refinement)."""
+"""Coefficients of the stages of a refined sample (engine.kernel.run.refinement)."""
 
 import numpy as np
 
 from engine.build.layout import Layout
 from engine.build.mode_coefficients import damped_coefficients, end_loss, loses_in_drift, stage_coefficients
 from engine.build.step_coefficients import ModeCoefficients, stack, step_coefficients
-from engine.kernel.model import ContactLoss, ModalLoss, Refinement
+from engine.kernel.data.model import ContactLoss, ModalLoss, Refinement
 from engine.patch.accuracy import Accuracy, stage_lengths
 
 MAX_LOSS_IN_STEP = 0.5  # μ·f·W·h/2, of contact loss between stages: beyond, a step of order 2 is no less accurate

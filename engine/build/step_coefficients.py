@@ -1,4 +1,4 @@
-"""Coefficients that depend on the length of a step, as arrays (engine.kernel.model.StepCoefficients)."""
+"""Coefficients that depend on the length of a step, as arrays (engine.kernel.data.model.StepCoefficients)."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -11,7 +11,7 @@ from engine.build.connection_tables import connection_coefficients, island_facto
 from engine.build.contact_basis import entries_by_row, find_basis, products_by_contact
 from engine.build.layout import Layout, ShapeRow
 from engine.build.mode_shape_rows import row_coefficients
-from engine.kernel.model import BasisCoefficients, ContactCoefficients, ModalLoss, StepCoefficients
+from engine.kernel.data.model import BasisCoefficients, ContactCoefficients, ModalLoss, StepCoefficients
 
 
 class ModeCoefficients(NamedTuple):

@@ -15,7 +15,7 @@ from engine.build import limits
 from engine.build.build import BuildResult, build
 from engine.build.pickup_points import channel_gains
 from engine.build.table_exchange import Copies, collect_copies, make_copies
-from engine.kernel.model import Model
+from engine.kernel.data.model import Model
 from engine.patch.frames import nearest_frame
 from engine.patch.live_parameters import LivePath, check_range, live_paths, value_at, with_value
 from engine.patch.live_ranges import LiveRange, live_range

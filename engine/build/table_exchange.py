@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from engine.kernel.model import ConnectionCoefficients, Model
-from engine.kernel.state import State
+from engine.kernel.data.model import ConnectionCoefficients, Model
+from engine.kernel.data.state import State
 
 WORD_BYTES = 8
 KEPT = ("events",)  # fields of a Model that live sound writes to

@@ -8,8 +8,8 @@ import numpy as np
 from engine.build.build import BuildResult
 from engine.build.refinement_tables import build_refinement
 from engine.compiler.struct_handle import StructHandle
-from engine.kernel.axes import align_to_cache_lines
-from engine.kernel.model import Model
+from engine.kernel.data.axes import align_to_cache_lines
+from engine.kernel.data.model import Model
 from engine.live.shared_memory import Gauge, Slot
 from engine.parallel.event_slots import VALUES_PER_EVENT, EventSlot
 from engine.parallel.exchange import INSERT_EVENT, INSERT_USE

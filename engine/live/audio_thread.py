@@ -15,7 +15,7 @@ from engine.compiler.intrinsics import (
     monotonic_seconds,
     store_release,
 )
-from engine.kernel.codes import EventKind
+from engine.kernel.data.enums import EventKind
 from engine.live.shared_memory import Gauge, Slot
 from engine.parallel.event_slots import VALUES_PER_EVENT, EventSlot
 from engine.parallel.jobs import Job

@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from engine.argument_checks import checked_integer
-from engine.kernel.codes import EventKind
+from engine.kernel.data.enums import EventKind
 from engine.live import kernels
 from engine.live.audio_memory import MAX_FRAMES, QUEUE_SIZE, AudioMemory
 from engine.live.shared_memory import Slot

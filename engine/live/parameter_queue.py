@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from engine.argument_checks import checked_number
 from engine.build.table_changes import MAX_STEPS, Exchange, NewValue, TableChanges, scored_changes
 from engine.faults import BuildError, Fault
-from engine.kernel.codes import EventKind
+from engine.kernel.data.enums import EventKind
 from engine.live.audio_memory import QUEUE_SIZE, AudioMemory
 from engine.live.event_queue import EventQueue
 from engine.live.shared_memory import Slot

@@ -24,8 +24,8 @@ from engine.build.build import build, nominal_stiffness
 from engine.build.event_table import event_rows
 from engine.build.table_changes import TableChanges
 from engine.faults import BuildError, Fault
-from engine.kernel.codes import NO_END, UNUSED_SLOT, EventKind, Sleep
-from engine.kernel.laws import Power
+from engine.kernel.data.enums import NO_END, UNUSED_SLOT, EventKind, Sleep
+from engine.kernel.data.laws import Power
 from engine.live import kernels
 from engine.live.audio_memory import AudioMemory, coarser_models
 from engine.live.event_queue import EventQueue, QueuedEvent, checked_frame, event_capacity, make_event

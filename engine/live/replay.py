@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from engine.files import read_bytes
-from engine.kernel.codes import EventKind
+from engine.kernel.data.enums import EventKind
 from engine.live import kernels
 from engine.live.audio_memory import MAX_FRAMES
 from engine.live.player import Player

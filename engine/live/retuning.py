@@ -9,8 +9,8 @@ import numpy as np
 from engine.build.build import build
 from engine.build.contact_basis import entry_counts
 from engine.build.layout import Layout
-from engine.kernel.axes import Axis, Items, pair_arrays
-from engine.kernel.model import (
+from engine.kernel.data.axes import Axis, Items, pair_arrays
+from engine.kernel.data.model import (
     BasisCoefficients,
     Connections,
     ContactBasis,

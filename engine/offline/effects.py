@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from engine.kernel.model import Model
+from engine.kernel.data.model import Model
 from engine.offline.record import Record
 
 # name, and what holds it: None where the effect is left out

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from engine.kernel.codes import Balance, EnergyTotal
+from engine.kernel.data.enums import Balance, EnergyTotal
 from engine.offline.record import Record
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from engine.build.build import build
 from engine.build.table_changes import scored_exchanges
-from engine.kernel.state import Trace
+from engine.kernel.data.state import Trace
 from engine.offline.decimation import decimate, decimation_tail
 from engine.offline.shape_snapshots import ShapeSnapshots
 from engine.offline.simulation import Simulation

@@ -15,8 +15,8 @@ from engine.build.body_point import BodyPoint
 from engine.build.build import trace_points
 from engine.build.layout import Layout
 from engine.build.mode_shape_rows import mode_shape_rows
-from engine.kernel.model import Model
-from engine.kernel.state import Trace
+from engine.kernel.data.model import Model
+from engine.kernel.data.state import Trace
 from engine.offline.simulation import Simulation
 from engine.offline.trace import allocate_trace, trace_rows
 from engine.parallel.job_memory import TracedJob

@@ -9,9 +9,9 @@ import numpy as np
 from engine.build.table_changes import ScoredExchanges
 from engine.compiler.background import compile_beside
 from engine.compiler.struct_handle import StructHandle
-from engine.kernel.codes import BALANCE_SIZE
-from engine.kernel.model import Model
-from engine.kernel.state import State, Trace
+from engine.kernel.data.enums import BALANCE_SIZE
+from engine.kernel.data.model import Model
+from engine.kernel.data.state import State, Trace
 from engine.offline.energy_statistics import EnergyStatistics, energy_statistics
 from engine.offline.trace import trace_rows
 from engine.parallel.exchange import INSERT_USE, exchange_tables

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from engine.build.layout import Layout
-from engine.kernel.codes import Sleep, SolveStatus
-from engine.kernel.model import Model
-from engine.kernel.state import State
+from engine.kernel.data.enums import Sleep, SolveStatus
+from engine.kernel.data.model import Model
+from engine.kernel.data.state import State
 from engine.offline.effects import EffectStatistics, effects_of
 from engine.offline.energy_statistics import EnergyStatistics
 from engine.offline.record import Record

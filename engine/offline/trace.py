@@ -7,8 +7,8 @@ import numpy as np
 
 from engine.build.build import trace_points
 from engine.build.layout import Layout
-from engine.kernel.model import Model
-from engine.kernel.state import Trace
+from engine.kernel.data.model import Model
+from engine.kernel.data.state import Trace
 from engine.patch.scene import Scene
 
 ENERGIES = "kinetic", "potential", "contact", "dissipated", "supplied", "total"

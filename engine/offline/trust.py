@@ -8,7 +8,7 @@ import numpy as np
 
 from engine.bodies import Mass, Oscillator
 from engine.build.contact_points import contact_points
-from engine.kernel.state import State
+from engine.kernel.data.state import State
 from engine.offline.statistics import NewtonStatistics
 from engine.patch.scene import Scene
 from engine.patch.tables import Contact, StrikeEvent

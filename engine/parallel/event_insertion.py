@@ -3,7 +3,7 @@
 from engine.compiler.decorators import inline, kernel
 from engine.compiler.intrinsics import float64_view, int64_view
 from engine.compiler.struct_types import load_struct
-from engine.kernel.codes import (
+from engine.kernel.data.enums import (
     UNUSED_SLOT,
     DampedModes,
     EnergyTotal,
@@ -13,16 +13,17 @@ from engine.kernel.codes import (
     Sleep,
     SleepMonitor,
 )
-from engine.kernel.connections import reset_extensions
-from engine.kernel.contacts import compression_from_modes, resync_open_contacts
-from engine.kernel.energy import accumulate, island_energy
-from engine.kernel.events import move_event, next_due
-from engine.kernel.free_flight import end_flight
-from engine.kernel.island_view import island_bounds, island_model, island_state
-from engine.kernel.modes import forget_drift
-from engine.kernel.near_contacts import keep_all_contacts
-from engine.kernel.recording import keep_energies
-from engine.kernel.rows import project
+from engine.kernel.data.island_view import island_bounds, island_model, island_state
+from engine.kernel.interactions.connections import reset_extensions
+from engine.kernel.interactions.contacts import compression_from_modes, resync_open_contacts
+from engine.kernel.interactions.island_energy import island_energy
+from engine.kernel.interactions.near_contacts import keep_all_contacts
+from engine.kernel.modes.free_flight import end_flight
+from engine.kernel.modes.mode_energies import accumulate
+from engine.kernel.modes.mode_step import forget_drift
+from engine.kernel.modes.point_rows import project
+from engine.kernel.run.events import move_event, next_due
+from engine.kernel.run.trace_rows import keep_energies
 from engine.parallel.event_slots import DROPPED, VALUES_PER_EVENT, EventSlot
 
 EVENT_SLOTS = len(EventSlot)

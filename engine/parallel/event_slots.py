@@ -6,7 +6,7 @@ from enum import IntEnum
 class EventSlot(IntEnum):
     """Integers of an event."""
 
-    KIND = 0  # engine.kernel.codes.EventKind
+    KIND = 0  # engine.kernel.data.enums.EventKind
     ISLAND = 1
     TARGET_BEGIN = 2
     TARGET_END = 3

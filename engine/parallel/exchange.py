@@ -8,7 +8,7 @@ from engine.build.table_changes import Exchange
 from engine.compiler.kernels import Kernel
 from engine.compiler.kinds import INT
 from engine.compiler.struct_handle import StructHandle
-from engine.kernel.codes import EventKind
+from engine.kernel.data.enums import EventKind
 from engine.parallel.event_slots import VALUES_PER_EVENT, EventSlot
 from engine.parallel.kernel_choice import Use
 

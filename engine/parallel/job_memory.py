@@ -5,13 +5,13 @@ import numpy as np
 from engine.compiler.kernels import Kernel
 from engine.compiler.kinds import INT
 from engine.compiler.struct_handle import StructHandle, pointer_kind
-from engine.kernel.codes import BALANCE_SIZE, Ledger, Wanted
-from engine.kernel.state import BlockOutput, Trace
+from engine.kernel.data.enums import BALANCE_SIZE, Ledger, Wanted
+from engine.kernel.data.state import BlockOutput, Trace
 from engine.parallel.helpers import Helpers
 from engine.parallel.jobs import Job
 from engine.parallel.kernel_choice import Use
 
-RENDER_BLOCK = Kernel("engine.kernel.render_block", "render_block")
+RENDER_BLOCK = Kernel("engine.kernel.run.render_block", "render_block")
 RENDER_JOB = Kernel("engine.parallel.partitions", "render_job")
 RENDER_JOB_KINDS = INT, INT
 

@@ -17,8 +17,8 @@ from engine.compiler.kernel_name import KernelName, read_kernel_name
 from engine.compiler.kernels import Kernel
 from engine.compiler.kinds import Kind
 from engine.compiler.struct_handle import pointer_kind
-from engine.kernel.model import Model
-from engine.kernel.state import State
+from engine.kernel.data.model import Model
+from engine.kernel.data.state import State
 
 
 class Use(NamedTuple):

@@ -19,8 +19,8 @@ from engine.compiler.intrinsics import (
     monotonic_seconds,
     store_release,
 )
-from engine.kernel.codes import BALANCE_SIZE, Ledger
-from engine.kernel.energy_balance import follow_energies
+from engine.kernel.data.enums import BALANCE_SIZE, Ledger
+from engine.kernel.run.energy_balance import follow_energies
 from engine.parallel.jobs import Crew, Job
 
 GENERATION = 1 << 16  # more than there are partitions

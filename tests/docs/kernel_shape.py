@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 KERNEL = Path(__file__).parents[2] / "engine" / "kernel"
-DATA = "model", "state", "axes", "codes", "island_view"  # files that list what there is
+DATA = "model", "state", "axes", "enums", "island_view"  # files that list what there is
 # identifiers that show that a function knows an effect, and the files that are the effect's own
 EFFECTS = {
     "weight": (re.compile(r"weight"), ()),

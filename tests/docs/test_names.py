@@ -74,12 +74,18 @@ def test_links_of_guides_lead_somewhere(path):
 
 
 def test_a_name_that_does_not_exist_is_found():
-    assert exists("engine.kernel.drive.clear_drive") and exists("engine.Rendering.plot") and exists("engine.load")
+    assert (
+        exists("engine.kernel.interactions.one_way_drive.clear_drive")
+        and exists("engine.Rendering.plot")
+        and exists("engine.load")
+    )
     assert exists("engine.offline.render.Rendering.audio") and exists("engine.patch.scene.Scene.body")
     assert (
         not exists("engine.build.island_order") and not exists("engine.Take") and not exists("engine.api.rendering.x")
     )
-    assert FILE.findall("see kernel/drive.py and (docs/bench.md), not a/*.py, FOLDER or {path}/x.py") == [
-        "kernel/drive.py",
+    assert FILE.findall(
+        "see kernel/interactions/one_way_drive.py and (docs/bench.md), not a/*.py, FOLDER or {path}/x.py"
+    ) == [
+        "kernel/interactions/one_way_drive.py",
         "docs/bench.md",
     ]

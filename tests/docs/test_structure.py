@@ -24,6 +24,7 @@ ORDER = [
     ["sweep", "report", "ruler"],
     ["cli", "api"],
 ]
+KERNEL_ROOMS = ["data", "modes", "contact", "interactions", "run"]  # the same holds for the rooms of the kernel
 PLACE = {room: place for place, rooms in enumerate(ORDER) for room in rooms}
 FILES = [path for path in (ROOT / "engine").rglob("*.py") if path.parent != ROOT / "engine" or path.stem[0] != "_"]
 MODULES = {".".join(path.relative_to(ROOT / "engine").with_suffix("").parts): path for path in FILES}
@@ -44,6 +45,22 @@ def test_a_package_imports_only_from_those_to_its_left(module):
     room = module.partition(".")[0]
     others = {name.split(".")[1] for name in imports(MODULES[module]) if name.startswith("engine.")} - {room}
     assert all(PLACE[other] < PLACE[room] or (PLACE[room] == 0 and other != "compiler") for other in others), others
+
+
+@pytest.mark.parametrize("module", [name for name in MODULES if name.startswith("kernel.")])
+def test_a_room_of_the_kernel_imports_only_from_those_to_its_left(module):
+    rooms = [name.split(".")[2] for name in imports(MODULES[module]) if name.startswith("engine.kernel.")]
+    if module != "kernel.__init__":
+        place = KERNEL_ROOMS.index(module.split(".")[1])
+        assert all(KERNEL_ROOMS.index(room) <= place for room in rooms), rooms
+
+
+def test_no_files_of_the_kernel_import_each_other_in_a_circle():
+    arrows = {f"engine.{name}": imports(path) for name, path in MODULES.items() if name.startswith("kernel.")}
+    while arrows:
+        leaves = [name for name, of in arrows.items() if not of & arrows.keys()]
+        assert leaves, sorted(arrows)
+        arrows = {name: of for name, of in arrows.items() if name not in leaves}
 
 
 @pytest.mark.parametrize("module", MODULES)
@@ -71,8 +88,8 @@ def test_no_numba_is_imported_before_something_is_computed():
         "offline",
         "sweep",
         "report",
-        "kernel.model",
-        "kernel.state",
+        "kernel.data.model",
+        "kernel.data.state",
     )
     names = [f"engine.{name}" for name in MODULES if name.startswith(rooms) and not name.endswith("__init__")]
     code = f"import sys\nimport {', '.join(names)}\nsys.exit('numba' in sys.modules)"
@@ -110,7 +127,7 @@ def test_an_edited_kernel_is_used(tmp_path):
     first = last()
     assert last() == first
     assert list((tmp_path / "cache").rglob("*.nbc")), "nothing was cached"
-    kernel = tmp_path / "engine" / "kernel" / "pickups.py"
+    kernel = tmp_path / "engine" / "kernel" / "run" / "pickups.py"
     text = kernel.read_text("utf-8")
     assert "frame + (k - first), values[k] * gain" in text
     kernel.write_text(text.replace(", values[k] * gain", ", 2.0 * values[k] * gain"), "utf-8")

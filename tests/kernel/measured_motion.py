@@ -14,17 +14,17 @@ from engine.compiler.array_view import row_view
 from engine.compiler.decorators import INT64_0, INT64_1, inline, kernel
 from engine.compiler.struct_handle import StructHandle
 from engine.compiler.struct_types import load_struct
-from engine.kernel.codes import CHUNK_FRAMES, FLIGHT_FRAMES, Ledger, StepKind
-from engine.kernel.contacts import reset_line_search_budget, resync_open_contacts
-from engine.kernel.drive import clear_drive
-from engine.kernel.events import finish_score, run_score
-from engine.kernel.island_view import island_bounds, island_model, island_state
-from engine.kernel.model import Model
-from engine.kernel.pickups import add_pickups
-from engine.kernel.recording import write_trace
-from engine.kernel.refinement import composed_step
-from engine.kernel.state import State, Trace
-from engine.kernel.step import StepSettings
+from engine.kernel.data.enums import CHUNK_FRAMES, FLIGHT_FRAMES, Ledger, StepKind
+from engine.kernel.data.island_view import island_bounds, island_model, island_state
+from engine.kernel.data.model import Model
+from engine.kernel.data.state import State, Trace
+from engine.kernel.interactions.contacts import reset_line_search_budget, resync_open_contacts
+from engine.kernel.interactions.one_way_drive import clear_drive
+from engine.kernel.run.events import finish_score, run_score
+from engine.kernel.run.pickups import add_pickups
+from engine.kernel.run.refinement import composed_step
+from engine.kernel.run.step import StepSettings
+from engine.kernel.run.trace_rows import write_trace
 from engine.offline.trace import allocate_trace
 from engine.parallel.job_memory import block_output
 

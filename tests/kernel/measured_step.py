@@ -7,12 +7,20 @@ The laws, the contact solvers and the factors of connections are the engine's.
 from typing import NamedTuple
 
 from engine.compiler.decorators import FALSE, INT64_0, inline, noinline
-from engine.kernel.codes import Row, SolveStatus
-from engine.kernel.connection_factors import update_factors
-from engine.kernel.connections import clear_moves, finish_connections, project_rows
-from engine.kernel.contacts import Reach, end_force_of, energy_created, free_displacement_at, store_solution
-from engine.kernel.external_forces import force_at
-from engine.kernel.modes import (
+from engine.kernel.data.enums import Row, SolveStatus
+from engine.kernel.interactions.connection_factors import update_factors
+from engine.kernel.interactions.connections import clear_moves, finish_connections, project_rows
+from engine.kernel.interactions.contacts import (
+    Reach,
+    end_force_of,
+    energy_created,
+    free_displacement_at,
+    store_solution,
+)
+from engine.kernel.interactions.external_forces import force_at
+from engine.kernel.interactions.only_contact import solve_only_contact
+from engine.kernel.interactions.several_contacts import force_of_law, solve_several_contacts, takes_part
+from engine.kernel.modes.mode_step import (
     apply_loss,
     begin_step_mode,
     kick_by_spring,
@@ -20,10 +28,8 @@ from engine.kernel.modes import (
     motion_of,
     reverse_momenta,
 )
-from engine.kernel.only_contact import solve_only_contact
-from engine.kernel.rows import project_drift, push_at_row
-from engine.kernel.several_contacts import force_of_law, solve_several_contacts, takes_part
-from engine.kernel.step import StepOutcome, repay_energy_debt
+from engine.kernel.modes.point_rows import project_drift, push_at_row
+from engine.kernel.run.step import StepOutcome, repay_energy_debt
 
 
 @inline
@@ -265,7 +271,7 @@ def kick_again(contact, h, state):
 
 @inline
 def measured_step(model, settings, state):
-    """Do a step part by part. Returns a StepOutcome. The arguments are those of engine.kernel.step.step."""
+    """Do a step part by part. Returns a StepOutcome. The arguments are those of engine.kernel.run.step.step."""
     h, frame, contact, connection, force = settings.h, settings.frame, model.contact, model.connection, model.force
     lost = begin_modes(h, state)
     kick_by_external(force, h.force, frame, state)

@@ -8,14 +8,14 @@ import pytest
 from engine.build import contact_basis
 from engine.build.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
-from engine.kernel import laws
-from engine.kernel.codes import Row, SolveStatus
-from engine.kernel.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
-from engine.kernel.model import BasisCoefficients, ContactBasis
-from engine.kernel.persistent_contact_solver import solve_persistent
-from engine.kernel.reduced_contact_solver import basis_of_island, solve_reduced
-from engine.kernel.scalar_contact_solver import solve_scalar_contact
-from engine.kernel.state import Scratch
+from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
+from engine.kernel.contact.persistent_contact_solver import solve_persistent
+from engine.kernel.contact.reduced_contact_solver import basis_of_island, solve_reduced
+from engine.kernel.contact.scalar_contact_solver import solve_scalar_contact
+from engine.kernel.data import laws
+from engine.kernel.data.enums import Row, SolveStatus
+from engine.kernel.data.model import BasisCoefficients, ContactBasis
+from engine.kernel.data.state import Scratch
 
 pytestmark = pytest.mark.hard
 PROBLEMS = 400

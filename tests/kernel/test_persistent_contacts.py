@@ -6,11 +6,11 @@ import pytest
 
 from engine.build.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
-from engine.kernel import laws
-from engine.kernel.codes import Row
-from engine.kernel.coupled_contact_solver import CoupledProblem
-from engine.kernel.persistent_contact_solver import solve_persistent
-from engine.kernel.state import Scratch
+from engine.kernel.contact.coupled_contact_solver import CoupledProblem
+from engine.kernel.contact.persistent_contact_solver import solve_persistent
+from engine.kernel.data import laws
+from engine.kernel.data.enums import Row
+from engine.kernel.data.state import Scratch
 
 
 @kernel

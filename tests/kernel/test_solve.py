@@ -6,8 +6,9 @@ import pytest
 from worst_case_solves import EXPONENTS, exact_force, worst_case_solves
 
 from engine.compiler.decorators import kernel
-from engine.kernel import contact_law, laws
-from engine.kernel.codes import SolveStatus
+from engine.kernel.contact import contact_law
+from engine.kernel.data import laws
+from engine.kernel.data.enums import SolveStatus
 
 
 @kernel

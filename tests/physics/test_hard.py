@@ -21,11 +21,11 @@ from engine.build import contact_basis
 from engine.build.build import build
 from engine.build.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
-from engine.kernel import laws
-from engine.kernel.codes import Row, SolveStatus
-from engine.kernel.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
-from engine.kernel.scalar_contact_solver import MAX_HALLEY_EVALUATIONS, solve_scalar_contact
-from engine.kernel.state import Scratch
+from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
+from engine.kernel.contact.scalar_contact_solver import MAX_HALLEY_EVALUATIONS, solve_scalar_contact
+from engine.kernel.data import laws
+from engine.kernel.data.enums import Row, SolveStatus
+from engine.kernel.data.state import Scratch
 from engine.offline import render
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import newton_statistics

@@ -15,7 +15,7 @@ from engine.build.build import build
 from engine.compiler.decorators import kernel
 from engine.compiler.struct_handle import StructHandle
 from engine.compiler.struct_types import load_struct
-from engine.kernel.codes import Sleep
+from engine.kernel.data.enums import Sleep
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import newton_statistics
 from engine.parallel.event_insertion import make_island_ready

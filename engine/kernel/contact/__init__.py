@@ -1,0 +1,1 @@
+"""The law of contacts, and the solvers of contact forces."""

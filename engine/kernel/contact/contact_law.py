@@ -1,0 +1,171 @@
+"""Arithmetic of contact laws (engine.kernel.data.laws): force f(s) = kc·[s]₊^α, potential and discrete gradient.
+
+All compressions are in metres; `k` is the contact's index in its law's arrays. Energies and forces are computed from
+`potential_coefficient` = kc/(α+1), in N/m^α: V(s) = potential_coefficient·[s]₊^(α+1).
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from engine.compiler.decorators import inline
+from engine.compiler.overloads import overload_by_type
+from engine.kernel.data.laws import SPECIAL_LAWS, Law, Power
+
+# --- laws of one exponent, and of any
+
+
+def branch_on_exponent(cases: Mapping[Any, Any], otherwise: Any) -> Any:
+    """Return a compiled function of an exponent and a value, which calls the case of the law of that exponent.
+
+    cases:     compiled functions of the value, by the class of the law
+    otherwise: a function of both, for all other exponents
+    """
+    branch = inline(otherwise)
+    for law in reversed(SPECIAL_LAWS):
+        branch = inline(_either(law.ALPHA, cases[law], branch))
+    return branch
+
+
+def _either(exponent: float, case: Any, otherwise: Any) -> Callable[[Any, Any], Any]:
+    def branch(alpha, value):
+        if alpha == exponent:
+            return case(value)
+        return otherwise(alpha, value)
+
+    return branch
+
+
+def _overload_of_one(function: Callable[..., Any], name: str, otherwise: Any) -> None:
+    """Compile a function of x for laws of all kinds. name: of the function that laws of one exponent have for it"""
+    cases = {law: inline(getattr(law, name)) for law in SPECIAL_LAWS}
+    branch = branch_on_exponent(cases, otherwise)
+
+    def of_kind(case: Any) -> Any:
+        return lambda law, k, x: case(x)
+
+    of_any = {Power: lambda law, k, x: branch(law.exponent[k], x)}
+    overload_by_type(function, {law: of_kind(case) for law, case in cases.items()} | of_any)
+
+
+def exponent(law: Law, k: int) -> float:
+    """Return α of contact k: a constant of the compiled code where the type of the law says it. In compiled code
+    only."""
+    raise TypeError("exponent is for compiled code")
+
+
+def power(law: Law, k: int, x: float) -> float:
+    """Return x^α for x ≥ 0. In compiled code only."""
+    raise TypeError("power is for compiled code")
+
+
+def inverse_power(law: Law, k: int, x: float) -> float:
+    """Return x^(1/α) for x ≥ 0. In compiled code only."""
+    raise TypeError("inverse_power is for compiled code")
+
+
+def root_of_potential(law: Law, k: int, x: float) -> float:
+    """Return x^(1/(α+1)) for x ≥ 0. In compiled code only."""
+    raise TypeError("root_of_potential is for compiled code")
+
+
+def power_difference_quotient(law: Law, k: int, a: float, b: float, d: float) -> float:
+    """Return (b^(α+1) - a^(α+1))/(b - a) with a, b ≥ 0, not both 0, and d = |b - a|, which is known more precisely than
+    they are. In compiled code only."""
+    raise TypeError("power_difference_quotient is for compiled code")
+
+
+def general_quotient(alpha, value):
+    """Return (b^(α+1) - a^(α+1))/(b - a) for any exponent. value: (a, b, d) with d = |b - a|"""
+    # based on the larger of the two, or it overflows
+    a, b, d = value
+    m = max(a, b)
+    n, part, whole = alpha + 1.0, d / m, m**alpha
+    if part == 0.0:
+        return whole * n
+    if part >= 1.0:
+        return whole
+    return whole * (-math.expm1(n * math.log1p(-part))) / part
+
+
+def _constant(alpha: float) -> Any:
+    return lambda law, k: alpha
+
+
+def _quotient(law: Any) -> tuple[Any, Any]:
+    """Return the quotient of a law of one exponent twice: as a function of the value (a, b, d), and of arguments."""
+    case = inline(law.quotient)
+    return inline(lambda value: case(value[0], value[1])), lambda law, k, a, b, d: case(a, b)
+
+
+_quotients = {law: _quotient(law) for law in SPECIAL_LAWS}
+_any_quotient = branch_on_exponent({law: of_value for law, (of_value, _) in _quotients.items()}, general_quotient)
+_overload_of_one(power, "power", lambda alpha, x: x**alpha)
+_overload_of_one(inverse_power, "inverse_power", lambda alpha, x: x ** (1.0 / alpha))
+_overload_of_one(root_of_potential, "root_of_potential", lambda alpha, x: x ** (1.0 / (alpha + 1.0)))
+overload_by_type(
+    exponent, {law: _constant(law.ALPHA) for law in SPECIAL_LAWS} | {Power: lambda law, k: law.exponent[k]}
+)
+overload_by_type(
+    power_difference_quotient,
+    {law: of_arguments for law, (_, of_arguments) in _quotients.items()}
+    | {Power: lambda law, k, a, b, d: _any_quotient(law.exponent[k], (a, b, d))},
+)
+
+
+# --- force and energy
+
+
+@inline
+def elastic_force(law, k, s):
+    """Elastic force f(s) = kc·[s]₊^α, N."""
+    if s <= 0.0:
+        return 0.0
+    return law.potential_coefficient[k] * (exponent(law, k) + 1.0) * power(law, k, s)
+
+
+@inline
+def potential(law, k, s):
+    """Stored energy V(s) = kc·[s]₊^(α+1)/(α+1), in joule."""
+    if s <= 0.0:
+        return 0.0
+    return law.potential_coefficient[k] * s * power(law, k, s)
+
+
+@inline
+def potential_difference(law, k, s, b, eta):
+    """Difference of stored energy V(b) - V(s) for a step η = b - s, in joule, without cancellation."""
+    if s <= 0.0 or b <= 0.0:
+        return potential(law, k, b) - potential(law, k, s)
+    return law.potential_coefficient[k] * power_difference_quotient(law, k, s, b, abs(eta)) * eta
+
+
+@inline
+def discrete_gradient(law, k, s, b, eta):
+    """Discrete gradient φ = (V(b) - V(s))/η in units of the law, and its first three derivatives
+    with respect to the end compression b.
+
+    For b > 0; s is the start compression and η = b - s, carried apart so that neither
+    cancels (docs/design.md, sec. 3). Relative error a few 1e-16.
+    """
+    alpha = exponent(law, k)
+    end = (alpha + 1.0) * power(law, k, b)  # dV/db
+    if s <= 0.0:  # entering: only part of the step is spent in contact
+        phi = power(law, k, b) * (b / eta)
+    else:
+        phi = power_difference_quotient(law, k, s, b, abs(eta))
+    e = eta / b
+    one = alpha * end / b
+    two = (alpha - 1.0) * one / b
+    if abs(e) < 1e-3:  # series of the mean about b; the quotients below would cancel
+        c = (alpha - 2.0) * e
+        d = (alpha - 3.0) * e
+        first = one * (0.5 - (alpha - 1.0) * e * (1.0 / 6.0 - c * (1.0 / 24.0 - d / 120.0)))
+        second = two * (1.0 / 3.0 - c * (1.0 / 12.0 - d / 60.0))
+        third = two * (alpha - 2.0) / b * 0.25
+    else:
+        over = 1.0 / eta
+        first = (end - phi) * over
+        second = (one - 2.0 * first) * over
+        third = (two - 3.0 * second) * over
+    return phi, first, second, third

@@ -1,0 +1,333 @@
+"""Parts of one round of the coupled contact solve, on the contacts of the active set
+(engine.kernel.contact.coupled_contact_solver).
+
+All numbers lie in the Scratch: a row for each quantity (engine.kernel.data.enums.Row), and B of the active set. Names
+in capitals are rows.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from engine.compiler.decorators import INT64_0, inline, noinline
+from engine.compiler.lanes import (
+    load_lanes,
+    magnitude,
+    multiply_add,
+    splat,
+    store_lanes,
+)
+from engine.kernel.contact.contact_law import exponent
+from engine.kernel.contact.scalar_contact_solver import (
+    loss_rate_of,
+    response_in_contact,
+    response_leaving,
+    solve_scalar_contact,
+)
+from engine.kernel.data.enums import LANES, Row, SolveStatus
+from engine.kernel.modes.ordered_sums import sum_products
+
+solve_scalar_apart = noinline(
+    solve_scalar_contact.py_func
+)  # inlined in every round, it would take 10 s more to compile
+MIN_RHO = 1e-8  # of B_kk; below, ρ is rounding
+
+
+@inline
+def dot(a, b, n):
+    """Return Σ a·b over the first n numbers."""
+    return sum_products(a, INT64_0, b, INT64_0, n)
+
+
+# Products with the compliance of the active set, which is symmetric, are taken column by column: eight contacts at a
+# time, without a sum over lanes for each. Its rows and those of the vectors have room for a multiple of eight.
+
+
+@noinline
+def multiply_compliance(near, n, x, product):
+    """Write Σ_j B_ij·x_j of each contact i of an active set of n to `product`."""
+    for i in range(INT64_0, n, LANES):
+        even, odd, j = splat(0.0), splat(0.0), INT64_0
+        while j + 1 < n:
+            even = multiply_add(load_lanes(near[j], i), x[j], even)
+            odd = multiply_add(load_lanes(near[j + 1], i), x[j + 1], odd)
+            j += 2
+        if j < n:
+            even = multiply_add(load_lanes(near[j], i), x[j], even)
+        store_lanes(product, i, even + odd)
+
+
+@noinline
+def sum_sizes(near, n, x, sizes):
+    """Write Σ_j |B_ij·x_j| of each contact i of an active set of n to `sizes`."""
+    for i in range(INT64_0, n, LANES):
+        total = splat(0.0)
+        for j in range(n):
+            total = total + magnitude(load_lanes(near[j], i) * x[j])
+        store_lanes(sizes, i, total)
+
+
+@inline
+def contact_response(law, loss_rate, k, s, eta):
+    """Return the mean force and slope df/dη of contact k for a step η."""
+    b = s + eta
+    rate = loss_rate_of(loss_rate, k)
+    if 1.0 + rate * eta <= 0.0:
+        return 0.0, 0.0
+    if b > 0.0:
+        f, df, _, _ = response_in_contact(law, k, s, b, eta, rate)
+        return f, df
+    if s > 0.0:
+        return response_leaving(law, k, s, eta, rate)
+    return 0.0, 0.0
+
+
+@noinline
+def substitute(scratch, n, residual, out):
+    """Solve (I + √J B √J) y = √J·residual by the present Cholesky factor, and write √J y to `out`."""
+    a, hot = scratch.cholesky, scratch.sloped
+    slope, root, y = scratch.vectors[Row.SLOPE], scratch.vectors[Row.SQRT_SLOPE], scratch.vectors[Row.WORK]
+    count = 0
+    for i in range(n):
+        out[i] = 0.0
+        if slope[i] > 0.0:
+            y[count] = root[count] * residual[i]
+            count += 1
+    for i in range(count):
+        row = a[i]
+        y[i] = (y[i] - dot(row, y, i)) * row[i]
+    for i in range(count - 1, -1, -1):
+        row = a[i]
+        here = y[i] * row[i]
+        y[i] = here
+        for j in range(i):
+            y[j] -= row[j] * here
+    for i in range(count):
+        out[hot[i]] = root[i] * y[i]
+
+
+@noinline
+def newton_step(scratch, n):
+    """Write NEWTON_STEP = √J y with (I + √J B √J) y = √J·RESIDUAL, over the contacts with slope J > 0.
+
+    This is the symmetric form of the Newton step: to first order, adding NEWTON_STEP to the forces on the laws removes
+    RESIDUAL. The Cholesky factor, its diagonal inverted, stays in the scratch.
+    """
+    near, a, hot = scratch.active_compliance, scratch.cholesky, scratch.sloped
+    slope, root = scratch.vectors[Row.SLOPE], scratch.vectors[Row.SQRT_SLOPE]
+    count = 0
+    for i in range(n):
+        if slope[i] > 0.0:
+            hot[count] = i
+            root[count] = math.sqrt(slope[i])
+            count += 1
+    for i in range(count):
+        row, source, w = a[i], near[hot[i]], root[i]
+        for j in range(i + 1):
+            row[j] = w * root[j] * source[hot[j]]
+        row[i] += 1.0
+        for j in range(i):
+            row[j] = (row[j] - dot(row, a[j], j)) * a[j, j]
+        row[i] = 1.0 / math.sqrt(max(row[i] - dot(row, row, i), 1e-300))
+    substitute(scratch, n, scratch.vectors[Row.RESIDUAL], scratch.vectors[Row.NEWTON_STEP])
+
+
+@noinline
+def tangent_compliances(scratch, n):
+    """Write the tangent compliance of each contact, RHO: the Schur complement of I + √J B √J with the other contacts
+    linearised, from the present factor.
+
+    With A = I + √J B √J it is (1/(A⁻¹)_kk - 1)/J_k, or without a slope B_kk - (B √J A⁻¹ √J B)_kk.
+    """
+    near, a, hot = scratch.active_compliance, scratch.cholesky, scratch.sloped
+    slope, root = scratch.vectors[Row.SLOPE], scratch.vectors[Row.SQRT_SLOPE]
+    rho, y = scratch.vectors[Row.RHO], scratch.vectors[Row.WORK]
+    count = 0
+    for i in range(n):
+        if slope[i] > 0.0:
+            count += 1
+    slot = 0
+    for k in range(n):
+        begin, total = 0, 0.0
+        if slope[k] > 0.0:
+            begin = slot
+            slot += 1
+            y[begin] = 1.0
+            for i in range(begin + 1, count):
+                y[i] = 0.0
+        else:
+            for i in range(count):
+                y[i] = root[i] * near[k, hot[i]]
+        for i in range(begin, count):
+            row = a[i]
+            y[i] = (y[i] - dot(row[begin:], y[begin:], i - begin)) * row[i]
+            total += y[i] * y[i]
+        alone = near[k, k]
+        less = (1.0 / total - 1.0) / slope[k] if slope[k] > 0.0 else alone - total
+        rho[k] = min(alone, max(less, MIN_RHO * alone))
+
+
+@noinline
+def project_onto_laws(problem, n):
+    """Project each contact onto its law (Minty's parametrisation): find (η, f) on the curve with η + RHO·f = TARGET.
+    RESIDUAL becomes the error of the contact equations.
+
+    Returns the largest residual in units of what rounding allows (converged: ≤ 1). For a set of one, which this solves,
+    it also returns the evaluations of its law and SolveStatus.
+    """
+    scratch = problem.scratch
+    vectors, near, contacts = scratch.vectors, scratch.active_compliance, scratch.active
+    s, g, target, rho = vectors[Row.START], vectors[Row.FREE_MOVE], vectors[Row.TARGET], vectors[Row.RHO]
+    f, move = vectors[Row.ACTIVE_FORCE], vectors[Row.ACTIVE_STEP]
+    close, slope = vectors[Row.ACTIVE_END], vectors[Row.SLOPE]
+    left = vectors[Row.RESIDUAL]
+    count, how = 0, SolveStatus.FREE
+    for i in range(n):
+        move[i], close[i], f[i], slope[i], count, how = solve_scalar_apart(
+            problem.law, problem.loss_rate, contacts[i], s[i], target[i], rho[i], problem.tolerance
+        )
+    worst, sizes = 0.0, vectors[Row.WORK]
+    multiply_compliance(near, n, f, left)
+    sum_sizes(near, n, f, sizes)
+    for i in range(n):
+        linear_move, size = g[i] - left[i], sizes[i]
+        left[i] = linear_move - move[i]
+        if f[i] == 0.0 and s[i] <= 0.0 and s[i] + linear_move <= 0.0:
+            move[i] = linear_move  # free, and remains so: its end is where the others leave it
+            close[i] = s[i] + linear_move
+            left[i] = 0.0
+        worst = max(worst, abs(left[i]) / (1e-15 * (abs(g[i]) + size) + 1e-300))
+        if not math.isfinite(left[i]):
+            return np.inf, count, SolveStatus.FAILED
+    return worst, count, how
+
+
+@noinline
+def line_search(problem, n):
+    """Move the forces GUESS along one Newton step on the convex potential ½ fᵀBf + Σ ∫φ_k dη, η = g - B f, as far as
+    the potential falls."""
+    scratch = problem.scratch
+    vectors, near, contacts = scratch.vectors, scratch.active_compliance, scratch.active
+    s, g = vectors[Row.START], vectors[Row.FREE_MOVE]
+    f, off = vectors[Row.GUESS], vectors[Row.ACTIVE_FORCE]
+    slope = vectors[Row.SLOPE]
+    left, step = vectors[Row.RESIDUAL], vectors[Row.NEWTON_STEP]
+    after, eta = vectors[Row.FURTHER_MOVE], vectors[Row.ACTIVE_STEP]
+    multiply_compliance(near, n, f, left)
+    for i in range(n):
+        eta[i] = g[i] - left[i]
+        off[i], slope[i] = contact_response(problem.law, problem.loss_rate, contacts[i], s[i], eta[i])
+        off[i] -= f[i]
+    # Newton: (I + J B) d = φ - f, that is d = (φ - f) - J B (φ - f) + …
+    multiply_compliance(near, n, off, left)
+    for i in range(n):
+        left[i] = -left[i]
+    newton_step(scratch, n)
+    for i in range(n):
+        step[i] += off[i]
+    before = 0.0
+    multiply_compliance(near, n, step, after)
+    for i in range(n):
+        before -= after[i] * off[i]
+    low, upper, at = 0.0, 0.0, 1.0
+    for _ in range(60):  # the derivative rises along the ray: find where it changes sign
+        here = 0.0
+        for i in range(n):
+            force, _ = contact_response(problem.law, problem.loss_rate, contacts[i], s[i], eta[i] - at * after[i])
+            here += after[i] * (f[i] + at * step[i] - force)
+        if abs(here) <= 0.1 * abs(before):
+            break
+        if here < 0.0:
+            low = at
+            at = 2.0 * at if upper == 0.0 else 0.5 * (low + upper)
+        else:
+            upper = at
+            at = 0.5 * (low + upper)
+    for i in range(n):
+        f[i] += at * step[i]
+
+
+class ForceEstimate(NamedTuple):
+    """Estimate of the force of a contact in the middle of a solve."""
+
+    eta: float  # change of compression, m
+    end: float  # compression at the end of the step, m
+    force: float  # N
+    slope: float  # of the force, N/m
+
+
+@inline
+def extrapolation_error(law, k, s, estimate, move):
+    """Return the relative errors of the force after a small further move, to first order and to second."""
+    eta, b, f, slope = estimate
+    if f <= 0.0:
+        none = 0.0 if b <= 0.0 or move == 0.0 else np.inf
+        return none, none
+    scale = max(s, abs(eta)) if s > 0.0 else b
+    size = (exponent(law, k) + 1.0) * abs(move) / scale
+    change = max(size, abs(move) * slope / f)
+    near = size * max(1.0, scale / abs(b))  # beyond the first, derivatives have a kink at b = 0
+    return size * change, near * near * max(change, near)
+
+
+@inline
+def second_order_change(law, loss_rate, k, s, estimate, move):
+    """Return the change of the force of contact k of second order in a small move."""
+    eta, b, f, _ = estimate
+    if b > 0.0:
+        _, _, ddf, _ = response_in_contact(law, k, s, b, eta, loss_rate_of(loss_rate, k))
+        return 0.5 * ddf * move * move
+    return f * (move / eta) * (move / eta)
+
+
+@noinline
+def try_extrapolate(problem, n):
+    """Try to take the last Newton step along the tangents of the laws, or to second order, without another round.
+
+    This changes ACTIVE_FORCE, ACTIVE_STEP and ACTIVE_END, and returns True, if every force stays within the tolerance
+    of its law. FURTHER_MOVE becomes how much further each contact moves with the Newton step.
+    """
+    scratch = problem.scratch
+    vectors, near, contacts = scratch.vectors, scratch.active_compliance, scratch.active
+    s, f, eta, end = vectors[Row.START], vectors[Row.ACTIVE_FORCE], vectors[Row.ACTIVE_STEP], vectors[Row.ACTIVE_END]
+    slope, left = vectors[Row.SLOPE], vectors[Row.RESIDUAL]
+    step, after = vectors[Row.NEWTON_STEP], vectors[Row.FURTHER_MOVE]
+    multiply_compliance(near, n, step, after)
+    for i in range(n):
+        after[i] = left[i] - after[i]
+    first = 0.0
+    for i in range(n):
+        k = contacts[i]
+        if slope[i] > 0.0:
+            one, two = extrapolation_error(
+                problem.law, k, s[i], ForceEstimate(eta[i], end[i], f[i], slope[i]), after[i]
+            )
+            if not min(one, two) <= problem.tolerance:
+                return False
+            first = max(first, one)
+        elif not contact_response(problem.law, problem.loss_rate, k, s[i], eta[i] + after[i])[0] <= 0.0:
+            return False
+    if first > problem.tolerance:  # (I + J B) d = ½ f'' move², that is d = ½ f'' move² - J B (½ f'' move²) + …
+        bend, more = vectors[Row.GUESS], vectors[Row.TARGET]
+        for i in range(n):
+            bend[i] = 0.0
+            if slope[i] > 0.0:
+                k = contacts[i]
+                estimate = ForceEstimate(eta[i], end[i], f[i], slope[i])
+                bend[i] = second_order_change(problem.law, problem.loss_rate, k, s[i], estimate, after[i])
+        multiply_compliance(near, n, bend, left)
+        for i in range(n):
+            left[i] = -left[i]
+        substitute(problem.scratch, n, left, more)
+        for i in range(n):
+            more[i] += bend[i]
+            step[i] += more[i]
+        multiply_compliance(near, n, more, left)
+        for i in range(n):
+            after[i] -= left[i]
+    for i in range(n):
+        f[i] += step[i]
+        eta[i] += after[i]
+        end[i] += after[i]
+    return True

@@ -1,0 +1,267 @@
+"""Contact solve of one contact: its compression at the end of a step, given how far it would move without force.
+
+`solve_scalar_contact` solves an island with one contact. The unknown is the end compression b, with η = b - s beside
+it, so that neither is ever formed from the other (docs/design.md, sec. 3):
+
+    (b - G) + B·f = 0,    f = φ(s, b)·max(0, 1 + μη/h),    G = s + g
+
+with B the compliance of the bodies at the contact over one step (m/N), φ the discrete gradient of the contact's
+potential. The left side is convex and increasing in b, so the root is unique (paper, sec. 2.1.2). No function here
+raises; failure is a returned status.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+from engine.compiler.decorators import inline
+from engine.kernel.contact.contact_law import discrete_gradient, exponent, inverse_power, power, root_of_potential
+from engine.kernel.data.enums import SolveStatus
+
+MIN_COMPRESSION = 1e-150  # m; a compression below it is none: its square underflows
+BRACKET_SLACK = 1e-15  # its ends are rounded
+MAX_HALLEY_EVALUATIONS = 60  # bisection alone would be done by then
+
+
+class ContactEquation(NamedTuple):
+    """Equation of one contact for its force (docs/design.md, sec. 3); values as in `solve_scalar_contact`."""
+
+    law: Any
+    k: int
+    s: float
+    g: float
+    compliance: float
+    rate: float  # μ/h, 1/m; 0 without loss
+    tolerance: float
+
+
+@inline
+def loss_rate_of(loss_rate, k):
+    """Hunt-Crossley rate μ/h of contact k in 1/m; 0 where the scene has no contact loss."""
+    if loss_rate is None:
+        return 0.0
+    return loss_rate[k]
+
+
+@inline
+def response_leaving(law, k, s, eta, rate):
+    """Return the mean force and its slope df/dη for a step that begins at s > 0 and ends outside contact."""
+    w = 1.0 + rate * eta
+    if w <= 0.0:
+        return 0.0, 0.0
+    lift = law.potential_coefficient[k] * s * power(law, k, s) / -eta
+    return lift * w, lift / -eta
+
+
+@inline
+def response_in_contact(law, k, s, b, eta, rate):
+    """Return the mean force and its first three derivatives by η for a step that ends at b > 0; 1 + rate·η ≥ 0."""
+    unit = law.potential_coefficient[k]
+    f, df, ddf, dddf = discrete_gradient(law, k, s, b, eta)
+    if rate > 0.0:
+        w = max(0.0, 1.0 + rate * eta)
+        f, df, ddf, dddf = f * w, df * w + f * rate, ddf * w + 2.0 * df * rate, dddf * w + 3.0 * ddf * rate
+    return unit * f, unit * df, unit * ddf, unit * dddf
+
+
+@inline
+def solve_separation(law, k, s, g, rate, elastic):
+    """Solve for the end of a step that begins in contact and ends outside it, in closed form.
+
+    `elastic` is B·V(s), m². Returns η, b, f, df/dη.
+    """
+    free_end = s + g
+    lift = g + rate * elastic
+    width = math.sqrt(lift * lift + 4.0 * elastic)
+    if lift < 0.0:
+        eta = 0.5 * (lift - width)
+    else:
+        eta = -2.0 * elastic / (lift + width)
+    total = 2.0 * s + lift
+    if total <= 0.0:
+        b = 0.5 * (total - width)
+    else:
+        b = 2.0 * (s * free_end - elastic * (1.0 - rate * s)) / (total + width)
+    mean = law.potential_coefficient[k] * s * power(law, k, s) / -eta
+    # 1 + rate·η, which is a root of w² - (1 + left + fade)·w + left, without cancellation
+    left, fade = 1.0 + rate * g, 1.0 + rate * rate * elastic
+    w = 2.0 * left / (left + fade + rate * width)
+    return eta, b, mean * w, mean / -eta
+
+
+@inline
+def solve_linear(law, k, s, g, scale):
+    """Solve for the end of a step in contact for α = 1 without contact loss, in closed form. Returns η, b, f, df/dη."""
+    unit = law.potential_coefficient[k]
+    free_end = s + g
+    c = 1.0 + scale
+    if s <= 0.0:
+        less = free_end + s
+        width = math.sqrt(less * less - 4.0 * c * s * free_end)
+        b = (less + width) / (2.0 * c) if less >= 0.0 else -2.0 * s * free_end / (width - less)
+        eta = b - s
+        force = unit * b * (b / eta)
+        return eta, b, force, (2.0 * unit * b - force) / eta
+    over = 1.0 / c
+    eta = (g - 2.0 * scale * s) * over
+    b = (free_end - scale * s) * over
+    # c is rounded alike at every step, which would feed the motion (3e-17 of its energy a step)
+    eta += ((g - eta) - scale * (2.0 * s + eta)) * over
+    b += ((free_end - b) - scale * (s + b)) * over
+    return eta, b, unit * (2.0 * s + eta), unit
+
+
+@inline
+def solve_quadratic(law, k, s, g, scale):
+    """Solve for the end of a step within contact for α = 2 without contact loss, in closed form. Returns η, b, f,
+    df/dη.
+
+    The quotient of x³ over [s, b] is s² + sb + b², so the contact equation is quadratic.
+    """
+    over = (s + g) - scale * s * s  # > 0, or the step would separate
+    c = 1.0 + scale * s
+    width = math.sqrt(c * c + 4.0 * scale * over)
+    eta = 2.0 * (g - 3.0 * scale * s * s) / (c + 2.0 * scale * s + width)
+    b = 2.0 * over / (c + width)
+    return eta, b, law.potential_coefficient[k] * (s * s + b * (s + b)), law.potential_coefficient[k] * (s + 2.0 * b)
+
+
+@inline
+def initial_guess(law, k, s, g, scale):
+    """Return an end compression to begin with, from the asymptotes of the solution (docs/design.md, sec. 3)."""
+    free_end = s + g
+    alpha = exponent(law, k)
+    n = alpha + 1.0
+    if s <= 0.0:  # (G - b)(b - s) = scale·b^n, where b^n is known at both asymptotes
+        free = free_end / scale
+        if not free < 1e150:
+            return free_end
+        near, far = inverse_power(law, k, free), root_of_potential(law, k, -s * free)
+        b, whole = (near, free_end * near) if near >= far else (far, -s * free_end)
+        if b >= free_end:
+            return free_end
+        miss = whole - (free_end - b) * (b - s)
+        tilt = n * whole / b - (free_end + s - 2.0 * b)
+        bottom = 2.0 * tilt * tilt - miss * (n * alpha * whole / (b * b) + 2.0)
+        step = -2.0 * miss * tilt / bottom if bottom > 0.0 else -miss / tilt
+        return min(free_end, max(b + step, 0.5 * b))
+    kappa = n * scale * power(law, k, s) / s
+    away = (g / s - kappa) / (1.0 + 0.5 * alpha * kappa)  # Newton from b = s
+    if abs(away) * alpha < 0.5:
+        return s + s * away
+    t = free_end / s
+    if away > 0.0:  # loading
+        q = inverse_power(law, k, t / kappa)
+        return min(free_end, s * min(min(t, 1.0 + away), min(2.0 * q - 1.0, inverse_power(law, k, n) * q)))
+    over = n * t - kappa  # unloading
+    mid = n + alpha * t
+    return s * 2.0 * over / (mid + math.sqrt(max(0.0, mid * mid - 4.0 * alpha * over)))
+
+
+@inline
+def initial_guess_lossy(law, k, s, g, scale, rate, b):
+    """Return an end compression to begin with under contact loss, given that without loss, b."""
+    if s <= 0.0:
+        return min(b, root_of_potential(law, k, (s + g) / (scale * rate)))
+    force = (exponent(law, k) + 1.0) * scale * power(law, k, s)
+    newton = s + (g - force) / (1.0 + force * (0.5 * exponent(law, k) / s + rate))  # from b = s; never below the root
+    return b if s - 1.0 / rate < b < newton else newton
+
+
+@inline
+def solve_scalar_contact(law, loss_rate, k, s, g, compliance, tolerance):
+    """Solve one contact equation.
+
+    law, k:     contact k's law (engine.kernel.contact.contact_law)
+    loss_rate:  μ/h of each contact, 1/m; None where the scene has no contact loss
+    s:          compression at the start of the step, m (negative: gap)
+    g:          change of compression if there were no contact force, m
+    compliance: B, change of compression per newton of contact force, m/N
+    tolerance:  relative error left in b
+
+    Returns η (m), b (m), mean force f (N), slope df/dη (N/m), evaluations of the contact law, and SolveStatus (FREE,
+    SEPARATION, CLOSED_FORM, NEWTON or FAILED).
+    """
+    free_end = s + g
+    if s < MIN_COMPRESSION and free_end < MIN_COMPRESSION:
+        return g, free_end, 0.0, 0.0, 0, SolveStatus.FREE
+    alpha = exponent(law, k)
+    scale = compliance * law.potential_coefficient[k]
+    rate = loss_rate_of(loss_rate, k)
+    if s > 0.0:
+        if rate * g <= -1.0:  # leaves faster than the loss allows a push: Hunt-Crossley never pulls
+            return g, free_end, 0.0, 0.0, 0, SolveStatus.SEPARATION
+        elastic = scale * s * power(law, k, s)
+        if s * free_end <= elastic * (1.0 - rate * s):
+            eta, b, force, slope = solve_separation(law, k, s, g, rate, elastic)
+            return eta, b, force, slope, 0, SolveStatus.SEPARATION
+    if rate == 0.0:
+        if alpha == 1.0:
+            eta, b, force, slope = solve_linear(law, k, s, g, scale)
+            return eta, b, force, slope, 0, SolveStatus.CLOSED_FORM
+        if alpha == 2.0 and s > 0.0:
+            eta, b, force, slope = solve_quadratic(law, k, s, g, scale)
+            return eta, b, force, slope, 0, SolveStatus.CLOSED_FORM
+    if scale <= 0.0:
+        b, eta = free_end, g
+    else:
+        b = initial_guess(law, k, s, g, scale)
+        if rate > 0.0:
+            b = initial_guess_lossy(law, k, s, g, scale, rate, b)
+        eta = b - s
+    return bracketed_halley(ContactEquation(law, k, s, g, compliance, rate, tolerance), b, eta)
+
+
+@inline
+def bracketed_halley(equation, b, eta):
+    """Solve a contact equation by Halley's iteration from b (> 0), kept inside a bracket. Returns η, b, mean force f,
+    slope df/dη, evaluations of the contact law, and SolveStatus.
+
+    The force is extrapolated over the last step, so no evaluation is spent on confirming it.
+    """
+    law, k, s, g, compliance, rate, tolerance = equation
+    free_end = s + g
+    lower, upper = 0.0, free_end
+    if s > 0.0 and rate == 0.0:  # the sign of the residual at b = s is the sign of κ - g/s
+        if g > compliance * law.potential_coefficient[k] * (exponent(law, k) + 1.0) * power(law, k, s):
+            lower = s
+        else:
+            upper = s
+    elif s > 0.0:
+        lower, upper = max(0.0, s - 1.0 / rate), max(free_end, s)
+    degree = exponent(law, k) + 1.0
+    for evaluations in range(1, MAX_HALLEY_EVALUATIONS + 1):
+        f, df, ddf, dddf = response_in_contact(law, k, s, b, eta, rate)
+        contact_displacement = compliance * f
+        residual = (eta - g) + contact_displacement if abs(eta) < b else (b - free_end) + contact_displacement
+        derivative = 1.0 + compliance * df
+        halley_denominator = 2.0 * derivative * derivative - residual * compliance * ddf
+        step = -2.0 * residual * derivative / halley_denominator if halley_denominator > 0.0 else -residual / derivative
+        if residual > 0.0:
+            upper = min(upper, b)
+        else:
+            lower = max(lower, b)
+        is_bracketed = lower <= b + step <= upper
+        if not is_bracketed:
+            step = -residual / derivative
+            is_bracketed = lower * (1.0 - BRACKET_SLACK) <= b + step <= upper * (1.0 + BRACKET_SLACK)
+            if not is_bracketed:
+                step = 0.5 * (lower + upper) - b
+        # Halley leaves an error of third order in its step, times how much the contact matters;
+        # the force is extrapolated to third order, and errs by the fourth
+        size = degree * abs(step) / max(s, min(b, b + step))
+        change = abs(step) * (derivative - 1.0)  # of the force, times B
+        error = max(size * size * (derivative - 1.0) / derivative, size * size * size) * change
+        after = contact_displacement + step * (
+            derivative - 1.0
+        )  # a force that falls by orders of magnitude is not extrapolated
+        done = (is_bracketed and error <= tolerance * after and contact_displacement <= 8.0 * after) or abs(
+            residual
+        ) <= 4.4e-16 * (contact_displacement + min(abs(g), abs(free_end)))
+        if done:
+            f += step * (df + step * (0.5 * ddf + step * dddf / 6.0))
+            df += step * (ddf + step * 0.5 * dddf)
+        b += step
+        eta += step
+        if done:
+            return eta, b, f, df, evaluations, SolveStatus.NEWTON
+    return eta, b, f, df, MAX_HALLEY_EVALUATIONS, SolveStatus.FAILED

@@ -1,0 +1,1 @@
+"""Records of a model and of its state, and the axes of their arrays."""

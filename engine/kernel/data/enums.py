@@ -1,0 +1,174 @@
+"""Meanings of whole numbers in the kernels: statuses, kinds and the columns of arrays.
+
+Compiled code has their values as constants. Numbers of event kinds never change, because logs of live sound hold them.
+"""
+
+from enum import IntEnum
+
+
+class Quantity(IntEnum):
+    """Quantity that a pickup gives."""
+
+    DISPLACEMENT = 0
+    VELOCITY = 1
+    ACCELERATION = 2
+    CONTACT_FORCE = 3
+
+
+class SolveStatus(IntEnum):
+    """Outcome of a contact solve; also the column of its counter in State.solve_outcomes."""
+
+    FREE = 0  # no contact in reach
+    SEPARATION = 1  # in closed form: the step ends outside contact
+    CLOSED_FORM = 2
+    NEWTON = 3
+    FAILED = 4
+    CAPPED = 5  # ended early, with forces off their curves
+
+
+class EventKind(IntEnum):
+    """Kind of an event: its action, and its target."""
+
+    STRIKE = 0  # the target mode gets q = value, p = value2
+    DAMP = 1  # the target modes keep `value` of their energy of motion in each step, half of the loss at either end
+    STIFFNESS = 2  # the stiffness of the target contacts glides to `value` times what the model says
+    BARRIER = 3  # the barriers of the target contacts glide to `value` beyond where the model has them
+    EXPONENT = 4  # the exponents of the target contacts glide to `value`
+    LIFT = 5  # what damps the target modes ends, and what was to damp them for good does not begin
+    THROW = 6  # as STRIKE, and what damps the bodies that the target mode has contacts with is lifted, as by a key
+    # those of live sound
+    PLUCK = 8  # the target external force begins anew
+    SLEEP_QUIETEST = 9  # so many islands, the quietest, sleep
+    QUALITY = 10  # play at a level of quality
+    TUNE = 11  # some islands get other coefficients
+    BOOK_ENERGY = 12  # the energy of an island counts as supplied, or as taken
+    # of connections
+    CONNECTION_STIFFNESS = 13  # the stiffness of the target coordinates glides to `value`
+    CONNECTION_DAMPING = 14
+    CONNECTION_REST = 15
+
+
+class EventCursor(IntEnum):
+    """Columns of State.event_cursor."""
+
+    FIRST_ACTIVE = 0  # the first event that is not over
+    NEXT = 1  # the first that has not begun
+    DAMPED = 2  # a column of DampedModes
+
+
+class DampedModes(IntEnum):
+    """Number of modes that events damp: unknown, none or some."""
+
+    UNKNOWN = 0  # State.momentum_kept has to be found anew
+    NONE = 1
+    SOME = 2
+
+
+class Ledger(IntEnum):
+    """Rows of a ledger, J."""
+
+    BALANCE = 0  # stored + dissipated - supplied
+    ABSOLUTE = 1  # all parts of the stored energy without their signs
+
+
+class Balance(IntEnum):
+    """Statistics of the energy balance of a scene, J."""
+
+    SAMPLES = 0  # followed so far
+    INITIAL = 1
+    LAST = 2
+    LARGEST = 3  # energy held, all parts without their signs
+    MAX_ERROR = 4  # against the initial balance; infinite where one is no number
+    MAX_ERROR_PER_STEP = 5
+
+
+class EnergyTotal(IntEnum):
+    """Columns of State.energy_totals, J. Each sum is followed by the rounding that it carries."""
+
+    DISSIPATED = 0
+    DISSIPATED_LOW = 1
+    SUPPLIED = 2
+    SUPPLIED_LOW = 3
+
+
+class SleepMonitor(IntEnum):
+    """Columns of State.sleep_monitor: past levels of an island, which tell when it may sleep."""
+
+    PEAK = 0  # of its pickups, since the last check
+    PEAK_EVER = 1
+    ENERGY_EVER = 2  # the largest energy of vibration, J
+
+
+class Sleep(IntEnum):
+    """Columns of State.sleep, in frames."""
+
+    WAKE_FRAME = 0
+    STATIC_UNTIL = 1  # before this frame, nothing in the island moves
+    SAMPLES_SLEPT = 2
+    FORCED = 3  # 1 if it was put to sleep
+
+
+class StepKind(IntEnum):
+    """Length of a step: that of State.drift_kind. Stages of kind s are FIRST_STAGE + s."""
+
+    UNKNOWN = 0
+    SAMPLE = 1  # a whole sample
+    FIRST_STAGE = 2
+
+
+class Wanted(IntEnum):
+    """Outputs of a block that may be wanted beside its audio: items of BlockOutput.wanted."""
+
+    ENERGIES = 0  # its ledger
+    MOTION = 1  # its trace
+
+
+class FlightFrame(IntEnum):
+    """Columns of FreeFlightState.frame."""
+
+    END = 0  # the flight that was planned last ends before this frame
+    SAVED = 1  # the saved motion is that at this frame
+
+
+class Row(IntEnum):
+    """Rows of Scratch.vectors: data of the coupled contact solver for each contact …"""
+
+    FORCE = 0
+    STEP = 1  # η
+    END = 2  # end compression
+    MISS = 3  # what the bodies move beyond the step
+    END_FORCE = 19  # elastic, at the end compression; of contacts that persist
+    # … and of each in the active set
+    START = 4  # compression
+    FREE_MOVE = 5  # g
+    GUESS = 6  # force
+    TARGET = 7  # of η + ρ·f
+    RHO = 8
+    ACTIVE_FORCE = 9
+    ACTIVE_STEP = 10
+    ACTIVE_END = 11
+    SLOPE = 12
+    RESIDUAL = 13
+    NEWTON_STEP = 14
+    FURTHER_MOVE = 15  # with the Newton step
+    SQRT_SLOPE = 16
+    WORK = 17
+    START_FORCE = 18  # elastic
+
+
+# of the basis of contacts (engine.kernel.contact.reduced_contact_solver)
+LANES = 8  # numbers that are taken at once
+BALANCE_MEMORY = 8  # of a Balance: eight numbers, where its others end
+BALANCE_SIZE = BALANCE_MEMORY + LANES
+MAX_RANK = 5  # rows; a basis of fewer has zeros in the last ones
+COLUMNS = 24  # of the table of products: 15 of pairs of rows, a zero, five rows, and zeros
+ROWS_COLUMN = 16
+
+CHUNK_FRAMES = 1024  # samples an island runs before the next one does: few enough for the fast cache
+DRIVE_FRAMES = 2 * CHUNK_FRAMES  # samples that are kept of the forces of strings that drive bodies; a power of 2
+FLIGHT_FRAMES = 64  # samples of a free flight (engine.kernel.modes.free_flight), and between two periodic checks
+FLIGHT_PART = 8  # samples of it that one table gives
+FLIGHT_MODES = 128  # modes that are taken through a flight together: few enough for the fast cache
+
+NO_END = 1 << 60  # when an event ends that stays for good
+UNUSED_SLOT = 1 << 61  # when an event begins that has not come yet: capacity for those of live sound

@@ -1,0 +1,1 @@
+"""Interactions, a file for each: connections, contacts, external forces, one-way drives."""

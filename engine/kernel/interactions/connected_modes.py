@@ -1,0 +1,104 @@
+"""The pass over the modes of an island with connections: it pushes by these, and finds how far they move in this step
+and in the next, so that their forces in the next step are known before its pass."""
+
+import numpy as np
+
+from engine.compiler.decorators import INT64_0, INT64_1, inline, noinline
+from engine.compiler.lanes import lane_sum, splat
+from engine.kernel.interactions.connections import clear_moves, project_rows, push_at_rows
+from engine.kernel.modes.moving_modes import PushedPoint, count_loss, move_some_modes, plain_step
+
+
+@inline
+def move_connected_modes(connection, pushes, h, state):
+    """Move all modes by a step, with the forces of connections, and find how far these move, in this step and in the
+    next. Returns the energy lost, J.
+
+    pushes: State.push, or None if it is all zeros
+    """
+    joined = state.connection
+    clear_moves(joined.move)
+    clear_moves(joined.free_move)
+    joined.is_move_known[0] = 1
+    return move_as_modes_allow(h.weight_kick, h.drag, pushes, connection, h, state)
+
+
+@inline
+def move_as_modes_allow(weight_kick, drag, pushes, connection, h, state):
+    """Move all modes, without reading the weight and the drag if the modes of the island have none. Returns the energy
+    lost, J."""
+    if weight_kick is None:
+        if drag is None:
+            return move_groups(connection, pushes, plain_step(h), 0.5, state)
+    if connection.is_plain[0] != 0:
+        return move_groups(connection, pushes, plain_step(h), 0.5, state)
+    return move_groups(connection, pushes, h, 1.0, state)
+
+
+@inline
+def move_groups(connection, pushes, h, share, state):
+    """Move all modes, those of each body with all rows of connections on it. Returns the energy lost, J: this share of
+    what the modes count."""
+    losses, begin, r, parts = (splat(0.0), splat(0.0)), INT64_0, INT64_0, connection.coordinate.shape[0]
+    while r < parts:
+        first, end = np.int64(connection.rows.mode_begin[r]), np.int64(connection.rows.mode_end[r])
+        count = INT64_1
+        while r + count < parts and connection.rows.mode_begin[r + count] == first:
+            count += 1
+        if begin < first:
+            losses, _, _ = move_some_modes(h, (pushes, None, None), begin, first - begin, losses, state)
+        losses = move_group(connection, pushes, h, (r, count), losses, state)
+        begin, r = end, r + count
+    if begin < state.p.shape[0]:
+        losses, _, _ = move_some_modes(h, (pushes, None, None), begin, state.p.shape[0] - begin, losses, state)
+    return count_loss(share * lane_sum(losses[0]), share * lane_sum(losses[1]), state)
+
+
+@inline
+def point_of_row(connection, h, r, state):
+    """Return the PushedPoint of row r."""
+    rows, offset = h.connection.rows, np.int64(connection.rows.offset[r])
+    return PushedPoint(rows.kick_phi, rows.drift_phi, offset, -state.connection.force[connection.coordinate[r]])
+
+
+@inline
+def add_moves_of_row(connection, r, moves, joined):
+    """Add how far row r moves, in this step and in the next, in lanes, to the moves of its coordinate."""
+    i = connection.coordinate[r]
+    joined.move[i] += lane_sum(moves[0])
+    joined.free_move[i] += lane_sum(moves[1])
+
+
+@inline
+def move_group(connection, pushes, h, rows, losses, state):
+    """Move the modes of a body with so many rows. Returns the losses with theirs added.
+
+    rows: the first, and their number
+    """
+    (r, count), joined = rows, state.connection
+    if count > 2:
+        return move_group_of_many(connection, h, rows, losses, state)
+    first, modes = np.int64(connection.rows.mode_begin[r]), np.int64(connection.rows.mode_end[r])
+    modes -= first
+    a = point_of_row(connection, h, r, state)
+    if count == 1:
+        losses, moves, _ = move_some_modes(h, (pushes, a, None), first, modes, losses, state)
+    else:
+        b = point_of_row(connection, h, r + 1, state)
+        losses, moves, others = move_some_modes(h, (pushes, a, b), first, modes, losses, state)
+        add_moves_of_row(connection, r + 1, others, joined)
+    add_moves_of_row(connection, r, moves, joined)
+    return losses
+
+
+@noinline
+def move_group_of_many(connection, h, rows, losses, state):
+    """Move the modes of a body with more than two rows, such as a board. Returns the losses with theirs added."""
+    (r, count), joined = rows, state.connection
+    first, modes = np.int64(connection.rows.mode_begin[r]), np.int64(connection.rows.mode_end[r])
+    modes -= first
+    push_at_rows(connection, h.connection, r, r + count, state)
+    project_rows(connection, h.connection, state.drift_momentum, r, r + count, joined.move)
+    losses, _, _ = move_some_modes(h, (state.push, None, None), first, modes, losses, state)
+    project_rows(connection, h.connection, state.drift_momentum, r, r + count, joined.free_move)
+    return losses

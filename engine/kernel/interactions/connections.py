@@ -1,0 +1,243 @@
+"""Connections: springs and dampers between bodies that hold both ways, rigid joints, and ends of strings that move.
+
+Their forces are constant over a step, and linear in extensions and moves
+(engine.kernel.interactions.connection_factors), so that they need no iteration, and no stiffness makes a step unstable
+(docs/design.md, "Connections"). They act like any other force: half a kick before the drift, and half a kick after it.
+They are found first, and corrected for what the contact forces of the same step move.
+"""
+
+import math
+
+import numpy as np
+
+from engine.compiler.decorators import INT64_0, inline, noinline
+from engine.kernel.interactions.connection_factors import update_factors
+from engine.kernel.interactions.contacts import contact_number
+from engine.kernel.modes.mode_step import forget_drift
+from engine.kernel.modes.ordered_sums import sum_products, sum_two_products
+from engine.kernel.modes.point_rows import (
+    drifts_of_same_modes,
+    project,
+    project_drift,
+    push_at_row,
+    push_both_at_row,
+    push_both_at_rows_of_same_modes,
+    rows_of_same_modes,
+)
+
+
+@inline
+def count_connections(connection, state):
+    """Number of coordinates that the connections of the island have."""
+    if connection is None:
+        return INT64_0
+    return state.connection.extension.shape[0]
+
+
+@inline
+def has_connections(connection, state):
+    """True if anything in the island is connected."""
+    if connection is None:
+        return False
+    return state.connection.extension.shape[0] > 0
+
+
+@inline
+def forget_near_contacts(joined):
+    """Mark state.connection.near as out of date, because other contacts may close. joined: ConnectionState or None"""
+    if joined is not None:
+        joined.near.until[0] = 0
+
+
+# --- within a step
+
+
+@inline
+def product_at(matrix, i, x):
+    """Return the product of row i of a matrix and a vector."""
+    return sum_products(matrix, np.int64(i) * x.shape[0], x, INT64_0, x.shape[0])
+
+
+@inline
+def project_rows(connection, h, p, begin, end, moves):
+    """Add how far a drift with momenta p moves rows begin:end of connections to the moves of their coordinates, m."""
+    r, of = begin, connection.coordinate
+    while r < end:
+        count = rows_of_same_modes(connection.rows, r, end)
+        if count == 1:
+            moves[of[r]] += project_drift(connection.rows, h.rows, r, p)
+        else:
+            a, b, c, d = drifts_of_same_modes(connection.rows, h.rows, r, count, p)
+            moves[of[r]] += a
+            moves[of[r + 1]] += b
+            if count > 2:
+                moves[of[r + 2]] += c
+            if count > 3:
+                moves[of[r + 3]] += d
+        r += count
+
+
+@inline
+def push_at_rows(connection, h, begin, end, state):
+    """Do half a kick by the forces at rows begin:end, and keep it for the second one."""
+    r, of, forces = begin, connection.coordinate, state.connection.force
+    while r < end:
+        count = rows_of_same_modes(connection.rows, r, end)
+        c = -forces[of[r + 2]] if count > 2 else 0.0
+        d = -forces[of[r + 3]] if count > 3 else 0.0
+        if count == 1:
+            push_both_at_row(connection.rows, h.rows, r, -forces[of[r]], state)
+        else:
+            four = -forces[of[r]], -forces[of[r + 1]], c, d
+            push_both_at_rows_of_same_modes(connection.rows, h.rows, r, count, four, state)
+        r += count
+
+
+@inline
+def clear_moves(moves):
+    """Set the moves of all connections to zero."""
+    for i in range(moves.shape[0]):
+        moves[i] = 0.0
+
+
+@inline
+def find_connection_forces(connection, h, state):
+    """Find the forces of connections, if no contact pushes."""
+    if connection is not None:
+        joined = state.connection
+        if joined.extension.shape[0] > 0:
+            update_factors(connection, h.connection, h.contact, state)
+            if joined.is_move_known[0] == 0:
+                clear_moves(joined.free_move)
+                rows = connection.coordinate.shape[0]
+                project_rows(connection, h.connection, state.drift_momentum, INT64_0, rows, joined.free_move)
+            x, y, n = h.connection.force_per_extension, h.connection.force_per_move, joined.force.shape[0]
+            for i in range(n):
+                joined.force[i] = sum_two_products(x, joined.extension, y, joined.free_move, np.int64(i) * n, n)
+
+
+@noinline
+def push_by_connections(connection, h, state):
+    """Do half a kick by all connections, keep it for the second one, and measure how far the coming drift changes each
+    extension. The moves of the next step are not known then."""
+    if connection is not None:
+        rows, joined = connection.coordinate.shape[0], state.connection
+        push_at_rows(connection, h.connection, INT64_0, rows, state)
+        clear_moves(joined.move)
+        project_rows(connection, h.connection, state.drift_momentum, INT64_0, rows, joined.move)
+        joined.is_move_known[0] = 0
+
+
+@inline
+def answer_contacts(connection, h, reach, state):
+    """Correct the forces of connections for how far the contact forces move these."""
+    if connection is not None:
+        joined, n = state.connection, reach.size
+        for i in range(joined.move.shape[0]):
+            moved = 0.0
+            for k in range(n):
+                moved += reach.moves[i * n + k] * state.contact_force[contact_number(reach.numbers, k)]
+            joined.move[i] = -moved
+        for i in range(joined.move.shape[0]):
+            joined.force[i] += product_at(h.connection.force_per_move, i, joined.move)
+
+
+@inline
+def finish_connections(connection, h, state):
+    """Update the extension of each connection. Returns the energy that dampers have taken, J.
+
+    The moves are measured: the rounding of g - B·f would have the same sign in each step, and add up.
+    """
+    lost = 0.0
+    if connection is not None:
+        lost = extend_connections(h.connection.step_rate, state.connection)
+    return lost
+
+
+@inline
+def extend_connections(step_rate, joined):
+    """Add the move of each connection to its extension. What is too small to add is carried to the next step (Kahan).
+    Returns the energy that dampers have taken, J."""
+    lost = 0.0
+    for i in range(joined.move.shape[0]):
+        before, move = joined.extension[i], joined.move[i]
+        lost += joined.damping[i] * step_rate[i] * move * move
+        more = move + joined.extension_compensation[i]
+        joined.extension[i] = before + more
+        joined.extension_compensation[i] = more - (joined.extension[i] - before)
+    return lost
+
+
+# --- outside the steps
+
+
+@inline
+def connection_energy(connection, state):
+    """Energy that the connections hold, ½·s·K·s, J. That of string ends does not include what their strings hold while
+    the ends are at rest."""
+    total = 0.0
+    if connection is not None:
+        s = state.connection.extension
+        for i in range(s.shape[0]):
+            total += 0.5 * s[i] * (state.connection.stiffness[i] * s[i] + product_at(connection.coupling, i, s))
+    return total
+
+
+@inline
+def damp_connections(connection, duration, is_end, state):
+    """Let all dampers act outside the step, for half of it, one after the other; at its end in the reverse order.
+    Relative velocities fall as e^(-r·W·h/2), W = Φ·Φᵀ. Returns the energy lost, J."""
+    lost = 0.0
+    if connection is not None:
+        if duration is not None:
+            forget_drift(state)
+            lost = damp_each(connection, duration, is_end, state.connection.damping, state.p)
+    return lost
+
+
+@noinline
+def damp_each(connection, duration, is_end, damping, p):
+    """Let each damper of an island act outside the step, for half of it, one after the other; at its end in the reverse
+    order. Returns the energy lost, J."""
+    lost, count = 0.0, damping.shape[0]
+    for n in range(count):
+        i = count - 1 - n if is_end else n
+        if damping[i] != 0.0 and duration[i] != 0.0:
+            lost += damp_coordinate(connection, i, damping[i] * duration[i], p)
+    return lost
+
+
+@noinline
+def damp_coordinate(connection, i, impulse, p):
+    """Let the damper of coordinate i act. Returns the energy lost, J. impulse: its damping times how long it acts,
+    kg"""
+    velocity, mobility = 0.0, 0.0
+    for r in range(connection.coordinate.shape[0]):
+        if connection.coordinate[r] == i:
+            velocity += project(connection.rows, r, p)
+            begin = connection.rows.offset[r]
+            for m in range(connection.rows.mode_end[r] - connection.rows.mode_begin[r]):
+                mobility += connection.rows.phi[begin + m] * connection.rows.phi[begin + m]
+    if mobility == 0.0:
+        return 0.0
+    share = -math.expm1(-impulse * mobility)
+    push = velocity * share / mobility
+    for r in range(connection.coordinate.shape[0]):
+        if connection.coordinate[r] == i:
+            push_at_row(connection.rows, connection.rows.phi, r, -push, p)
+    return velocity * push - 0.5 * mobility * push * push
+
+
+@inline
+def reset_extensions(connection, state):
+    """Read the extensions from the modes; those of rigid connections stay as they are."""
+    if connection is not None:
+        joined = state.connection
+        joined.is_move_known[0] = joined.near.until[0] = 0
+        for i in range(joined.extension.shape[0]):
+            if connection.is_rigid[i] == 0:
+                joined.extension[i] = -joined.rest[i]
+                joined.extension_compensation[i] = 0.0
+        for r in range(connection.coordinate.shape[0]):
+            if connection.is_rigid[connection.coordinate[r]] == 0:
+                joined.extension[connection.coordinate[r]] += project(connection.rows, r, state.q)

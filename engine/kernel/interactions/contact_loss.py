@@ -1,0 +1,102 @@
+"""Contact loss apart from the contact solve, in samples of order 4 and 6 (docs/design.md, "Contact loss apart").
+
+With the compression held, Hunt-Crossley loss is a damper c = μ·f(s) between the bodies: a relative velocity u falls as
+e^(-c·W·t), W = Φ·Φᵀ, whatever t. It acts between the stages of a sample, for a sixth to a third of it each time. The
+stages, some of which go back in time, have no loss. Where the loss is not small, it stays in the solve, at order 2.
+"""
+
+import math
+
+from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
+from engine.kernel.contact.contact_law import elastic_force
+from engine.kernel.modes.mode_step import forget_drift
+from engine.kernel.modes.point_rows import project, push_at_row
+
+MAX_LOSS_LEAVING = 0.5  # μ·|u|, share of the elastic force that loss takes while bodies part: beyond, it might pull
+MIN_SHARE_LEFT = 0.5  # of a compression: where less is left at the end of a sample, loss might pull
+
+
+@inline
+def relative_velocity(contact, other_rows, k, p):
+    """Velocity at which contact k closes, m/s."""
+    velocity = project(contact.rows, k, p)
+    if other_rows is not None:
+        velocity += project(other_rows, k, p)
+    return velocity
+
+
+@inline
+def push_apart(contact, other_rows, k, impulse, p):
+    """Push the bodies of contact k apart by an impulse, N·s."""
+    push_at_row(contact.rows, contact.rows.phi, k, -impulse, p)
+    if other_rows is not None:
+        push_at_row(other_rows, other_rows.phi, k, -impulse, p)
+
+
+@inline
+def is_loss_small(contact_loss, contact, samplerate, state):
+    """True if the contact loss of the coming sample is small enough to act between its stages."""
+    if contact_loss is None:
+        return TRUE
+    return is_small_everywhere(contact_loss, contact, samplerate, state)
+
+
+@noinline
+def is_small_everywhere(contact_loss, contact, samplerate, state):
+    """True if the loss of all contacts in the coming sample is small enough to act between its stages. Samples in which
+    it is too strong are counted."""
+    total, is_pushing = 0.0, TRUE
+    for k in range(state.compression.shape[0]):
+        if contact_loss.loss[k] > 0.0:
+            s = state.compression[k]
+            velocity = relative_velocity(contact, contact.other_rows, k, state.p)
+            end = s + velocity / samplerate
+            total += contact_loss.saturation[k] * elastic_force(contact.law, k, max(s, end))
+            if s > 0.0 and velocity < 0.0:
+                if end < MIN_SHARE_LEFT * s or -velocity * contact_loss.loss[k] > MAX_LOSS_LEAVING:
+                    is_pushing = False
+    if not total <= 1.0:  # NaN is left to the solve
+        state.refinement.samples_of_strong_loss[0] += 1
+        return FALSE
+    return is_pushing
+
+
+@inline
+def lose_at_contacts(contact_loss, contact, duration, is_backwards, rate, state):
+    """Let the loss of all contacts act for a duration, s, one after the other; if backwards, in the reverse order.
+    Returns the energy lost, J.
+
+    rate: sample rate, 1/s; 0 before the first stage, when no contact has pushed as yet
+    """
+    if contact_loss is None:
+        return 0.0
+    if duration == 0.0:
+        return 0.0
+    return lose_at_each(contact_loss, contact, duration, is_backwards, rate, state)
+
+
+@noinline
+def lose_at_each(contact_loss, contact, duration, is_backwards, rate, state):
+    """Let the loss of each closed contact act for a duration, s, one after the other. Returns the energy lost, J."""
+    forget_drift(state)
+    lost, count = 0.0, state.compression.shape[0]
+    for n in range(INT64_0, count):
+        k = count - 1 - n if is_backwards else n
+        if contact_loss.loss[k] > 0.0 and state.compression[k] > 0.0:
+            lost += lose_at_contact(contact_loss, contact, duration, k, rate, state)
+    return lost
+
+
+@inline
+def lose_at_contact(contact_loss, contact, duration, k, rate, state):
+    """Let the loss of contact k act for a duration, s. Returns the energy lost, J."""
+    f, mobility = elastic_force(contact.law, k, state.compression[k]), contact_loss.mobility[k]
+    velocity = relative_velocity(contact, contact.other_rows, k, state.p)
+    impulse = -velocity * math.expm1(-contact_loss.loss[k] * f * mobility * duration) / mobility
+    impulse = max(impulse, -f * duration)  # it never takes more than the elastic force gives
+    if impulse < 0.0 and rate > 0.0:  # nor more than what the contact has pushed in this sample
+        pushed = state.refinement.mean_force[k] / rate + state.refinement.loss_impulse[k]
+        impulse = max(impulse, -max(pushed, 0.0))
+    push_apart(contact, contact.other_rows, k, impulse, state.p)
+    state.refinement.loss_impulse[k] += impulse
+    return impulse * (velocity - 0.5 * mobility * impulse)

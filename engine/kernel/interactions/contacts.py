@@ -1,0 +1,345 @@
+"""Contacts: how bodies move them and they push bodies, whether they can close, and how a solution is stored."""
+
+from typing import Any, NamedTuple
+
+from engine.compiler.decorators import FALSE, inline, noinline
+from engine.kernel.contact.contact_law import elastic_force, potential, potential_difference
+from engine.kernel.contact.reduced_contact_solver import basis_of_island, gather_rows, spread_rows
+from engine.kernel.contact.scalar_contact_solver import loss_rate_of
+from engine.kernel.data.enums import Row, SolveStatus
+from engine.kernel.modes.point_rows import add_drifts, bound_at_row, project, project_drift, push_both_at_row
+
+CANCELLATION = 3.0  # times compression and step: what B·f may be before moves are measured instead. At 100, a body
+# between two stiff walls gains 1e-14 of its energy in a step; at 0, no less than at 3
+LARGE_RESIDUE = 1e-10  # of compression and step: a residue that is carried from earlier steps and moves the bodies
+LINE_SEARCHES = 16  # that the capped solves of an island may spend between two periodic checks
+
+
+# --- moves and forces at a contact
+
+
+@inline
+def moves_by_basis(basis):
+    """True if contacts move bodies, and are moved, by the rows of their basis."""
+    if basis is None:
+        return False
+    return basis.is_first.shape[0] > 0 and basis.is_first[0] != 0
+
+
+@inline
+def find_moves_by_basis(basis, coefficients, state):
+    """Find how far the coming drift changes each compression, m, by the basis of the island's contacts."""
+    if basis is not None:
+        g, momentum = state.free_displacement, state.scratch.vectors[Row.GUESS]
+        island_basis = basis_of_island(basis, coefficients, g.shape[0])
+        for j in range(island_basis.rank):
+            momentum[j] = project_drift(basis.rows, coefficients.rows, j, state.drift_momentum)
+        spread_rows(island_basis, momentum, state.scratch.vectors[Row.WORK], g)
+
+
+@inline
+def push_by_basis(basis, coefficients, state):
+    """Do half a kick by all contact forces, by the basis of the island's contacts, and keep it for the second half."""
+    if basis is not None:
+        f, vectors = state.contact_force, state.scratch.vectors
+        island_basis = basis_of_island(basis, coefficients, f.shape[0])
+        gather_rows(island_basis, f, vectors[Row.WORK], vectors[Row.GUESS])
+        for j in range(island_basis.rank):
+            push_both_at_row(basis.rows, coefficients.rows, j, -vectors[Row.GUESS, j], state)
+
+
+class Touch(NamedTuple):
+    """Outcome of the contacts in a step, before modes move."""
+
+    status: int  # SolveStatus; FREE if no contact was in reach
+    evaluations: int  # of the contact laws
+    dissipated: float  # J, by contact loss
+    excess: float  # J, that forces off their curves create
+    is_measured: bool  # True if connections have pushed, and their moves been measured
+    point_force: float  # N, of an only contact that is to push in the pass over the modes; or 0
+
+
+@inline
+def no_touch(status, evaluations):
+    """Return the Touch of a step in which no contact pushes."""
+    return Touch(status, evaluations, 0.0, 0.0, FALSE, 0.0)
+
+
+class Reach(NamedTuple):
+    """Contacts of an island that may close, of which the forces of a step are to be found: all of them, or those that
+    are near (engine.kernel.interactions.near_contacts). Arrays are of these contacts, one after the other."""
+
+    size: int  # how many
+    numbers: Any  # theirs in the island; None if there are never but all
+    compression: Any  # s, m
+    free_displacement: Any  # g, m: how the coming drift changes it without contact force
+    law: Any
+    loss_rate: Any  # μ/h, 1/m, or None
+    coupling: Any  # B, row by row, m/N; None if no island has several contacts
+    moves: Any  # m/N: of each connection, row by row; None without connections
+
+
+@inline
+def contact_number(numbers, n):
+    """Return the number in its island of contact n within reach."""
+    if numbers is None:
+        return n
+    return numbers[n]
+
+
+@inline
+def free_displacement_at(contact, other_rows, h, k, p):
+    """Change of compression k by a drift with momenta p, m."""
+    g = project_drift(contact.rows, h.rows, k, p)
+    if other_rows is not None:
+        g += project_drift(other_rows, h.other_rows, k, p)
+    return g
+
+
+@inline
+def find_free_displacements(contact, h, state):
+    """Find how far the coming drift changes each compression, m."""
+    if moves_by_basis(contact.basis):
+        find_moves_by_basis(contact.basis, h.basis, state)
+        return
+    moves = state.free_displacement
+    for k in range(moves.shape[0]):
+        moves[k] = 0.0
+    add_drifts(contact.rows, h.rows, state.drift_momentum, moves)
+    add_drifts(contact.other_rows, h.other_rows, state.drift_momentum, moves)
+
+
+@inline
+def push_at_contact(contact, other_rows, h, k, state):
+    """Do half a kick by the force of contact k on the bodies it joins, and keep it for the second half."""
+    f = state.contact_force[k]
+    if f != 0.0:
+        push_both_at_row(contact.rows, h.rows, k, -f, state)
+        if other_rows is not None:
+            push_both_at_row(other_rows, h.other_rows, k, -f, state)
+
+
+@inline
+def push_by_contacts(contact, h, reach, state):
+    """Do half a kick by the forces of contacts within reach, and keep it for the second half."""
+    if moves_by_basis(contact.basis):
+        push_by_basis(contact.basis, h.basis, state)
+        return
+    for n in range(reach.size):
+        push_at_contact(contact, contact.other_rows, h, contact_number(reach.numbers, n), state)
+
+
+@inline
+def compression_from_modes(contact, other_rows, state, k):
+    """Compression of contact k, from the displacements of the modes, m."""
+    s = project(contact.rows, k, state.q) - state.barrier[k]
+    if other_rows is not None:
+        s += project(other_rows, k, state.q)
+    return s
+
+
+@inline
+def resync_open_contacts(contact, state):
+    """Read the compressions of open contacts from the modes.
+
+    This is never done in contact, where it would cost 1e-12 of the energy at kc = 1e13 (docs/design.md, sec. 3).
+    """
+    if contact is not None:
+        for k in range(state.compression.shape[0]):
+            state.contact_force[k] = 0.0
+            state.compression[k] = min(compression_from_modes(contact, contact.other_rows, state, k), 0.0)
+
+
+@inline
+def contact_energy(contact, state):
+    """Potential energy of the contacts, J."""
+    total = 0.0
+    if contact is not None:
+        for k in range(state.compression.shape[0]):
+            total += potential(contact.law, k, state.compression[k])
+    return total
+
+
+# --- can a contact close?
+
+
+@inline
+def bound_at_contact(contact, other_rows, k, bound):
+    """Return how far contact k can close, m, if each mode moves no further than `bound`."""
+    distance = bound_at_row(contact.rows, k, bound)
+    if other_rows is not None:
+        distance += bound_at_row(other_rows, k, bound)
+    return distance
+
+
+@inline
+def split_bound_at_row(connection, rows, r, bound):
+    """Return how far the modes of row r can move its point, m, if each moves no further than `bound`. Of the two
+    numbers, the first is for a body to which nothing is connected, and the second for any other; one of them is 0."""
+    distance = bound_at_row(rows, r, bound)
+    if connection is not None:
+        if distance > 0.0 and connection.is_unconnected[rows.mode_begin[r]] == 0.0:
+            return 0.0, distance
+    return distance, 0.0
+
+
+@inline
+def split_bound_at_contact(contact, other_rows, connection, k, bound):
+    """Return how far contact k can close, m, if each mode moves no further than `bound`: by the bodies to which nothing
+    is connected, and by the others."""
+    alone, connected = split_bound_at_row(connection, contact.rows, k, bound)
+    if other_rows is not None:
+        more, further = split_bound_at_row(connection, other_rows, k, bound)
+        return alone + more, connected + further
+    return alone, connected
+
+
+@inline
+def reach_of_connected(connection, amplitude, is_disturbed, k, distance):
+    """Return how far what is connected can close contact k, m. All of its energy bounds that; or, if less, what the
+    bodies move by themselves and what the forces of connections add, which that energy bounds.
+
+    amplitude:    √(2E) of what is connected, √J
+    is_disturbed: True if the bodies do not move by themselves alone, but are damped by an event
+    distance:     how far the bodies can close it by themselves, m
+    """
+    if connection is None:
+        return 0.0
+    by_energy = connection.contact_reach[k] * amplitude
+    if is_disturbed:
+        return by_energy
+    return min(by_energy, distance + connection.contact_reach_by_forces[k] * amplitude)
+
+
+@inline
+def cannot_close(contact, connection, amplitude, is_disturbed, state):
+    """True if no contact can close while each mode moves by itself no further than `state.displacement_bound`.
+
+    amplitude:    √(2E) of what is connected at most, √J
+    is_disturbed: True if the bodies do not move by themselves alone, but are damped by an event
+    """
+    if contact is not None:
+        for k in range(state.compression.shape[0]):
+            bound = state.displacement_bound
+            distance, connected = split_bound_at_contact(contact, contact.other_rows, connection, k, bound)
+            distance += reach_of_connected(connection, amplitude, is_disturbed, k, connected)
+            if not state.compression[k] + 1.01 * distance < 0.0:  # NaN can close
+                return False
+    return True
+
+
+@inline
+def invalidate_margins(moving):
+    """Mark the margins of a refined sample (engine.kernel.run.refinement) as no longer valid."""
+    if moving is not None:
+        moving.margin_valid[0] = 0
+
+
+@inline
+def reset_line_search_budget(coupling, state):
+    """Give capped solves a new budget of line searches."""
+    if coupling is not None:
+        state.line_search_budget[0] = LINE_SEARCHES
+
+
+# --- a solution is stored
+
+
+@inline
+def count_outcome(state, evaluations, status):
+    """Count the outcome of a solve."""
+    state.solve_outcomes[status] += 1
+    if status >= SolveStatus.NEWTON:
+        state.iteration_histogram[evaluations] += 1
+
+
+@inline
+def contact_dissipation(contact, loss_rate, k, s, b, eta, f):
+    """Energy that contact loss takes over one step: (f - φ)·η, J."""
+    rate = loss_rate_of(loss_rate, k)
+    w = 1.0 + rate * eta
+    if w > 0.5:
+        return f * eta * (rate * eta) / w
+    return f * eta - potential_difference(contact.law, k, s, b, eta)  # f/w would cancel
+
+
+@inline
+def store_solution(contact, h, state, k, solution, miss):
+    """Store the new compression and force of contact k. Returns the energy lost, J.
+
+    solution: η (m), end compression b (m), force f (N), the force of the contact law (N), from which f differs where a
+              solve was capped, and the elastic force at b (N) if there is contact loss
+    miss:     how far the bodies moved at the contact beyond η, m
+
+    The rounding of a step has the same sign at every step of a contact, and would add up (2e-13 of the energy in 60
+    ms). It consists of the low part of B, the residual of the solution, and the step's part beneath the last digit of
+    the compression. It is carried to the next step (Kahan).
+    """
+    eta, b, f, _, _ = solution
+    s = state.compression[k]
+    miss -= h.compliance_low[k] * f
+    lost = dissipation_of(contact, h.loss_rate, k, s, solution, miss)
+    residue = state.compression_compensation[k] + miss
+    if 2.0 * abs(eta) < b:
+        end = s + (eta + residue)
+        residue = (eta + residue) - (end - s)
+    else:  # beside a long step to a small compression, what rounding left of the step is no longer small
+        end = b
+    state.compression_compensation[k] = residue
+    state.compression[k] = end
+    state.contact_force[k] = f
+    return lost
+
+
+@inline
+def dissipation_of(contact, loss_rate, k, s, solution, miss):
+    """Energy that the contact loss of a solution takes, J."""
+    eta, b, f, law_force, end_force = solution
+    if loss_rate_of(loss_rate, k) == 0.0:
+        return 0.0
+    lost = contact_dissipation(contact, loss_rate, k, s, b, eta, law_force)
+    return lost + (f - end_force) * miss  # where bodies move beyond the step, the force works on
+
+
+@inline
+def end_force_of(contact, loss_rate, k, b):
+    """Elastic force at the end compression b, N; 0 where there is no loss, and it is not needed."""
+    if loss_rate_of(loss_rate, k) == 0.0:
+        return 0.0
+    return elastic_force(contact.law, k, b)
+
+
+@inline
+def must_be_measured(h, state, k, s, eta, f):
+    """True if the energy at contact k has to be measured, because its forces all but cancel: of the move B·f by the
+    force itself, so little is left that the rest is rounding. True also if this was so before, and a residue is left of
+    it."""
+    size = abs(s) + abs(eta)
+    return h.compliance[k] * f > CANCELLATION * size or abs(state.compression_compensation[k]) > LARGE_RESIDUE * size
+
+
+@noinline
+def measured_miss(contact, h, state, k, eta, f):
+    """Measure how far the bodies move at contact k beyond the step η, m, by the momenta of the drift with all forces.
+    `free_displacement` becomes the whole move."""
+    move = free_displacement_at(contact, contact.other_rows, h, k, state.drift_momentum)
+    state.free_displacement[k] = move
+    return (move - eta) + h.compliance_low[k] * f  # the last is taken off in `store_solution`
+
+
+@noinline
+def energy_created(contact, state, k, s, lost, f):
+    """Energy that contact k has gained since its compression was s, and lost, beyond the work of the bodies against its
+    force f, J."""
+    end = state.compression[k]
+    return potential_difference(contact.law, k, s, end, end - s) + lost - f * state.free_displacement[k]
+
+
+@inline
+def energy_created_if_persistent(loss_rate, state, k, s, lost, solution):
+    """Return the energy that a contact which persists has gained beyond the work of its force, J. Its potential is
+    that of the solution, but for what rounding moved the compression beyond it."""
+    eta, _, f, _, end_force = solution
+    elastic = f / (1.0 + loss_rate_of(loss_rate, k) * eta)
+    gained = elastic * eta + end_force * ((state.compression[k] - s) - eta)
+    return gained + lost - f * state.free_displacement[k]

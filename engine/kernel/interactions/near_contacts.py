@@ -1,0 +1,244 @@
+"""Contacts of an island with connections that may close in the next samples, while others push.
+
+A piano has hundreds of contacts, of which a few hammers are in reach. The others are left out of the step and of the
+solve, for FLIGHT_FRAMES samples at a time, and their compressions are read from the modes after that. How far each can
+close is bounded by all the energy that the island has (engine.build.contact_reach): by the motion of its bodies, where
+no contact that is near pushes them, and what the forces of connections add; or by that energy alone.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from engine.compiler.decorators import INT64_0, inline, noinline
+from engine.compiler.overloads import is_none, overload_by_source, overload_by_type
+from engine.kernel.contact.scalar_contact_solver import loss_rate_of
+from engine.kernel.data.enums import FLIGHT_FRAMES, StepKind
+from engine.kernel.data.model import Connections
+from engine.kernel.interactions.connections import has_connections
+from engine.kernel.interactions.contacts import (
+    Reach,
+    compression_from_modes,
+    find_free_displacements,
+    free_displacement_at,
+    moves_by_basis,
+    reach_of_connected,
+    split_bound_at_contact,
+)
+from engine.kernel.interactions.external_forces import has_forces
+from engine.kernel.interactions.island_energy import island_energy
+from engine.kernel.modes.event_dampers import is_damping
+from engine.kernel.modes.mode_energies import bound_modal_displacements
+
+FOUND = 2  # of NearContacts.is_far: near, but what it pushes is still taken for bounded
+UNBOUNDED = 1e290  # √kg·m: of a mode that a contact pushes
+
+
+def contacts_in_reach(connection: Any, model: Any, settings: Any, state: Any) -> Reach:
+    """Find how far the coming drift would close the contacts that may close, with the forces of connections and without
+    those of contacts; in compiled code only.
+
+    settings: StepSettings; in the stages of a sample, all contacts are in reach
+    """
+    raise TypeError("contacts_in_reach is for compiled code")
+
+
+@inline
+def contacts_without_connections(connection, model, settings, state):
+    """Do this in a scene without connections."""
+    find_free_displacements(model.contact, settings.h.contact, state)
+    return all_contacts(model.contact, None, None, settings.h.contact, state)
+
+
+@inline
+def contacts_beside_connections(connection, model, settings, state):
+    """Do this in a scene with connections."""
+    contact, h = model.contact, settings.h
+    if leaves_out_contacts(connection, model, settings, state):
+        find_near_displacements(contact, h, state)
+        reach = near_contacts(contact, h, state)
+    else:
+        read_far_contacts(contact, state)
+        find_free_displacements(contact, h.contact, state)
+        reach = all_contacts(contact, state.connection.near.contact, h.connection.contact_moves, h.contact, state)
+    g, f = reach.free_displacement, state.connection.force
+    for i in range(f.shape[0]):
+        for n in range(reach.size):
+            g[n] -= reach.moves[i * reach.size + n] * f[i]
+    return reach
+
+
+@inline
+def are_all_left_out(connection, model, settings, state):
+    """True if no contact of an island may close in this step, which is beside connections."""
+    if connection is None:
+        return False
+    return leaves_out_contacts(connection, model, settings, state) and state.connection.near.size[0] == 0
+
+
+@inline
+def leaves_out_contacts(connection, model, settings, state):
+    """True if contacts that are far are left out of this step. Finds which are, if it is time."""
+    if not has_connections(connection, state) or settings.kind != StepKind.SAMPLE:
+        return False
+    if has_forces(model.force) or moves_by_basis(model.contact.basis):
+        return False
+    if settings.frame >= state.connection.near.until[0]:
+        find_near_contacts(model, model.contact, connection, settings, state)
+    return True
+
+
+@inline
+def all_contacts(contact, index, moves, h, state):
+    """Return the Reach of all contacts. h: ContactCoefficients"""
+    s, g = state.compression, state.free_displacement
+    return Reach(s.shape[0], index, s, g, contact.law, h.loss_rate, h.coupling, moves)
+
+
+@inline
+def near_contacts(contact, h, state):
+    """Return the Reach of the contacts that are near. h: StepCoefficients"""
+    near, n = state.connection.near, state.connection.near.size[0]
+    law = law_of_near(contact.law, near.potential_coefficient[0:n], near.exponent[0:n])
+    rate = gathered(h.contact.loss_rate, near.loss_rate, n)
+    coupling = gathered(h.contact.coupling, near.coupling, n * n)
+    return Reach(n, near.contact, near.compression[0:n], near.free_displacement[0:n], law, rate, coupling, near.moves)
+
+
+@inline
+def find_near_displacements(contact, h, state):
+    """Find how far the coming drift would change the compression of each near contact without its force."""
+    near = state.connection.near
+    for n in range(near.size[0]):
+        k = near.contact[n]
+        near.compression[n] = state.compression[k]
+        near.free_displacement[n] = free_displacement_at(
+            contact, contact.other_rows, h.contact, k, state.drift_momentum
+        )
+
+
+@noinline
+def find_near_contacts(model, contact, connection, settings, state):
+    """Find the contacts that may close in the next FLIGHT_FRAMES samples."""
+    near = state.connection.near
+    read_far_contacts(contact, state)
+    if connection.is_plain[0] != 0:
+        select_contacts(model, contact, connection, is_damping(model.events, state), state)
+    gather_coefficients(contact, settings.h, state)
+    near.until[0] = settings.frame + FLIGHT_FRAMES
+
+
+@inline
+def read_far_contacts(contact, state):
+    """Read the compressions that were not kept from the modes; all are kept now, and in reach."""
+    near = state.connection.near
+    for k in range(near.is_far.shape[0]):
+        near.contact[k] = k
+        if near.is_far[k] != 0:
+            state.compression[k] = min(compression_from_modes(contact, contact.other_rows, state, k), 0.0)
+            state.compression_compensation[k] = state.contact_force[k] = 0.0
+            near.is_far[k] = 0
+    near.until[0] = 0
+
+
+@inline
+def keep_all_contacts(contact, connection, state):
+    """Bring all compressions up to date for a step of all contacts."""
+    if contact is not None:
+        if connection is not None:
+            read_far_contacts(contact, state)
+
+
+@inline
+def select_contacts(model, contact, connection, is_disturbed, state):
+    """Say which contacts may close; and of what these push, no bound but that of energy holds."""
+    near, bound, flight = state.connection.near, state.displacement_bound, model.flight
+    per_speed, per_weight = flight.bound_per_speed, flight.bound_per_weight
+    bound_modal_displacements(model.omega_squared, model.weight, per_speed, per_weight, state.q, state.p, bound)
+    amplitude = math.sqrt(max(0.0, 2.0 * island_energy(model, state)))
+    for k in range(near.is_far.shape[0]):
+        near.is_far[k] = 1
+    more = True
+    while more:
+        more = False
+        for k in range(near.is_far.shape[0]):
+            if near.is_far[k] == 1 and may_close(contact, connection, amplitude, is_disturbed, k, state):
+                near.is_far[k] = FOUND
+                more = True
+        for k in range(near.is_far.shape[0]):
+            if near.is_far[k] == FOUND:
+                near.is_far[k] = 0
+                forget_bounds(contact.rows, k, bound)
+                forget_bounds(contact.other_rows, k, bound)
+
+
+@inline
+def may_close(contact, connection, amplitude, is_disturbed, k, state):
+    """True if contact k may close, or is closed. amplitude: √(2E) of the island, √J"""
+    bound = state.displacement_bound
+    distance, connected = split_bound_at_contact(contact, contact.other_rows, connection, k, bound)
+    distance += reach_of_connected(connection, amplitude, is_disturbed, k, connected)
+    return not state.compression[k] + 1.01 * distance < 0.0  # NaN may
+
+
+@inline
+def forget_bounds(rows, k, bound):
+    """Nothing bounds the modes of row k but their energy. rows: None of a fixed obstacle"""
+    if rows is not None:
+        for m in range(rows.mode_begin[k], rows.mode_end[k]):
+            bound[m] = UNBOUNDED
+
+
+# --- what a solve of the near ones needs
+
+
+@inline
+def gather_coefficients(contact, h, state):
+    """Gather what does not change from step to step."""
+    near, n, total = state.connection.near, INT64_0, state.compression.shape[0]
+    for k in range(total):
+        if near.is_far[k] == 0:
+            near.contact[n] = k
+            near.potential_coefficient[n], near.exponent[n] = state.potential_coefficient[k], state.exponent[k]
+            near.loss_rate[n] = loss_rate_of(h.contact.loss_rate, k)
+            n += 1
+    near.size[0] = n
+    gather_coupling(h.contact.coupling, n, total, near)
+    for i in range(state.connection.force.shape[0]):
+        for j in range(n):
+            near.moves[i * n + j] = h.connection.contact_moves[i * total + near.contact[j]]
+
+
+@inline
+def gather_coupling(coupling, n, total, near):
+    """Gather how far a force at each moves the others, if an island has several contacts."""
+    if coupling is not None:
+        for i in range(n):
+            for j in range(n):
+                near.coupling[i * n + j] = coupling[np.int64(near.contact[i]) * total + near.contact[j]]
+
+
+def law_of_near(law: Any, coefficient: Any, exponent: Any) -> Any:
+    """A law of the kind of `law`, with these coefficients and exponents. In compiled code only."""
+    raise TypeError("law_of_near is for compiled code")
+
+
+def _write_law(law: Any, coefficient: Any, exponent: Any) -> tuple[str, dict[str, Any]]:
+    kind = law.instance_class
+    return f"{kind.__name__}(coefficient, exponent)", {kind.__name__: kind}
+
+
+overload_by_source(law_of_near, _write_law)
+
+
+def gathered(original: Any, copy: Any, count: int) -> Any:
+    """The first items of a copy; None where there is no original. In compiled code only."""
+    raise TypeError("gathered is for compiled code")
+
+
+overload_by_source(gathered, lambda original, copy, count: ("None" if is_none(original) else "copy[0:count]", {}))
+overload_by_type(
+    contacts_in_reach,
+    {type(None): contacts_without_connections.py_func, Connections: contacts_beside_connections.py_func},
+)

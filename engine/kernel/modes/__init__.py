@@ -1,0 +1,1 @@
+"""Modes of bodies: how they move by themselves, and under forces that are known."""

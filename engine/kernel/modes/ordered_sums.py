@@ -1,0 +1,112 @@
+"""Sums of products whose bits are the same on any processor and in any kernel. Eight numbers are taken at a time, and
+then summed over the lanes; fewer than eight are taken one after the other."""
+
+from engine.compiler.decorators import INT64_0, inline
+from engine.compiler.lanes import (
+    EightFrom,
+    FewFrom,
+    lane_sum,
+    load_first_lanes,
+    load_lanes,
+    magnitude,
+    multiply_add,
+    number_at,
+    splat,
+)
+from engine.kernel.data.enums import LANES
+
+
+@inline
+def lanes_of(count):
+    """Return the largest multiple of LANES that is no more than `count`: so many numbers are taken eight by eight."""
+    return count // LANES * LANES
+
+
+@inline
+def fold(add, of, count, sums):
+    """Call add(of, m, sums) for items 0 to `count`, such as modes, and return the sums over all. Eight items are taken
+    at a time, and then summed over the lanes; a single item that is left comes last.
+
+    add:  a compiled function that returns the sums with those of item m added; m is an index, EightFrom or FewFrom
+    of:   what `add` reads and writes
+    sums: a tuple of Lanes to begin with
+    """
+    whole = lanes_of(count)
+    for m in range(INT64_0, whole, LANES):
+        sums = add(of, EightFrom(m), sums)
+    left = count - whole
+    if left > 1:
+        sums = add(of, FewFrom(whole, left), sums)
+    totals = lane_sum(sums)
+    if left == 1:
+        totals = add(of, whole, totals)
+    return totals
+
+
+@inline
+def fold_lanes(add, of, count, sums):
+    """Do what `fold` does, and return the sums in lanes, to which more can be added."""
+    whole = lanes_of(count)
+    for m in range(INT64_0, whole, LANES):
+        sums = add(of, EightFrom(m), sums)
+    if whole < count:
+        sums = add(of, FewFrom(whole, count - whole), sums)
+    return sums
+
+
+@inline
+def sum_products(a, i, b, j, count):
+    """Return Σ a·b over `count` numbers of a from number i on, and of b from number j on."""
+    total = 0.0
+    if count < LANES:
+        for k in range(count):
+            total = multiply_add(number_at(a, i + k), number_at(b, j + k), total)
+        return total
+    even, odd, k, whole = splat(0.0), splat(0.0), INT64_0, lanes_of(count)
+    while k + LANES < whole:  # two sums: the next addition need not wait for the last
+        even = multiply_add(load_lanes(a, i + k), load_lanes(b, j + k), even)
+        odd = multiply_add(load_lanes(a, i + k + LANES), load_lanes(b, j + k + LANES), odd)
+        k += 2 * LANES
+    if k < whole:
+        even = multiply_add(load_lanes(a, i + k), load_lanes(b, j + k), even)
+    if whole < count:
+        last = load_first_lanes(a, i + whole, count - whole)
+        odd = multiply_add(last, load_first_lanes(b, j + whole, count - whole), odd)
+    return lane_sum(even + odd)
+
+
+@inline
+def sum_two_products(a, x, b, y, i, count):
+    """Return Σ a·x + Σ b·y over `count` numbers of a and b from number i on, and of x and y from their first."""
+    total, other = 0.0, 0.0
+    if count < LANES:
+        for k in range(count):
+            total = multiply_add(number_at(a, i + k), number_at(x, k), total)
+            other = multiply_add(number_at(b, i + k), number_at(y, k), other)
+        return total + other
+    first, second, whole = splat(0.0), splat(0.0), lanes_of(count)
+    for k in range(INT64_0, whole, LANES):
+        first = multiply_add(load_lanes(a, i + k), load_lanes(x, k), first)
+        second = multiply_add(load_lanes(b, i + k), load_lanes(y, k), second)
+    if whole < count:
+        rest = count - whole
+        first = multiply_add(load_first_lanes(a, i + whole, rest), load_first_lanes(x, whole, rest), first)
+        second = multiply_add(load_first_lanes(b, i + whole, rest), load_first_lanes(y, whole, rest), second)
+    return lane_sum(first + second)
+
+
+@inline
+def sum_sizes_of_products(a, i, b, j, count):
+    """Return Σ |a|·b over `count` numbers of a from number i on, and of b from number j on."""
+    total = 0.0
+    if count < LANES:
+        for k in range(count):
+            total = multiply_add(magnitude(number_at(a, i + k)), number_at(b, j + k), total)
+        return total
+    lanes, whole = splat(0.0), lanes_of(count)
+    for k in range(INT64_0, whole, LANES):
+        lanes = multiply_add(magnitude(load_lanes(a, i + k)), load_lanes(b, j + k), lanes)
+    if whole < count:
+        last = magnitude(load_first_lanes(a, i + whole, count - whole))
+        lanes = multiply_add(last, load_first_lanes(b, j + whole, count - whole), lanes)
+    return lane_sum(lanes)

@@ -1,0 +1,294 @@
+"""Events: changes by the score at the start of a step.
+
+All energy that an event adds to the stored energy counts as supplied, all that it takes as dissipated, so the ledger
+stays closed: turning a knob cannot blow up the sound.
+"""
+
+import math
+
+from engine.compiler.decorators import inline, noinline
+from engine.kernel.data.enums import NO_END, UNUSED_SLOT, DampedModes, EnergyTotal, EventCursor, EventKind
+from engine.kernel.interactions.connections import forget_near_contacts, has_connections
+from engine.kernel.interactions.contacts import invalidate_margins
+from engine.kernel.interactions.external_forces import next_force
+from engine.kernel.interactions.island_energy import island_energy
+from engine.kernel.interactions.near_contacts import keep_all_contacts
+from engine.kernel.modes.event_dampers import (
+    damp_modes,
+    damp_modes_by_half,
+    find_momentum_kept,
+    is_damping,
+    is_event_active,
+)
+from engine.kernel.modes.mode_energies import accumulate
+from engine.kernel.modes.mode_step import forget_drift
+
+
+@inline
+def next_due(force, events, state, frame):
+    """Return the next frame, after the step of this frame, at which an event begins or an external force acts; this
+    frame itself if one of these goes on, other than damping."""
+    return min(next_event(events, state, frame), next_force(force, frame))
+
+
+@inline
+def next_event(events, state, frame):
+    """Return the frame at which the next event begins; this frame if an event other than damping goes on after it."""
+    if events is None:
+        return UNUSED_SLOT
+    following = state.event_cursor[EventCursor.NEXT]
+    for j in range(state.event_cursor[EventCursor.FIRST_ACTIVE], following):
+        if events.kind[j] != EventKind.DAMP and frame + 1 < events.end[j]:
+            return frame
+    return events.start[following] if following < events.kind.shape[0] else UNUSED_SLOT
+
+
+@inline
+def glide_value(events, state, j, frame, now):
+    """Return the value that event j gives its target at the end of this step. now: its value at the start of the
+    event"""
+    if frame == events.start[j]:
+        state.glide_start[j] = now
+    if frame + 1 >= events.end[j]:
+        return events.value[j]
+    share = (frame + 1 - events.start[j]) / (events.end[j] - events.start[j])
+    return state.glide_start[j] + (events.value[j] - state.glide_start[j]) * 0.5 * (1.0 - math.cos(math.pi * share))
+
+
+@noinline
+def set_motion(model, state, m, q, p):
+    """Put mode m at displacement q with momentum p, and move its contacts and connections with it."""
+    update_compressions(model.contact, state, m, q - state.q[m])
+    update_extensions(model.connection, state, m, q - state.q[m])
+    state.q[m] = q
+    state.p[m] = p
+    state.kick_compensation[m] = 0.0
+
+
+@inline
+def update_compressions(contact, state, m, change):
+    """Let the compressions follow a change of mode m."""
+    if contact is not None:
+        for k in range(state.compression.shape[0]):
+            move = displacement_at_row(contact.rows, k, m, change) + displacement_at_row(
+                contact.other_rows, k, m, change
+            )
+            if move != 0.0:
+                state.compression[k] += move
+                state.compression_compensation[k] = 0.0
+
+
+@inline
+def update_extensions(connection, state, m, change):
+    """Let the extensions of connections follow a change of mode m."""
+    if connection is not None:
+        for r in range(connection.coordinate.shape[0]):
+            move = displacement_at_row(connection.rows, r, m, change)
+            if move != 0.0:
+                state.connection.extension[connection.coordinate[r]] += move
+                state.connection.extension_compensation[connection.coordinate[r]] = 0.0
+
+
+@inline
+def displacement_at_row(rows, r, m, change):
+    """Displacement at row r by a change of mode m; 0 without rows."""
+    if rows is None:
+        return 0.0
+    if rows.mode_begin[r] <= m and m < rows.mode_end[r]:
+        return rows.phi[rows.offset[r] + (m - rows.mode_begin[r])] * change
+    return 0.0
+
+
+@noinline
+def lift_dampers(events, cursor, j, first, last, frame):
+    """Let event j lift the dampers of modes first:last."""
+    for i in range(cursor[EventCursor.FIRST_ACTIVE], events.kind.shape[0]):
+        same = events.kind[i] == EventKind.DAMP and events.target_begin[i] < last and first < events.target_end[i]
+        if same and (i < j or events.end[i] >= NO_END):
+            events.end[i] = min(events.end[i], frame)
+
+
+@inline
+def lift_dampers_of_struck(events, contact, cursor, j, frame):
+    """Let event j lift the dampers of the bodies that its mode has contacts with."""
+    if contact is not None:
+        lift_dampers_of_joined(events, contact.rows, contact.other_rows, cursor, j, frame)
+
+
+@inline
+def lift_dampers_of_joined(events, rows, other, cursor, j, frame):
+    """Let event j lift the dampers of the bodies at the other end of its mode's contacts. rows, other: of either end of
+    the contacts; `other` may be None"""
+    if other is not None:
+        m = events.target_begin[j]
+        for k in range(rows.mode_begin.shape[0]):
+            if rows.mode_begin[k] <= m and m < rows.mode_end[k]:
+                lift_dampers(events, cursor, j, other.mode_begin[k], other.mode_end[k], frame)
+            elif other.mode_begin[k] <= m and m < other.mode_end[k]:
+                lift_dampers(events, cursor, j, rows.mode_begin[k], rows.mode_end[k], frame)
+
+
+@inline
+def nominal_coefficient(contact, state, k):
+    """Stiffness of contact k as the patch says, in units of its law."""
+    return contact.nominal_stiffness[k] / (state.exponent[k] + 1.0)
+
+
+@inline
+def glide_parameter(contact, events, state, j, frame):
+    """Advance the glide of the stiffness, the exponents or the barriers that event j changes."""
+    if contact is not None:
+        first, last = events.target_begin[j], events.target_end[j]
+        if events.kind[j] == EventKind.STIFFNESS:
+            now = state.potential_coefficient[first] / nominal_coefficient(contact, state, first)
+            ratio = glide_value(events, state, j, frame, now)
+            for k in range(first, last):
+                state.potential_coefficient[k] = ratio * nominal_coefficient(contact, state, k)
+        elif events.kind[j] == EventKind.EXPONENT:
+            exponent = glide_value(events, state, j, frame, state.exponent[first])
+            for k in range(first, last):  # kc stays, and the law counts in kc/(α+1)
+                state.potential_coefficient[k] *= (state.exponent[k] + 1.0) / (exponent + 1.0)
+                state.exponent[k] = exponent
+        else:
+            beyond = glide_value(events, state, j, frame, state.barrier[first] - contact.nominal_barrier[first])
+            for k in range(first, last):
+                moved = contact.nominal_barrier[k] + beyond
+                state.compression[k] -= moved - state.barrier[k]
+                state.barrier[k] = moved
+
+
+@inline
+def glide_connection(connection, events, state, j, frame):
+    """Advance the glide of the stiffness, the damping or the rest of the connections that event j changes."""
+    if connection is not None:
+        joined, first, last = state.connection, events.target_begin[j], events.target_end[j]
+        if joined.lowest_energy[0] != 0.0 or events.kind[j] == EventKind.CONNECTION_REST:
+            joined.lowest_energy[0] = -math.inf  # what is under load may rest at any energy by now
+        if events.kind[j] == EventKind.CONNECTION_STIFFNESS:
+            value = glide_value(events, state, j, frame, joined.stiffness[first])
+            for i in range(first, last):
+                joined.stiffness[i] = value
+        elif events.kind[j] == EventKind.CONNECTION_DAMPING:
+            value = glide_value(events, state, j, frame, joined.damping[first])
+            for i in range(first, last):
+                joined.damping[i] = value
+        else:
+            value = glide_value(events, state, j, frame, joined.rest[first])
+            for i in range(first, last):
+                joined.extension[i] -= value - joined.rest[i]
+                joined.rest[i] = value
+
+
+@noinline
+def execute_event(model, state, j, frame):
+    """Execute event j, which is not damping, at the start of this step."""
+    events = model.events
+    if events.kind[j] == EventKind.STRIKE or events.kind[j] == EventKind.THROW:
+        set_motion(model, state, events.target_begin[j], events.value[j], events.value2[j])
+        if events.kind[j] == EventKind.THROW:
+            lift_dampers_of_struck(events, model.contact, state.event_cursor, j, frame)
+    elif events.kind[j] == EventKind.LIFT:
+        lift_dampers(events, state.event_cursor, j, events.target_begin[j], events.target_end[j], frame)
+    elif events.kind[j] >= EventKind.CONNECTION_STIFFNESS:
+        glide_connection(model.connection, events, state, j, frame)
+    else:
+        glide_parameter(model.contact, events, state, j, frame)
+
+
+@noinline
+def run_due_events(model, state, frame):
+    """Execute all events that are due at the start of this step, and count the energy that they add or take; dampers
+    act at its end."""
+    events, cursor = model.events, state.event_cursor
+    following = cursor[EventCursor.NEXT]
+    while following < events.kind.shape[0] and events.start[following] <= frame:
+        following += 1
+        cursor[EventCursor.DAMPED] = DampedModes.UNKNOWN
+    cursor[EventCursor.NEXT] = following
+    if acts_on_more_than_loss(events, cursor, frame):
+        keep_all_contacts(model.contact, model.connection, state)
+        before = island_energy(model, state)
+        for j in range(cursor[EventCursor.FIRST_ACTIVE], following):
+            if frame < events.end[j] and events.kind[j] != EventKind.DAMP:
+                execute_event(model, state, j, frame)
+        accumulate(state.energy_totals, EnergyTotal.SUPPLIED, island_energy(model, state) - before)
+        state.contact_free_until[0] = 0
+        invalidate_margins(state.refinement)
+        forget_drift(state)
+    forget_finished(events, state, frame)
+    if cursor[EventCursor.DAMPED] == DampedModes.UNKNOWN:
+        find_momentum_kept(events, state)
+        forget_near_contacts(state.connection)
+
+
+@inline
+def acts_on_more_than_loss(events, cursor, frame):
+    """True if an event that has begun acts at this step and is not damping."""
+    for j in range(cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT]):
+        if frame < events.end[j] and events.kind[j] != EventKind.DAMP:
+            return True
+    return False
+
+
+@inline
+def forget_finished(events, state, frame):
+    """Move events that go on to the end of those that have begun, so that no step looks at those that are over: a
+    damper may stay down while thousands of other events come and go."""
+    cursor = state.event_cursor
+    first, kept = cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT]
+    for j in range(kept - 1, first - 1, -1):
+        if events.end[j] > frame:
+            kept -= 1
+            if kept != j:
+                move_event(events, j, kept)
+                state.glide_start[kept] = state.glide_start[j]
+    if cursor[EventCursor.FIRST_ACTIVE] != kept:
+        cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.DAMPED] = kept, DampedModes.UNKNOWN
+
+
+@inline
+def move_event(events, source, target):
+    """Copy an event to another slot."""
+    events.kind[target], events.start[target] = events.kind[source], events.start[source]
+    events.end[target] = events.end[source]
+    events.target_begin[target], events.target_end[target] = events.target_begin[source], events.target_end[source]
+    events.value[target], events.value2[target] = events.value[source], events.value2[source]
+
+
+@inline
+def damps_in_halves(connection, refinement, state):
+    """True if dampers act after the first stage of a sample and after its last, for half a sample each.
+
+    In each stage a rigid joint reverses the velocity at which loss lets its sides part. Between two losses there must
+    be an odd number of stages, or that velocity grows with each sample.
+    """
+    if refinement is None:
+        return False
+    return has_connections(connection, state) and refinement.sequence.shape[0] % 2 == 0
+
+
+@inline
+def finish_first_stage(model, refinement, state):
+    """Let the dampers of events act after the first stage of a sample, if they act in halves."""
+    if is_damping(model.events, state):
+        if damps_in_halves(model.connection, refinement, state):
+            damp_modes_by_half(state)
+
+
+@inline
+def finish_score(model, events, state):
+    """Let the dampers of events act at the end of this sample."""
+    if is_damping(events, state):
+        if damps_in_halves(model.connection, model.refinement, state):
+            damp_modes_by_half(state)
+        else:
+            damp_modes(state)
+
+
+@inline
+def run_score(model, events, state, frame):
+    """Execute the events of the score that act at the start of this step."""
+    if events is not None:
+        following = state.event_cursor[EventCursor.NEXT]
+        if is_event_active(state) or (following < events.kind.shape[0] and events.start[following] <= frame):
+            run_due_events(model, state, frame)

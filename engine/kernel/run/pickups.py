@@ -1,0 +1,79 @@
+"""Pickups: what they add to the audio of an island."""
+
+from engine.compiler.decorators import inline
+from engine.compiler.lanes import greater, lane_maximum, load_lanes, magnitude, splat
+from engine.kernel.data.enums import FLIGHT_FRAMES, LANES, Quantity
+from engine.kernel.interactions.one_way_drive import put_sample
+from engine.kernel.modes.point_rows import project
+from engine.kernel.run.sleep import track_peak
+
+
+@inline
+def pickup_value(pickups, state, samplerate, n):
+    """Return the value of pickup n at this sample."""
+    quantity = pickups.quantity[n]
+    if quantity == Quantity.VELOCITY:
+        return project(pickups.rows, n, state.p)
+    if quantity == Quantity.DISPLACEMENT:
+        return project(pickups.rows, n, state.q)
+    if quantity == Quantity.ACCELERATION:  # its mean over the step that ends here
+        velocity = project(pickups.rows, n, state.p)
+        change = (velocity - state.previous_velocity[n]) * samplerate
+        state.previous_velocity[n] = velocity
+        return change
+    value = 0.0
+    for i in range(pickups.contact_begin[n], pickups.contact_end[n]):
+        value += pickups.contact_sign[i] * state.contact_force[pickups.contact[i]]
+    return value
+
+
+@inline
+def add_pickups(pickups, drive, state, samplerate, audio, i, frame):
+    """Add the values of the pickups to row i of the audio, that of a frame."""
+    for n in range(pickups.quantity.shape[0]):
+        value = pickup_value(pickups, state, samplerate, n) * pickups.gain[n]
+        track_peak(state, value)
+        put_sample(drive, state.drive, audio, i, pickups.channel[n], frame, value)
+
+
+@inline
+def add_flown_pickups(pickups, drive, state, samplerate, audio, i, span, frame):
+    """Add the values of the pickups in a free flight to rows of the audio from row i on. No contact pushes in it.
+
+    span: samples of the flight, first and last + 1; frame: of the first
+    """
+    first, last = span
+    for n in range(pickups.quantity.shape[0]):
+        quantity, gain, channel = pickups.quantity[n], pickups.gain[n], pickups.channel[n]
+        if quantity != Quantity.CONTACT_FORCE:
+            values = state.flight.pickup_values[n]
+            if quantity == Quantity.ACCELERATION:
+                velocities_to_accelerations(values, first, last, samplerate, state.previous_velocity, n)
+            for k in range(first, last):
+                put_sample(drive, state.drive, audio, i + (k - first), channel, frame + (k - first), values[k] * gain)
+            track_peak(state, gain * largest_size(values, first, last))
+
+
+@inline
+def velocities_to_accelerations(values, first, last, samplerate, previous, n):
+    """Replace velocities of pickup n by accelerations, each the mean over the step that ends at its sample."""
+    for k in range(first, last):
+        velocity = values[k]
+        values[k] = (velocity - previous[n]) * samplerate
+        previous[n] = velocity
+
+
+@inline
+def largest_size(values, first, last):
+    """Return the largest absolute value of some samples of a flight."""
+    peak, k = 0.0, first
+    if last - first == FLIGHT_FRAMES:
+        lanes = splat(0.0)
+        while k < last:
+            lanes = greater(magnitude(load_lanes(values, k)), lanes)
+            k += LANES
+        return lane_maximum(lanes)
+    while k < last:
+        peak = max(peak, abs(values[k]))
+        k += 1
+    return peak

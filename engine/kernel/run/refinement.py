@@ -1,0 +1,186 @@
+"""Refinement: a sample in several stages, where contact is possible (docs/design.md, sec. 2).
+
+A stage is a step of another length. In order 2 all lengths are positive, and modes lose energy in each stage
+(engine.build.mode_coefficients.damped_coefficients). In orders 4 and 6 some stages go backwards and none has loss; half
+the loss of the sample comes before the first stage and half after the last. Each stage conserves energy, and so does
+their product, whose order is that of the lengths (engine.patch.accuracy). Out of contact the `exact` coefficients need
+no stages: they are those of the exact motion, and one step of it equals the product of the stages.
+"""
+
+import math
+from typing import Any
+
+from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
+from engine.compiler.overloads import is_none, overload_by_source
+from engine.kernel.data.axes import Axis, fields_of
+from engine.kernel.data.enums import StepKind
+from engine.kernel.interactions.connections import count_connections, damp_connections, has_connections
+from engine.kernel.interactions.contact_loss import is_loss_small, lose_at_contacts
+from engine.kernel.interactions.contacts import bound_at_contact, find_free_displacements
+from engine.kernel.interactions.external_forces import next_force
+from engine.kernel.modes.mode_step import apply_loss_all, find_drift_momenta
+from engine.kernel.run.events import finish_first_stage
+from engine.kernel.run.step import StepOutcome, StepSettings, step
+
+# --- the coefficients of one stage
+
+
+LENGTHS = {
+    Axis.MODE: "modes",
+    Axis.CONTACT: "contacts",
+    Axis.COMPLIANCE: "contacts * contacts",
+    Axis.CONNECTION: "connections",
+    Axis.CONNECTION_PAIR: "connections * connections",
+    Axis.CONNECTION_CONTACT: "connections * contacts",
+}
+
+
+def coefficients_of_stage(stages: Any, s: int, modes: int, contacts: int, connections: int) -> Any:
+    """Return the StepCoefficients of stages of kind s, for an island of so many modes, contacts and coordinates of
+    connections. In compiled code only."""
+    raise TypeError("coefficients_of_stage is for compiled code")
+
+
+def write_stage(kind: Any, value: str, names: dict[str, Any]) -> str:
+    """Return the source of a record like `value`, without the row for each kind of stage in front. It is written for
+    the record's Numba type: the result of a function that may return None has to be tested for None wherever it is
+    used."""
+    names[kind.instance_class.__name__] = kind.instance_class
+    parts = []
+    for field, inner in zip(fields_of(kind.instance_class), kind.types, strict=True):
+        part = f"{value}.{field.name}"
+        if is_none(inner):
+            part = "None"
+        elif field.record is not None:
+            part = write_stage(inner, part, names)
+        else:
+            length = LENGTHS.get(field.items.axis) if field.items is not None else None
+            part = f"{part}[s]" if length is None else f"{part}[s][0 : {length}]"
+        parts.append(part)
+    return f"{kind.instance_class.__name__}({', '.join(parts)})"
+
+
+def _write_stage_coefficients(
+    stages: Any, s: Any, modes: Any, contacts: Any, connections: Any
+) -> tuple[str, dict[str, Any]]:
+    names: dict[str, Any] = {}
+    return write_stage(stages, "stages", names), names
+
+
+overload_by_source(coefficients_of_stage, _write_stage_coefficients)
+
+
+# --- is contact possible within this sample?
+
+
+@inline
+def chord_deviation(omega_squared, refinement, m, q, p):
+    """Return how far mode m strays from its chord within a sample, √kg·m."""
+    per_amplitude, by_weight = refinement.chord_deviation[m], refinement.gravity_deviation[m]
+    if omega_squared is None:
+        return per_amplitude * abs(p[m]) + by_weight
+    stiffness = omega_squared[m]
+    if stiffness == 0.0:
+        return per_amplitude * abs(p[m]) + by_weight
+    return per_amplitude * math.sqrt(q[m] * q[m] + p[m] * p[m] / stiffness) + by_weight
+
+
+@noinline
+def update_margins(model, refinement, state):
+    """Find how far each compression may stray from its chord within a sample. This holds until something acts again."""
+    bound, contact = state.displacement_bound, model.contact
+    for m in range(state.p.shape[0]):
+        bound[m] = chord_deviation(model.omega_squared, refinement, m, state.q, state.p)
+    for k in range(state.compression.shape[0]):
+        state.refinement.closing_margin[k] = bound_at_contact(contact, contact.other_rows, k, bound)
+    state.refinement.margin_valid[0] = 1
+
+
+@inline
+def stays_open(state):
+    """True if no contact can close within the sample whose free displacements are known."""
+    for k in range(state.compression.shape[0]):
+        s = state.compression[k]
+        if not max(s, s + state.free_displacement[k]) + state.refinement.closing_margin[k] < 0.0:  # NaN is refined
+            return False
+    return True
+
+
+@inline
+def closes_in_sample(model, refinement, state):
+    """True if a contact may close within the sample, on which nothing acts. If not, compressions are those at its
+    end."""
+    if state.refinement.margin_valid[0] == 0:
+        update_margins(model, refinement, state)
+    find_drift_momenta(model.step, StepKind.SAMPLE, state)
+    find_free_displacements(model.contact, model.step.contact, state)
+    if not stays_open(state):
+        return True
+    for k in range(state.compression.shape[0]):
+        state.compression[k] += state.free_displacement[k]
+    return False
+
+
+@inline
+def is_forced(force, frame):
+    """True if an external force acts in this step."""
+    if force is None:
+        return False
+    return next_force(force, frame - 1) <= frame
+
+
+@inline
+def refined_step(model, contact, refinement, state, frame, in_contact):
+    """Do a sample in stages, or in one step where that is the same. Returns a StepOutcome.
+
+    in_contact: True if the sample before ended in contact
+    """
+    if contact is not None:
+        is_alone = not is_forced(model.force, frame) and not has_connections(model.connection, state)
+        if is_alone and not in_contact and not refinement.refine_free_flight:
+            if not closes_in_sample(model, refinement, state):
+                return step(model, StepSettings(model.step, StepKind.SAMPLE, TRUE, frame), state)
+    return composed_step(model, refinement, state, frame)
+
+
+@inline
+def composed_step(model, refinement, state, frame):
+    """Do a sample in stages. Returns a StepOutcome."""
+    modes, contacts = state.p.shape[0], state.compression.shape[0]
+    mean_force, impulse = state.refinement.mean_force, state.refinement.loss_impulse
+    state.refinement.margin_valid[0] = 0
+    for k in range(contacts):
+        mean_force[k] = 0.0
+        impulse[k] = 0.0
+    in_contact, evaluations, work = FALSE, INT64_0, 0.0
+    lost = apply_loss_all(refinement.end_loss, state)
+    lost += damp_connections(model.connection, refinement.end_damping, FALSE, state)
+    is_apart = is_loss_small(refinement.contact_loss, model.contact, model.samplerate, state)
+    stages = refinement.sequence.shape[0] if is_apart else refinement.sequence_in_solve.shape[0]
+    for i in range(stages):
+        s = refinement.sequence[i] if is_apart else refinement.sequence_in_solve[i]
+        connections = count_connections(model.connection, state)
+        h = coefficients_of_stage(refinement.stages, s, modes, contacts, connections)
+        if is_apart:
+            duration, rate = refinement.loss_before[i], model.samplerate if i > 0 else 0.0
+            lost += lose_at_contacts(refinement.contact_loss, model.contact, duration, FALSE, rate, state)
+        outcome = step(model, StepSettings(h, StepKind.FIRST_STAGE + s, FALSE, frame), state)
+        if outcome.in_contact:
+            in_contact = True
+            for k in range(contacts):
+                mean_force[k] += refinement.length[s] * state.contact_force[k]
+        else:
+            for k in range(contacts):
+                state.contact_force[k] = 0.0
+        if is_apart:
+            duration, rate = refinement.loss_after[i], model.samplerate
+            lost += lose_at_contacts(refinement.contact_loss, model.contact, duration, TRUE, rate, state)
+        if i == 0:
+            finish_first_stage(model, refinement, state)
+        evaluations += outcome.evaluations
+        lost += outcome.dissipated
+        work += outcome.supplied
+    for k in range(contacts):
+        state.contact_force[k] = mean_force[k] + impulse[k] * model.samplerate
+    lost += damp_connections(model.connection, refinement.end_damping, TRUE, state)
+    return StepOutcome(in_contact, evaluations, lost + apply_loss_all(refinement.end_loss, state), work)

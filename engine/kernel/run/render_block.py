@@ -1,0 +1,312 @@
+"""The only sample loop. Offline rendering, live sound, bench and tests all run it.
+
+Any block size gives the same samples, bit for bit: nothing here depends on where a block begins. Sample i shows the
+scene before step i; sample 0 is the initial state.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from engine.compiler.array_view import row_view, slice_view
+from engine.compiler.decorators import INT64_0, TRUE, inline, kernel
+from engine.compiler.overloads import overload_by_type
+from engine.compiler.struct_types import load_struct
+from engine.kernel.data.enums import CHUNK_FRAMES, FLIGHT_FRAMES, EnergyTotal, FlightFrame, Sleep, StepKind
+from engine.kernel.data.island_view import island_bounds, island_model, island_state
+from engine.kernel.data.model import Refinement
+from engine.kernel.data.state import BlockOutput
+from engine.kernel.interactions.connections import has_connections
+from engine.kernel.interactions.contacts import (
+    cannot_close,
+    invalidate_margins,
+    reset_line_search_budget,
+    resync_open_contacts,
+)
+from engine.kernel.interactions.external_forces import has_forces
+from engine.kernel.interactions.island_energy import amplitude_of_connected, energy_of_connected
+from engine.kernel.interactions.one_way_drive import clear_drive
+from engine.kernel.modes.event_dampers import is_event_active
+from engine.kernel.modes.free_flight import begin_flight, end_flight
+from engine.kernel.modes.mode_energies import accumulate, bound_modal_displacements, vibration_energy
+from engine.kernel.modes.mode_step import flush_denormals, forget_drift
+from engine.kernel.run.events import finish_score, next_due, run_score
+from engine.kernel.run.pickups import add_flown_pickups, add_pickups
+from engine.kernel.run.refinement import refined_step
+from engine.kernel.run.sleep import (
+    advance_free_masses,
+    extend_sleep,
+    free_mass_moves,
+    samples_to_sleep,
+    skip_chunk,
+    try_sleep,
+)
+from engine.kernel.run.step import StepOutcome, StepSettings, step
+from engine.kernel.run.trace_rows import (
+    keep_evaluations,
+    record_flight,
+    record_sleep,
+    record_step,
+    wants_energies,
+    wants_motion,
+)
+
+SLEEP_CHECK_PERIOD = np.int64(8 * FLIGHT_FRAMES)
+LONG_SLEEP_FRAMES = np.int64(64 * 64)  # samples an island sleeps at a time if nothing in it moves
+CHECK_PERIOD = np.int64(FLIGHT_FRAMES)  # samples; out of contact, compressions are read from the modes this often
+
+
+# --- a step
+
+
+@inline
+def advance(model, state, frame, is_free, in_contact):
+    """Do one step of one island. Returns a StepOutcome.
+
+    is_free:    True if nothing but its connections can act on it
+    in_contact: True if the step before had a contact in reach
+    """
+    is_free = is_free or (state.compression.shape[0] == 0 and not has_forces(model.force))
+    return advance_sample(model.refinement, model, state, frame, is_free, in_contact)
+
+
+@inline
+def advance_refined(model, refinement, state, frame, is_free, in_contact):
+    """Advance a sample, in stages where forces may act. Returns a StepOutcome."""
+    if is_free and not has_connections(model.connection, state):
+        return step(model, StepSettings(model.step, StepKind.SAMPLE, TRUE, frame), state)
+    return refined_step(model, model.contact, refinement, state, frame, in_contact)
+
+
+def advance_sample(refinement: Any, model: Any, state: Any, frame: int, is_free: bool, in_contact: bool) -> StepOutcome:
+    """Advance a sample: in stages, if there is refinement. In compiled code only."""
+    raise TypeError("advance_sample is for compiled code")
+
+
+overload_by_type(
+    advance_sample,
+    {  # chosen by type, so that the other is not compiled
+        type(None): lambda refinement, model, state, frame, is_free, in_contact: step(
+            model, StepSettings(model.step, StepKind.SAMPLE, is_free, frame), state
+        ),
+        Refinement: lambda refinement, model, state, frame, is_free, in_contact: advance_refined(
+            model, refinement, state, frame, is_free, in_contact
+        ),
+    },
+)
+
+
+@inline
+def count_energy(outcome, state):
+    """Add the energy that a step dissipated, and that it was supplied with, to the totals of the island."""
+    accumulate(state.energy_totals, EnergyTotal.DISSIPATED, outcome.dissipated)
+    if outcome.supplied != 0.0:
+        accumulate(state.energy_totals, EnergyTotal.SUPPLIED, outcome.supplied)
+
+
+# --- periodic checks, and sleep
+
+
+@inline
+def plan_free_flight(model, state, frame):
+    """Find out, after the step of this frame, whether anything can act on the island up to the next check.
+
+    If not, its steps need no test for contact until something is due. The island flies free, or sleeps if nothing
+    vibrates either. Whatever is due makes no difference before its frame, because it may become known no sooner.
+    """
+    due = next_due(model.force, model.events, state, frame)
+    if due > frame:
+        invalidate_margins(state.refinement)  # falling masses are faster by now
+        if stays_open(model.contact, model, state):
+            until = min(due, frame + 1 + CHECK_PERIOD)
+            state.contact_free_until[0] = until
+            may_fly = not is_event_active(state) and not has_connections(model.connection, state)
+            if not falls_asleep(model, state, frame, until) and may_fly:
+                state.flight.frame[FlightFrame.END] = frame + 1 + CHECK_PERIOD
+
+
+@inline
+def falls_asleep(model, state, frame, until):
+    """Let the island, whose contacts cannot close, sleep up to a frame if its vibration and sound have died out. An
+    island that is awake is examined only now and then. Returns True if it sleeps."""
+    slept = state.sleep[Sleep.WAKE_FRAME] == frame + 1
+    if frame % SLEEP_CHECK_PERIOD != 0 and not slept:
+        return False
+    flush_denormals(state.q, state.p)
+    forget_drift(state)
+    energy = vibration_energy(model.omega_squared, model.weight, state.q, state.p)
+    energy += energy_of_connected(model.connection, model.omega_squared, model.weight, state)
+    return try_sleep(model.sleep_threshold, model.weight, model.free_masses, state, until, energy)
+
+
+@inline
+def stays_open(contact, model, state):
+    """True if no contact can close before the next check."""
+    if contact is not None:
+        if state.compression.shape[0] > 0:
+            bound, flight = state.displacement_bound, model.flight
+            per_speed, per_weight = flight.bound_per_speed, flight.bound_per_weight
+            bound_modal_displacements(model.omega_squared, model.weight, per_speed, per_weight, state.q, state.p, bound)
+            seconds = FLIGHT_FRAMES / model.samplerate
+            amplitude = amplitude_of_connected(model.connection, model.omega_squared, model.weight, seconds, state)
+            return cannot_close(contact, model.connection, amplitude, is_event_active(state), state)
+    return True
+
+
+@inline
+def update_before_sample(model, state, frame):
+    """Update the island before the sample of a frame. Out of contact, read compressions from the modes and end a
+    flight: at every check, and where something is due or bodies have separated. At a check, also plan ahead."""
+    is_check = frame % CHECK_PERIOD == 1
+    if is_check:
+        reset_line_search_budget(state.scratch, state)
+    if frame >= state.sleep[Sleep.WAKE_FRAME] and state.in_contact[0] == 0 and frame > 0:
+        if is_check or frame == state.contact_free_until[0]:
+            end_flight(model, state, frame)
+            resync_open_contacts(model.contact, state)
+            if is_check:
+                plan_free_flight(model, state, frame - 1)
+
+
+@inline
+def max_sleep(model, state, is_traced, remaining):
+    """Return how many samples may be slept through at once: one, if the flight of a mass is to be traced."""
+    return 1 if is_traced and free_mass_moves(model.weight, model.free_masses, state) else remaining
+
+
+@inline
+def finish_sleep(model, state, frame, slept):
+    """Update the island after samples slept through. Free masses have moved on and may be near; if none moves and the
+    sleep is over, find out whether anything is due."""
+    last = frame + slept - 1
+    if free_mass_moves(model.weight, model.free_masses, state):
+        advance_free_masses(model.step, model.free_masses, state, slept)
+    elif state.sleep[Sleep.WAKE_FRAME] == last + 1:
+        if state.sleep[Sleep.FORCED] != 0:  # what it was put to sleep until is due
+            state.sleep[Sleep.FORCED] = 0
+            return
+        extend_sleep(model.force, model.events, state, last + 1, LONG_SLEEP_FRAMES)
+
+
+# --- the loop
+
+
+@kernel
+def render_block(model, state, output, partition, frames):
+    """Render the next samples of one partition of the scene; engine.parallel.partitions adds up the partitions.
+
+    model, state, output: StructHandle of a Model, a State and a BlockOutput
+    partition: its number; partitions have nothing in common, and may run at the same time
+    frames:    number of samples; they fill the first rows of the output
+    """
+    render_partition(load_struct(model), load_struct(state), output_view(load_struct(output)), partition, frames)
+
+
+@inline
+def output_view(output):
+    """Return a BlockOutput of views, whose indices are not tested for negative ones."""
+    ledger, wanted = row_view(output.ledger, INT64_0), slice_view(output.wanted, INT64_0, output.wanted.shape[0])
+    return BlockOutput(row_view(output.audio, INT64_0), ledger, output.trace, wanted)
+
+
+@inline
+def render_partition(model, state, output, partition, frames):
+    """Render the next samples of one partition of the scene. model, state, output: records, `output` one of views"""
+    clear_audio(output.audio, frames)
+    islands, is_recorded = model.islands, wants_energies(output) or wants_motion(output)
+    first, last = islands.partition[partition], islands.partition[partition + 1]
+    for begin in range(0, frames, CHUNK_FRAMES):
+        end = min(begin + CHUNK_FRAMES, frames)
+        start = state.frame[partition] - begin  # of the block
+        clear_drive(model.drive, state.drive, (first, last), start + begin, end - begin)
+        for n in range(first, last):
+            if not is_recorded and skip_chunk(state.sleep, n, start + begin, end - begin):
+                continue
+            bounds = island_bounds(islands, partition, n)
+            part, part_state = island_model(model, state, bounds), island_state(state, bounds)
+            render_chunk(part, part_state, output, bounds, start, begin, end)
+        state.frame[partition] += end - begin
+
+
+@inline
+def clear_audio(audio, frames):
+    """Set the rows of a block to zero."""
+    for i in range(frames):
+        row = audio[i]
+        for channel in range(row.shape[0]):
+            row[channel] = 0.0
+
+
+@inline
+def render_chunk(model, state, output, bounds, start, begin, end):
+    """Render rows begin:end of a block for one island; sample i has frame start + i."""
+    i = begin
+    while i < end:
+        frame = start + i
+        update_before_sample(model, state, frame)
+        count = samples_to_sleep(state, frame, max_sleep(model, state, wants_motion(output), end - i))
+        if count > 0:
+            record_sleep(output, i, count, bounds, model, state, frame)
+            finish_sleep(model, state, frame, count)
+        else:
+            count = samples_to_fly(state, frame, end - i)
+            if count > 0:
+                render_flight(model, state, output, bounds, i, count, frame)
+            else:
+                count = samples_to_step(state, frame, end - i)
+                count = render_steps(model, state, output, bounds, i, count, frame)
+        i += count
+
+
+@inline
+def samples_to_step(state, frame, most):
+    """Return how many samples, `most` at most, are stepped through in the same way: up to the next check, or to where
+    forces may act again."""
+    count = min(most, CHECK_PERIOD - (frame - 1) % CHECK_PERIOD)
+    until = state.contact_free_until[0]
+    return min(count, until - frame) if frame < until else count
+
+
+@inline
+def render_steps(model, state, output, bounds, i, count, frame):
+    """Render up to `count` rows of a block from row i on, step by step, until bodies separate; row i has this frame.
+    Returns the number of rows."""
+    is_free, was_in_contact = frame < state.contact_free_until[0], state.in_contact[0] != 0
+    for n in range(count):
+        add_pickups(model.pickups, model.drive, state, model.samplerate, output.audio, i + n, frame + n)
+        record_step(output, i + n, bounds, model, state, frame + n, is_free)
+        run_score(model, model.events, state, frame + n)
+        outcome = advance(model, state, frame + n, is_free, was_in_contact)
+        if wants_energies(output):
+            count_energy(outcome, state)
+        finish_score(model, model.events, state)
+        keep_evaluations(state, outcome)
+        if outcome.in_contact:
+            state.contact_samples[0] += 1
+        elif was_in_contact:
+            state.in_contact[0] = 0
+            state.contact_free_until[0] = frame + n + 1
+            return n + 1
+        was_in_contact = outcome.in_contact
+    state.in_contact[0] = was_in_contact
+    return count
+
+
+@inline
+def samples_to_fly(state, frame, most):
+    """Return how many samples, `most` at most, the island flies free from this frame on."""
+    if frame >= state.flight.frame[FlightFrame.END]:
+        return INT64_0
+    return min(most, state.contact_free_until[0] - frame)
+
+
+@inline
+def render_flight(model, state, output, bounds, i, count, frame):
+    """Render `count` rows of a block from row i on for an island that flies free; row i has this frame."""
+    end = state.flight.frame[FlightFrame.END]
+    first = frame - (end - CHECK_PERIOD)
+    if first == 0:
+        begin_flight(model, state, wants_energies(output), frame)
+    span = (first, first + count)
+    add_flown_pickups(model.pickups, model.drive, state, model.samplerate, output.audio, i, span, frame)
+    record_flight(output, i, count, bounds, model, state, frame)

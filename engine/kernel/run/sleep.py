@@ -1,0 +1,110 @@
+"""Sleep: an island whose vibration and sound have died out is not computed until an event or force is due, or a body
+that still flies comes near another.
+
+Islands are put to sleep at fixed samples of the scene, so that blocks of any size give the same. Modes that vibrate are
+left as they are and their pickups are silent, which changes the output by less than `Model.sleep_threshold` of its
+peak; free masses fly on.
+"""
+
+from engine.compiler.decorators import INT64_0, inline, noinline
+from engine.kernel.data.enums import EnergyTotal, Sleep, SleepMonitor
+from engine.kernel.modes.mode_energies import accumulate
+from engine.kernel.modes.mode_step import add_free_step, forget_drift, motion_of
+from engine.kernel.run.events import next_due
+
+
+@inline
+def track_peak(state, value):
+    """Raise the peak of the pickups of an island to this value, if it is larger."""
+    state.sleep_monitor[SleepMonitor.PEAK] = max(state.sleep_monitor[SleepMonitor.PEAK], abs(value))
+
+
+@inline
+def extend_sleep(force, events, state, frame, most):
+    """Extend the sleep of an island in which nothing flies: from this frame until something is due, for `most` samples
+    at most."""
+    due = next_due(force, events, state, frame - 1)
+    if due > frame:
+        state.sleep[Sleep.WAKE_FRAME] = state.sleep[Sleep.STATIC_UNTIL] = min(due, frame + most)
+
+
+@inline
+def audible_free_mass_moves(weight, free_masses, state):
+    """True if a pickup of the island registers free masses, and one of these moves."""
+    if free_masses is None:
+        return False
+    return free_masses.is_audible[0] and free_mass_moves(weight, free_masses, state)
+
+
+@inline
+def try_sleep(threshold, weight, free_masses, state, until, energy):
+    """Let an island whose contacts cannot close sleep until a frame, if its vibration and sound have died out. Returns
+    True if it sleeps. `energy` is that of vibration, J."""
+    monitor = state.sleep_monitor
+    monitor[SleepMonitor.ENERGY_EVER] = max(monitor[SleepMonitor.ENERGY_EVER], energy)
+    monitor[SleepMonitor.PEAK_EVER] = max(monitor[SleepMonitor.PEAK_EVER], monitor[SleepMonitor.PEAK])
+    still = energy <= threshold * threshold * monitor[SleepMonitor.ENERGY_EVER]
+    silent = monitor[SleepMonitor.PEAK] <= threshold * monitor[SleepMonitor.PEAK_EVER]
+    sleeps = still and silent and not audible_free_mass_moves(weight, free_masses, state)
+    if sleeps:
+        state.sleep[Sleep.WAKE_FRAME] = until
+        state.sleep[Sleep.STATIC_UNTIL] = INT64_0 if free_mass_moves(weight, free_masses, state) else until
+    monitor[SleepMonitor.PEAK] = 0.0
+    return sleeps
+
+
+@inline
+def free_mass_moves(weight, free_masses, state):
+    """True if a free mass moves, or is about to; in an island that was put to sleep, free masses wait."""
+    if free_masses is None:
+        return False
+    if state.sleep[Sleep.FORCED] != 0:
+        return False
+    for j in range(free_masses.mode.shape[0]):
+        m = free_masses.mode[j]
+        if state.p[m] != 0.0:
+            return True
+        if has_weight(weight, m):
+            return True
+    return False
+
+
+@inline
+def has_weight(weight, m):
+    """True if mode m has weight."""
+    if weight is None:
+        return False
+    return weight[m] != 0.0
+
+
+@noinline
+def advance_free_masses(h, free_masses, state, count):
+    """Step the free masses by `count` samples."""
+    if free_masses is not None:
+        forget_drift(state)
+        for j in range(free_masses.mode.shape[0]):
+            m = free_masses.mode[j]
+            lost = 0.0
+            for _ in range(count):
+                lost += add_free_step((h, motion_of(state)), m, (0.0,))[0]
+            accumulate(state.energy_totals, EnergyTotal.DISSIPATED, lost)
+
+
+@inline
+def skip_chunk(sleep, n, frame, count):
+    """True if island n of the scene, of which nothing is to be recorded, sleeps for `count` samples and nothing in it
+    flies. These samples are counted, and the island need not be looked at."""
+    if sleep[n, Sleep.STATIC_UNTIL] >= frame + count:
+        sleep[n, Sleep.SAMPLES_SLEPT] += count
+        return True
+    return False
+
+
+@inline
+def samples_to_sleep(state, frame, most):
+    """Return how many samples, `most` at most, the island sleeps through from this frame on, and count them."""
+    count = min(most, state.sleep[Sleep.WAKE_FRAME] - frame)
+    if count <= 0:
+        return 0
+    state.sleep[Sleep.SAMPLES_SLEPT] += count
+    return count

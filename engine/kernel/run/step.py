@@ -1,0 +1,148 @@
+"""One step of one island: what acts is known from the momenta of the coming drift, so that one pass moves all modes.
+
+loss/2 · kick/2 · [find the forces] · drift · kick/2 · loss/2
+"""
+
+from typing import Any, NamedTuple
+
+from engine.compiler.decorators import INT64_0, inline, noinline
+from engine.kernel.data.enums import SolveStatus
+from engine.kernel.interactions.connected_modes import move_connected_modes
+from engine.kernel.interactions.connections import (
+    find_connection_forces,
+    finish_connections,
+    has_connections,
+    push_by_connections,
+)
+from engine.kernel.interactions.contacts import no_touch
+from engine.kernel.interactions.external_forces import external_work, push_by_forces
+from engine.kernel.interactions.only_contact import push_by_only_contact
+from engine.kernel.interactions.several_contacts import push_by_several_contacts
+from engine.kernel.modes.mode_step import find_drift_momenta, forget_drift, rescale_kinetic_energy, reverse_momenta
+from engine.kernel.modes.moving_modes import PushedPoint, move_modes
+
+
+class StepSettings(NamedTuple):
+    """Coefficients, kind and time of a step."""
+
+    h: Any  # StepCoefficients
+    kind: int  # StepKind
+    is_free: bool  # True if neither contacts nor external forces can act
+    frame: int
+
+
+class StepOutcome(NamedTuple):
+    """Outcome of a step of an island."""
+
+    in_contact: bool  # whether a contact was in reach
+    evaluations: int  # of the contact laws
+    dissipated: float  # J
+    supplied: float  # J, work of the external forces
+
+
+@inline
+def step(model, settings, state):
+    """Do a step. Returns a StepOutcome."""
+    h, work, lost = settings.h, 0.0, 0.0
+    find_drift_momenta(h, settings.kind, state)
+    is_forced = not settings.is_free and push_by_forces(model.force, h.force, settings.frame, state)
+    find_connection_forces(model.connection, h, state)
+    touch = push_by_all_contacts(model, model.contact, h.contact, settings, is_forced, state)
+    if touch.status == SolveStatus.FAILED:
+        reverse_motion(state)
+    else:
+        if is_forced:
+            if not touch.is_measured:
+                push_by_connections(model.connection, h, state)
+            work = external_work(model.force, h.force, settings.frame, state)
+        lost = move(model.connection, h, touch, is_forced, state)
+        lost += touch.dissipated + finish_connections(model.connection, h, state)
+        if touch.status != SolveStatus.FREE:
+            lost += repay_energy_debt(state, touch.excess)
+    return StepOutcome(touch.status != SolveStatus.FREE, touch.evaluations, lost, work)
+
+
+@inline
+def push_by_all_contacts(model, contact, h, settings, is_forced, state):
+    """Find the forces of contacts, and let them push. Returns a Touch. h: ContactCoefficients or None"""
+    if contact is None:
+        return no_touch(SolveStatus.FREE, INT64_0)
+    if settings.is_free or state.compression.shape[0] == 0:
+        return no_touch(SolveStatus.FREE, INT64_0)
+    return push_by_one_or_several(model, contact, h.coupling, settings, is_forced, state)
+
+
+@inline
+def push_by_one_or_several(model, contact, coupling, settings, is_forced, state):
+    """Find the forces of contacts, and let them push. Returns a Touch. coupling: None if no island has several"""
+    if coupling is not None:
+        if state.compression.shape[0] > 1:
+            return push_by_several_contacts(model, contact, settings, is_forced, state)
+    return push_by_only_contact(model, contact, settings, is_forced, state)
+
+
+# --- the modes move
+
+
+@inline
+def move(connection, h, touch, is_forced, state):
+    """Move all modes, with the forces that were found. Returns the energy lost, J."""
+    is_measured = is_forced or touch.is_measured
+    is_pushed = is_measured or touch.status != SolveStatus.FREE
+    if connection is not None:
+        if not is_measured and has_connections(connection, state):
+            if is_pushed:
+                return move_connected_modes(connection, state.push, h, state)
+            return move_connected_modes(connection, None, h, state)
+    if not is_pushed:
+        return move_modes(h, None, None, state)
+    return move_pushed(h.contact, h, touch.point_force, state)
+
+
+@inline
+def move_pushed(contact, h, force, state):
+    """Move all modes, on which contacts and external forces act. Returns the energy lost, J.
+
+    contact: ContactCoefficients or None
+    """
+    if contact is not None:
+        return move_at_point(contact.only_kick_phi, h, force, state)
+    return move_modes(h, state.push, None, state)
+
+
+@inline
+def move_at_point(kick_phi, h, force, state):
+    """Move all modes, on which an only contact acts with this force (N) if it is not 0, or else what has pushed.
+    Returns the energy lost, J."""
+    if kick_phi is not None:
+        if force != 0.0:
+            return move_modes(h, None, PushedPoint(kick_phi, None, INT64_0, force), state)
+    return move_modes(h, state.push, None, state)
+
+
+# --- the rare
+
+
+@inline
+def repay_energy_debt(state, excess):
+    """Take from the kinetic energy, at the end of a step, what a capped contact solve created, or give it what that
+    solve took; what cannot be taken at once is owed. Returns the energy lost, J."""
+    owed = state.energy_debt[0] + excess
+    if owed == 0.0:
+        return 0.0
+    paid = rescale_kinetic_energy(owed, state.p)
+    state.energy_debt[0] = max(0.0, owed - paid)
+    forget_drift(state)
+    return paid - excess
+
+
+@noinline
+def reverse_motion(state):
+    """End a step whose contact forces were not found, or are not finite: nothing acts, and the motion of the island is
+    reversed, which keeps every energy as it is."""
+    for m in range(state.push.shape[0]):
+        state.push[m] = 0.0
+    for k in range(state.contact_force.shape[0]):
+        state.contact_force[k] = 0.0
+    reverse_momenta(state.p)
+    forget_drift(state)

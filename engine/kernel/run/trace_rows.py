@@ -1,0 +1,126 @@
+"""Records of an island: rows of the ledger and of the trace."""
+
+from engine.compiler.decorators import INT64_1, inline, noinline
+from engine.kernel.data.enums import FLIGHT_FRAMES, EnergyTotal, Ledger, Wanted
+from engine.kernel.interactions.connections import connection_energy, has_connections
+from engine.kernel.interactions.contacts import compression_from_modes, contact_energy
+from engine.kernel.interactions.island_energy import island_energies, write_ledger
+from engine.kernel.modes.free_flight import exchange_motion, step_saved_motion
+from engine.kernel.modes.mode_energies import kinetic_and_potential
+from engine.kernel.modes.point_rows import project
+
+
+@inline
+def wants_energies(output):
+    """True if the ledger of a block is wanted."""
+    return output.wanted[Wanted.ENERGIES] != 0
+
+
+@inline
+def wants_motion(output):
+    """True if the trace of a block is wanted."""
+    return output.wanted[Wanted.MOTION] != 0
+
+
+@noinline
+def write_trace(trace, begin, count, bounds, model, state, frame):
+    """Write `count` rows of the trace from `begin` on for an island."""
+    for i in range(begin, begin + count):
+        for b in range(model.bodies.mode_begin.shape[0]):
+            trace.displacement[i, bounds.body_begin + b] = project(model.bodies, b, state.q)
+            trace.velocity[i, bounds.body_begin + b] = project(model.bodies, b, state.p)
+        for k in range(state.compression.shape[0]):
+            column = bounds.contact_begin + k
+            trace.compression[i, column] = traced_compression(model.contact, state.connection, state, k, frame)
+            trace.force[i, column] = state.contact_force[k]
+        trace.iterations[i] += state.law_evaluations[0]
+        kinetic, potential, _ = kinetic_and_potential(model.omega_squared, model.weight, state.q, state.p)
+        trace.kinetic[i] += kinetic
+        trace.potential[i] += potential + connection_energy(model.connection, state)
+        trace.contact[i] += contact_energy(model.contact, state)
+        trace.dissipated[i] += state.energy_totals[EnergyTotal.DISSIPATED]
+        trace.supplied[i] += state.energy_totals[EnergyTotal.SUPPLIED]
+
+
+@inline
+def traced_compression(contact, joined, state, k, frame):
+    """Return compression k, m. Where a contact is known to stay open, its compression is not kept, and is read from the
+    modes. joined: ConnectionState or None"""
+    if contact is not None:
+        if frame < state.contact_free_until[0] or is_left_out(joined, k):
+            return compression_from_modes(contact, contact.other_rows, state, k)
+    return state.compression[k]
+
+
+@inline
+def is_left_out(joined, k):
+    """True if contact k is left out of steps, because it cannot close."""
+    if joined is None:
+        return False
+    return joined.near.is_far[k] != 0
+
+
+@inline
+def record_step(output, i, bounds, model, state, frame, is_free):
+    """Write row i of the ledger and of the trace, where these are wanted, before a step. Where nothing but connections
+    acts, energies are those at the last check, as in a free flight: to measure them takes half a step."""
+    if wants_energies(output):
+        if is_free and has_connections(model.connection, state):
+            if (frame - 1) % FLIGHT_FRAMES == 0:
+                keep_energies(model, state)
+            write_kept_energies(output.ledger, i, INT64_1, bounds.is_first, state.flight.ledger)
+        else:
+            write_ledger(output.ledger, i, INT64_1, bounds.is_first, island_energies(model, state))
+    if wants_motion(output):
+        write_trace(output.trace, i, INT64_1, bounds, model, state, frame)
+
+
+@inline
+def record_sleep(output, i, count, bounds, model, state, frame):
+    """Write `count` rows from i on of samples that are slept through, where these are wanted. Energies are those at the
+    begin of the sleep, or at the last check."""
+    if wants_energies(output):
+        if (frame - 1) % FLIGHT_FRAMES == 0:
+            keep_energies(model, state)
+        write_kept_energies(output.ledger, i, count, bounds.is_first, state.flight.ledger)
+    if wants_motion(output):
+        write_trace(output.trace, i, count, bounds, model, state, frame)
+
+
+@inline
+def keep_energies(model, state):
+    """Keep the energies of an island for samples to come."""
+    row = state.flight.ledger
+    row[Ledger.BALANCE], row[Ledger.ABSOLUTE] = island_energies(model, state)
+
+
+@inline
+def record_flight(output, i, count, bounds, model, state, frame):
+    """Write `count` rows from i on of samples of a free flight, where these are wanted."""
+    if wants_energies(output):
+        write_kept_energies(output.ledger, i, count, bounds.is_first, state.flight.ledger)
+    if wants_motion(output):
+        write_flown_motion(output.trace, i, count, bounds, model, state, frame)
+
+
+@inline
+def write_kept_energies(ledger, i, count, is_first, row):
+    """Write the kept energies of an island to `count` samples of the ledger."""
+    write_ledger(ledger, i, count, is_first, (row[Ledger.BALANCE], row[Ledger.ABSOLUTE]))
+
+
+@inline
+def write_flown_motion(trace, i, count, bounds, model, state, frame):
+    """Write rows of the trace in a free flight; single steps advance the saved motion."""
+    for n in range(count):
+        step_saved_motion(model.step, state.flight, frame + n)
+        exchange_motion(state)
+        write_trace(trace, i + n, INT64_1, bounds, model, state, frame + n)
+        exchange_motion(state)
+        state.law_evaluations[0] = 0
+
+
+@inline
+def keep_evaluations(state, outcome):
+    """Keep the evaluations of a step for the row of the trace at which the step ends."""
+    state.law_evaluations[0] = outcome.evaluations

@@ -14,8 +14,8 @@ from engine.kernel.data.enums import (
     SleepMonitor,
 )
 from engine.kernel.data.island_view import island_bounds, island_model, island_state
-from engine.kernel.interactions.connections import reset_extensions
-from engine.kernel.interactions.contacts import compression_from_modes, resync_open_contacts
+from engine.kernel.interactions.connections import reset_connections
+from engine.kernel.interactions.contacts import compression_from_modes, reset_open_contacts
 from engine.kernel.interactions.island_energy import island_energy
 from engine.kernel.interactions.near_contacts import keep_all_contacts
 from engine.kernel.modes.free_flight import end_flight
@@ -92,7 +92,7 @@ def make_island_ready(model, state, n, frame):
         bounds = island_bounds(model.islands, partition_of(model.islands, n), n)
         part, part_state = island_model(model, state, bounds), island_state(state, bounds)
         end_flight(part, part_state, frame)
-        resync_open_contacts(part.contact, part_state)
+        reset_open_contacts(part.contact, part_state)
         interrupt_at(state, n, frame, frame)
         state.contact_free_until[n] = 0
 
@@ -106,7 +106,7 @@ def book_island_energy(model, state, n, sign):
     if sign > 0:
         keep_all_contacts(part.contact, part.connection, part_state)
         reset_compressions(part.contact, part_state)
-        reset_extensions(part.connection, part_state)
+        reset_connections(part.connection, part_state)
         reset_velocities(part.pickups, part_state)
         forget_drift(part_state)
     accumulate(part_state.energy_totals, EnergyTotal.SUPPLIED, sign * island_energy(part, part_state))

@@ -18,7 +18,7 @@ from engine.kernel.data.enums import CHUNK_FRAMES, FLIGHT_FRAMES, Ledger, StepKi
 from engine.kernel.data.island_view import island_bounds, island_model, island_state
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import State, Trace
-from engine.kernel.interactions.contacts import reset_line_search_budget, resync_open_contacts
+from engine.kernel.interactions.contacts import reset_line_search_budget, reset_open_contacts
 from engine.kernel.interactions.one_way_drive import clear_drive
 from engine.kernel.run.events import finish_score, run_score
 from engine.kernel.run.pickups import add_pickups
@@ -57,7 +57,7 @@ def render_measured(model_handle, state_handle, output_handle, frames):
                 if frame % FLIGHT_FRAMES == 1:
                     reset_line_search_budget(part_state.scratch, part_state)
                     if part_state.in_contact[0] == 0:  # or the rounding of steps between contacts would add up
-                        resync_open_contacts(part.contact, part_state)
+                        reset_open_contacts(part.contact, part_state)
                 add_pickups(part.pickups, part.drive, part_state, part.samplerate, audio, frame, frame)
                 write_trace(output.trace, frame, INT64_1, bounds, part, part_state, frame)
                 run_score(part, part.events, part_state, frame)

@@ -10,16 +10,22 @@ from engine.compiler.decorators import FALSE, INT64_0, inline, noinline
 from engine.kernel.data.enums import Row, SolveStatus
 from engine.kernel.interactions.connection_factors import update_factors
 from engine.kernel.interactions.connections import clear_moves, finish_connections, project_rows
+from engine.kernel.interactions.contact_forces import (
+    finish_contacts,
+    force_of_law,
+    solve_only_contact,
+    solve_several_contacts,
+    takes_part,
+)
 from engine.kernel.interactions.contacts import (
     Reach,
+    Touch,
     end_force_of,
     energy_created,
     free_displacement_at,
     store_solution,
 )
 from engine.kernel.interactions.external_forces import force_at
-from engine.kernel.interactions.only_contact import solve_only_contact
-from engine.kernel.interactions.several_contacts import force_of_law, solve_several_contacts, takes_part
 from engine.kernel.modes.mode_step import (
     apply_loss,
     begin_step_mode,
@@ -29,7 +35,7 @@ from engine.kernel.modes.mode_step import (
     reverse_momenta,
 )
 from engine.kernel.modes.point_rows import project_drift, push_at_row
-from engine.kernel.run.step import StepOutcome, repay_energy_debt
+from engine.kernel.run.step import StepOutcome
 
 
 @inline
@@ -292,5 +298,6 @@ def measured_step(model, settings, state):
     finish(connection, h, state)
     if in_contact:
         kick_again(contact, h, state)
-        lost += repay_energy_debt(state, excess)
+        touch = Touch(solution.status, solution.evaluations, 0.0, excess, FALSE, 0.0)
+        lost += finish_contacts(touch, state)
     return StepOutcome(in_contact, solution.evaluations, lost + lose_at_end(h, state), work)

@@ -229,7 +229,7 @@ def damp_coordinate(connection, i, impulse, p):
 
 
 @inline
-def reset_extensions(connection, state):
+def reset_connections(connection, state):
     """Read the extensions from the modes; those of rigid connections stay as they are."""
     if connection is not None:
         joined = state.connection

@@ -120,7 +120,7 @@ def push_at_contact(contact, other_rows, h, k, state):
 
 
 @inline
-def push_by_contacts(contact, h, reach, state):
+def push_by_reach(contact, h, reach, state):
     """Do half a kick by the forces of contacts within reach, and keep it for the second half."""
     if moves_by_basis(contact.basis):
         push_by_basis(contact.basis, h.basis, state)
@@ -139,7 +139,7 @@ def compression_from_modes(contact, other_rows, state, k):
 
 
 @inline
-def resync_open_contacts(contact, state):
+def reset_open_contacts(contact, state):
     """Read the compressions of open contacts from the modes.
 
     This is never done in contact, where it would cost 1e-12 of the energy at kc = 1e13 (docs/design.md, sec. 3).

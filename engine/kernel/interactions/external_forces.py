@@ -8,7 +8,7 @@ from engine.kernel.modes.point_rows import project_drift, push_both_at_row
 
 
 @inline
-def has_forces(force):
+def has_external_forces(force):
     """True if external forces act on the island, now or at any time."""
     if force is None:
         return False
@@ -38,7 +38,7 @@ def is_driven(drive, j):
 
 
 @inline
-def next_force(force, frame):
+def next_external_force(force, frame):
     """Return the next frame, after the step of this frame, at which an external force acts; this frame if one goes
     on."""
     due = UNUSED_SLOT
@@ -53,7 +53,7 @@ def next_force(force, frame):
 
 
 @inline
-def push_by_forces(force, coefficients, frame, state):
+def push_by_external_forces(force, coefficients, frame, state):
     """Do half a kick by every external force, and keep it for the second half. Returns True if any acts."""
     acts = False
     if force is not None:
@@ -68,7 +68,7 @@ def push_by_forces(force, coefficients, frame, state):
 
 
 @inline
-def external_work(force, coefficients, frame, state):
+def work_of_external_forces(force, coefficients, frame, state):
     """Work that the external forces do over the coming drift, J."""
     work = 0.0
     if force is not None:

@@ -26,7 +26,7 @@ from engine.kernel.interactions.contacts import (
     reach_of_connected,
     split_bound_at_contact,
 )
-from engine.kernel.interactions.external_forces import has_forces
+from engine.kernel.interactions.external_forces import has_external_forces
 from engine.kernel.interactions.island_energy import island_energy
 from engine.kernel.modes.event_dampers import is_damping
 from engine.kernel.modes.mode_energies import bound_modal_displacements
@@ -82,7 +82,7 @@ def leaves_out_contacts(connection, model, settings, state):
     """True if contacts that are far are left out of this step. Finds which are, if it is time."""
     if not has_connections(connection, state) or settings.kind != StepKind.SAMPLE:
         return False
-    if has_forces(model.force) or moves_by_basis(model.contact.basis):
+    if has_external_forces(model.force) or moves_by_basis(model.contact.basis):
         return False
     if settings.frame >= state.connection.near.until[0]:
         find_near_contacts(model, model.contact, connection, settings, state)

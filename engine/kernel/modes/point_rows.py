@@ -11,22 +11,22 @@ ROWS_AT_ONCE = 4
 
 
 @inline
-def weighted_sum(weights, offset, x, begin, end):
-    """Return Σ weights[offset + m]·x[begin + m] over the modes begin to end of an island."""
+def sum_of_shapes(shapes, offset, x, begin, end):
+    """Return Σ shapes[offset + m]·x[begin + m] over the modes begin to end of an island."""
     first = np.int64(begin)
-    return sum_products(weights, np.int64(offset), x, first, np.int64(end) - first)
+    return sum_products(shapes, np.int64(offset), x, first, np.int64(end) - first)
 
 
 @inline
 def project(rows, r, x):
     """Displacement at row r (m) from the modes' displacements; or velocity (m/s) from their momenta."""
-    return weighted_sum(rows.phi, rows.offset[r], x, rows.mode_begin[r], rows.mode_end[r])
+    return sum_of_shapes(rows.phi, rows.offset[r], x, rows.mode_begin[r], rows.mode_end[r])
 
 
 @inline
 def project_drift(rows, coefficients, r, p):
     """Displacement at row r by the coming drift, m."""
-    return weighted_sum(coefficients.drift_phi, rows.offset[r], p, rows.mode_begin[r], rows.mode_end[r])
+    return sum_of_shapes(coefficients.drift_phi, rows.offset[r], p, rows.mode_begin[r], rows.mode_end[r])
 
 
 @inline
@@ -51,12 +51,12 @@ def offsets_of_rows(rows, r, count):
 @inline
 def add_drift_of_four(of, m, sums):
     """Add how far mode m of a body moves four points to the sums."""
-    weights, (i, j, k, n), p, begin = of
+    shapes, (i, j, k, n), p, begin = of
     x, (a, b, c, d) = number_at(p, place_after(m, begin)), sums
-    a = multiply_add(number_at(weights, place_after(m, i)), x, a)
-    b = multiply_add(number_at(weights, place_after(m, j)), x, b)
-    c = multiply_add(number_at(weights, place_after(m, k)), x, c)
-    return a, b, c, multiply_add(number_at(weights, place_after(m, n)), x, d)
+    a = multiply_add(number_at(shapes, place_after(m, i)), x, a)
+    b = multiply_add(number_at(shapes, place_after(m, j)), x, b)
+    c = multiply_add(number_at(shapes, place_after(m, k)), x, c)
+    return a, b, c, multiply_add(number_at(shapes, place_after(m, n)), x, d)
 
 
 @inline
@@ -95,13 +95,13 @@ def add_drifts(rows, coefficients, p, moves):
 
 
 @inline
-def push_at_row(rows, weights, r, amount, p):
-    """Change the momenta of the modes that row r weighs by their weights times an amount, N·s."""
+def push_at_row(rows, shapes, r, amount, p):
+    """Change the momenta of the modes that row r weighs by their shapes times an amount, N·s."""
     begin, end, offset = rows.mode_begin[r], rows.mode_end[r], rows.offset[r]
     if end - begin == 1:
-        p[begin] += weights[offset] * amount
+        p[begin] += shapes[offset] * amount
         return
-    a, b = weights[offset : offset + (end - begin)], p[begin:end]
+    a, b = shapes[offset : offset + (end - begin)], p[begin:end]
     for m in range(b.shape[0]):
         b[m] += a[m] * amount
 
@@ -121,11 +121,11 @@ def push_both_at_row(rows, coefficients, r, f, state):
 @inline
 def push_by_four(of, m, sums):
     """Do half a kick of mode m of a body by forces at four points, and keep it for the second half."""
-    weights, (i, j, k, n), (a, b, c, d), (momentum, push), begin = of
+    shapes, (i, j, k, n), (a, b, c, d), (momentum, push), begin = of
     place = place_after(m, begin)
-    change = multiply_add(number_at(weights, place_after(m, i)), a, number_at(weights, place_after(m, j)) * b)
-    change = multiply_add(number_at(weights, place_after(m, k)), c, change)
-    change = multiply_add(number_at(weights, place_after(m, n)), d, change)
+    change = multiply_add(number_at(shapes, place_after(m, i)), a, number_at(shapes, place_after(m, j)) * b)
+    change = multiply_add(number_at(shapes, place_after(m, k)), c, change)
+    change = multiply_add(number_at(shapes, place_after(m, n)), d, change)
     put_number(momentum, place, number_at(momentum, place) + change)
     put_number(push, place, number_at(push, place) + change)
     return sums

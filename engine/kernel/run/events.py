@@ -10,7 +10,7 @@ from engine.compiler.decorators import inline, noinline
 from engine.kernel.data.enums import NO_END, UNUSED_SLOT, DampedModes, EnergyTotal, EventCursor, EventKind
 from engine.kernel.interactions.connections import forget_near_contacts, has_connections
 from engine.kernel.interactions.contacts import invalidate_margins
-from engine.kernel.interactions.external_forces import next_force
+from engine.kernel.interactions.external_forces import next_external_force
 from engine.kernel.interactions.island_energy import island_energy
 from engine.kernel.interactions.near_contacts import keep_all_contacts
 from engine.kernel.modes.event_dampers import (
@@ -28,7 +28,7 @@ from engine.kernel.modes.mode_step import forget_drift
 def next_due(force, events, state, frame):
     """Return the next frame, after the step of this frame, at which an event begins or an external force acts; this
     frame itself if one of these goes on, other than damping."""
-    return min(next_event(events, state, frame), next_force(force, frame))
+    return min(next_event(events, state, frame), next_external_force(force, frame))
 
 
 @inline

@@ -17,7 +17,7 @@ from engine.kernel.data.enums import StepKind
 from engine.kernel.interactions.connections import count_connections, damp_connections, has_connections
 from engine.kernel.interactions.contact_loss import is_loss_small, lose_at_contacts
 from engine.kernel.interactions.contacts import bound_at_contact, find_free_displacements
-from engine.kernel.interactions.external_forces import next_force
+from engine.kernel.interactions.external_forces import next_external_force
 from engine.kernel.modes.mode_step import apply_loss_all, find_drift_momenta
 from engine.kernel.run.events import finish_first_stage
 from engine.kernel.run.step import StepOutcome, StepSettings, step
@@ -126,7 +126,7 @@ def is_forced(force, frame):
     """True if an external force acts in this step."""
     if force is None:
         return False
-    return next_force(force, frame - 1) <= frame
+    return next_external_force(force, frame - 1) <= frame
 
 
 @inline

@@ -21,9 +21,9 @@ from engine.kernel.interactions.contacts import (
     cannot_close,
     invalidate_margins,
     reset_line_search_budget,
-    resync_open_contacts,
+    reset_open_contacts,
 )
-from engine.kernel.interactions.external_forces import has_forces
+from engine.kernel.interactions.external_forces import has_external_forces
 from engine.kernel.interactions.island_energy import amplitude_of_connected, energy_of_connected
 from engine.kernel.interactions.one_way_drive import clear_drive
 from engine.kernel.modes.event_dampers import is_event_active
@@ -66,7 +66,7 @@ def advance(model, state, frame, is_free, in_contact):
     is_free:    True if nothing but its connections can act on it
     in_contact: True if the step before had a contact in reach
     """
-    is_free = is_free or (state.compression.shape[0] == 0 and not has_forces(model.force))
+    is_free = is_free or (state.compression.shape[0] == 0 and not has_external_forces(model.force))
     return advance_sample(model.refinement, model, state, frame, is_free, in_contact)
 
 
@@ -163,7 +163,7 @@ def update_before_sample(model, state, frame):
     if frame >= state.sleep[Sleep.WAKE_FRAME] and state.in_contact[0] == 0 and frame > 0:
         if is_check or frame == state.contact_free_until[0]:
             end_flight(model, state, frame)
-            resync_open_contacts(model.contact, state)
+            reset_open_contacts(model.contact, state)
             if is_check:
                 plan_free_flight(model, state, frame - 1)
 

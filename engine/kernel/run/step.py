@@ -14,11 +14,9 @@ from engine.kernel.interactions.connections import (
     has_connections,
     push_by_connections,
 )
-from engine.kernel.interactions.contacts import no_touch
-from engine.kernel.interactions.external_forces import external_work, push_by_forces
-from engine.kernel.interactions.only_contact import push_by_only_contact
-from engine.kernel.interactions.several_contacts import push_by_several_contacts
-from engine.kernel.modes.mode_step import find_drift_momenta, forget_drift, rescale_kinetic_energy, reverse_momenta
+from engine.kernel.interactions.contact_forces import finish_contacts, push_by_contacts
+from engine.kernel.interactions.external_forces import push_by_external_forces, work_of_external_forces
+from engine.kernel.modes.mode_step import find_drift_momenta, forget_drift, reverse_momenta
 from engine.kernel.modes.moving_modes import PushedPoint, move_modes
 
 
@@ -45,40 +43,19 @@ def step(model, settings, state):
     """Do a step. Returns a StepOutcome."""
     h, work, lost = settings.h, 0.0, 0.0
     find_drift_momenta(h, settings.kind, state)
-    is_forced = not settings.is_free and push_by_forces(model.force, h.force, settings.frame, state)
+    is_forced = not settings.is_free and push_by_external_forces(model.force, h.force, settings.frame, state)
     find_connection_forces(model.connection, h, state)
-    touch = push_by_all_contacts(model, model.contact, h.contact, settings, is_forced, state)
+    touch = push_by_contacts(model, model.contact, h.contact, settings, is_forced, state)
     if touch.status == SolveStatus.FAILED:
         reverse_motion(state)
     else:
         if is_forced:
             if not touch.is_measured:
                 push_by_connections(model.connection, h, state)
-            work = external_work(model.force, h.force, settings.frame, state)
+            work = work_of_external_forces(model.force, h.force, settings.frame, state)
         lost = move(model.connection, h, touch, is_forced, state)
-        lost += touch.dissipated + finish_connections(model.connection, h, state)
-        if touch.status != SolveStatus.FREE:
-            lost += repay_energy_debt(state, touch.excess)
+        lost += finish_connections(model.connection, h, state) + finish_contacts(touch, state)
     return StepOutcome(touch.status != SolveStatus.FREE, touch.evaluations, lost, work)
-
-
-@inline
-def push_by_all_contacts(model, contact, h, settings, is_forced, state):
-    """Find the forces of contacts, and let them push. Returns a Touch. h: ContactCoefficients or None"""
-    if contact is None:
-        return no_touch(SolveStatus.FREE, INT64_0)
-    if settings.is_free or state.compression.shape[0] == 0:
-        return no_touch(SolveStatus.FREE, INT64_0)
-    return push_by_one_or_several(model, contact, h.coupling, settings, is_forced, state)
-
-
-@inline
-def push_by_one_or_several(model, contact, coupling, settings, is_forced, state):
-    """Find the forces of contacts, and let them push. Returns a Touch. coupling: None if no island has several"""
-    if coupling is not None:
-        if state.compression.shape[0] > 1:
-            return push_by_several_contacts(model, contact, settings, is_forced, state)
-    return push_by_only_contact(model, contact, settings, is_forced, state)
 
 
 # --- the modes move
@@ -120,20 +97,7 @@ def move_at_point(kick_phi, h, force, state):
     return move_modes(h, state.push, None, state)
 
 
-# --- the rare
-
-
-@inline
-def repay_energy_debt(state, excess):
-    """Take from the kinetic energy, at the end of a step, what a capped contact solve created, or give it what that
-    solve took; what cannot be taken at once is owed. Returns the energy lost, J."""
-    owed = state.energy_debt[0] + excess
-    if owed == 0.0:
-        return 0.0
-    paid = rescale_kinetic_energy(owed, state.p)
-    state.energy_debt[0] = max(0.0, owed - paid)
-    forget_drift(state)
-    return paid - excess
+# --- where no forces are found
 
 
 @noinline

@@ -1,18 +1,22 @@
-"""Several contacts of an island: their forces in a step are found together, from the momenta of the coming drift, and
-push."""
+"""Forces of contacts: they are found from the momenta of the coming drift, and push. The numbers of an only contact of
+an island stay in registers; several are solved together.
+
+A solve that fails, or whose forces are not finite, acts on nothing (engine.kernel.run.step.reverse_motion).
+"""
 
 import math
 from typing import NamedTuple
 
-from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
+from engine.compiler.decorators import FALSE, INT64_0, INT64_1, TRUE, inline, noinline
 from engine.kernel.contact.coupled_contact_round import contact_response
 from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
 from engine.kernel.contact.persistent_contact_solver import solve_persistent
 from engine.kernel.contact.reduced_contact_solver import basis_of_island, solve_reduced
-from engine.kernel.contact.scalar_contact_solver import loss_rate_of
+from engine.kernel.contact.scalar_contact_solver import loss_rate_of, solve_scalar_contact
 from engine.kernel.data.enums import Row, SolveStatus
-from engine.kernel.interactions.connections import answer_contacts, push_by_connections
+from engine.kernel.interactions.connections import answer_contacts, has_connections, push_by_connections
 from engine.kernel.interactions.contacts import (
+    Reach,
     Touch,
     contact_number,
     count_outcome,
@@ -20,15 +24,129 @@ from engine.kernel.interactions.contacts import (
     energy_created,
     energy_created_if_persistent,
     find_moves_by_basis,
+    free_displacement_at,
     measured_miss,
     moves_by_basis,
     must_be_measured,
     no_touch,
-    push_by_contacts,
+    push_by_reach,
     store_solution,
 )
-from engine.kernel.interactions.near_contacts import contacts_in_reach
-from engine.kernel.modes.mode_step import kinetic_energy
+from engine.kernel.interactions.near_contacts import are_all_left_out, contacts_in_reach
+from engine.kernel.modes.mode_step import forget_drift, kinetic_energy, rescale_kinetic_energy
+
+
+@inline
+def push_by_contacts(model, contact, h, settings, is_forced, state):
+    """Find the forces of contacts, and let them push. Returns a Touch.
+
+    h:         ContactCoefficients or None
+    settings:  StepSettings
+    is_forced: True if external forces have pushed
+    """
+    if contact is None:
+        return no_touch(SolveStatus.FREE, INT64_0)
+    if settings.is_free or state.compression.shape[0] == 0:
+        return no_touch(SolveStatus.FREE, INT64_0)
+    return push_by_one_or_several(model, contact, h.coupling, settings, is_forced, state)
+
+
+@inline
+def push_by_one_or_several(model, contact, coupling, settings, is_forced, state):
+    """Find the forces of contacts, and let them push. Returns a Touch. coupling: None if no island has several"""
+    if coupling is not None:
+        if state.compression.shape[0] > 1:
+            return push_by_several_contacts(model, contact, settings, is_forced, state)
+    return push_by_only_contact(model, contact, settings, is_forced, state)
+
+
+@inline
+def finish_contacts(touch, state):
+    """Take from the kinetic energy, at the end of a step, what a capped solve created, or give it what that solve took;
+    what cannot be taken at once is owed. Returns the energy that contacts have taken, J."""
+    owed, paid = state.energy_debt[0] + touch.excess, 0.0
+    if touch.status != SolveStatus.FREE and owed != 0.0:
+        paid = rescale_kinetic_energy(owed, state.p)
+        state.energy_debt[0] = max(0.0, owed - paid)
+        forget_drift(state)
+    return touch.dissipated + (paid - touch.excess)
+
+
+# --- an only contact
+
+
+@inline
+def push_by_only_contact(model, contact, settings, is_forced, state):
+    """Find the force of the only contact of an island, and let it push. Returns a Touch."""
+    h, connection = settings.h, model.connection
+    if are_all_left_out(connection, model, settings, state):
+        return no_touch(SolveStatus.FREE, INT64_0)
+    s, moves = state.compression[0], moves_of_connections(connection, h)
+    g = free_displacement_at(contact, contact.other_rows, h.contact, INT64_0, state.drift_momentum)
+    g -= moved_by_connections(connection, moves, state)
+    if not (s > 0.0 or s + g > 0.0):
+        state.compression[0], state.contact_force[0] = s + g, 0.0
+        return no_touch(SolveStatus.FREE, INT64_0)
+    eta, b, f, evaluations, status = solve_only_contact(contact, h.contact, s, g, state)
+    if status == SolveStatus.FAILED:
+        return no_touch(status, evaluations)
+    reach = Reach(INT64_1, None, state.compression, None, contact.law, h.contact.loss_rate, None, moves)
+    answer_contacts(connection, h, reach, state)
+    is_measured, point_force = must_be_measured(h.contact, state, INT64_0, s, eta, f), 0.0
+    if is_forced or is_measured or has_connections(connection, state) or h.contact.only_kick_phi is None:
+        push_by_reach(contact, h.contact, reach, state)
+    else:
+        point_force = -f
+    if is_forced or is_measured:
+        push_by_connections(connection, h, state)
+    miss = (g - eta) - h.contact.compliance[0] * f
+    if is_measured:
+        miss = measured_miss(contact, h.contact, state, INT64_0, eta, f)
+    end_force, excess = end_force_of(contact, h.contact.loss_rate, INT64_0, b), 0.0
+    lost = store_solution(contact, h.contact, state, INT64_0, (eta, b, f, f, end_force), miss)
+    if is_measured:
+        excess = energy_created(contact, state, INT64_0, s, lost, f)
+    return Touch(status, evaluations, lost, excess, is_forced or is_measured, point_force)
+
+
+@inline
+def moves_of_connections(connection, h):
+    """Return how far a force at the contact moves each connection, m/N; None in a scene without connections."""
+    if connection is None:
+        return None
+    return h.connection.contact_moves
+
+
+@inline
+def moved_by_connections(connection, moves, state):
+    """Return how far the forces of connections move the contact in the coming drift, m."""
+    moved = 0.0
+    if connection is not None:
+        f = state.connection.force
+        for i in range(f.shape[0]):
+            moved += moves[i] * f[i]
+    return moved
+
+
+@inline
+def solve_only_contact(contact, h, s, g, state):
+    """Find the force of the only contact of an island. Returns the change of compression (m), the compression at the
+    end (m), the force (N), evaluations of the law, and the SolveStatus.
+
+    h:    ContactCoefficients
+    s, g: compression, and how the coming drift changes it without the force, m
+    """
+    eta, b, f, _, evaluations, status = solve_scalar_contact(
+        contact.law, h.loss_rate, INT64_0, s, g, h.compliance[0], contact.tolerance
+    )
+    if not math.isfinite(eta + b + f):
+        status = SolveStatus.FAILED
+    count_outcome(state, evaluations, status)
+    state.contact_force[0] = f
+    return eta, b, f, evaluations, status
+
+
+# --- several contacts
 
 
 class ContactSolution(NamedTuple):
@@ -41,16 +159,9 @@ class ContactSolution(NamedTuple):
     is_measured: bool  # True if forces all but cancel, so that moves have to be measured
 
 
-# --- the forces are found
-
-
 @inline
 def push_by_several_contacts(model, contact, settings, is_forced, state):
-    """Find the forces of several contacts, and let them push. Returns a Touch.
-
-    settings:  StepSettings
-    is_forced: True if external forces have pushed
-    """
+    """Find the forces of several contacts, and let them push. Returns a Touch."""
     h, connection = settings.h, model.connection
     reach = contacts_in_reach(connection, model, settings, state)
     if not is_any_closing(reach):
@@ -60,7 +171,7 @@ def push_by_several_contacts(model, contact, settings, is_forced, state):
     if solution.status == SolveStatus.FAILED:
         return no_touch(solution.status, solution.evaluations)
     answer_contacts(connection, h, reach, state)
-    push_by_contacts(contact, h.contact, reach, state)
+    push_by_reach(contact, h.contact, reach, state)
     if is_forced or solution.is_measured:
         push_by_connections(connection, h, state)
     lost, excess = store_several_contacts(contact, h.contact, reach, solution, state)

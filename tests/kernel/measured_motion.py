@@ -24,7 +24,7 @@ from engine.kernel.run.events import finish_score, run_score
 from engine.kernel.run.pickups import add_pickups
 from engine.kernel.run.refinement import composed_step
 from engine.kernel.run.step import StepSettings
-from engine.kernel.run.trace_rows import write_trace
+from engine.kernel.run.trace_rows import Block, write_trace
 from engine.offline.trace import allocate_trace
 from engine.parallel.job_memory import block_output
 
@@ -58,8 +58,8 @@ def render_measured(model_handle, state_handle, output_handle, frames):
                     reset_line_search_budget(part_state.scratch, part_state)
                     if part_state.in_contact[0] == 0:  # or the rounding of steps between contacts would add up
                         reset_open_contacts(part.contact, part_state)
-                add_pickups(part.pickups, part.drive, part_state, part.samplerate, audio, frame, frame)
-                write_trace(output.trace, frame, INT64_1, bounds, part, part_state, frame)
+                add_pickups(part, part_state, audio[frame], frame)
+                write_trace(part, part_state, Block(output, bounds, INT64_0), frame, INT64_1)
                 run_score(part, part.events, part_state, frame)
                 outcome = advance(part.refinement, part, part_state, frame)
                 finish_score(part, part.events, part_state)

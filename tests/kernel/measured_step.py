@@ -12,7 +12,7 @@ from engine.kernel.interactions.connection_factors import update_factors
 from engine.kernel.interactions.connections import clear_moves, finish_connections, project_rows
 from engine.kernel.interactions.contact_forces import (
     finish_contacts,
-    force_of_law,
+    force_of_lossy_law,
     solve_only_contact,
     solve_several_contacts,
     takes_part,
@@ -255,10 +255,9 @@ def store_contact(contact, h, state, k, found):
     (eta, b, f, status), s = found, state.compression[k]
     move = free_displacement_at(contact, contact.other_rows, h, k, state.p)
     state.free_displacement[k] = move
-    law_force, end_force = (
-        force_of_law(contact, h.loss_rate, k, s, eta, f, status),
-        end_force_of(contact, h.loss_rate, k, b),
-    )
+    law_force, end_force = f, end_force_of(contact, h.loss_rate, k, b)
+    if status == SolveStatus.CAPPED:
+        law_force = force_of_lossy_law(contact, h.loss_rate, k, s, eta, f)
     lost = store_solution(
         contact, h, state, k, (eta, b, f, law_force, end_force), (move - eta) + h.compliance_low[k] * f
     )

@@ -274,7 +274,9 @@ def store_several_contacts(contact, h, reach, solution, state):
             state.compression[k], state.contact_force[k] = b, 0.0
             state.compression_compensation[k] += miss
             continue
-        law_force = force_of_law(contact, h.loss_rate, k, s, eta, f, solution.status)
+        law_force = f
+        if solution.status == SolveStatus.CAPPED:
+            law_force = force_of_lossy_law(contact, h.loss_rate, k, s, eta, f)
         end_force = vectors[Row.END_FORCE, n] if solution.is_persistent else end_force_of(contact, h.loss_rate, k, b)
         values = eta, b, f, law_force, end_force
         lost_at_contact = store_solution(contact, h, state, k, values, miss)
@@ -309,8 +311,8 @@ def measure_misses(contact, h, reach, state):
 
 
 @inline
-def force_of_law(contact, loss_rate, k, s, eta, f, status):
-    """Force of the contact law for a step, N; that of a capped solve may differ from it."""
-    if status == SolveStatus.CAPPED and loss_rate_of(loss_rate, k) > 0.0:
+def force_of_lossy_law(contact, loss_rate, k, s, eta, f):
+    """Force of the contact law for a step, N, if there is contact loss: that of a capped solve, f, may differ."""
+    if loss_rate_of(loss_rate, k) > 0.0:
         return contact_response(contact.law, loss_rate, k, s, eta)[0]
     return f

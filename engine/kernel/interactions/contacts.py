@@ -254,8 +254,9 @@ def count_outcome(state, evaluations, status):
 
 
 @inline
-def contact_dissipation(contact, loss_rate, k, s, b, eta, f):
+def contact_dissipation(contact, loss_rate, k, s, solution):
     """Energy that contact loss takes over one step: (f - φ)·η, J."""
+    eta, b, _, f, _ = solution
     rate = loss_rate_of(loss_rate, k)
     w = 1.0 + rate * eta
     if w > 0.5:
@@ -294,10 +295,10 @@ def store_solution(contact, h, state, k, solution, miss):
 @inline
 def dissipation_of(contact, loss_rate, k, s, solution, miss):
     """Energy that the contact loss of a solution takes, J."""
-    eta, b, f, law_force, end_force = solution
+    _, _, f, _, end_force = solution
     if loss_rate_of(loss_rate, k) == 0.0:
         return 0.0
-    lost = contact_dissipation(contact, loss_rate, k, s, b, eta, law_force)
+    lost = contact_dissipation(contact, loss_rate, k, s, solution)
     return lost + (f - end_force) * miss  # where bodies move beyond the step, the force works on
 
 

@@ -18,7 +18,7 @@ from engine.kernel.modes.ordered_sums import lanes_of
 @noinline
 def island_energy(model, state):
     """Energy of an island, J."""
-    kinetic, potential, _ = kinetic_and_potential(model.omega_squared, model.weight, state.q, state.p)
+    kinetic, potential, _ = kinetic_and_potential(model, state)
     stored = contact_energy(model.contact, state) + connection_energy(model.connection, state)
     return kinetic + potential + stored
 
@@ -26,7 +26,7 @@ def island_energy(model, state):
 @inline
 def island_energies(model, state):
     """The energies of an island, as the rows of a ledger have them, J."""
-    kinetic, potential, absolute_potential = kinetic_and_potential(model.omega_squared, model.weight, state.q, state.p)
+    kinetic, potential, absolute_potential = kinetic_and_potential(model, state)
     squeezed, joined = contact_energy(model.contact, state), connection_energy(model.connection, state)
     spent = state.energy_totals[EnergyTotal.DISSIPATED] - state.energy_totals[EnergyTotal.SUPPLIED]
     # a falling ball holds energy, though its total may be 0; so do two at heights that cancel
@@ -56,18 +56,19 @@ def write_row(row, begin, count, is_first, energy):
 
 
 @inline
-def amplitude_of_connected(connection, omega_squared, weight, seconds, state):
+def amplitude_of_connected(model, connection, seconds, state):
     """√(2E) of what is connected, √J, E without the energy of weight; at most, for so many seconds."""
     amplitude = 0.0
     if connection is not None:
         if has_connections(connection, state):
-            amplitude = connected_amplitude(connection, omega_squared, weight, seconds, state)
+            amplitude = connected_amplitude(model, connection, seconds, state)
     return amplitude
 
 
 @noinline
-def connected_amplitude(connection, omega_squared, weight, seconds, state):
+def connected_amplitude(model, connection, seconds, state):
     """Return √(2E) of what is connected, √J, in an island that has connections; at most, for so many seconds."""
+    omega_squared, weight = model.omega_squared, model.weight
     twice, pull, whole = splat(0.0), splat(0.0), lanes_of(state.p.shape[0])
     for m in range(INT64_0, whole, LANES):
         vibration, load = connected_at(connection, omega_squared, weight, EightFrom(m), state)
@@ -93,13 +94,13 @@ def connected_at(connection, omega_squared, weight, m, state):
 
 
 @inline
-def energy_of_connected(connection, omega_squared, weight, state):
+def energy_of_connected(model, connection, state):
     """Energy of vibration of what is connected, J: beyond that of its rest, and beyond what `vibration_energy` counts
     of its modes."""
     energy = 0.0
     if connection is not None:
         if has_connections(connection, state):
-            energy = connected_energy(connection, omega_squared, weight, state)
+            energy = connected_energy(connection, model.omega_squared, model.weight, state)
     return energy
 
 

@@ -153,9 +153,8 @@ def keep_all_contacts(contact, connection, state):
 @inline
 def select_contacts(model, contact, connection, is_disturbed, state):
     """Say which contacts may close; and of what these push, no bound but that of energy holds."""
-    near, bound, flight = state.connection.near, state.displacement_bound, model.flight
-    per_speed, per_weight = flight.bound_per_speed, flight.bound_per_weight
-    bound_modal_displacements(model.omega_squared, model.weight, per_speed, per_weight, state.q, state.p, bound)
+    near, bound = state.connection.near, state.displacement_bound
+    bound_modal_displacements(model, state)
     amplitude = math.sqrt(max(0.0, 2.0 * island_energy(model, state)))
     for k in range(near.is_far.shape[0]):
         near.is_far[k] = 1

@@ -25,14 +25,14 @@ def clear_drive(drive, ring, islands, frame, count):
 
 
 @inline
-def put_sample(drive, ring, audio, i, channel, frame, value):
-    """Add the value of a pickup to row i of the audio; or, if its channel is negative, to the force that drives a body
+def put_sample(drive, ring, row, channel, frame, value):
+    """Add the value of a pickup to a row of the audio; or, if its channel is negative, to the force that drives a body
     at this frame."""
     if drive is not None:
         if channel < 0:
             ring[-1 - channel, frame & LAST] += value
             return
-    audio[i, channel] += value
+    row[channel] += value
 
 
 @inline

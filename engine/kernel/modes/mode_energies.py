@@ -44,8 +44,9 @@ def add_energies(omega_squared, weight, m, q, p, sums):
 
 
 @inline
-def kinetic_and_potential(omega_squared, weight, q, p):
+def kinetic_and_potential(model, state):
     """½p², ½ω²q² - weight·q, and ½ω²q² + |weight·q|, summed over modes, J."""
+    omega_squared, weight, q, p = model.omega_squared, model.weight, state.q, state.p
     whole, zeros = lanes_of(p.shape[0]), splat(0.0)
     lanes = (zeros, zeros, zeros, zeros)
     for m in range(INT64_0, whole, LANES):
@@ -94,24 +95,26 @@ def bound_by_weight(weight, per_weight, m):
 
 
 @inline
-def bound_mode(omega_squared, weight, per_speed, per_weight, m, q, p):
-    """Return how far mode m can move in a while, √kg·m."""
-    speed = math.sqrt(vibration_squared(omega_squared, weight, m, number_at(q, m), number_at(p, m)))
-    return speed * number_at(per_speed, m) + bound_by_weight(weight, per_weight, m)
+def bound_mode(model, weight, m, state):
+    """Write how far mode m can move in a flight, √kg·m."""
+    q, p = number_at(state.q, m), number_at(state.p, m)
+    speed = math.sqrt(vibration_squared(model.omega_squared, weight, m, q, p))
+    bound = speed * number_at(model.flight.bound_per_speed, m)
+    put_number(state.displacement_bound, m, bound + bound_by_weight(weight, model.flight.bound_per_weight, m))
 
 
 @inline
-def bound_modal_displacements(omega_squared, weight, per_speed, per_weight, q, p, bound):
-    """Write how far each mode can move in a flight in which nothing else acts, √kg·m, to `bound`.
+def bound_modal_displacements(model, state):
+    """Write how far each mode can move in a flight in which nothing else acts, √kg·m, to `State.displacement_bound`.
 
     A mode swings with amplitude A/ω and speed A at most; it loses energy, and gains none. A free mass coasts and falls.
     """
-    lanes = lanes_of(p.shape[0])
+    modes = state.p.shape[0]
+    lanes = lanes_of(modes)
     for m in range(INT64_0, lanes, LANES):
-        put_number(bound, EightFrom(m), bound_mode(omega_squared, weight, per_speed, per_weight, EightFrom(m), q, p))
-    if lanes < p.shape[0]:
-        rest = FewFrom(lanes, p.shape[0] - lanes)
-        put_number(bound, rest, bound_mode(omega_squared, weight, per_speed, per_weight, rest, q, p))
+        bound_mode(model, model.weight, EightFrom(m), state)
+    if lanes < modes:
+        bound_mode(model, model.weight, FewFrom(lanes, modes - lanes), state)
 
 
 @inline
@@ -122,8 +125,14 @@ def vibration_energy_of(omega_squared, weight, m, q, p):
 
 
 @inline
-def vibration_energy(omega_squared, weight, q, p):
+def vibration_energy(model, state):
     """Energy of vibration, Σ ½A² of all modes but free masses, J."""
+    return sum_vibration_energies(model.omega_squared, model.weight, state.q, state.p)
+
+
+@inline
+def sum_vibration_energies(omega_squared, weight, q, p):
+    """Sum the energies of vibration of all modes, J."""
     if omega_squared is None:
         return 0.0
     lanes, total = lanes_of(p.shape[0]), splat(0.0)

@@ -28,29 +28,31 @@ def pickup_value(pickups, state, samplerate, n):
 
 
 @inline
-def add_pickups(pickups, drive, state, samplerate, audio, i, frame):
-    """Add the values of the pickups to row i of the audio, that of a frame."""
+def add_pickups(model, state, row, frame):
+    """Add the values of the pickups to a row of the audio, that of a frame."""
+    pickups = model.pickups
     for n in range(pickups.quantity.shape[0]):
-        value = pickup_value(pickups, state, samplerate, n) * pickups.gain[n]
+        value = pickup_value(pickups, state, model.samplerate, n) * pickups.gain[n]
         track_peak(state, value)
-        put_sample(drive, state.drive, audio, i, pickups.channel[n], frame, value)
+        put_sample(model.drive, state.drive, row, pickups.channel[n], frame, value)
 
 
 @inline
-def add_flown_pickups(pickups, drive, state, samplerate, audio, i, span, frame):
+def add_flown_pickups(model, state, audio, i, span, frame):
     """Add the values of the pickups in a free flight to rows of the audio from row i on. No contact pushes in it.
 
     span: samples of the flight, first and last + 1; frame: of the first
     """
-    first, last = span
+    (first, last), pickups = span, model.pickups
     for n in range(pickups.quantity.shape[0]):
         quantity, gain, channel = pickups.quantity[n], pickups.gain[n], pickups.channel[n]
         if quantity != Quantity.CONTACT_FORCE:
             values = state.flight.pickup_values[n]
             if quantity == Quantity.ACCELERATION:
-                velocities_to_accelerations(values, first, last, samplerate, state.previous_velocity, n)
+                velocities_to_accelerations(values, first, last, model.samplerate, state.previous_velocity, n)
             for k in range(first, last):
-                put_sample(drive, state.drive, audio, i + (k - first), channel, frame + (k - first), values[k] * gain)
+                row, value = audio[i + (k - first)], values[k] * gain
+                put_sample(model.drive, state.drive, row, channel, frame + (k - first), value)
             track_peak(state, gain * largest_size(values, first, last))
 
 

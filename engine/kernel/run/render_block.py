@@ -43,6 +43,7 @@ from engine.kernel.run.sleep import (
 )
 from engine.kernel.run.step import StepOutcome, StepSettings, step
 from engine.kernel.run.trace_rows import (
+    Block,
     keep_evaluations,
     record_flight,
     record_sleep,
@@ -134,9 +135,8 @@ def falls_asleep(model, state, frame, until):
         return False
     flush_denormals(state.q, state.p)
     forget_drift(state)
-    energy = vibration_energy(model.omega_squared, model.weight, state.q, state.p)
-    energy += energy_of_connected(model.connection, model.omega_squared, model.weight, state)
-    return try_sleep(model.sleep_threshold, model.weight, model.free_masses, state, until, energy)
+    energy = vibration_energy(model, state) + energy_of_connected(model, model.connection, state)
+    return try_sleep(model, state, until, energy)
 
 
 @inline
@@ -144,11 +144,8 @@ def stays_open(contact, model, state):
     """True if no contact can close before the next check."""
     if contact is not None:
         if state.compression.shape[0] > 0:
-            bound, flight = state.displacement_bound, model.flight
-            per_speed, per_weight = flight.bound_per_speed, flight.bound_per_weight
-            bound_modal_displacements(model.omega_squared, model.weight, per_speed, per_weight, state.q, state.p, bound)
-            seconds = FLIGHT_FRAMES / model.samplerate
-            amplitude = amplitude_of_connected(model.connection, model.omega_squared, model.weight, seconds, state)
+            bound_modal_displacements(model, state)
+            amplitude = amplitude_of_connected(model, model.connection, FLIGHT_FRAMES / model.samplerate, state)
             return cannot_close(contact, model.connection, amplitude, is_event_active(state), state)
     return True
 
@@ -171,7 +168,7 @@ def update_before_sample(model, state, frame):
 @inline
 def max_sleep(model, state, is_traced, remaining):
     """Return how many samples may be slept through at once: one, if the flight of a mass is to be traced."""
-    return 1 if is_traced and free_mass_moves(model.weight, model.free_masses, state) else remaining
+    return 1 if is_traced and free_mass_moves(model, model.free_masses, state) else remaining
 
 
 @inline
@@ -179,7 +176,7 @@ def finish_sleep(model, state, frame, slept):
     """Update the island after samples slept through. Free masses have moved on and may be near; if none moves and the
     sleep is over, find out whether anything is due."""
     last = frame + slept - 1
-    if free_mass_moves(model.weight, model.free_masses, state):
+    if free_mass_moves(model, model.free_masses, state):
         advance_free_masses(model.step, model.free_masses, state, slept)
     elif state.sleep[Sleep.WAKE_FRAME] == last + 1:
         if state.sleep[Sleep.FORCED] != 0:  # what it was put to sleep until is due
@@ -224,7 +221,7 @@ def render_partition(model, state, output, partition, frames):
                 continue
             bounds = island_bounds(islands, partition, n)
             part, part_state = island_model(model, state, bounds), island_state(state, bounds)
-            render_chunk(part, part_state, output, bounds, start, begin, end)
+            render_chunk(part, part_state, Block(output, bounds, start), begin, end)
         state.frame[partition] += end - begin
 
 
@@ -238,23 +235,23 @@ def clear_audio(audio, frames):
 
 
 @inline
-def render_chunk(model, state, output, bounds, start, begin, end):
-    """Render rows begin:end of a block for one island; sample i has frame start + i."""
+def render_chunk(model, state, block, begin, end):
+    """Render rows begin:end of a block for one island."""
     i = begin
     while i < end:
-        frame = start + i
+        frame = block.start + i
         update_before_sample(model, state, frame)
-        count = samples_to_sleep(state, frame, max_sleep(model, state, wants_motion(output), end - i))
+        count = samples_to_sleep(state, frame, max_sleep(model, state, wants_motion(block.output), end - i))
         if count > 0:
-            record_sleep(output, i, count, bounds, model, state, frame)
+            record_sleep(model, state, block, i, count)
             finish_sleep(model, state, frame, count)
         else:
             count = samples_to_fly(state, frame, end - i)
             if count > 0:
-                render_flight(model, state, output, bounds, i, count, frame)
+                render_flight(model, state, block, i, count)
             else:
                 count = samples_to_step(state, frame, end - i)
-                count = render_steps(model, state, output, bounds, i, count, frame)
+                count = render_steps(model, state, block, i, count)
         i += count
 
 
@@ -268,13 +265,14 @@ def samples_to_step(state, frame, most):
 
 
 @inline
-def render_steps(model, state, output, bounds, i, count, frame):
-    """Render up to `count` rows of a block from row i on, step by step, until bodies separate; row i has this frame.
-    Returns the number of rows."""
+def render_steps(model, state, block, i, count):
+    """Render up to `count` rows of a block from row i on, step by step, until bodies separate. Returns the number of
+    rows."""
+    output, frame = block.output, block.start + i
     is_free, was_in_contact = frame < state.contact_free_until[0], state.in_contact[0] != 0
     for n in range(count):
-        add_pickups(model.pickups, model.drive, state, model.samplerate, output.audio, i + n, frame + n)
-        record_step(output, i + n, bounds, model, state, frame + n, is_free)
+        add_pickups(model, state, output.audio[i + n], frame + n)
+        record_step(model, state, block, i + n, is_free)
         run_score(model, model.events, state, frame + n)
         outcome = advance(model, state, frame + n, is_free, was_in_contact)
         if wants_energies(output):
@@ -301,12 +299,13 @@ def samples_to_fly(state, frame, most):
 
 
 @inline
-def render_flight(model, state, output, bounds, i, count, frame):
-    """Render `count` rows of a block from row i on for an island that flies free; row i has this frame."""
+def render_flight(model, state, block, i, count):
+    """Render `count` rows of a block from row i on for an island that flies free."""
+    output, frame = block.output, block.start + i
     end = state.flight.frame[FlightFrame.END]
     first = frame - (end - CHECK_PERIOD)
     if first == 0:
         begin_flight(model, state, wants_energies(output), frame)
     span = (first, first + count)
-    add_flown_pickups(model.pickups, model.drive, state, model.samplerate, output.audio, i, span, frame)
-    record_flight(output, i, count, bounds, model, state, frame)
+    add_flown_pickups(model, state, output.audio, i, span, frame)
+    record_flight(model, state, block, i, count)

@@ -29,32 +29,32 @@ def extend_sleep(force, events, state, frame, most):
 
 
 @inline
-def audible_free_mass_moves(weight, free_masses, state):
+def audible_free_mass_moves(model, free_masses, state):
     """True if a pickup of the island registers free masses, and one of these moves."""
     if free_masses is None:
         return False
-    return free_masses.is_audible[0] and free_mass_moves(weight, free_masses, state)
+    return free_masses.is_audible[0] and free_mass_moves(model, free_masses, state)
 
 
 @inline
-def try_sleep(threshold, weight, free_masses, state, until, energy):
+def try_sleep(model, state, until, energy):
     """Let an island whose contacts cannot close sleep until a frame, if its vibration and sound have died out. Returns
     True if it sleeps. `energy` is that of vibration, J."""
-    monitor = state.sleep_monitor
+    monitor, threshold = state.sleep_monitor, model.sleep_threshold
     monitor[SleepMonitor.ENERGY_EVER] = max(monitor[SleepMonitor.ENERGY_EVER], energy)
     monitor[SleepMonitor.PEAK_EVER] = max(monitor[SleepMonitor.PEAK_EVER], monitor[SleepMonitor.PEAK])
     still = energy <= threshold * threshold * monitor[SleepMonitor.ENERGY_EVER]
     silent = monitor[SleepMonitor.PEAK] <= threshold * monitor[SleepMonitor.PEAK_EVER]
-    sleeps = still and silent and not audible_free_mass_moves(weight, free_masses, state)
+    sleeps = still and silent and not audible_free_mass_moves(model, model.free_masses, state)
     if sleeps:
         state.sleep[Sleep.WAKE_FRAME] = until
-        state.sleep[Sleep.STATIC_UNTIL] = INT64_0 if free_mass_moves(weight, free_masses, state) else until
+        state.sleep[Sleep.STATIC_UNTIL] = INT64_0 if free_mass_moves(model, model.free_masses, state) else until
     monitor[SleepMonitor.PEAK] = 0.0
     return sleeps
 
 
 @inline
-def free_mass_moves(weight, free_masses, state):
+def free_mass_moves(model, free_masses, state):
     """True if a free mass moves, or is about to; in an island that was put to sleep, free masses wait."""
     if free_masses is None:
         return False
@@ -64,7 +64,7 @@ def free_mass_moves(weight, free_masses, state):
         m = free_masses.mode[j]
         if state.p[m] != 0.0:
             return True
-        if has_weight(weight, m):
+        if has_weight(model.weight, m):
             return True
     return False
 

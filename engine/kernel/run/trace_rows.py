@@ -1,5 +1,7 @@
 """Records of an island: rows of the ledger and of the trace."""
 
+from typing import Any, NamedTuple
+
 from engine.compiler.decorators import INT64_1, inline, noinline
 from engine.kernel.data.enums import FLIGHT_FRAMES, EnergyTotal, Ledger, Wanted
 from engine.kernel.interactions.connections import connection_energy, has_connections
@@ -22,9 +24,18 @@ def wants_motion(output):
     return output.wanted[Wanted.MOTION] != 0
 
 
+class Block(NamedTuple):
+    """A block of samples, to which one island adds its sound."""
+
+    output: Any  # BlockOutput
+    bounds: Any  # IslandBounds
+    start: int  # frame of row 0
+
+
 @noinline
-def write_trace(trace, begin, count, bounds, model, state, frame):
+def write_trace(model, state, block, begin, count):
     """Write `count` rows of the trace from `begin` on for an island."""
+    trace, bounds, frame = block.output.trace, block.bounds, block.start + begin
     for i in range(begin, begin + count):
         for b in range(model.bodies.mode_begin.shape[0]):
             trace.displacement[i, bounds.body_begin + b] = project(model.bodies, b, state.q)
@@ -34,7 +45,7 @@ def write_trace(trace, begin, count, bounds, model, state, frame):
             trace.compression[i, column] = traced_compression(model.contact, state.connection, state, k, frame)
             trace.force[i, column] = state.contact_force[k]
         trace.iterations[i] += state.law_evaluations[0]
-        kinetic, potential, _ = kinetic_and_potential(model.omega_squared, model.weight, state.q, state.p)
+        kinetic, potential, _ = kinetic_and_potential(model, state)
         trace.kinetic[i] += kinetic
         trace.potential[i] += potential + connection_energy(model.connection, state)
         trace.contact[i] += contact_energy(model.contact, state)
@@ -61,30 +72,32 @@ def is_left_out(joined, k):
 
 
 @inline
-def record_step(output, i, bounds, model, state, frame, is_free):
+def record_step(model, state, block, i, is_free):
     """Write row i of the ledger and of the trace, where these are wanted, before a step. Where nothing but connections
     acts, energies are those at the last check, as in a free flight: to measure them takes half a step."""
+    output, is_first = block.output, block.bounds.is_first
     if wants_energies(output):
         if is_free and has_connections(model.connection, state):
-            if (frame - 1) % FLIGHT_FRAMES == 0:
+            if (block.start + i - 1) % FLIGHT_FRAMES == 0:
                 keep_energies(model, state)
-            write_kept_energies(output.ledger, i, INT64_1, bounds.is_first, state.flight.ledger)
+            write_kept_energies(output.ledger, i, INT64_1, is_first, state.flight.ledger)
         else:
-            write_ledger(output.ledger, i, INT64_1, bounds.is_first, island_energies(model, state))
+            write_ledger(output.ledger, i, INT64_1, is_first, island_energies(model, state))
     if wants_motion(output):
-        write_trace(output.trace, i, INT64_1, bounds, model, state, frame)
+        write_trace(model, state, block, i, INT64_1)
 
 
 @inline
-def record_sleep(output, i, count, bounds, model, state, frame):
+def record_sleep(model, state, block, i, count):
     """Write `count` rows from i on of samples that are slept through, where these are wanted. Energies are those at the
     begin of the sleep, or at the last check."""
+    output = block.output
     if wants_energies(output):
-        if (frame - 1) % FLIGHT_FRAMES == 0:
+        if (block.start + i - 1) % FLIGHT_FRAMES == 0:
             keep_energies(model, state)
-        write_kept_energies(output.ledger, i, count, bounds.is_first, state.flight.ledger)
+        write_kept_energies(output.ledger, i, count, block.bounds.is_first, state.flight.ledger)
     if wants_motion(output):
-        write_trace(output.trace, i, count, bounds, model, state, frame)
+        write_trace(model, state, block, i, count)
 
 
 @inline
@@ -95,12 +108,13 @@ def keep_energies(model, state):
 
 
 @inline
-def record_flight(output, i, count, bounds, model, state, frame):
+def record_flight(model, state, block, i, count):
     """Write `count` rows from i on of samples of a free flight, where these are wanted."""
+    output = block.output
     if wants_energies(output):
-        write_kept_energies(output.ledger, i, count, bounds.is_first, state.flight.ledger)
+        write_kept_energies(output.ledger, i, count, block.bounds.is_first, state.flight.ledger)
     if wants_motion(output):
-        write_flown_motion(output.trace, i, count, bounds, model, state, frame)
+        write_flown_motion(model, state, block, i, count)
 
 
 @inline
@@ -110,12 +124,12 @@ def write_kept_energies(ledger, i, count, is_first, row):
 
 
 @inline
-def write_flown_motion(trace, i, count, bounds, model, state, frame):
+def write_flown_motion(model, state, block, begin, count):
     """Write rows of the trace in a free flight; single steps advance the saved motion."""
-    for n in range(count):
-        step_saved_motion(model.step, state.flight, frame + n)
+    for i in range(begin, begin + count):
+        step_saved_motion(model.step, state.flight, block.start + i)
         exchange_motion(state)
-        write_trace(trace, i + n, INT64_1, bounds, model, state, frame + n)
+        write_trace(model, state, block, i, INT64_1)
         exchange_motion(state)
         state.law_evaluations[0] = 0
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from engine.compiler.decorators import inline
 from engine.compiler.lanes import multiply_add, number_at, place_after, put_number, splat, zero_like
-from engine.kernel.data.model import ModalLoss, StepCoefficients
+from engine.kernel.data.model import ModalLoss
 from engine.kernel.modes.mode_step import begin_step_mode, end_step_mode, kick_by_force, motion_of, put_motion
 from engine.kernel.modes.ordered_sums import fold, fold_lanes
 
@@ -138,12 +138,22 @@ def move_some_modes(h, pushing, first, count, losses, state):
 # --- modes that have neither weight nor loss in the drift
 
 
+class PlainStep(NamedTuple):
+    """What such a pass reads of StepCoefficients."""
+
+    drift: Any
+    spring_kick: Any
+    weight_kick: None
+    loss: Any
+    drag: None
+    connection: Any
+
+
 @inline
 def plain_step(h):
     """Return the coefficients of a step without weight and without loss in the drift. The losses of such a step are
     twice the energy, and are found from the momenta (engine.kernel.modes.mode_step.energy_of_loss)."""
-    loss = only_decay(h.loss)
-    return StepCoefficients(h.kick, h.drift, h.spring_kick, None, loss, None, h.connection, h.contact, h.force)
+    return PlainStep(h.drift, h.spring_kick, None, only_decay(h.loss), None, h.connection)
 
 
 @inline

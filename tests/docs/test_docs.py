@@ -70,12 +70,12 @@ def test_playing_live(tmp_path, file_device):
 
 
 @pytest.mark.hard
-def test_the_worked_example_of_a_law(tmp_path):
-    """The change that the guide shows, made to a copy of the engine."""
+def test_the_worked_examples_of_a_law_and_of_an_effect(tmp_path):
+    """The changes that the guide shows, made to a copy of the engine."""
     copy = tmp_path / "copy"
     copy.mkdir()
     shutil.copytree(ROOT / "engine", copy / "engine", ignore=shutil.ignore_patterns("__pycache__"))
-    assert "energy off by" in follow("extending", tmp_path, {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}, copy)
+    assert "terminal velocity" in follow("extending", tmp_path, {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}, copy)
 
 
 CLAIMS_OF_THE_NOTEBOOK = """

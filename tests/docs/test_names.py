@@ -16,6 +16,7 @@ DOTTED = re.compile(r"\bengine(?:\.[A-Za-z_]\w*)+")
 IN_PACKAGE = re.compile(rf"`((?:{'|'.join(PACKAGES)})\.[a-z_]\w*)`")  # as docs/architecture.md has them
 FILE = re.compile(r"(?<![\w/.$:{}<>*-])((?:[\w-]+/)+[\w.-]+\.(?:py|md|toml|csv|png|json|npz|zip|ipynb|svg))\b")
 FOLDERS = ROOT, ROOT / "docs", ROOT / "engine"
+CODE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)#\s]+)[^)]*\)")
 DIFF = re.compile(r"^```diff\n.*?^```$", re.MULTILINE | re.DOTALL)  # names files as git does
 OF_THE_READER = {"hardness/index.csv"}  # files that the reader of a guide makes
@@ -69,7 +70,7 @@ def test_names_and_files_that_are_named_exist(path):
 
 @pytest.mark.parametrize("path", GUIDES, ids=place)
 def test_links_of_guides_lead_somewhere(path):
-    links = LINK.findall(path.read_text("utf-8"))
+    links = LINK.findall(CODE.sub("", path.read_text("utf-8")))
     assert not [link for link in links if "://" not in link and not (path.parent / link).exists()]
 
 

@@ -129,8 +129,8 @@ def test_an_edited_kernel_is_used(tmp_path):
     assert list((tmp_path / "cache").rglob("*.nbc")), "nothing was cached"
     kernel = tmp_path / "engine" / "kernel" / "run" / "pickups.py"
     text = kernel.read_text("utf-8")
-    assert "frame + (k - first), values[k] * gain" in text
-    kernel.write_text(text.replace(", values[k] * gain", ", 2.0 * values[k] * gain"), "utf-8")
+    assert "channel, frame + (k - first), value)" in text
+    kernel.write_text(text.replace("(k - first), value)", "(k - first), 2.0 * value)"), "utf-8")
     assert last() == pytest.approx(2 * first, rel=1e-12)
 
 

@@ -139,7 +139,7 @@ def move_some_modes(h, pushing, first, count, losses, state):
 
 
 class PlainStep(NamedTuple):
-    """What such a pass reads of StepCoefficients."""
+    """Coefficients that such a pass reads of a StepCoefficients."""
 
     drift: Any
     spring_kick: Any

@@ -16,6 +16,7 @@ from engine.build.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
 from engine.compiler.lanes import lane_sum, load_lanes, multiply_add, splat, store_lanes, where_positive
 from engine.kernel.contact.reduced_contact_solver import basis_of_island, solve_reduced
+from engine.kernel.contact.scalar_contact_solver import LossyLaw
 from engine.kernel.data.enums import Row
 from engine.kernel.data.laws import select_law
 from engine.kernel.data.model import BasisCoefficients, ContactBasis
@@ -25,7 +26,7 @@ from engine.live.player import Player
 
 @kernel
 def reduced(law, loss_rate, basis, coefficients, s, g, scratch):
-    return solve_reduced(law, loss_rate, basis_of_island(basis, coefficients, s.shape[0]), s, g, scratch)
+    return solve_reduced(LossyLaw(law, loss_rate), basis_of_island(basis, coefficients, s.shape[0]), s, g, scratch)
 
 
 def solved(law, loss_rate, u: np.ndarray, s: np.ndarray, g: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:

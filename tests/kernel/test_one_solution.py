@@ -11,7 +11,7 @@ from engine.compiler.decorators import kernel
 from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
 from engine.kernel.contact.persistent_contact_solver import solve_persistent
 from engine.kernel.contact.reduced_contact_solver import basis_of_island, solve_reduced
-from engine.kernel.contact.scalar_contact_solver import solve_scalar_contact
+from engine.kernel.contact.scalar_contact_solver import LossyLaw, solve_scalar_contact
 from engine.kernel.data import laws
 from engine.kernel.data.enums import Row, SolveStatus
 from engine.kernel.data.model import BasisCoefficients, ContactBasis
@@ -24,24 +24,28 @@ TOLERANCE = 1e-15  # of the solvers
 
 @kernel
 def scalar(law, loss_rate, compliance, s, g, found):
-    eta, _, force, _, _, status = solve_scalar_contact(law, loss_rate, 0, s[0], g[0], compliance[0], TOLERANCE)
+    eta, _, force, _, _, status = solve_scalar_contact(
+        LossyLaw(law, loss_rate), 0, s[0], g[0], compliance[0], TOLERANCE
+    )
     found[0], found[1] = eta, force
     return status
 
 
 @kernel
 def persistent(law, loss_rate, compliance, s, g, scratch):
-    return solve_persistent(CoupledProblem(law, loss_rate, compliance, s, g, TOLERANCE, scratch))
+    return solve_persistent(CoupledProblem(LossyLaw(law, loss_rate), compliance, s, g, TOLERANCE, scratch))
 
 
 @kernel
 def coupled(law, loss_rate, compliance, s, g, scratch, budget):
-    return solve_coupled(CoupledProblem(law, loss_rate, compliance, s, g, TOLERANCE, scratch), NO_CAP, budget)[1]
+    return solve_coupled(
+        CoupledProblem(LossyLaw(law, loss_rate), compliance, s, g, TOLERANCE, scratch), NO_CAP, budget
+    )[1]
 
 
 @kernel
 def reduced(law, loss_rate, basis, coefficients, s, g, scratch):
-    return solve_reduced(law, loss_rate, basis_of_island(basis, coefficients, s.shape[0]), s, g, scratch)
+    return solve_reduced(LossyLaw(law, loss_rate), basis_of_island(basis, coefficients, s.shape[0]), s, g, scratch)
 
 
 class Problem:

@@ -8,6 +8,7 @@ from engine.build.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
 from engine.kernel.contact.coupled_contact_solver import CoupledProblem
 from engine.kernel.contact.persistent_contact_solver import solve_persistent
+from engine.kernel.contact.scalar_contact_solver import LossyLaw
 from engine.kernel.data import laws
 from engine.kernel.data.enums import Row
 from engine.kernel.data.state import Scratch
@@ -15,7 +16,7 @@ from engine.kernel.data.state import Scratch
 
 @kernel
 def solve(law, loss_rate, compliance, s, g, scratch):
-    return solve_persistent(CoupledProblem(law, loss_rate, compliance, s, g, 1e-15, scratch))
+    return solve_persistent(CoupledProblem(LossyLaw(law, loss_rate), compliance, s, g, 1e-15, scratch))
 
 
 def mean_force(stiffness: float, alpha: float, rate: float, s: float, eta: float) -> float:

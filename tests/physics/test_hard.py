@@ -22,7 +22,7 @@ from engine.build.build import build
 from engine.build.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
 from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
-from engine.kernel.contact.scalar_contact_solver import MAX_HALLEY_EVALUATIONS, solve_scalar_contact
+from engine.kernel.contact.scalar_contact_solver import MAX_HALLEY_EVALUATIONS, LossyLaw, solve_scalar_contact
 from engine.kernel.data import laws
 from engine.kernel.data.enums import Row, SolveStatus
 from engine.kernel.data.state import Scratch
@@ -35,13 +35,15 @@ RATE = 44_100
 
 @kernel
 def scalar(law, loss_rate, s, g, compliance, out):
-    out[0], out[1], out[2], out[3], count, how = solve_scalar_contact(law, loss_rate, 0, s, g, compliance, 1e-15)
+    out[0], out[1], out[2], out[3], count, how = solve_scalar_contact(
+        LossyLaw(law, loss_rate), 0, s, g, compliance, 1e-15
+    )
     return count, how
 
 
 @kernel
 def several(law, matrix, s, g, cap, budget, scratch):
-    return solve_coupled(CoupledProblem(law, None, matrix, s, g, 1e-15, scratch), cap, budget)
+    return solve_coupled(CoupledProblem(LossyLaw(law, None), matrix, s, g, 1e-15, scratch), cap, budget)
 
 
 def long(scene: engine.Scene, seconds: float, samplerate: float = RATE) -> tuple[dict, dict]:

@@ -69,17 +69,17 @@ def sum_sizes(near, n, x, sizes):
 
 
 @inline
-def contact_response(law, loss_rate, k, s, eta):
+def contact_response(law, k, s, eta):
     """Return the mean force and slope df/dη of contact k for a step η."""
     b = s + eta
-    rate = loss_rate_of(loss_rate, k)
+    rate = loss_rate_of(law, k)
     if 1.0 + rate * eta <= 0.0:
         return 0.0, 0.0
     if b > 0.0:
-        f, df, _, _ = response_in_contact(law, k, s, b, eta, rate)
+        f, df, _, _ = response_in_contact(law.elastic, k, s, b, eta, rate)
         return f, df
     if s > 0.0:
-        return response_leaving(law, k, s, eta, rate)
+        return response_leaving(law.elastic, k, s, eta, rate)
     return 0.0, 0.0
 
 
@@ -185,7 +185,7 @@ def project_onto_laws(problem, n):
     count, how = 0, SolveStatus.FREE
     for i in range(n):
         move[i], close[i], f[i], slope[i], count, how = solve_scalar_apart(
-            problem.law, problem.loss_rate, contacts[i], s[i], target[i], rho[i], problem.tolerance
+            problem.law, contacts[i], s[i], target[i], rho[i], problem.tolerance
         )
     worst, sizes = 0.0, vectors[Row.WORK]
     multiply_compliance(near, n, f, left)
@@ -217,7 +217,7 @@ def line_search(problem, n):
     multiply_compliance(near, n, f, left)
     for i in range(n):
         eta[i] = g[i] - left[i]
-        off[i], slope[i] = contact_response(problem.law, problem.loss_rate, contacts[i], s[i], eta[i])
+        off[i], slope[i] = contact_response(problem.law, contacts[i], s[i], eta[i])
         off[i] -= f[i]
     # Newton: (I + J B) d = φ - f, that is d = (φ - f) - J B (φ - f) + …
     multiply_compliance(near, n, off, left)
@@ -234,7 +234,7 @@ def line_search(problem, n):
     for _ in range(60):  # the derivative rises along the ray: find where it changes sign
         here = 0.0
         for i in range(n):
-            force, _ = contact_response(problem.law, problem.loss_rate, contacts[i], s[i], eta[i] - at * after[i])
+            force, _ = contact_response(problem.law, contacts[i], s[i], eta[i] - at * after[i])
             here += after[i] * (f[i] + at * step[i] - force)
         if abs(here) <= 0.1 * abs(before):
             break
@@ -272,11 +272,11 @@ def extrapolation_error(law, k, s, estimate, move):
 
 
 @inline
-def second_order_change(law, loss_rate, k, s, estimate, move):
+def second_order_change(law, k, s, estimate, move):
     """Return the change of the force of contact k of second order in a small move."""
     eta, b, f, _ = estimate
     if b > 0.0:
-        _, _, ddf, _ = response_in_contact(law, k, s, b, eta, loss_rate_of(loss_rate, k))
+        _, _, ddf, _ = response_in_contact(law.elastic, k, s, b, eta, loss_rate_of(law, k))
         return 0.5 * ddf * move * move
     return f * (move / eta) * (move / eta)
 
@@ -301,12 +301,12 @@ def try_extrapolate(problem, n):
         k = contacts[i]
         if slope[i] > 0.0:
             one, two = extrapolation_error(
-                problem.law, k, s[i], ForceEstimate(eta[i], end[i], f[i], slope[i]), after[i]
+                problem.law.elastic, k, s[i], ForceEstimate(eta[i], end[i], f[i], slope[i]), after[i]
             )
             if not min(one, two) <= problem.tolerance:
                 return False
             first = max(first, one)
-        elif not contact_response(problem.law, problem.loss_rate, k, s[i], eta[i] + after[i])[0] <= 0.0:
+        elif not contact_response(problem.law, k, s[i], eta[i] + after[i])[0] <= 0.0:
             return False
     if first > problem.tolerance:  # (I + J B) d = ½ f'' move², that is d = ½ f'' move² - J B (½ f'' move²) + …
         bend, more = vectors[Row.GUESS], vectors[Row.TARGET]
@@ -315,7 +315,7 @@ def try_extrapolate(problem, n):
             if slope[i] > 0.0:
                 k = contacts[i]
                 estimate = ForceEstimate(eta[i], end[i], f[i], slope[i])
-                bend[i] = second_order_change(problem.law, problem.loss_rate, k, s[i], estimate, after[i])
+                bend[i] = second_order_change(problem.law, k, s[i], estimate, after[i])
         multiply_compliance(near, n, bend, left)
         for i in range(n):
             left[i] = -left[i]

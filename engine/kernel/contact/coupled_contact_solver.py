@@ -46,8 +46,7 @@ MIN_SCALE, MAX_SCALE = 0.25, 4.0  # by which forces off their laws may be multip
 class CoupledProblem(NamedTuple):
     """The contact equations of an island."""
 
-    law: Any
-    loss_rate: Any  # μ/h [contacts], 1/m, or None
+    law: Any  # LossyLaw
     compliance: Any  # B, row by row, m/N
     s: Any  # [contacts], m: compressions at the start
     g: Any  # [contacts], m: their changes without contact force
@@ -129,9 +128,7 @@ def initial_active_set(problem):
         k = scratch.active[i]
         row = problem.compliance[k * total : (k + 1) * total]
         target = eta[k] + row[k] * guess[i]
-        _, _, push, _, _, _ = solve_scalar_apart(
-            problem.law, problem.loss_rate, k, s[k], target, row[k], problem.tolerance
-        )
+        _, _, push, _, _, _ = solve_scalar_apart(problem.law, k, s[k], target, row[k], problem.tolerance)
         change = push - guess[i]
         guess[i] = push
         if change != 0.0:
@@ -166,7 +163,7 @@ def energy_defect(problem, scale):
     for k in range(s.shape[0]):
         eta, f = g[k] - scale * response[k], scale * force[k]
         if f != 0.0 or s[k] > 0.0 or s[k] + eta > 0.0:
-            phi, rise = contact_response(problem.law, problem.loss_rate, k, s[k], eta)
+            phi, rise = contact_response(problem.law, k, s[k], eta)
             energy += (phi - f) * eta
             slope -= (rise * eta + phi - f) * response[k] + force[k] * eta
             size += abs(f * eta)

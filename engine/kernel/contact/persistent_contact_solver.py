@@ -63,7 +63,7 @@ def take_closed_contacts(problem):
         problem.scratch.is_active[k] = 0
         if s[k] > 0.0:
             activate(problem, n, k, 0.0, 0.0)
-            vectors[Row.START_FORCE, n] = elastic_force(problem.law, k, s[k])
+            vectors[Row.START_FORCE, n] = elastic_force(problem.law.elastic, k, s[k])
             vectors[Row.ACTIVE_STEP, n] = 0.0
             n += 1
     return n
@@ -79,7 +79,7 @@ def take_newton_step(problem, n):
     f, eta, slope = vectors[Row.ACTIVE_FORCE], vectors[Row.ACTIVE_STEP], vectors[Row.SLOPE]
     left, step, worst = vectors[Row.RESIDUAL], vectors[Row.NEWTON_STEP], 0.0
     for i in range(n):
-        alpha, rate = exponent(problem.law, contacts[i]), loss_rate_of(problem.loss_rate, contacts[i])
+        alpha, rate = exponent(problem.law.elastic, contacts[i]), loss_rate_of(problem.law, contacts[i])
         f[i], slope[i] = persistent_response(start_force[i], alpha, rate, s[i], eta[i])
     multiply_compliance(near, n, f, left)
     for i in range(n):
@@ -87,10 +87,10 @@ def take_newton_step(problem, n):
     newton_step(scratch, n)
     for i in range(n):
         k, move = contacts[i], step[i] / slope[i]  # left - B·step would cancel where B·slope is large
-        if not (f[i] + step[i] > 0.0 and persists(loss_rate_of(problem.loss_rate, k), s[i], eta[i] + move)):
+        if not (f[i] + step[i] > 0.0 and persists(loss_rate_of(problem.law, k), s[i], eta[i] + move)):
             return math.inf
         estimate = ForceEstimate(eta[i], s[i] + eta[i], f[i], slope[i])
-        worst = max(worst, extrapolation_error(problem.law, k, s[i], estimate, move)[0])
+        worst = max(worst, extrapolation_error(problem.law.elastic, k, s[i], estimate, move)[0])
         eta[i] += move
         f[i] += step[i]
     return worst
@@ -107,7 +107,7 @@ def scatter_end_forces(problem, n):
     for k in range(problem.s.shape[0]):
         vectors[Row.END_FORCE, k] = 0.0
     for i in range(n):
-        rate = loss_rate_of(problem.loss_rate, active[i])
+        rate = loss_rate_of(problem.law, active[i])
         w = 1.0 + rate * eta[i]
         mean = f[i] / w
         vectors[Row.END_FORCE, active[i]] = mean + eta[i] * (slope[i] - mean * rate) / w

@@ -120,7 +120,7 @@ def add_rows(u, width, w, k, lanes):
 
 
 @noinline
-def respond_in_lanes(law, loss_rate, basis, groups, minus_w, vectors):
+def respond_in_lanes(law, lossy_law, basis, groups, minus_w, vectors):
     """Write ACTIVE_STEP, ACTIVE_FORCE and SLOPE of the contacts that take part, eight at a time. minus_w: minus the
     forces of the rows"""
     g, s = vectors[Row.FREE_MOVE], vectors[Row.START]
@@ -137,23 +137,23 @@ def respond_in_lanes(law, loss_rate, basis, groups, minus_w, vectors):
 def respond_one_by_one(_, of):
     """Write ACTIVE_STEP, ACTIVE_FORCE and SLOPE of the contacts that take part, one by one: the exponent of the law
     depends on the contact."""
-    law, loss_rate, basis, groups, minus_w, vectors = of
+    lossy_law, basis, groups, minus_w, vectors = of
     g, s, eta = vectors[Row.FREE_MOVE], vectors[Row.START], vectors[Row.ACTIVE_STEP]
     f, slope = vectors[Row.ACTIVE_FORCE], vectors[Row.SLOPE]
     for n in range(groups.used):
         begin = groups.begin[n]
         store_lanes(eta, begin, add_rows(basis.at_contacts, basis.lanes, minus_w, begin, load_lanes(g, begin)))
         for k in range(begin, min(begin + LANES, basis.contacts)):
-            f[k], slope[k] = contact_response(law, loss_rate, k, s[k], eta[k])
+            f[k], slope[k] = contact_response(lossy_law, k, s[k], eta[k])
 
 
 def respond_as(kind: Any) -> Any:
     """Return a function that does `respond_in_lanes` with a law of any exponent, taken as a law of this kind."""
 
     def respond_as_kind(of):
-        law, loss_rate, basis, groups, minus_w, vectors = of
-        special = kind(law.potential_coefficient, law.exponent)
-        respond_in_lanes(special, loss_rate, basis, groups, minus_w, vectors)
+        lossy_law, basis, groups, minus_w, vectors = of
+        law = lossy_law.elastic
+        respond_in_lanes(kind(law.potential_coefficient, law.exponent), lossy_law, basis, groups, minus_w, vectors)
 
     return inline(respond_as_kind)
 
@@ -168,7 +168,7 @@ def shared_exponent(law, contacts):
     return alpha
 
 
-def respond(law: Any, loss_rate: Any, basis: Any, groups: Any, minus_w: Any, vectors: Any) -> None:
+def respond(law: Any, lossy_law: Any, basis: Any, groups: Any, minus_w: Any, vectors: Any) -> None:
     """Write ACTIVE_STEP, ACTIVE_FORCE and SLOPE of the contacts that take part. minus_w: minus the forces of the rows.
     In compiled code only."""
     raise TypeError("respond is for compiled code")
@@ -177,10 +177,10 @@ def respond(law: Any, loss_rate: Any, basis: Any, groups: Any, minus_w: Any, vec
 respond_as_any = branch_on_exponent({kind: respond_as(kind) for kind in SPECIAL_LAWS}, respond_one_by_one)
 
 
-def respond_with_power_law(law, loss_rate, basis, groups, minus_w, vectors):
+def respond_with_power_law(law, lossy_law, basis, groups, minus_w, vectors):
     """Write ACTIVE_STEP, ACTIVE_FORCE and SLOPE of the contacts that take part, for a law of any exponent: eight at a
     time if all share an exponent that has its own law, or else one by one."""
-    of = (law, loss_rate, basis, groups, minus_w, vectors)
+    of = (lossy_law, basis, groups, minus_w, vectors)
     respond_as_any(shared_exponent(law, basis.contacts), of)
 
 
@@ -188,7 +188,7 @@ overload_by_type(respond, dict.fromkeys(SPECIAL_LAWS, respond_in_lanes.py_func) 
 
 
 @inline
-def load_contacts(law, loss_rate, s, g, basis, vectors):
+def load_contacts(law, s, g, basis, vectors):
     """Write START, FREE_MOVE, TARGET (the stiffness of the law) and RHO (the rate of the loss) of all contacts. Lanes
     beyond them are open, without stiffness and loss."""
     start, move, unit, rate = vectors[Row.START], vectors[Row.FREE_MOVE], vectors[Row.TARGET], vectors[Row.RHO]
@@ -196,7 +196,7 @@ def load_contacts(law, loss_rate, s, g, basis, vectors):
         start[k], move[k], unit[k], rate[k] = -1.0, 0.0, 0.0, 0.0
         vectors[Row.ACTIVE_FORCE, k], vectors[Row.SLOPE, k] = 0.0, 0.0
     for k in range(basis.contacts):
-        start[k], move[k], unit[k], rate[k] = s[k], g[k], law.potential_coefficient[k], loss_rate_of(loss_rate, k)
+        start[k], move[k], unit[k], rate[k] = s[k], g[k], law.elastic.potential_coefficient[k], loss_rate_of(law, k)
 
 
 @inline
@@ -222,11 +222,11 @@ def all_groups(basis, begin):
 
 
 @noinline
-def evaluate(law, loss_rate, basis, groups, w, vectors):
+def evaluate(law, basis, groups, w, vectors):
     """Find forces and slopes of the contacts for the forces w of the rows. WORK becomes two sums over the contacts: of
     the products times the slopes, the lower triangle of Uᵀ·J·U; and of the rows times the forces, Uᵀ·f."""
     minus_w = (-w[0], -w[1], -w[2], -w[3], -w[4])
-    respond(law, loss_rate, basis, groups, minus_w, vectors)
+    respond(law.elastic, law, basis, groups, minus_w, vectors)
     f, slope, sums, table = vectors[Row.ACTIVE_FORCE], vectors[Row.SLOPE], vectors[Row.WORK], basis.products
     a0, a1, a2 = splat(0.0), splat(0.0), splat(0.0)
     b0, b1, b2 = splat(0.0), splat(0.0), splat(0.0)
@@ -300,7 +300,7 @@ def move_along(w, d, share):
 
 
 @noinline
-def solve_reduced(law, loss_rate, basis, s, g, scratch):
+def solve_reduced(law, basis, s, g, scratch):
     """Solve the contacts of an island in the space of their basis.
 
     basis:   Basis
@@ -312,10 +312,10 @@ def solve_reduced(law, loss_rate, basis, s, g, scratch):
     """
     vectors = scratch.vectors
     sums = vectors[Row.WORK]
-    load_contacts(law, loss_rate, s, g, basis, vectors)
+    load_contacts(law, s, g, basis, vectors)
     groups = groups_in_reach(basis, vectors, scratch.active)
     w = (0.0, 0.0, 0.0, 0.0, 0.0)
-    evaluate(law, loss_rate, basis, groups, w, vectors)
+    evaluate(law, basis, groups, w, vectors)
     evaluations, best = INT64_1, math.inf
     while evaluations < MAX_EVALUATIONS:
         gradient = gradient_at(w, sums)
@@ -326,12 +326,12 @@ def solve_reduced(law, loss_rate, basis, s, g, scratch):
             if store_reduced_solution(basis, groups, move_along(w, d, 1.0), vectors):
                 return evaluations
             groups, best = all_groups(basis, scratch.active), math.inf
-            evaluate(law, loss_rate, basis, groups, w, vectors)
+            evaluate(law, basis, groups, w, vectors)
             continue
         slope, saved, best, share, low, high = dot(gradient, d), w, step, 1.0, 0.0, 0.0
         while True:
             w = move_along(saved, d, share)
-            evaluate(law, loss_rate, basis, groups, w, vectors)
+            evaluate(law, basis, groups, w, vectors)
             evaluations += 1
             here = dot(gradient_at(w, sums), d)
             is_short = here < 0.0 and high == 0.0  # of the minimum: the next step is as long

@@ -34,12 +34,25 @@ class ContactEquation(NamedTuple):
     tolerance: float
 
 
+class LossyLaw(NamedTuple):
+    """The law of contacts, with their loss in a step."""
+
+    elastic: Any  # a Law
+    loss_rate: Any  # μ/h of each contact, 1/m; None where the scene has no contact loss
+
+
 @inline
-def loss_rate_of(loss_rate, k):
-    """Hunt-Crossley rate μ/h of contact k in 1/m; 0 where the scene has no contact loss."""
-    if loss_rate is None:
+def loss_rate_of(law, k):
+    """Hunt-Crossley rate μ/h of contact k in 1/m. law: LossyLaw"""
+    return item_or_zero(law.loss_rate, k)
+
+
+@inline
+def item_or_zero(items, k):
+    """Return item k of an array; 0 if there is no array."""
+    if items is None:
         return 0.0
-    return loss_rate[k]
+    return items[k]
 
 
 @inline
@@ -168,11 +181,10 @@ def initial_guess_lossy(law, k, s, g, scale, rate, b):
 
 
 @inline
-def solve_scalar_contact(law, loss_rate, k, s, g, compliance, tolerance):
+def solve_scalar_contact(lossy_law, k, s, g, compliance, tolerance):
     """Solve one contact equation.
 
-    law, k:     contact k's law (engine.kernel.contact.contact_law)
-    loss_rate:  μ/h of each contact, 1/m; None where the scene has no contact loss
+    lossy_law, k: contact k's LossyLaw
     s:          compression at the start of the step, m (negative: gap)
     g:          change of compression if there were no contact force, m
     compliance: B, change of compression per newton of contact force, m/N
@@ -184,9 +196,9 @@ def solve_scalar_contact(law, loss_rate, k, s, g, compliance, tolerance):
     free_end = s + g
     if s < MIN_COMPRESSION and free_end < MIN_COMPRESSION:
         return g, free_end, 0.0, 0.0, 0, SolveStatus.FREE
+    law, rate = lossy_law.elastic, loss_rate_of(lossy_law, k)
     alpha = exponent(law, k)
     scale = compliance * law.potential_coefficient[k]
-    rate = loss_rate_of(loss_rate, k)
     if s > 0.0:
         if rate * g <= -1.0:  # leaves faster than the loss allows a push: Hunt-Crossley never pulls
             return g, free_end, 0.0, 0.0, 0, SolveStatus.SEPARATION

@@ -12,7 +12,7 @@ from engine.kernel.contact.coupled_contact_round import contact_response
 from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
 from engine.kernel.contact.persistent_contact_solver import solve_persistent
 from engine.kernel.contact.reduced_contact_solver import basis_of_island, solve_reduced
-from engine.kernel.contact.scalar_contact_solver import loss_rate_of, solve_scalar_contact
+from engine.kernel.contact.scalar_contact_solver import LossyLaw, loss_rate_of, solve_scalar_contact
 from engine.kernel.data.enums import Row, SolveStatus
 from engine.kernel.interactions.connections import answer_contacts, has_connections, push_by_connections
 from engine.kernel.interactions.contacts import (
@@ -90,7 +90,8 @@ def push_by_only_contact(model, contact, settings, is_forced, state):
     eta, b, f, evaluations, status = solve_only_contact(contact, h.contact, s, g, state)
     if status == SolveStatus.FAILED:
         return no_touch(status, evaluations)
-    reach = Reach(INT64_1, None, state.compression, None, contact.law, h.contact.loss_rate, None, moves)
+    law = LossyLaw(contact.law, h.contact.loss_rate)
+    reach = Reach(INT64_1, None, state.compression, None, law, None, moves)
     answer_contacts(connection, h, reach, state)
     is_measured, point_force = must_be_measured(h.contact, state, INT64_0, s, eta, f), 0.0
     if is_forced or is_measured or has_connections(connection, state) or h.contact.only_kick_phi is None:
@@ -102,7 +103,7 @@ def push_by_only_contact(model, contact, settings, is_forced, state):
     miss = (g - eta) - h.contact.compliance[0] * f
     if is_measured:
         miss = measured_miss(contact, h.contact, state, INT64_0, eta, f)
-    end_force, excess = end_force_of(contact, h.contact.loss_rate, INT64_0, b), 0.0
+    end_force, excess = end_force_of(law, INT64_0, b), 0.0
     lost = store_solution(contact, h.contact, state, INT64_0, (eta, b, f, f, end_force), miss)
     if is_measured:
         excess = energy_created(contact, state, INT64_0, s, lost, f)
@@ -137,7 +138,7 @@ def solve_only_contact(contact, h, s, g, state):
     s, g: compression, and how the coming drift changes it without the force, m
     """
     eta, b, f, _, evaluations, status = solve_scalar_contact(
-        contact.law, h.loss_rate, INT64_0, s, g, h.compliance[0], contact.tolerance
+        LossyLaw(contact.law, h.loss_rate), INT64_0, s, g, h.compliance[0], contact.tolerance
     )
     if not math.isfinite(eta + b + f):
         status = SolveStatus.FAILED
@@ -202,8 +203,8 @@ def open_contacts(reach, state):
 @noinline
 def solve_several_contacts(contact, h, reach, state):
     """Find the forces of several contacts of an island together. Returns a ContactSolution."""
-    law, loss_rate, s, g = reach.law, reach.loss_rate, reach.compression, reach.free_displacement
-    problem = CoupledProblem(law, loss_rate, reach.coupling, s, g, contact.tolerance, state.scratch)
+    s, g = reach.compression, reach.free_displacement
+    problem = CoupledProblem(reach.law, reach.coupling, s, g, contact.tolerance, state.scratch)
     rounds, status, excess, is_persistent = INT64_0, SolveStatus.NEWTON, 0.0, TRUE
     if not moves_by_basis(contact.basis):
         rounds = solve_persistent(problem)
@@ -223,7 +224,7 @@ def solve_several_contacts(contact, h, reach, state):
 
 
 @inline
-def solve_by_basis(basis, coefficients, law, loss_rate, state):
+def solve_by_basis(basis, coefficients, law, state):
     """Solve all contacts of an island in the space of their basis. Returns evaluations of the laws; 0 if there is no
     basis, or the solve did not converge."""
     if basis is None:
@@ -231,7 +232,7 @@ def solve_by_basis(basis, coefficients, law, loss_rate, state):
     if basis.is_first.shape[0] == 0:
         return INT64_0
     island_basis = basis_of_island(basis, coefficients, state.compression.shape[0])
-    return solve_reduced(law, loss_rate, island_basis, state.compression, state.free_displacement, state.scratch)
+    return solve_reduced(law, island_basis, state.compression, state.free_displacement, state.scratch)
 
 
 @inline
@@ -241,14 +242,14 @@ def find_coupled_forces(contact, h, reach, problem, state):
     evaluations, is_all = INT64_0, reach.size == state.compression.shape[0]
     is_first = moves_by_basis(contact.basis)
     if is_first:
-        evaluations = solve_by_basis(contact.basis, h.basis, contact.law, h.loss_rate, state)
+        evaluations = solve_by_basis(contact.basis, h.basis, problem.law, state)
         if evaluations > 0:
             return evaluations, SolveStatus.NEWTON, 0.0
     for n in range(reach.size):
         state.scratch.vectors[Row.FORCE, n] = state.contact_force[contact_number(reach.numbers, n)]
     rounds, status, excess = solve_coupled(problem, contact.max_rounds, state.line_search_budget)
     if status == SolveStatus.CAPPED and is_all and not is_first:
-        evaluations = solve_by_basis(contact.basis, h.basis, contact.law, h.loss_rate, state)
+        evaluations = solve_by_basis(contact.basis, h.basis, problem.law, state)
         if evaluations > 0:
             return rounds + evaluations, SolveStatus.NEWTON, 0.0
     while status == SolveStatus.CAPPED and not excess < 0.5 * kinetic_energy(state.p):
@@ -264,6 +265,7 @@ def find_coupled_forces(contact, h, reach, problem, state):
 def store_several_contacts(contact, h, reach, solution, state):
     """Store the solutions of several contacts of an island. Returns the energy lost, and created, J."""
     vectors, lost, excess = state.scratch.vectors, 0.0, solution.excess
+    law = LossyLaw(contact.law, h.loss_rate)
     if solution.is_measured:
         measure_misses(contact, h, reach, state)
         excess = 0.0
@@ -276,14 +278,14 @@ def store_several_contacts(contact, h, reach, solution, state):
             continue
         law_force = f
         if solution.status == SolveStatus.CAPPED:
-            law_force = force_of_lossy_law(contact, h.loss_rate, k, s, eta, f)
-        end_force = vectors[Row.END_FORCE, n] if solution.is_persistent else end_force_of(contact, h.loss_rate, k, b)
+            law_force = force_of_lossy_law(law, k, s, eta, f)
+        end_force = vectors[Row.END_FORCE, n] if solution.is_persistent else end_force_of(law, k, b)
         values = eta, b, f, law_force, end_force
         lost_at_contact = store_solution(contact, h, state, k, values, miss)
         lost += lost_at_contact
         if solution.is_measured:
             if solution.is_persistent:
-                excess += energy_created_if_persistent(h.loss_rate, state, k, s, lost_at_contact, values)
+                excess += energy_created_if_persistent(law, state, k, s, lost_at_contact, values)
             else:
                 excess += energy_created(contact, state, k, s, lost_at_contact, f)
     return lost, excess
@@ -311,8 +313,8 @@ def measure_misses(contact, h, reach, state):
 
 
 @inline
-def force_of_lossy_law(contact, loss_rate, k, s, eta, f):
+def force_of_lossy_law(law, k, s, eta, f):
     """Force of the contact law for a step, N, if there is contact loss: that of a capped solve, f, may differ."""
-    if loss_rate_of(loss_rate, k) > 0.0:
-        return contact_response(contact.law, loss_rate, k, s, eta)[0]
+    if loss_rate_of(law, k) > 0.0:
+        return contact_response(law, k, s, eta)[0]
     return f

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 from engine.compiler.decorators import FALSE, inline, noinline
 from engine.kernel.contact.contact_law import elastic_force, potential, potential_difference
 from engine.kernel.contact.reduced_contact_solver import basis_of_island, gather_rows, spread_rows
-from engine.kernel.contact.scalar_contact_solver import loss_rate_of
+from engine.kernel.contact.scalar_contact_solver import LossyLaw, loss_rate_of
 from engine.kernel.data.enums import Row, SolveStatus
 from engine.kernel.modes.point_rows import add_drifts, bound_at_row, project, project_drift, push_both_at_row
 
@@ -73,8 +73,7 @@ class Reach(NamedTuple):
     numbers: Any  # theirs in the island; None if there are never but all
     compression: Any  # s, m
     free_displacement: Any  # g, m: how the coming drift changes it without contact force
-    law: Any
-    loss_rate: Any  # μ/h, 1/m, or None
+    law: Any  # LossyLaw
     coupling: Any  # B, row by row, m/N; None if no island has several contacts
     moves: Any  # m/N: of each connection, row by row; None without connections
 
@@ -254,14 +253,14 @@ def count_outcome(state, evaluations, status):
 
 
 @inline
-def contact_dissipation(contact, loss_rate, k, s, solution):
+def contact_dissipation(law, k, s, solution):
     """Energy that contact loss takes over one step: (f - φ)·η, J."""
     eta, b, _, f, _ = solution
-    rate = loss_rate_of(loss_rate, k)
+    rate = loss_rate_of(law, k)
     w = 1.0 + rate * eta
     if w > 0.5:
         return f * eta * (rate * eta) / w
-    return f * eta - potential_difference(contact.law, k, s, b, eta)  # f/w would cancel
+    return f * eta - potential_difference(law.elastic, k, s, b, eta)  # f/w would cancel
 
 
 @inline
@@ -279,7 +278,7 @@ def store_solution(contact, h, state, k, solution, miss):
     eta, b, f, _, _ = solution
     s = state.compression[k]
     miss -= h.compliance_low[k] * f
-    lost = dissipation_of(contact, h.loss_rate, k, s, solution, miss)
+    lost = dissipation_of(LossyLaw(contact.law, h.loss_rate), k, s, solution, miss)
     residue = state.compression_compensation[k] + miss
     if 2.0 * abs(eta) < b:
         end = s + (eta + residue)
@@ -293,21 +292,21 @@ def store_solution(contact, h, state, k, solution, miss):
 
 
 @inline
-def dissipation_of(contact, loss_rate, k, s, solution, miss):
+def dissipation_of(law, k, s, solution, miss):
     """Energy that the contact loss of a solution takes, J."""
     _, _, f, _, end_force = solution
-    if loss_rate_of(loss_rate, k) == 0.0:
+    if loss_rate_of(law, k) == 0.0:
         return 0.0
-    lost = contact_dissipation(contact, loss_rate, k, s, solution)
+    lost = contact_dissipation(law, k, s, solution)
     return lost + (f - end_force) * miss  # where bodies move beyond the step, the force works on
 
 
 @inline
-def end_force_of(contact, loss_rate, k, b):
+def end_force_of(law, k, b):
     """Elastic force at the end compression b, N; 0 where there is no loss, and it is not needed."""
-    if loss_rate_of(loss_rate, k) == 0.0:
+    if loss_rate_of(law, k) == 0.0:
         return 0.0
-    return elastic_force(contact.law, k, b)
+    return elastic_force(law.elastic, k, b)
 
 
 @inline
@@ -337,10 +336,10 @@ def energy_created(contact, state, k, s, lost, f):
 
 
 @inline
-def energy_created_if_persistent(loss_rate, state, k, s, lost, solution):
+def energy_created_if_persistent(law, state, k, s, lost, solution):
     """Return the energy that a contact which persists has gained beyond the work of its force, J. Its potential is
     that of the solution, but for what rounding moved the compression beyond it."""
     eta, _, f, _, end_force = solution
-    elastic = f / (1.0 + loss_rate_of(loss_rate, k) * eta)
+    elastic = f / (1.0 + loss_rate_of(law, k) * eta)
     gained = elastic * eta + end_force * ((state.compression[k] - s) - eta)
     return gained + lost - f * state.free_displacement[k]

@@ -13,7 +13,7 @@ import numpy as np
 
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.compiler.overloads import is_none, overload_by_source, overload_by_type
-from engine.kernel.contact.scalar_contact_solver import loss_rate_of
+from engine.kernel.contact.scalar_contact_solver import LossyLaw, item_or_zero
 from engine.kernel.data.enums import FLIGHT_FRAMES, StepKind
 from engine.kernel.data.model import Connections
 from engine.kernel.interactions.connections import has_connections
@@ -93,7 +93,7 @@ def leaves_out_contacts(connection, model, settings, state):
 def all_contacts(contact, index, moves, h, state):
     """Return the Reach of all contacts. h: ContactCoefficients"""
     s, g = state.compression, state.free_displacement
-    return Reach(s.shape[0], index, s, g, contact.law, h.loss_rate, h.coupling, moves)
+    return Reach(s.shape[0], index, s, g, LossyLaw(contact.law, h.loss_rate), h.coupling, moves)
 
 
 @inline
@@ -103,7 +103,8 @@ def near_contacts(contact, h, state):
     law = law_of_near(contact.law, near.potential_coefficient[0:n], near.exponent[0:n])
     rate = gathered(h.contact.loss_rate, near.loss_rate, n)
     coupling = gathered(h.contact.coupling, near.coupling, n * n)
-    return Reach(n, near.contact, near.compression[0:n], near.free_displacement[0:n], law, rate, coupling, near.moves)
+    s, g = near.compression[0:n], near.free_displacement[0:n]
+    return Reach(n, near.contact, s, g, LossyLaw(law, rate), coupling, near.moves)
 
 
 @inline
@@ -200,7 +201,7 @@ def gather_coefficients(contact, h, state):
         if near.is_far[k] == 0:
             near.contact[n] = k
             near.potential_coefficient[n], near.exponent[n] = state.potential_coefficient[k], state.exponent[k]
-            near.loss_rate[n] = loss_rate_of(h.contact.loss_rate, k)
+            near.loss_rate[n] = item_or_zero(h.contact.loss_rate, k)
             n += 1
     near.size[0] = n
     gather_coupling(h.contact.coupling, n, total, near)

@@ -68,7 +68,7 @@ def strip(source: Path, folder: Path) -> None:
     shutil.copytree(source / "engine", folder / "engine", ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(source / "patches", folder / "patches")
     stripping = Strip()
-    for path in sorted((folder / "engine" / "kernel").glob("*.py")):
+    for path in sorted((folder / "engine" / "kernel").rglob("*.py")):
         tree = stripping.visit(ast.parse(path.read_text("utf-8")))
         path.write_text(ast.unparse(ast.fix_missing_locations(tree)), "utf-8")
     if unknown := ABSENT - stripping.met:

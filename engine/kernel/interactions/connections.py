@@ -190,20 +190,20 @@ def damp_connections(connection, duration, is_end, state):
     lost = 0.0
     if connection is not None:
         if duration is not None:
-            forget_drift(state)
-            lost = damp_each(connection, duration, is_end, state.connection.damping, state.p)
+            lost = damp_each(connection, duration, is_end, state.connection.damping, state)
     return lost
 
 
 @noinline
-def damp_each(connection, duration, is_end, damping, p):
+def damp_each(connection, duration, is_end, damping, state):
     """Let each damper of an island act outside the step, for half of it, one after the other; at its end in the reverse
     order. Returns the energy lost, J."""
     lost, count = 0.0, damping.shape[0]
     for n in range(count):
         i = count - 1 - n if is_end else n
         if damping[i] != 0.0 and duration[i] != 0.0:
-            lost += damp_coordinate(connection, i, damping[i] * duration[i], p)
+            lost += damp_coordinate(connection, i, damping[i] * duration[i], state.p)
+            forget_drift(state)
     return lost
 
 

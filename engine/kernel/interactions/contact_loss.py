@@ -78,7 +78,6 @@ def lose_at_contacts(contact_loss, contact, duration, is_backwards, rate, state)
 @noinline
 def lose_at_each(contact_loss, contact, duration, is_backwards, rate, state):
     """Let the loss of each closed contact act for a duration, s, one after the other. Returns the energy lost, J."""
-    forget_drift(state)
     lost, count = 0.0, state.compression.shape[0]
     for n in range(INT64_0, count):
         k = count - 1 - n if is_backwards else n
@@ -98,5 +97,6 @@ def lose_at_contact(contact_loss, contact, duration, k, rate, state):
         pushed = state.refinement.mean_force[k] / rate + state.refinement.loss_impulse[k]
         impulse = max(impulse, -max(pushed, 0.0))
     push_apart(contact, contact.other_rows, k, impulse, state.p)
+    forget_drift(state)
     state.refinement.loss_impulse[k] += impulse
     return impulse * (velocity - 0.5 * mobility * impulse)

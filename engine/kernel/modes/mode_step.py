@@ -16,7 +16,7 @@ import math
 from typing import Any, NamedTuple
 
 from engine.compiler.decorators import inline, noinline
-from engine.compiler.lanes import number_at, put_number, splat, zero_like
+from engine.compiler.lanes import magnitude, number_at, put_number, splat, zero_like
 from engine.kernel.data.enums import StepKind
 from engine.kernel.modes.ordered_sums import fold
 
@@ -185,11 +185,11 @@ def free_step(h, motion):
 
 @inline
 def add_loss(of, m, sums):
-    """Take the loss of mode m from its momentum, and add the energy lost to the sums."""
-    loss, p = of
-    left, lost = apply_loss(loss, m, number_at(p, m))
+    """Take the loss of mode m from its momentum, and add the energy lost, and the size of its change, to the sums."""
+    (loss, p), before = of, number_at(of[1], m)
+    left, lost = apply_loss(loss, m, before)
     put_number(p, m, left)
-    return (sums[0] + lost,)
+    return sums[0] + lost, sums[1] + magnitude(before - left)
 
 
 @inline
@@ -197,8 +197,10 @@ def apply_loss_all(loss, state):
     """Take the loss of all modes from their momenta. Returns the energy lost."""
     if loss is None:
         return 0.0
-    forget_drift(state)
-    return fold(add_loss, (loss, state.p), state.p.shape[0], (splat(0.0),))[0]
+    lost, change = fold(add_loss, (loss, state.p), state.p.shape[0], (splat(0.0), splat(0.0)))
+    if change != 0.0:
+        forget_drift(state)
+    return lost
 
 
 @noinline

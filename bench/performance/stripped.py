@@ -24,7 +24,6 @@ ABSENT = {
     "force",
     "contact",
     "other_rows",
-    "loss_rate",
     "coupling",
     "events",
     "connection",

@@ -60,7 +60,7 @@ def test_absent_effects_leave_no_instruction(tmp_path):
         count.append(json.loads(done.stdout)["instructions"])
     assert count[0] > 500
     assert abs(count[0] / count[1] - 1) <= 0.01
-    source = (tmp_path / "engine" / "kernel" / "modes.py").read_text("utf-8")
+    source = (tmp_path / "engine" / "kernel" / "modes" / "mode_step.py").read_text("utf-8")
     assert "weight is None" not in source  # it was stripped indeed
 
 

@@ -427,7 +427,7 @@ def test_a_failed_solve_is_passive_and_counted(path, fault, monkeypatch):
 def test_an_iteration_that_never_ends(tmp_path):
     """A solver made never to end while bodies approach: it is counted as failed, energy stays, the sound goes on."""
     shutil.copytree(ROOT / "engine", tmp_path / "engine", ignore=shutil.ignore_patterns("__pycache__"))
-    solver = tmp_path / "engine" / "kernel" / "scalar_contact_solver.py"
+    solver = tmp_path / "engine" / "kernel" / "contact" / "scalar_contact_solver.py"
     text = solver.read_text("utf-8")
     accept = "        if done:\n            return"
     assert text.count(accept) == 1

@@ -27,7 +27,7 @@ ABSENT = {
     "coupling",
     "events",
     "connection",
-    "joined",
+    "connection_state",
     "drive",
     "duration",
     "free_masses",

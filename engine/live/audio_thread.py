@@ -137,7 +137,7 @@ def drain_queue(shared):
         event[EventSlot.TAKEN_AT] = shared[Slot.FRAME]
         if event[EventSlot.KIND] == EventKind.QUALITY:
             set_quality(shared, event[EventSlot.TARGET_BEGIN])
-        elif event[EventSlot.KIND] == EventKind.TUNE:
+        elif event[EventSlot.KIND] == EventKind.EXCHANGE_TABLES:
             event[EventSlot.TAKEN_AT] = max(event[EventSlot.LENGTH], shared[Slot.FRAME])
             postpone_tuning(shared, event)
         else:

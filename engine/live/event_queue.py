@@ -37,7 +37,7 @@ class EventQueue:
 
         description: the event as a person would say it, for the log
         """
-        row = (*row[:4], checked_frame(row[4]) if row[0] != EventKind.TUNE else row[4], *row[5:])
+        row = (*row[:4], checked_frame(row[4]) if row[0] != EventKind.EXCHANGE_TABLES else row[4], *row[5:])
         shared = self._memory.shared
         with self._lock:  # one at a time writes to the queue
             index = int(shared[Slot.WRITE_INDEX])

@@ -176,7 +176,7 @@ class ParameterQueue:
     def _put_exchange(self, why: str, step: Exchange) -> None:
         """Let the audio thread do an exchange."""
         table = step.copies.table
-        row = (EventKind.TUNE, step.island, len(table), step.islands, table.ctypes.data, step.due, 0.0, 0.0)
+        row = (EventKind.EXCHANGE_TABLES, step.island, len(table), step.islands, table.ctypes.data, step.due, 0.0, 0.0)
         self._queue.put([why, *_named(step.values)], row)
 
 

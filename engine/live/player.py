@@ -203,7 +203,7 @@ class Player:
         speed = self.default_velocity(body) if velocity is None else velocity
         event = make_event(StrikeEvent, kind="strike", body=body, velocity=speed, displacement=displacement)
         for island, _, _, _, first, last, a, b in self._rows(event):
-            self._queue.put(["strike", body], (EventKind.THROW, island, first, last, frame, 1, a, b))
+            self._queue.put(["strike", body], (EventKind.LAUNCH_AND_LIFT, island, first, last, frame, 1, a, b))
 
     def pluck(self, body: str, scale: float = 1.0, frame: int = 0) -> None:
         """Pluck a body again, by its forces that are over after a while, so many times as strong; and lift its dampers.
@@ -300,7 +300,7 @@ class Player:
         islands = len(self.state.sleep) // self.voices
         for n, (one, table) in enumerate(zip(ratios, tables, strict=True), 1):
             due = frame + nearest_frame(n * seconds / len(ratios), self.samplerate)
-            row = (EventKind.TUNE, voice * islands, len(table), islands, table.ctypes.data, due, 0.0, 0.0)
+            row = (EventKind.EXCHANGE_TABLES, voice * islands, len(table), islands, table.ctypes.data, due, 0.0, 0.0)
             self._queue.put(["tune", voice, one, *([] if body is None else [body])], row)
         self._tuning.keep(voice, ratio, body)
 

@@ -130,7 +130,7 @@ def validated_row(player: Player, row: list[int | float]) -> tuple[Any, ...]:
     model = player.model
     count = model.islands.mode.size - 1
     sizes: dict[int, Any] = dict.fromkeys(
-        (EventKind.STRIKE, EventKind.DAMP, EventKind.LIFT, EventKind.THROW), model.islands.mode
+        (EventKind.STRIKE, EventKind.DAMP, EventKind.LIFT, EventKind.LAUNCH_AND_LIFT), model.islands.mode
     )
     sizes |= dict.fromkeys((EventKind.STIFFNESS, EventKind.BARRIER, EventKind.EXPONENT), model.islands.contact)
     sizes |= dict.fromkeys(CONNECTION_EVENTS, model.islands.connection)

@@ -45,26 +45,26 @@ def dot(a, b, n):
 
 
 @noinline
-def multiply_compliance(near, n, x, product):
+def multiply_compliance(compliance, n, x, product):
     """Write Σ_j B_ij·x_j of each contact i of an active set of n to `product`."""
     for i in range(INT64_0, n, LANES):
         even, odd, j = splat(0.0), splat(0.0), INT64_0
         while j + 1 < n:
-            even = multiply_add(load_lanes(near[j], i), x[j], even)
-            odd = multiply_add(load_lanes(near[j + 1], i), x[j + 1], odd)
+            even = multiply_add(load_lanes(compliance[j], i), x[j], even)
+            odd = multiply_add(load_lanes(compliance[j + 1], i), x[j + 1], odd)
             j += 2
         if j < n:
-            even = multiply_add(load_lanes(near[j], i), x[j], even)
+            even = multiply_add(load_lanes(compliance[j], i), x[j], even)
         store_lanes(product, i, even + odd)
 
 
 @noinline
-def sum_sizes(near, n, x, sizes):
+def sum_sizes(compliance, n, x, sizes):
     """Write Σ_j |B_ij·x_j| of each contact i of an active set of n to `sizes`."""
     for i in range(INT64_0, n, LANES):
         total = splat(0.0)
         for j in range(n):
-            total = total + magnitude(load_lanes(near[j], i) * x[j])
+            total = total + magnitude(load_lanes(compliance[j], i) * x[j])
         store_lanes(sizes, i, total)
 
 
@@ -86,7 +86,7 @@ def contact_response(law, k, s, eta):
 @noinline
 def substitute(scratch, n, residual, out):
     """Solve (I + √J B √J) y = √J·residual by the present Cholesky factor, and write √J y to `out`."""
-    a, hot = scratch.cholesky, scratch.sloped
+    a, sloped = scratch.cholesky, scratch.sloped
     slope, root, y = scratch.vectors[Row.SLOPE], scratch.vectors[Row.SQRT_SLOPE], scratch.vectors[Row.WORK]
     count = 0
     for i in range(n):
@@ -104,7 +104,7 @@ def substitute(scratch, n, residual, out):
         for j in range(i):
             y[j] -= row[j] * here
     for i in range(count):
-        out[hot[i]] = root[i] * y[i]
+        out[sloped[i]] = root[i] * y[i]
 
 
 @noinline
@@ -114,18 +114,18 @@ def newton_step(scratch, n):
     This is the symmetric form of the Newton step: to first order, adding NEWTON_STEP to the forces on the laws removes
     RESIDUAL. The Cholesky factor, its diagonal inverted, stays in the scratch.
     """
-    near, a, hot = scratch.active_compliance, scratch.cholesky, scratch.sloped
+    compliance, a, sloped = scratch.active_compliance, scratch.cholesky, scratch.sloped
     slope, root = scratch.vectors[Row.SLOPE], scratch.vectors[Row.SQRT_SLOPE]
     count = 0
     for i in range(n):
         if slope[i] > 0.0:
-            hot[count] = i
+            sloped[count] = i
             root[count] = math.sqrt(slope[i])
             count += 1
     for i in range(count):
-        row, source, w = a[i], near[hot[i]], root[i]
+        row, source, w = a[i], compliance[sloped[i]], root[i]
         for j in range(i + 1):
-            row[j] = w * root[j] * source[hot[j]]
+            row[j] = w * root[j] * source[sloped[j]]
         row[i] += 1.0
         for j in range(i):
             row[j] = (row[j] - dot(row, a[j], j)) * a[j, j]
@@ -140,7 +140,7 @@ def tangent_compliances(scratch, n):
 
     With A = I + √J B √J it is (1/(A⁻¹)_kk - 1)/J_k, or without a slope B_kk - (B √J A⁻¹ √J B)_kk.
     """
-    near, a, hot = scratch.active_compliance, scratch.cholesky, scratch.sloped
+    compliance, a, sloped = scratch.active_compliance, scratch.cholesky, scratch.sloped
     slope, root = scratch.vectors[Row.SLOPE], scratch.vectors[Row.SQRT_SLOPE]
     rho, y = scratch.vectors[Row.RHO], scratch.vectors[Row.WORK]
     count = 0
@@ -158,12 +158,12 @@ def tangent_compliances(scratch, n):
                 y[i] = 0.0
         else:
             for i in range(count):
-                y[i] = root[i] * near[k, hot[i]]
+                y[i] = root[i] * compliance[k, sloped[i]]
         for i in range(begin, count):
             row = a[i]
             y[i] = (y[i] - dot(row[begin:], y[begin:], i - begin)) * row[i]
             total += y[i] * y[i]
-        alone = near[k, k]
+        alone = compliance[k, k]
         less = (1.0 / total - 1.0) / slope[k] if slope[k] > 0.0 else alone - total
         rho[k] = min(alone, max(less, MIN_RHO * alone))
 
@@ -177,7 +177,7 @@ def project_onto_laws(problem, n):
     it also returns the evaluations of its law and SolveStatus.
     """
     scratch = problem.scratch
-    vectors, near, contacts = scratch.vectors, scratch.active_compliance, scratch.active
+    vectors, compliance, contacts = scratch.vectors, scratch.active_compliance, scratch.active
     s, g, target, rho = vectors[Row.START], vectors[Row.FREE_MOVE], vectors[Row.TARGET], vectors[Row.RHO]
     f, move = vectors[Row.ACTIVE_FORCE], vectors[Row.ACTIVE_STEP]
     close, slope = vectors[Row.ACTIVE_END], vectors[Row.SLOPE]
@@ -188,8 +188,8 @@ def project_onto_laws(problem, n):
             problem.law, contacts[i], s[i], target[i], rho[i], problem.tolerance
         )
     worst, sizes = 0.0, vectors[Row.WORK]
-    multiply_compliance(near, n, f, left)
-    sum_sizes(near, n, f, sizes)
+    multiply_compliance(compliance, n, f, left)
+    sum_sizes(compliance, n, f, sizes)
     for i in range(n):
         linear_move, size = g[i] - left[i], sizes[i]
         left[i] = linear_move - move[i]
@@ -208,26 +208,26 @@ def line_search(problem, n):
     """Move the forces GUESS along one Newton step on the convex potential ½ fᵀBf + Σ ∫φ_k dη, η = g - B f, as far as
     the potential falls."""
     scratch = problem.scratch
-    vectors, near, contacts = scratch.vectors, scratch.active_compliance, scratch.active
+    vectors, compliance, contacts = scratch.vectors, scratch.active_compliance, scratch.active
     s, g = vectors[Row.START], vectors[Row.FREE_MOVE]
     f, off = vectors[Row.GUESS], vectors[Row.ACTIVE_FORCE]
     slope = vectors[Row.SLOPE]
     left, step = vectors[Row.RESIDUAL], vectors[Row.NEWTON_STEP]
     after, eta = vectors[Row.FURTHER_MOVE], vectors[Row.ACTIVE_STEP]
-    multiply_compliance(near, n, f, left)
+    multiply_compliance(compliance, n, f, left)
     for i in range(n):
         eta[i] = g[i] - left[i]
         off[i], slope[i] = contact_response(problem.law, contacts[i], s[i], eta[i])
         off[i] -= f[i]
     # Newton: (I + J B) d = φ - f, that is d = (φ - f) - J B (φ - f) + …
-    multiply_compliance(near, n, off, left)
+    multiply_compliance(compliance, n, off, left)
     for i in range(n):
         left[i] = -left[i]
     newton_step(scratch, n)
     for i in range(n):
         step[i] += off[i]
     before = 0.0
-    multiply_compliance(near, n, step, after)
+    multiply_compliance(compliance, n, step, after)
     for i in range(n):
         before -= after[i] * off[i]
     low, upper, at = 0.0, 0.0, 1.0
@@ -289,11 +289,11 @@ def try_extrapolate(problem, n):
     of its law. FURTHER_MOVE becomes how much further each contact moves with the Newton step.
     """
     scratch = problem.scratch
-    vectors, near, contacts = scratch.vectors, scratch.active_compliance, scratch.active
+    vectors, compliance, contacts = scratch.vectors, scratch.active_compliance, scratch.active
     s, f, eta, end = vectors[Row.START], vectors[Row.ACTIVE_FORCE], vectors[Row.ACTIVE_STEP], vectors[Row.ACTIVE_END]
     slope, left = vectors[Row.SLOPE], vectors[Row.RESIDUAL]
     step, after = vectors[Row.NEWTON_STEP], vectors[Row.FURTHER_MOVE]
-    multiply_compliance(near, n, step, after)
+    multiply_compliance(compliance, n, step, after)
     for i in range(n):
         after[i] = left[i] - after[i]
     first = 0.0
@@ -316,14 +316,14 @@ def try_extrapolate(problem, n):
                 k = contacts[i]
                 estimate = ForceEstimate(eta[i], end[i], f[i], slope[i])
                 bend[i] = second_order_change(problem.law, k, s[i], estimate, after[i])
-        multiply_compliance(near, n, bend, left)
+        multiply_compliance(compliance, n, bend, left)
         for i in range(n):
             left[i] = -left[i]
         substitute(problem.scratch, n, left, more)
         for i in range(n):
             more[i] += bend[i]
             step[i] += more[i]
-        multiply_compliance(near, n, more, left)
+        multiply_compliance(compliance, n, more, left)
         for i in range(n):
             after[i] -= left[i]
     for i in range(n):

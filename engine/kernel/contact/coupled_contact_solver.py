@@ -73,9 +73,9 @@ def apply_active_forces(problem, n, f):
     """Write STEP and END of all contacts under the forces f of the active set; FORCE and MISS become 0."""
     scratch, total = problem.scratch, problem.s.shape[0]
     vectors, active, s, g = scratch.vectors, scratch.active, problem.s, problem.g
-    force, eta, end, miss = vectors[Row.FORCE], vectors[Row.STEP], vectors[Row.END], vectors[Row.MISS]
+    force, eta, end, residual = vectors[Row.FORCE], vectors[Row.STEP], vectors[Row.END], vectors[Row.MISS]
     for k in range(total):
-        eta[k], force[k], miss[k] = g[k], 0.0, 0.0
+        eta[k], force[k], residual[k] = g[k], 0.0, 0.0
     for i in range(n):
         push = f[i]
         if push != 0.0:

@@ -22,7 +22,7 @@ from engine.kernel.contact.scalar_contact_solver import loss_rate_of
 from engine.kernel.data.enums import COLUMNS, LANES, MAX_RANK, ROWS_COLUMN, Row
 from engine.kernel.data.laws import SPECIAL_LAWS, Power
 
-MAX_EVALUATIONS = 100
+MAX_NEWTON_STEPS = 100
 LAST_STEP = 1e-3  # of w: a Newton step no larger may be taken along the tangents of the laws
 LAST_STEP_ERROR = 1e-15  # of the forces that it may leave
 STALLED_STEP = 1e-7  # of w: below, steps that no longer shrink are what rounding makes of stiff contacts
@@ -317,7 +317,7 @@ def solve_reduced(law, basis, s, g, scratch):
     w = (0.0, 0.0, 0.0, 0.0, 0.0)
     evaluate(law, basis, groups, w, vectors)
     evaluations, best = INT64_1, math.inf
-    while evaluations < MAX_EVALUATIONS:
+    while evaluations < MAX_NEWTON_STEPS:
         gradient = gradient_at(w, sums)
         d = newton_direction(gradient, sums)
         step, size = largest(d), largest(w)
@@ -337,7 +337,7 @@ def solve_reduced(law, basis, s, g, scratch):
             is_short = here < 0.0 and high == 0.0  # of the minimum: the next step is as long
             if abs(here) <= MIN_DECREASE * abs(slope) or is_short or step <= STALLED_STEP * size:
                 break
-            if evaluations >= MAX_EVALUATIONS or not math.isfinite(here):
+            if evaluations >= MAX_NEWTON_STEPS or not math.isfinite(here):
                 return INT64_0
             if here < 0.0:  # along a step the slope rises: it is 0 between low and high
                 low = share
@@ -387,8 +387,8 @@ def store_reduced_solution(basis, groups, w, vectors):
             end = load_lanes(vectors[Row.START], k) + step
             closed += where_positive(end, 1.0, 0.0)
         # the bodies move by g - U·(1 + E)·w
-        miss = add_rows(u, width, minus_w, k, load_lanes(free_move, k) - step)
-        store_lanes(vectors[Row.MISS], k, add_rows(basis.low, width, minus_w, k, miss))
+        residual = add_rows(u, width, minus_w, k, load_lanes(free_move, k) - step)
+        store_lanes(vectors[Row.MISS], k, add_rows(basis.low, width, minus_w, k, residual))
         store_lanes(vectors[Row.STEP], k, step)
         store_lanes(vectors[Row.END], k, end)
         store_lanes(vectors[Row.FORCE], k, f)

@@ -61,8 +61,8 @@ def response_leaving(law, k, s, eta, rate):
     w = 1.0 + rate * eta
     if w <= 0.0:
         return 0.0, 0.0
-    lift = law.potential_coefficient[k] * s * power(law, k, s) / -eta
-    return lift * w, lift / -eta
+    rise = law.potential_coefficient[k] * s * power(law, k, s) / -eta
+    return rise * w, rise / -eta
 
 
 @inline
@@ -83,13 +83,13 @@ def solve_separation(law, k, s, g, rate, elastic):
     `elastic` is B·V(s), m². Returns η, b, f, df/dη.
     """
     free_end = s + g
-    lift = g + rate * elastic
-    width = math.sqrt(lift * lift + 4.0 * elastic)
-    if lift < 0.0:
-        eta = 0.5 * (lift - width)
+    rise = g + rate * elastic
+    width = math.sqrt(rise * rise + 4.0 * elastic)
+    if rise < 0.0:
+        eta = 0.5 * (rise - width)
     else:
-        eta = -2.0 * elastic / (lift + width)
-    total = 2.0 * s + lift
+        eta = -2.0 * elastic / (rise + width)
+    total = 2.0 * s + rise
     if total <= 0.0:
         b = 0.5 * (total - width)
     else:
@@ -152,10 +152,10 @@ def initial_guess(law, k, s, g, scale):
         b, whole = (near, free_end * near) if near >= far else (far, -s * free_end)
         if b >= free_end:
             return free_end
-        miss = whole - (free_end - b) * (b - s)
+        residual = whole - (free_end - b) * (b - s)
         tilt = n * whole / b - (free_end + s - 2.0 * b)
-        bottom = 2.0 * tilt * tilt - miss * (n * alpha * whole / (b * b) + 2.0)
-        step = -2.0 * miss * tilt / bottom if bottom > 0.0 else -miss / tilt
+        bottom = 2.0 * tilt * tilt - residual * (n * alpha * whole / (b * b) + 2.0)
+        step = -2.0 * residual * tilt / bottom if bottom > 0.0 else -residual / tilt
         return min(free_end, max(b + step, 0.5 * b))
     kappa = n * scale * power(law, k, s) / s
     away = (g / s - kappa) / (1.0 + 0.5 * alpha * kappa)  # Newton from b = s

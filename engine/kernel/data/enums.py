@@ -35,12 +35,14 @@ class EventKind(IntEnum):
     BARRIER = 3  # the barriers of the target contacts glide to `value` beyond where the model has them
     EXPONENT = 4  # the exponents of the target contacts glide to `value`
     LIFT = 5  # what damps the target modes ends, and what was to damp them for good does not begin
-    THROW = 6  # as STRIKE, and what damps the bodies that the target mode has contacts with is lifted, as by a key
+    LAUNCH_AND_LIFT = (
+        6  # as STRIKE, and what damps the bodies that the target mode has contacts with is lifted, as by a key
+    )
     # those of live sound
     PLUCK = 8  # the target external force begins anew
     SLEEP_QUIETEST = 9  # so many islands, the quietest, sleep
     QUALITY = 10  # play at a level of quality
-    TUNE = 11  # some islands get other coefficients
+    EXCHANGE_TABLES = 11  # some islands get other coefficients
     BOOK_ENERGY = 12  # the energy of an island counts as supplied, or as taken
     # of connections
     CONNECTION_STIFFNESS = 13  # the stiffness of the target coordinates glides to `value`

@@ -16,10 +16,10 @@ def move_connected_modes(connection, pushes, h, state):
 
     pushes: State.push, or None if it is all zeros
     """
-    joined = state.connection
-    clear_moves(joined.move)
-    clear_moves(joined.free_move)
-    joined.is_move_known[0] = 1
+    connection_state = state.connection
+    clear_moves(connection_state.move)
+    clear_moves(connection_state.free_move)
+    connection_state.is_move_known[0] = 1
     return move_as_modes_allow(h.weight_kick, h.drag, pushes, connection, h, state)
 
 
@@ -62,11 +62,11 @@ def point_of_row(connection, h, r, state):
 
 
 @inline
-def add_moves_of_row(connection, r, moves, joined):
+def add_moves_of_row(connection, r, moves, connection_state):
     """Add how far row r moves, in this step and in the next, in lanes, to the moves of its coordinate."""
     i = connection.coordinate[r]
-    joined.move[i] += lane_sum(moves[0])
-    joined.free_move[i] += lane_sum(moves[1])
+    connection_state.move[i] += lane_sum(moves[0])
+    connection_state.free_move[i] += lane_sum(moves[1])
 
 
 @inline
@@ -75,7 +75,7 @@ def move_group(connection, pushes, h, rows, losses, state):
 
     rows: the first, and their number
     """
-    (r, count), joined = rows, state.connection
+    (r, count), connection_state = rows, state.connection
     if count > 2:
         return move_group_of_many(connection, h, rows, losses, state)
     first, modes = np.int64(connection.rows.mode_begin[r]), np.int64(connection.rows.mode_end[r])
@@ -86,19 +86,19 @@ def move_group(connection, pushes, h, rows, losses, state):
     else:
         b = point_of_row(connection, h, r + 1, state)
         losses, moves, others = move_some_modes(h, (pushes, a, b), first, modes, losses, state)
-        add_moves_of_row(connection, r + 1, others, joined)
-    add_moves_of_row(connection, r, moves, joined)
+        add_moves_of_row(connection, r + 1, others, connection_state)
+    add_moves_of_row(connection, r, moves, connection_state)
     return losses
 
 
 @noinline
 def move_group_of_many(connection, h, rows, losses, state):
     """Move the modes of a body with more than two rows, such as a board. Returns the losses with theirs added."""
-    (r, count), joined = rows, state.connection
+    (r, count), connection_state = rows, state.connection
     first, modes = np.int64(connection.rows.mode_begin[r]), np.int64(connection.rows.mode_end[r])
     modes -= first
     push_at_rows(connection, h.connection, r, r + count, state)
-    project_rows(connection, h.connection, state.drift_momentum, r, r + count, joined.move)
+    project_rows(connection, h.connection, state.drift_momentum, r, r + count, connection_state.move)
     losses, _, _ = move_some_modes(h, (state.push, None, None), first, modes, losses, state)
-    project_rows(connection, h.connection, state.drift_momentum, r, r + count, joined.free_move)
+    project_rows(connection, h.connection, state.drift_momentum, r, r + count, connection_state.free_move)
     return losses

@@ -17,25 +17,33 @@ def update_factors(connection, h, contact, state):
 
     h, contact: ConnectionCoefficients, and ContactCoefficients or None
     """
-    joined = state.connection
-    for i in range(joined.extension.shape[0]):
-        if h.made_for_stiffness[i] != joined.stiffness[i] or h.made_for_damping[i] != joined.damping[i]:
-            make_factors(connection, h, joined)
-            reduce_contact_compliance(h, contact, joined.extension.shape[0])
+    connection_state = state.connection
+    for i in range(connection_state.extension.shape[0]):
+        if (
+            h.made_for_stiffness[i] != connection_state.stiffness[i]
+            or h.made_for_damping[i] != connection_state.damping[i]
+        ):
+            make_factors(connection, h, connection_state)
+            reduce_contact_compliance(h, contact, connection_state.extension.shape[0])
             return
 
 
 @noinline
-def make_factors(connection, h, joined):
+def make_factors(connection, h, connection_state):
     """Compute X and Y, the forces of connections per extension and per move."""
-    n, x, y, matrix = joined.extension.shape[0], h.force_per_extension, h.force_per_move, joined.matrix
+    n, x, y, matrix = (
+        connection_state.extension.shape[0],
+        h.force_per_extension,
+        h.force_per_move,
+        connection_state.matrix,
+    )
     for i in range(n):
-        h.made_for_stiffness[i], h.made_for_damping[i] = joined.stiffness[i], joined.damping[i]
+        h.made_for_stiffness[i], h.made_for_damping[i] = connection_state.stiffness[i], connection_state.damping[i]
         for j in range(n):
             x[i * n + j] = connection.coupling[i * n + j]
             y[i * n + j] = 0.5 * connection.coupling[i * n + j]
-        x[i * n + i] += joined.stiffness[i]
-        y[i * n + i] += 0.5 * joined.stiffness[i] + joined.damping[i] * h.step_rate[i]
+        x[i * n + i] += connection_state.stiffness[i]
+        y[i * n + i] += 0.5 * connection_state.stiffness[i] + connection_state.damping[i] * h.step_rate[i]
         if connection.is_rigid[i] != 0:
             x[i * n + i] = y[i * n + i] = 1.0 / h.compliance[i * n + i]
     for i in range(n):

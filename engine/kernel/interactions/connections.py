@@ -43,10 +43,11 @@ def has_connections(connection, state):
 
 
 @inline
-def forget_near_contacts(joined):
-    """Mark state.connection.near as out of date, because other contacts may close. joined: ConnectionState or None"""
-    if joined is not None:
-        joined.near.until[0] = 0
+def forget_near_contacts(connection_state):
+    """Mark state.connection.near as out of date, because other contacts may close. connection_state: ConnectionState or
+    None"""
+    if connection_state is not None:
+        connection_state.near.until[0] = 0
 
 
 # --- within a step
@@ -104,16 +105,18 @@ def clear_moves(moves):
 def find_connection_forces(connection, h, state):
     """Find the forces of connections, if no contact pushes."""
     if connection is not None:
-        joined = state.connection
-        if joined.extension.shape[0] > 0:
+        connection_state = state.connection
+        if connection_state.extension.shape[0] > 0:
             update_factors(connection, h.connection, h.contact, state)
-            if joined.is_move_known[0] == 0:
-                clear_moves(joined.free_move)
+            if connection_state.is_move_known[0] == 0:
+                clear_moves(connection_state.free_move)
                 rows = connection.coordinate.shape[0]
-                project_rows(connection, h.connection, state.drift_momentum, INT64_0, rows, joined.free_move)
-            x, y, n = h.connection.force_per_extension, h.connection.force_per_move, joined.force.shape[0]
+                project_rows(connection, h.connection, state.drift_momentum, INT64_0, rows, connection_state.free_move)
+            x, y, n = h.connection.force_per_extension, h.connection.force_per_move, connection_state.force.shape[0]
             for i in range(n):
-                joined.force[i] = sum_two_products(x, joined.extension, y, joined.free_move, np.int64(i) * n, n)
+                connection_state.force[i] = sum_two_products(
+                    x, connection_state.extension, y, connection_state.free_move, np.int64(i) * n, n
+                )
 
 
 @noinline
@@ -121,25 +124,25 @@ def push_by_connections(connection, h, state):
     """Do half a kick by all connections, keep it for the second one, and measure how far the coming drift changes each
     extension. The moves of the next step are not known then."""
     if connection is not None:
-        rows, joined = connection.coordinate.shape[0], state.connection
+        rows, connection_state = connection.coordinate.shape[0], state.connection
         push_at_rows(connection, h.connection, INT64_0, rows, state)
-        clear_moves(joined.move)
-        project_rows(connection, h.connection, state.drift_momentum, INT64_0, rows, joined.move)
-        joined.is_move_known[0] = 0
+        clear_moves(connection_state.move)
+        project_rows(connection, h.connection, state.drift_momentum, INT64_0, rows, connection_state.move)
+        connection_state.is_move_known[0] = 0
 
 
 @inline
 def answer_contacts(connection, h, reach, state):
     """Correct the forces of connections for how far the contact forces move these."""
     if connection is not None:
-        joined, n = state.connection, reach.size
-        for i in range(joined.move.shape[0]):
+        connection_state, n = state.connection, reach.size
+        for i in range(connection_state.move.shape[0]):
             moved = 0.0
             for k in range(n):
                 moved += reach.moves[i * n + k] * state.contact_force[contact_number(reach.numbers, k)]
-            joined.move[i] = -moved
-        for i in range(joined.move.shape[0]):
-            joined.force[i] += product_at(h.connection.force_per_move, i, joined.move)
+            connection_state.move[i] = -moved
+        for i in range(connection_state.move.shape[0]):
+            connection_state.force[i] += product_at(h.connection.force_per_move, i, connection_state.move)
 
 
 @inline
@@ -155,16 +158,16 @@ def finish_connections(connection, h, state):
 
 
 @inline
-def extend_connections(step_rate, joined):
+def extend_connections(step_rate, connection_state):
     """Add the move of each connection to its extension. What is too small to add is carried to the next step (Kahan).
     Returns the energy that dampers have taken, J."""
     lost = 0.0
-    for i in range(joined.move.shape[0]):
-        before, move = joined.extension[i], joined.move[i]
-        lost += joined.damping[i] * step_rate[i] * move * move
-        more = move + joined.extension_compensation[i]
-        joined.extension[i] = before + more
-        joined.extension_compensation[i] = more - (joined.extension[i] - before)
+    for i in range(connection_state.move.shape[0]):
+        before, move = connection_state.extension[i], connection_state.move[i]
+        lost += connection_state.damping[i] * step_rate[i] * move * move
+        more = move + connection_state.extension_compensation[i]
+        connection_state.extension[i] = before + more
+        connection_state.extension_compensation[i] = more - (connection_state.extension[i] - before)
     return lost
 
 
@@ -232,12 +235,12 @@ def damp_coordinate(connection, i, impulse, p):
 def reset_connections(connection, state):
     """Read the extensions from the modes; those of rigid connections stay as they are."""
     if connection is not None:
-        joined = state.connection
-        joined.is_move_known[0] = joined.near.until[0] = 0
-        for i in range(joined.extension.shape[0]):
+        connection_state = state.connection
+        connection_state.is_move_known[0] = connection_state.near.until[0] = 0
+        for i in range(connection_state.extension.shape[0]):
             if connection.is_rigid[i] == 0:
-                joined.extension[i] = -joined.rest[i]
-                joined.extension_compensation[i] = 0.0
+                connection_state.extension[i] = -connection_state.rest[i]
+                connection_state.extension_compensation[i] = 0.0
         for r in range(connection.coordinate.shape[0]):
             if connection.is_rigid[connection.coordinate[r]] == 0:
-                joined.extension[connection.coordinate[r]] += project(connection.rows, r, state.q)
+                connection_state.extension[connection.coordinate[r]] += project(connection.rows, r, state.q)

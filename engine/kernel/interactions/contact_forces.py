@@ -100,11 +100,11 @@ def push_by_only_contact(model, contact, settings, is_forced, state):
         point_force = -f
     if is_forced or is_measured:
         push_by_connections(connection, h, state)
-    miss = (g - eta) - h.contact.compliance[0] * f
+    residual = (g - eta) - h.contact.compliance[0] * f
     if is_measured:
-        miss = measured_miss(contact, h.contact, state, INT64_0, eta, f)
+        residual = measured_miss(contact, h.contact, state, INT64_0, eta, f)
     end_force, excess = end_force_of(law, INT64_0, b), 0.0
-    lost = store_solution(contact, h.contact, state, INT64_0, (eta, b, f, f, end_force), miss)
+    lost = store_solution(contact, h.contact, state, INT64_0, (eta, b, f, f, end_force), residual)
     if is_measured:
         excess = energy_created(contact, state, INT64_0, s, lost, f)
     return Touch(status, evaluations, lost, excess, is_forced or is_measured, point_force)
@@ -271,17 +271,17 @@ def store_several_contacts(contact, h, reach, solution, state):
         excess = 0.0
     for n in range(reach.size):
         k, s, eta, b = contact_number(reach.numbers, n), reach.compression[n], vectors[Row.STEP, n], vectors[Row.END, n]
-        f, miss = vectors[Row.FORCE, n], vectors[Row.MISS, n]
+        f, residual = vectors[Row.FORCE, n], vectors[Row.MISS, n]
         if not takes_part(s, b, f):
             state.compression[k], state.contact_force[k] = b, 0.0
-            state.compression_compensation[k] += miss
+            state.compression_compensation[k] += residual
             continue
         law_force = f
         if solution.status == SolveStatus.CAPPED:
             law_force = force_of_lossy_law(law, k, s, eta, f)
         end_force = vectors[Row.END_FORCE, n] if solution.is_persistent else end_force_of(law, k, b)
         values = eta, b, f, law_force, end_force
-        lost_at_contact = store_solution(contact, h, state, k, values, miss)
+        lost_at_contact = store_solution(contact, h, state, k, values, residual)
         lost += lost_at_contact
         if solution.is_measured:
             if solution.is_persistent:

@@ -264,12 +264,12 @@ def contact_dissipation(law, k, s, solution):
 
 
 @inline
-def store_solution(contact, h, state, k, solution, miss):
+def store_solution(contact, h, state, k, solution, residual):
     """Store the new compression and force of contact k. Returns the energy lost, J.
 
     solution: η (m), end compression b (m), force f (N), the force of the contact law (N), from which f differs where a
               solve was capped, and the elastic force at b (N) if there is contact loss
-    miss:     how far the bodies moved at the contact beyond η, m
+    residual:     how far the bodies moved at the contact beyond η, m
 
     The rounding of a step has the same sign at every step of a contact, and would add up (2e-13 of the energy in 60
     ms). It consists of the low part of B, the residual of the solution, and the step's part beneath the last digit of
@@ -277,9 +277,9 @@ def store_solution(contact, h, state, k, solution, miss):
     """
     eta, b, f, _, _ = solution
     s = state.compression[k]
-    miss -= h.compliance_low[k] * f
-    lost = dissipation_of(LossyLaw(contact.law, h.loss_rate), k, s, solution, miss)
-    residue = state.compression_compensation[k] + miss
+    residual -= h.compliance_low[k] * f
+    lost = dissipation_of(LossyLaw(contact.law, h.loss_rate), k, s, solution, residual)
+    residue = state.compression_compensation[k] + residual
     if 2.0 * abs(eta) < b:
         end = s + (eta + residue)
         residue = (eta + residue) - (end - s)
@@ -292,13 +292,13 @@ def store_solution(contact, h, state, k, solution, miss):
 
 
 @inline
-def dissipation_of(law, k, s, solution, miss):
+def dissipation_of(law, k, s, solution, residual):
     """Energy that the contact loss of a solution takes, J."""
     _, _, f, _, end_force = solution
     if loss_rate_of(law, k) == 0.0:
         return 0.0
     lost = contact_dissipation(law, k, s, solution)
-    return lost + (f - end_force) * miss  # where bodies move beyond the step, the force works on
+    return lost + (f - end_force) * residual  # where bodies move beyond the step, the force works on
 
 
 @inline

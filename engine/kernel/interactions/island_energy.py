@@ -27,10 +27,10 @@ def island_energy(model, state):
 def island_energies(model, state):
     """The energies of an island, as the rows of a ledger have them, J."""
     kinetic, potential, absolute_potential = kinetic_and_potential(model, state)
-    squeezed, joined = contact_energy(model.contact, state), connection_energy(model.connection, state)
+    squeezed, stretched = contact_energy(model.contact, state), connection_energy(model.connection, state)
     spent = state.energy_totals[EnergyTotal.DISSIPATED] - state.energy_totals[EnergyTotal.SUPPLIED]
     # a falling ball holds energy, though its total may be 0; so do two at heights that cancel
-    return kinetic + potential + squeezed + joined + spent, kinetic + absolute_potential + squeezed + abs(joined)
+    return kinetic + potential + squeezed + stretched + spent, kinetic + absolute_potential + squeezed + abs(stretched)
 
 
 @inline

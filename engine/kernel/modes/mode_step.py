@@ -154,10 +154,10 @@ def find_drift_momenta(h, kind, state):
 
 
 @inline
-def forget_moves(joined):
-    """Mark how far the coming drift moves connections as unknown. joined: ConnectionState or None"""
-    if joined is not None:
-        joined.is_move_known[0] = 0
+def forget_moves(connection_state):
+    """Mark how far the coming drift moves connections as unknown. connection_state: ConnectionState or None"""
+    if connection_state is not None:
+        connection_state.is_move_known[0] = 0
 
 
 @inline

@@ -161,31 +161,31 @@ def glide_parameter(contact, events, state, j, frame):
 def glide_connection(connection, events, state, j, frame):
     """Advance the glide of the stiffness, the damping or the rest of the connections that event j changes."""
     if connection is not None:
-        joined, first, last = state.connection, events.target_begin[j], events.target_end[j]
-        if joined.lowest_energy[0] != 0.0 or events.kind[j] == EventKind.CONNECTION_REST:
-            joined.lowest_energy[0] = -math.inf  # what is under load may rest at any energy by now
+        connection_state, first, last = state.connection, events.target_begin[j], events.target_end[j]
+        if connection_state.lowest_energy[0] != 0.0 or events.kind[j] == EventKind.CONNECTION_REST:
+            connection_state.lowest_energy[0] = -math.inf  # what is under load may rest at any energy by now
         if events.kind[j] == EventKind.CONNECTION_STIFFNESS:
-            value = glide_value(events, state, j, frame, joined.stiffness[first])
+            value = glide_value(events, state, j, frame, connection_state.stiffness[first])
             for i in range(first, last):
-                joined.stiffness[i] = value
+                connection_state.stiffness[i] = value
         elif events.kind[j] == EventKind.CONNECTION_DAMPING:
-            value = glide_value(events, state, j, frame, joined.damping[first])
+            value = glide_value(events, state, j, frame, connection_state.damping[first])
             for i in range(first, last):
-                joined.damping[i] = value
+                connection_state.damping[i] = value
         else:
-            value = glide_value(events, state, j, frame, joined.rest[first])
+            value = glide_value(events, state, j, frame, connection_state.rest[first])
             for i in range(first, last):
-                joined.extension[i] -= value - joined.rest[i]
-                joined.rest[i] = value
+                connection_state.extension[i] -= value - connection_state.rest[i]
+                connection_state.rest[i] = value
 
 
 @noinline
 def execute_event(model, state, j, frame):
     """Execute event j, which is not damping, at the start of this step."""
     events = model.events
-    if events.kind[j] == EventKind.STRIKE or events.kind[j] == EventKind.THROW:
+    if events.kind[j] == EventKind.STRIKE or events.kind[j] == EventKind.LAUNCH_AND_LIFT:
         set_motion(model, state, events.target_begin[j], events.value[j], events.value2[j])
-        if events.kind[j] == EventKind.THROW:
+        if events.kind[j] == EventKind.LAUNCH_AND_LIFT:
             lift_dampers_of_struck(events, model.contact, state.event_cursor, j, frame)
     elif events.kind[j] == EventKind.LIFT:
         lift_dampers(events, state.event_cursor, j, events.target_begin[j], events.target_end[j], frame)

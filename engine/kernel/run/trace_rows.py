@@ -54,21 +54,21 @@ def write_trace(model, state, block, begin, count):
 
 
 @inline
-def traced_compression(contact, joined, state, k, frame):
+def traced_compression(contact, connection_state, state, k, frame):
     """Return compression k, m. Where a contact is known to stay open, its compression is not kept, and is read from the
-    modes. joined: ConnectionState or None"""
+    modes. connection_state: ConnectionState or None"""
     if contact is not None:
-        if frame < state.contact_free_until[0] or is_left_out(joined, k):
+        if frame < state.contact_free_until[0] or is_left_out(connection_state, k):
             return compression_from_modes(contact, contact.other_rows, state, k)
     return state.compression[k]
 
 
 @inline
-def is_left_out(joined, k):
+def is_left_out(connection_state, k):
     """True if contact k is left out of steps, because it cannot close."""
-    if joined is None:
+    if connection_state is None:
         return False
-    return joined.near.is_far[k] != 0
+    return connection_state.near.is_far[k] != 0
 
 
 @inline

@@ -10,7 +10,7 @@ DATA = "model", "state", "axes", "enums", "island_view"  # files that list what 
 # identifiers that show that a function knows an effect, and the files that are the effect's own
 EFFECTS = {
     "weight": (re.compile(r"weight"), ()),
-    "connections": (re.compile(r"connection"), ("connection", "connected")),
+    "connections": (re.compile(r"connection"), ("connection", "connected", "near_contacts")),
     "contact loss": (re.compile(r"contact_loss|loss_rate"), ("contact_loss", "scalar_contact", "contact_law")),
 }
 MAX_ARGUMENTS = 6

@@ -1,12 +1,23 @@
 """The pass over the modes of an island with connections: it pushes by these, and finds how far they move in this step
 and in the next, so that their forces in the next step are known before its pass."""
 
+import math
+
 import numpy as np
 
 from engine.compiler.decorators import INT64_0, INT64_1, inline, noinline
-from engine.compiler.lanes import lane_sum, splat
-from engine.kernel.interactions.connections import clear_moves, project_rows, push_at_rows
+from engine.compiler.lanes import EightFrom, FewFrom, lane_sum, number_at, splat, zero_like
+from engine.kernel.data.enums import LANES
+from engine.kernel.interactions.connections import (
+    clear_moves,
+    connection_energy,
+    has_connections,
+    project_rows,
+    push_at_rows,
+)
+from engine.kernel.modes.mode_energies import vibration_energy_of
 from engine.kernel.modes.moving_modes import PushedPoint, count_loss, move_some_modes, plain_step
+from engine.kernel.modes.ordered_sums import lanes_of
 
 
 @inline
@@ -102,3 +113,71 @@ def move_group_of_many(connection, h, rows, losses, state):
     losses, _, _ = move_some_modes(h, (state.push, None, None), first, modes, losses, state)
     project_rows(connection, h.connection, state.drift_momentum, r, r + count, connection_state.free_move)
     return losses
+
+
+# --- energies: connected modes exchange theirs
+
+
+@inline
+def amplitude_of_connected(model, connection, seconds, state):
+    """√(2E) of what is connected, √J, E without the energy of weight; at most, for so many seconds."""
+    amplitude = 0.0
+    if connection is not None:
+        if has_connections(connection, state):
+            amplitude = connected_amplitude(model, connection, seconds, state)
+    return amplitude
+
+
+@noinline
+def connected_amplitude(model, connection, seconds, state):
+    """Return √(2E) of what is connected, √J, in an island that has connections; at most, for so many seconds."""
+    omega_squared, weight = model.omega_squared, model.weight
+    twice, pull, whole = splat(0.0), splat(0.0), lanes_of(state.p.shape[0])
+    for m in range(INT64_0, whole, LANES):
+        vibration, load = connected_at(connection, omega_squared, weight, EightFrom(m), state)
+        twice, pull = twice + vibration, pull + load
+    if whole < state.p.shape[0]:
+        rest = FewFrom(whole, state.p.shape[0] - whole)
+        vibration, load = connected_at(connection, omega_squared, weight, rest, state)
+        twice, pull = twice + vibration, pull + load
+    energy = lane_sum(twice) + 2.0 * connection_energy(connection, state)
+    return math.sqrt(max(energy, 0.0)) + math.sqrt(lane_sum(pull)) * seconds
+
+
+@inline
+def connected_at(connection, omega_squared, weight, m, state):
+    """p² + ω²q² of mode m, or of eight, and the square of its weight; 0 if nothing is connected to it."""
+    q, p = number_at(state.q, m), number_at(state.p, m)
+    share, twice, load = 1.0 - number_at(connection.is_unconnected, m), p * p, zero_like(p)
+    if omega_squared is not None:
+        twice = twice + number_at(omega_squared, m) * q * q
+    if weight is not None:
+        load = number_at(weight, m) * number_at(weight, m)
+    return share * twice, share * load
+
+
+@inline
+def energy_of_connected(model, connection, state):
+    """Energy of vibration of what is connected, J: beyond that of its rest, and beyond what `vibration_energy` counts
+    of its modes."""
+    energy = 0.0
+    if connection is not None:
+        if has_connections(connection, state):
+            energy = connected_energy(connection, model.omega_squared, model.weight, state)
+    return energy
+
+
+@noinline
+def connected_energy(connection, omega_squared, weight, state):
+    """Return the energy of vibration of what is connected, J, beyond that of its rest and that of its modes, in an
+    island that has connections."""
+    energy = connection_energy(connection, state) - state.connection.lowest_energy[0]
+    for m in range(state.p.shape[0]):
+        if connection.is_unconnected[m] == 0.0:
+            energy += 0.5 * state.p[m] * state.p[m]
+            if omega_squared is not None:
+                energy += 0.5 * omega_squared[m] * state.q[m] * state.q[m]
+                energy -= vibration_energy_of(omega_squared, weight, m, state.q, state.p)
+            if weight is not None:
+                energy -= weight[m] * state.q[m]
+    return energy

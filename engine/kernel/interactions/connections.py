@@ -11,11 +11,13 @@ import math
 import numpy as np
 
 from engine.compiler.decorators import INT64_0, inline, noinline
+from engine.kernel.data.enums import EventKind
 from engine.kernel.interactions.connection_factors import update_factors
 from engine.kernel.interactions.contacts import contact_number
 from engine.kernel.modes.mode_step import forget_drift
 from engine.kernel.modes.ordered_sums import sum_products, sum_two_products
 from engine.kernel.modes.point_rows import (
+    displacement_at_row,
     drifts_of_same_modes,
     project,
     project_drift,
@@ -244,3 +246,46 @@ def reset_connections(connection, state):
         for r in range(connection.coordinate.shape[0]):
             if connection.is_rigid[connection.coordinate[r]] == 0:
                 connection_state.extension[connection.coordinate[r]] += project(connection.rows, r, state.q)
+
+
+# --- events
+
+
+@inline
+def shift_connections(connection, state, m, change):
+    """Let the extensions of connections follow a change of mode m."""
+    if connection is not None:
+        for r in range(connection.coordinate.shape[0]):
+            move = displacement_at_row(connection.rows, r, m, change)
+            if move != 0.0:
+                state.connection.extension[connection.coordinate[r]] += move
+                state.connection.extension_compensation[connection.coordinate[r]] = 0.0
+
+
+@inline
+def connection_parameter(connection, kind, i, state):
+    """Return what an event of a kind changes of coordinate i: its stiffness (N/m), damping (kg/s) or rest (m)."""
+    if connection is None:
+        return 0.0
+    if kind == EventKind.CONNECTION_STIFFNESS:
+        return state.connection.stiffness[i]
+    if kind == EventKind.CONNECTION_DAMPING:
+        return state.connection.damping[i]
+    return state.connection.rest[i]
+
+
+@inline
+def set_connection_parameter(connection, kind, span, value, state):
+    """Set this parameter of coordinates. span: the first, and the last + 1"""
+    if connection is not None:
+        connection_state = state.connection
+        if connection_state.lowest_energy[0] != 0.0 or kind == EventKind.CONNECTION_REST:
+            connection_state.lowest_energy[0] = -math.inf  # what is under load may rest at any energy by now
+        for i in range(span[0], span[1]):
+            if kind == EventKind.CONNECTION_STIFFNESS:
+                connection_state.stiffness[i] = value
+            elif kind == EventKind.CONNECTION_DAMPING:
+                connection_state.damping[i] = value
+            else:
+                connection_state.extension[i] -= value - connection_state.rest[i]
+                connection_state.rest[i] = value

@@ -6,8 +6,15 @@ from engine.compiler.decorators import FALSE, inline, noinline
 from engine.kernel.contact.contact_law import elastic_force, potential, potential_difference
 from engine.kernel.contact.reduced_contact_solver import basis_of_island, gather_rows, spread_rows
 from engine.kernel.contact.scalar_contact_solver import LossyLaw, loss_rate_of
-from engine.kernel.data.enums import Row, SolveStatus
-from engine.kernel.modes.point_rows import add_drifts, bound_at_row, project, project_drift, push_both_at_row
+from engine.kernel.data.enums import EventKind, Row, SolveStatus
+from engine.kernel.modes.point_rows import (
+    add_drifts,
+    bound_at_row,
+    displacement_at_row,
+    project,
+    project_drift,
+    push_both_at_row,
+)
 
 CANCELLATION = 3.0  # times compression and step: what B·f may be before moves are measured instead. At 100, a body
 # between two stiff walls gains 1e-14 of its energy in a step; at 0, no less than at 3
@@ -172,62 +179,6 @@ def bound_at_contact(contact, other_rows, k, bound):
 
 
 @inline
-def split_bound_at_row(connection, rows, r, bound):
-    """Return how far the modes of row r can move its point, m, if each moves no further than `bound`. Of the two
-    numbers, the first is for a body to which nothing is connected, and the second for any other; one of them is 0."""
-    distance = bound_at_row(rows, r, bound)
-    if connection is not None:
-        if distance > 0.0 and connection.is_unconnected[rows.mode_begin[r]] == 0.0:
-            return 0.0, distance
-    return distance, 0.0
-
-
-@inline
-def split_bound_at_contact(contact, other_rows, connection, k, bound):
-    """Return how far contact k can close, m, if each mode moves no further than `bound`: by the bodies to which nothing
-    is connected, and by the others."""
-    alone, connected = split_bound_at_row(connection, contact.rows, k, bound)
-    if other_rows is not None:
-        more, further = split_bound_at_row(connection, other_rows, k, bound)
-        return alone + more, connected + further
-    return alone, connected
-
-
-@inline
-def reach_of_connected(connection, amplitude, is_disturbed, k, distance):
-    """Return how far what is connected can close contact k, m. All of its energy bounds that; or, if less, what the
-    bodies move by themselves and what the forces of connections add, which that energy bounds.
-
-    amplitude:    √(2E) of what is connected, √J
-    is_disturbed: True if the bodies do not move by themselves alone, but are damped by an event
-    distance:     how far the bodies can close it by themselves, m
-    """
-    if connection is None:
-        return 0.0
-    by_energy = connection.contact_reach[k] * amplitude
-    if is_disturbed:
-        return by_energy
-    return min(by_energy, distance + connection.contact_reach_by_forces[k] * amplitude)
-
-
-@inline
-def cannot_close(contact, connection, amplitude, is_disturbed, state):
-    """True if no contact can close while each mode moves by itself no further than `state.displacement_bound`.
-
-    amplitude:    √(2E) of what is connected at most, √J
-    is_disturbed: True if the bodies do not move by themselves alone, but are damped by an event
-    """
-    if contact is not None:
-        for k in range(state.compression.shape[0]):
-            bound = state.displacement_bound
-            distance, connected = split_bound_at_contact(contact, contact.other_rows, connection, k, bound)
-            distance += reach_of_connected(connection, amplitude, is_disturbed, k, connected)
-            if not state.compression[k] + 1.01 * distance < 0.0:  # NaN can close
-                return False
-    return True
-
-
-@inline
 def invalidate_margins(moving):
     """Mark the margins of a refined sample (engine.kernel.run.refinement) as no longer valid."""
     if moving is not None:
@@ -343,3 +294,54 @@ def energy_created_if_persistent(law, state, k, s, lost, solution):
     elastic = f / (1.0 + loss_rate_of(law, k) * eta)
     gained = elastic * eta + end_force * ((state.compression[k] - s) - eta)
     return gained + lost - f * state.free_displacement[k]
+
+
+# --- events
+
+
+@inline
+def shift_contacts(contact, state, m, change):
+    """Let the compressions follow a change of mode m."""
+    if contact is not None:
+        for k in range(state.compression.shape[0]):
+            move = displacement_at_row(contact.rows, k, m, change) + displacement_at_row(
+                contact.other_rows, k, m, change
+            )
+            if move != 0.0:
+                state.compression[k] += move
+                state.compression_compensation[k] = 0.0
+
+
+@inline
+def nominal_coefficient(contact, state, k):
+    """Stiffness of contact k as the patch says, in units of its law."""
+    return contact.nominal_stiffness[k] / (state.exponent[k] + 1.0)
+
+
+@inline
+def contact_parameter(contact, kind, k, state):
+    """Return what an event of a kind changes of contact k: its stiffness as a share of that of the patch, its exponent,
+    or how far its barrier is beyond that of the patch, m."""
+    if contact is None:
+        return 0.0
+    if kind == EventKind.STIFFNESS:
+        return state.potential_coefficient[k] / nominal_coefficient(contact, state, k)
+    if kind == EventKind.EXPONENT:
+        return state.exponent[k]
+    return state.barrier[k] - contact.nominal_barrier[k]
+
+
+@inline
+def set_contact_parameter(contact, kind, span, value, state):
+    """Set this parameter of contacts. span: the first, and the last + 1"""
+    if contact is not None:
+        for k in range(span[0], span[1]):
+            if kind == EventKind.STIFFNESS:
+                state.potential_coefficient[k] = value * nominal_coefficient(contact, state, k)
+            elif kind == EventKind.EXPONENT:  # kc stays, and the law counts in kc/(α+1)
+                state.potential_coefficient[k] *= (state.exponent[k] + 1.0) / (value + 1.0)
+                state.exponent[k] = value
+            else:
+                moved = contact.nominal_barrier[k] + value
+                state.compression[k] -= moved - state.barrier[k]
+                state.barrier[k] = moved

@@ -23,13 +23,12 @@ from engine.kernel.interactions.contacts import (
     find_free_displacements,
     free_displacement_at,
     moves_by_basis,
-    reach_of_connected,
-    split_bound_at_contact,
 )
 from engine.kernel.interactions.external_forces import has_external_forces
 from engine.kernel.interactions.island_energy import island_energy
 from engine.kernel.modes.event_dampers import is_damping
 from engine.kernel.modes.mode_energies import bound_modal_displacements
+from engine.kernel.modes.point_rows import bound_at_row
 
 FOUND = 2  # of NearContacts.is_far: near, but what it pushes is still taken for bounded
 UNBOUNDED = 1e290  # √kg·m: of a mode that a contact pushes
@@ -217,6 +216,86 @@ def gather_coupling(coupling, n, total, near):
         for i in range(n):
             for j in range(n):
                 near.coupling[i * n + j] = coupling[np.int64(near.contact[i]) * total + near.contact[j]]
+
+
+# --- bounds
+
+
+@inline
+def split_bound_at_row(connection, rows, r, bound):
+    """Return how far the modes of row r can move its point, m, if each moves no further than `bound`. Of the two
+    numbers, the first is for a body to which nothing is connected, and the second for any other; one of them is 0."""
+    distance = bound_at_row(rows, r, bound)
+    if connection is not None:
+        if distance > 0.0 and connection.is_unconnected[rows.mode_begin[r]] == 0.0:
+            return 0.0, distance
+    return distance, 0.0
+
+
+@inline
+def split_bound_at_contact(contact, other_rows, connection, k, bound):
+    """Return how far contact k can close, m, if each mode moves no further than `bound`: by the bodies to which nothing
+    is connected, and by the others."""
+    alone, connected = split_bound_at_row(connection, contact.rows, k, bound)
+    if other_rows is not None:
+        more, further = split_bound_at_row(connection, other_rows, k, bound)
+        return alone + more, connected + further
+    return alone, connected
+
+
+@inline
+def reach_of_connected(connection, amplitude, is_disturbed, k, distance):
+    """Return how far what is connected can close contact k, m. All of its energy bounds that; or, if less, what the
+    bodies move by themselves and what the forces of connections add, which that energy bounds.
+
+    amplitude:    √(2E) of what is connected, √J
+    is_disturbed: True if the bodies do not move by themselves alone, but are damped by an event
+    distance:     how far the bodies can close it by themselves, m
+    """
+    if connection is None:
+        return 0.0
+    by_energy = connection.contact_reach[k] * amplitude
+    if is_disturbed:
+        return by_energy
+    return min(by_energy, distance + connection.contact_reach_by_forces[k] * amplitude)
+
+
+@inline
+def cannot_close(contact, connection, amplitude, is_disturbed, state):
+    """True if no contact can close while each mode moves by itself no further than `state.displacement_bound`.
+
+    amplitude:    √(2E) of what is connected at most, √J
+    is_disturbed: True if the bodies do not move by themselves alone, but are damped by an event
+    """
+    if contact is not None:
+        for k in range(state.compression.shape[0]):
+            bound = state.displacement_bound
+            distance, connected = split_bound_at_contact(contact, contact.other_rows, connection, k, bound)
+            distance += reach_of_connected(connection, amplitude, is_disturbed, k, connected)
+            if not state.compression[k] + 1.01 * distance < 0.0:  # NaN can close
+                return False
+    return True
+
+
+@inline
+def is_left_out(connection_state, k):
+    """True if contact k is left out of steps, because it cannot close."""
+    if connection_state is None:
+        return False
+    return connection_state.near.is_far[k] != 0
+
+
+@inline
+def compression_now(contact, connection_state, state, k, frame):
+    """Return compression k, m. Where a contact is known to stay open, its compression is not kept, and is read from the
+    modes. connection_state: ConnectionState or None"""
+    if contact is not None:
+        if frame < state.contact_free_until[0] or is_left_out(connection_state, k):
+            return compression_from_modes(contact, contact.other_rows, state, k)
+    return state.compression[k]
+
+
+# --- by type
 
 
 def law_of_near(law: Any, coefficient: Any, exponent: Any) -> Any:

@@ -145,3 +145,13 @@ def bound_at_row(rows, r, bound):
     """Return how far the point of row r can move, m, if each mode moves no further than `bound`."""
     begin, first = np.int64(rows.mode_begin[r]), np.int64(rows.offset[r])
     return sum_sizes_of_products(rows.phi, first, bound, begin, np.int64(rows.mode_end[r]) - begin)
+
+
+@inline
+def displacement_at_row(rows, r, m, change):
+    """Displacement at row r by a change of mode m; 0 without rows."""
+    if rows is None:
+        return 0.0
+    if rows.mode_begin[r] <= m and m < rows.mode_end[r]:
+        return rows.phi[rows.offset[r] + (m - rows.mode_begin[r])] * change
+    return 0.0

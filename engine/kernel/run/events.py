@@ -8,8 +8,19 @@ import math
 
 from engine.compiler.decorators import inline, noinline
 from engine.kernel.data.enums import NO_END, UNUSED_SLOT, DampedModes, EnergyTotal, EventCursor, EventKind
-from engine.kernel.interactions.connections import forget_near_contacts, has_connections
-from engine.kernel.interactions.contacts import invalidate_margins
+from engine.kernel.interactions.connections import (
+    connection_parameter,
+    forget_near_contacts,
+    has_connections,
+    set_connection_parameter,
+    shift_connections,
+)
+from engine.kernel.interactions.contacts import (
+    contact_parameter,
+    invalidate_margins,
+    set_contact_parameter,
+    shift_contacts,
+)
 from engine.kernel.interactions.external_forces import next_external_force
 from engine.kernel.interactions.island_energy import island_energy
 from engine.kernel.interactions.near_contacts import keep_all_contacts
@@ -58,45 +69,11 @@ def glide_value(events, state, j, frame, now):
 @noinline
 def set_motion(model, state, m, q, p):
     """Put mode m at displacement q with momentum p, and move its contacts and connections with it."""
-    update_compressions(model.contact, state, m, q - state.q[m])
-    update_extensions(model.connection, state, m, q - state.q[m])
+    shift_contacts(model.contact, state, m, q - state.q[m])
+    shift_connections(model.connection, state, m, q - state.q[m])
     state.q[m] = q
     state.p[m] = p
     state.kick_compensation[m] = 0.0
-
-
-@inline
-def update_compressions(contact, state, m, change):
-    """Let the compressions follow a change of mode m."""
-    if contact is not None:
-        for k in range(state.compression.shape[0]):
-            move = displacement_at_row(contact.rows, k, m, change) + displacement_at_row(
-                contact.other_rows, k, m, change
-            )
-            if move != 0.0:
-                state.compression[k] += move
-                state.compression_compensation[k] = 0.0
-
-
-@inline
-def update_extensions(connection, state, m, change):
-    """Let the extensions of connections follow a change of mode m."""
-    if connection is not None:
-        for r in range(connection.coordinate.shape[0]):
-            move = displacement_at_row(connection.rows, r, m, change)
-            if move != 0.0:
-                state.connection.extension[connection.coordinate[r]] += move
-                state.connection.extension_compensation[connection.coordinate[r]] = 0.0
-
-
-@inline
-def displacement_at_row(rows, r, m, change):
-    """Displacement at row r by a change of mode m; 0 without rows."""
-    if rows is None:
-        return 0.0
-    if rows.mode_begin[r] <= m and m < rows.mode_end[r]:
-        return rows.phi[rows.offset[r] + (m - rows.mode_begin[r])] * change
-    return 0.0
 
 
 @noinline
@@ -128,57 +105,6 @@ def lift_dampers_of_joined(events, rows, other, cursor, j, frame):
                 lift_dampers(events, cursor, j, rows.mode_begin[k], rows.mode_end[k], frame)
 
 
-@inline
-def nominal_coefficient(contact, state, k):
-    """Stiffness of contact k as the patch says, in units of its law."""
-    return contact.nominal_stiffness[k] / (state.exponent[k] + 1.0)
-
-
-@inline
-def glide_parameter(contact, events, state, j, frame):
-    """Advance the glide of the stiffness, the exponents or the barriers that event j changes."""
-    if contact is not None:
-        first, last = events.target_begin[j], events.target_end[j]
-        if events.kind[j] == EventKind.STIFFNESS:
-            now = state.potential_coefficient[first] / nominal_coefficient(contact, state, first)
-            ratio = glide_value(events, state, j, frame, now)
-            for k in range(first, last):
-                state.potential_coefficient[k] = ratio * nominal_coefficient(contact, state, k)
-        elif events.kind[j] == EventKind.EXPONENT:
-            exponent = glide_value(events, state, j, frame, state.exponent[first])
-            for k in range(first, last):  # kc stays, and the law counts in kc/(α+1)
-                state.potential_coefficient[k] *= (state.exponent[k] + 1.0) / (exponent + 1.0)
-                state.exponent[k] = exponent
-        else:
-            beyond = glide_value(events, state, j, frame, state.barrier[first] - contact.nominal_barrier[first])
-            for k in range(first, last):
-                moved = contact.nominal_barrier[k] + beyond
-                state.compression[k] -= moved - state.barrier[k]
-                state.barrier[k] = moved
-
-
-@inline
-def glide_connection(connection, events, state, j, frame):
-    """Advance the glide of the stiffness, the damping or the rest of the connections that event j changes."""
-    if connection is not None:
-        connection_state, first, last = state.connection, events.target_begin[j], events.target_end[j]
-        if connection_state.lowest_energy[0] != 0.0 or events.kind[j] == EventKind.CONNECTION_REST:
-            connection_state.lowest_energy[0] = -math.inf  # what is under load may rest at any energy by now
-        if events.kind[j] == EventKind.CONNECTION_STIFFNESS:
-            value = glide_value(events, state, j, frame, connection_state.stiffness[first])
-            for i in range(first, last):
-                connection_state.stiffness[i] = value
-        elif events.kind[j] == EventKind.CONNECTION_DAMPING:
-            value = glide_value(events, state, j, frame, connection_state.damping[first])
-            for i in range(first, last):
-                connection_state.damping[i] = value
-        else:
-            value = glide_value(events, state, j, frame, connection_state.rest[first])
-            for i in range(first, last):
-                connection_state.extension[i] -= value - connection_state.rest[i]
-                connection_state.rest[i] = value
-
-
 @noinline
 def execute_event(model, state, j, frame):
     """Execute event j, which is not damping, at the start of this step."""
@@ -189,10 +115,21 @@ def execute_event(model, state, j, frame):
             lift_dampers_of_struck(events, model.contact, state.event_cursor, j, frame)
     elif events.kind[j] == EventKind.LIFT:
         lift_dampers(events, state.event_cursor, j, events.target_begin[j], events.target_end[j], frame)
-    elif events.kind[j] >= EventKind.CONNECTION_STIFFNESS:
-        glide_connection(model.connection, events, state, j, frame)
     else:
-        glide_parameter(model.contact, events, state, j, frame)
+        set_parameter(model, state, j, frame)
+
+
+@inline
+def set_parameter(model, state, j, frame):
+    """Set the parameter of contacts or connections that event j changes, or advance its glide."""
+    events, kind = model.events, model.events.kind[j]
+    span = events.target_begin[j], events.target_end[j]
+    if kind >= EventKind.CONNECTION_STIFFNESS:
+        now = connection_parameter(model.connection, kind, span[0], state)
+        set_connection_parameter(model.connection, kind, span, glide_value(events, state, j, frame, now), state)
+    else:
+        now = contact_parameter(model.contact, kind, span[0], state)
+        set_contact_parameter(model.contact, kind, span, glide_value(events, state, j, frame, now), state)
 
 
 @noinline

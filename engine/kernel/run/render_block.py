@@ -16,15 +16,11 @@ from engine.kernel.data.enums import CHUNK_FRAMES, FLIGHT_FRAMES, EnergyTotal, F
 from engine.kernel.data.island_view import island_bounds, island_model, island_state
 from engine.kernel.data.model import Refinement
 from engine.kernel.data.state import BlockOutput
+from engine.kernel.interactions.connected_modes import amplitude_of_connected, energy_of_connected
 from engine.kernel.interactions.connections import has_connections
-from engine.kernel.interactions.contacts import (
-    cannot_close,
-    invalidate_margins,
-    reset_line_search_budget,
-    reset_open_contacts,
-)
+from engine.kernel.interactions.contacts import invalidate_margins, reset_line_search_budget, reset_open_contacts
 from engine.kernel.interactions.external_forces import has_external_forces
-from engine.kernel.interactions.island_energy import amplitude_of_connected, energy_of_connected
+from engine.kernel.interactions.near_contacts import cannot_close
 from engine.kernel.interactions.one_way_drive import clear_drive
 from engine.kernel.modes.event_dampers import is_event_active
 from engine.kernel.modes.free_flight import begin_flight, end_flight

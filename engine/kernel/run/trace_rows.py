@@ -5,8 +5,9 @@ from typing import Any, NamedTuple
 from engine.compiler.decorators import INT64_1, inline, noinline
 from engine.kernel.data.enums import FLIGHT_FRAMES, EnergyTotal, Ledger, Wanted
 from engine.kernel.interactions.connections import connection_energy, has_connections
-from engine.kernel.interactions.contacts import compression_from_modes, contact_energy
+from engine.kernel.interactions.contacts import contact_energy
 from engine.kernel.interactions.island_energy import island_energies, write_ledger
+from engine.kernel.interactions.near_contacts import compression_now
 from engine.kernel.modes.free_flight import exchange_motion, step_saved_motion
 from engine.kernel.modes.mode_energies import kinetic_and_potential
 from engine.kernel.modes.point_rows import project
@@ -42,7 +43,7 @@ def write_trace(model, state, block, begin, count):
             trace.velocity[i, bounds.body_begin + b] = project(model.bodies, b, state.p)
         for k in range(state.compression.shape[0]):
             column = bounds.contact_begin + k
-            trace.compression[i, column] = traced_compression(model.contact, state.connection, state, k, frame)
+            trace.compression[i, column] = compression_now(model.contact, state.connection, state, k, frame)
             trace.force[i, column] = state.contact_force[k]
         trace.iterations[i] += state.law_evaluations[0]
         kinetic, potential, _ = kinetic_and_potential(model, state)
@@ -51,24 +52,6 @@ def write_trace(model, state, block, begin, count):
         trace.contact[i] += contact_energy(model.contact, state)
         trace.dissipated[i] += state.energy_totals[EnergyTotal.DISSIPATED]
         trace.supplied[i] += state.energy_totals[EnergyTotal.SUPPLIED]
-
-
-@inline
-def traced_compression(contact, connection_state, state, k, frame):
-    """Return compression k, m. Where a contact is known to stay open, its compression is not kept, and is read from the
-    modes. connection_state: ConnectionState or None"""
-    if contact is not None:
-        if frame < state.contact_free_until[0] or is_left_out(connection_state, k):
-            return compression_from_modes(contact, contact.other_rows, state, k)
-    return state.compression[k]
-
-
-@inline
-def is_left_out(connection_state, k):
-    """True if contact k is left out of steps, because it cannot close."""
-    if connection_state is None:
-        return False
-    return connection_state.near.is_far[k] != 0
 
 
 @inline

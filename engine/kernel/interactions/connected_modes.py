@@ -6,8 +6,7 @@ import math
 import numpy as np
 
 from engine.compiler.decorators import INT64_0, INT64_1, inline, noinline
-from engine.compiler.lanes import EightFrom, FewFrom, lane_sum, number_at, splat, zero_like
-from engine.kernel.data.enums import LANES
+from engine.compiler.lanes import lane_sum, number_at, splat, zero_like
 from engine.kernel.interactions.connections import (
     clear_moves,
     connection_energy,
@@ -17,7 +16,7 @@ from engine.kernel.interactions.connections import (
 )
 from engine.kernel.modes.mode_energies import vibration_energy_of
 from engine.kernel.modes.moving_modes import PushedPoint, count_loss, move_some_modes, plain_step
-from engine.kernel.modes.ordered_sums import lanes_of
+from engine.kernel.modes.ordered_sums import fold_lanes
 
 
 @inline
@@ -131,22 +130,23 @@ def amplitude_of_connected(model, connection, seconds, state):
 @noinline
 def connected_amplitude(model, connection, seconds, state):
     """Return √(2E) of what is connected, √J, in an island that has connections; at most, for so many seconds."""
-    omega_squared, weight = model.omega_squared, model.weight
-    twice, pull, whole = splat(0.0), splat(0.0), lanes_of(state.p.shape[0])
-    for m in range(INT64_0, whole, LANES):
-        vibration, load = connected_at(connection, omega_squared, weight, EightFrom(m), state)
-        twice, pull = twice + vibration, pull + load
-    if whole < state.p.shape[0]:
-        rest = FewFrom(whole, state.p.shape[0] - whole)
-        vibration, load = connected_at(connection, omega_squared, weight, rest, state)
-        twice, pull = twice + vibration, pull + load
+    of = connection, model.omega_squared, model.weight, state
+    twice, pull = fold_lanes(add_connected, of, state.p.shape[0], (splat(0.0), splat(0.0)))
     energy = lane_sum(twice) + 2.0 * connection_energy(connection, state)
     return math.sqrt(max(energy, 0.0)) + math.sqrt(lane_sum(pull)) * seconds
 
 
 @inline
+def add_connected(of, m, sums):
+    """Add p² + ω²q² of mode m, and the square of its weight, to the sums; nothing if nothing is connected to it."""
+    connection, omega_squared, weight, state = of
+    vibration, load = connected_at(connection, omega_squared, weight, m, state)
+    return sums[0] + vibration, sums[1] + load
+
+
+@inline
 def connected_at(connection, omega_squared, weight, m, state):
-    """p² + ω²q² of mode m, or of eight, and the square of its weight; 0 if nothing is connected to it."""
+    """Return p² + ω²q² of mode m, and the square of its weight; 0 if nothing is connected to it."""
     q, p = number_at(state.q, m), number_at(state.p, m)
     share, twice, load = 1.0 - number_at(connection.is_unconnected, m), p * p, zero_like(p)
     if omega_squared is not None:

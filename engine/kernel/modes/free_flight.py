@@ -9,15 +9,15 @@ bits. The motion at the begin of a flight is kept: where something acts before i
 single steps take it to that frame. So an event that was known beforehand, and one that was not, give the same.
 """
 
-from engine.compiler.decorators import INT64_0, inline, noinline
+from engine.compiler.decorators import inline, noinline
 from engine.compiler.lanes import (
-    EightFrom,
-    FewFrom,
     lane_sum,
     load_lanes,
     magnitude,
     multiply_add,
     number_at,
+    place_after,
+    put_number,
     splat,
     store_lanes,
     zero_like,
@@ -34,7 +34,7 @@ from engine.kernel.data.enums import (
 )
 from engine.kernel.modes.mode_energies import accumulate, mode_potential
 from engine.kernel.modes.mode_step import forget_drift, free_step, motion_of
-from engine.kernel.modes.ordered_sums import lanes_of
+from engine.kernel.modes.ordered_sums import fold_lanes
 
 PARTS = FLIGHT_FRAMES // FLIGHT_PART
 
@@ -50,25 +50,29 @@ def advance_modes(motion, low, weight, kept, q, p):
     What weight adds to q is the same in every flight. Added to q by itself it would be rounded the same way every
     time, and the energy of a falling body would drift; so it is part of a sum that differs.
     """
-    vectors = p.shape[0] // LANES * LANES
-    for m in range(0, vectors, LANES):
-        x, y = load_lanes(q, m), load_lanes(p, m)
-        store_lanes(kept.q, m, x)
-        store_lanes(kept.p, m, y)
-        rest = load_lanes(low.qq, m) * x + load_lanes(low.qp, m) * y
-        if weight is not None:
-            rest = rest + load_lanes(weight.q, m)
-        store_lanes(q, m, load_lanes(motion.qq, m) * x + (load_lanes(motion.qp, m) * y + rest))
-        rest = load_lanes(low.pq, m) * x + load_lanes(low.pp, m) * y
-        store_lanes(p, m, load_lanes(motion.pq, m) * x + (load_lanes(motion.pp, m) * y + rest))
-    for m in range(vectors, p.shape[0]):
-        x, y = q[m], p[m]
-        kept.q[m], kept.p[m] = x, y
-        rest = low.qq[m] * x + low.qp[m] * y
-        if weight is not None:
-            rest += weight.q[m]
-        q[m] = motion.qq[m] * x + (motion.qp[m] * y + rest)
-        p[m] = motion.pq[m] * x + (motion.pp[m] * y + (low.pq[m] * x + low.pp[m] * y))
+    fold_lanes(fly_mode, (motion, low, weight, kept, q, p), p.shape[0], (splat(0.0),))
+
+
+@inline
+def fly_mode(of, m, sums):
+    """Take mode m to the end of a flight, and keep its motion at its begin."""
+    motion, low, weight, kept, q, p = of
+    x, y = number_at(q, m), number_at(p, m)
+    put_number(kept.q, m, x)
+    put_number(kept.p, m, y)
+    rest = add_fall(weight, m, number_at(low.qq, m) * x + number_at(low.qp, m) * y)
+    put_number(q, m, number_at(motion.qq, m) * x + (number_at(motion.qp, m) * y + rest))
+    rest = number_at(low.pq, m) * x + number_at(low.pp, m) * y
+    put_number(p, m, number_at(motion.pq, m) * x + (number_at(motion.pp, m) * y + rest))
+    return sums
+
+
+@inline
+def add_fall(weight, m, rest):
+    """Return a sum with what weight adds to q of mode m in a flight."""
+    if weight is None:
+        return rest
+    return rest + number_at(weight.q, m)
 
 
 @inline
@@ -101,27 +105,22 @@ def mode_loss_by_weight(weight, m, q, p):
 
 
 @inline
-def flight_energies_of(omega_squared, weight, flight, m, q, p):
-    """Return the energies of mode m, or of eight, at the begin of a flight, and what it will lose in it, J."""
+def add_flight_energies(of, m, sums):
+    """Add the energies of mode m at the begin of a flight, with and without signs, and what it will lose in it, J."""
+    omega_squared, weight, flight, q, p = of
     x, y = number_at(q, m), number_at(p, m)
     elastic, fallen = mode_potential(omega_squared, weight, m, x)
     vibration = 0.5 * y * y + elastic
     lost = mode_loss(flight.loss, m, x, y) + mode_loss_by_weight(flight.weight, m, x, y)
-    return vibration - fallen, vibration + magnitude(fallen), lost
+    return sums[0] + (vibration - fallen), sums[1] + (vibration + magnitude(fallen)), sums[2] + lost
 
 
 @inline
-def flight_energies(omega_squared, weight, flight, q, p):
+def flight_energies(model, state):
     """Of the modes at the begin of a flight: kinetic and potential energy, the same without signs, and what they will
     lose in it, J."""
-    lanes, a, b, c = lanes_of(p.shape[0]), splat(0.0), splat(0.0), splat(0.0)
-    for m in range(INT64_0, lanes, LANES):
-        parts = flight_energies_of(omega_squared, weight, flight, EightFrom(m), q, p)
-        a, b, c = a + parts[0], b + parts[1], c + parts[2]
-    if lanes < p.shape[0]:
-        parts = flight_energies_of(omega_squared, weight, flight, FewFrom(lanes, p.shape[0] - lanes), q, p)
-        a, b, c = a + parts[0], b + parts[1], c + parts[2]
-    return lane_sum(a), lane_sum(b), lane_sum(c)
+    of, zeros = (model.omega_squared, model.weight, model.flight, state.q, state.p), splat(0.0)
+    return lane_sum(fold_lanes(add_flight_energies, of, state.p.shape[0], (zeros, zeros, zeros)))
 
 
 # --- what is heard
@@ -130,21 +129,21 @@ def flight_energies(omega_squared, weight, flight, q, p):
 @inline
 def find_parts(part, begin, count, q, p, parts):
     """The modes begin:begin + count at the first sample of each part, into `parts`: q of all parts, then p."""
-    vectors = count // LANES * LANES
-    for k in range(0, vectors, LANES):
-        x, y = load_lanes(q, begin + k), load_lanes(p, begin + k)
-        qq, qp = load_lanes(part.qq, begin + k), load_lanes(part.qp, begin + k)
-        pq, pp = load_lanes(part.pq, begin + k), load_lanes(part.pp, begin + k)
-        for j in range(PARTS):
-            store_lanes(parts, j * FLIGHT_MODES + k, x)
-            store_lanes(parts, (PARTS + j) * FLIGHT_MODES + k, y)
-            x, y = qq * x + qp * y, pq * x + pp * y
-    for k in range(vectors, count):
-        m = begin + k
-        x, y = q[m], p[m]
-        for j in range(PARTS):
-            parts[j * FLIGHT_MODES + k], parts[(PARTS + j) * FLIGHT_MODES + k] = x, y
-            x, y = part.qq[m] * x + part.qp[m] * y, part.pq[m] * x + part.pp[m] * y
+    fold_lanes(find_parts_of_mode, (part, begin, q, p, parts), count, (splat(0.0),))
+
+
+@inline
+def find_parts_of_mode(of, k, sums):
+    """Write mode begin + k at the first sample of each part into `parts`."""
+    part, begin, q, p, parts = of
+    m = place_after(k, begin)
+    x, y = number_at(q, m), number_at(p, m)
+    qq, qp, pq, pp = number_at(part.qq, m), number_at(part.qp, m), number_at(part.pq, m), number_at(part.pp, m)
+    for j in range(PARTS):
+        put_number(parts, place_after(k, j * FLIGHT_MODES), x)
+        put_number(parts, place_after(k, (PARTS + j) * FLIGHT_MODES), y)
+        x, y = qq * x + qp * y, pq * x + pp * y
+    return sums
 
 
 @inline
@@ -232,7 +231,7 @@ def begin_flight(model, state, measures_energy, frame):
 def measure_flight(model, state, kept):
     """Keep the energies of an island at the begin of a flight, and count what it loses in it. Its contacts are open,
     and hold none."""
-    energy, absolute, lost = flight_energies(model.omega_squared, model.weight, model.flight, state.q, state.p)
+    energy, absolute, lost = flight_energies(model, state)
     spent = state.energy_totals[EnergyTotal.DISSIPATED] - state.energy_totals[EnergyTotal.SUPPLIED]
     kept.ledger[Ledger.BALANCE], kept.ledger[Ledger.ABSOLUTE] = energy + spent, absolute
     accumulate(state.energy_totals, EnergyTotal.DISSIPATED, lost)

@@ -2,11 +2,8 @@
 
 import math
 
-from engine.compiler.decorators import INT64_0, inline
+from engine.compiler.decorators import inline
 from engine.compiler.lanes import (
-    EightFrom,
-    FewFrom,
-    lane_sum,
     magnitude,
     multiply_add,
     number_at,
@@ -15,8 +12,7 @@ from engine.compiler.lanes import (
     where_positive,
     zero_like,
 )
-from engine.kernel.data.enums import LANES
-from engine.kernel.modes.ordered_sums import lanes_of
+from engine.kernel.modes.ordered_sums import fold, fold_lanes
 
 
 @inline
@@ -31,33 +27,36 @@ def mode_potential(omega_squared, weight, m, q):
 
 
 @inline
-def add_energies(omega_squared, weight, m, q, p, sums):
+def add_energies(of, m, sums):
     """Add p², ω²q², weight·q and |weight·q| of mode m to these sums."""
+    omega_squared, weight, q, p = of
     x, y, (kinetic, elastic, fallen, fallen_size) = number_at(q, m), number_at(p, m), sums
-    kinetic = multiply_add(y, y, kinetic)
-    if omega_squared is not None:
-        elastic = multiply_add(number_at(omega_squared, m) * x, x, elastic)
-    if weight is not None:
-        energy = number_at(weight, m) * x
-        fallen, fallen_size = fallen + energy, fallen_size + magnitude(energy)
-    return kinetic, elastic, fallen, fallen_size
+    fallen, fallen_size = add_fallen(weight, m, x, fallen, fallen_size)
+    return multiply_add(y, y, kinetic), add_elastic(omega_squared, m, x, elastic), fallen, fallen_size
+
+
+@inline
+def add_elastic(omega_squared, m, x, elastic):
+    """Add ω²q² of mode m to a sum."""
+    if omega_squared is None:
+        return elastic
+    return multiply_add(number_at(omega_squared, m) * x, x, elastic)
+
+
+@inline
+def add_fallen(weight, m, x, fallen, fallen_size):
+    """Add weight·q and |weight·q| of mode m to sums."""
+    if weight is None:
+        return fallen, fallen_size
+    energy = number_at(weight, m) * x
+    return fallen + energy, fallen_size + magnitude(energy)
 
 
 @inline
 def kinetic_and_potential(model, state):
     """½p², ½ω²q² - weight·q, and ½ω²q² + |weight·q|, summed over modes, J."""
-    omega_squared, weight, q, p = model.omega_squared, model.weight, state.q, state.p
-    whole, zeros = lanes_of(p.shape[0]), splat(0.0)
-    lanes = (zeros, zeros, zeros, zeros)
-    for m in range(INT64_0, whole, LANES):
-        lanes = add_energies(omega_squared, weight, EightFrom(m), q, p, lanes)
-    left = p.shape[0] - whole
-    if left > 1:
-        lanes = add_energies(omega_squared, weight, FewFrom(whole, left), q, p, lanes)
-    sums = (lane_sum(lanes[0]), lane_sum(lanes[1]), lane_sum(lanes[2]), lane_sum(lanes[3]))
-    if left == 1:
-        sums = add_energies(omega_squared, weight, whole, q, p, sums)
-    kinetic, elastic, fallen, fallen_size = sums
+    of, zeros = (model.omega_squared, model.weight, state.q, state.p), splat(0.0)
+    kinetic, elastic, fallen, fallen_size = fold(add_energies, of, state.p.shape[0], (zeros, zeros, zeros, zeros))
     return 0.5 * kinetic, 0.5 * elastic - fallen, 0.5 * elastic + fallen_size
 
 
@@ -95,12 +94,14 @@ def bound_by_weight(weight, per_weight, m):
 
 
 @inline
-def bound_mode(model, weight, m, state):
+def bound_mode(of, m, sums):
     """Write how far mode m can move in a flight, √kg·m."""
+    (model, state), weight = of, of[0].weight
     q, p = number_at(state.q, m), number_at(state.p, m)
     speed = math.sqrt(vibration_squared(model.omega_squared, weight, m, q, p))
     bound = speed * number_at(model.flight.bound_per_speed, m)
     put_number(state.displacement_bound, m, bound + bound_by_weight(weight, model.flight.bound_per_weight, m))
+    return sums
 
 
 @inline
@@ -109,12 +110,7 @@ def bound_modal_displacements(model, state):
 
     A mode swings with amplitude A/ω and speed A at most; it loses energy, and gains none. A free mass coasts and falls.
     """
-    modes = state.p.shape[0]
-    lanes = lanes_of(modes)
-    for m in range(INT64_0, lanes, LANES):
-        bound_mode(model, model.weight, EightFrom(m), state)
-    if lanes < modes:
-        bound_mode(model, model.weight, FewFrom(lanes, modes - lanes), state)
+    fold_lanes(bound_mode, (model, state), state.p.shape[0], (splat(0.0),))
 
 
 @inline
@@ -122,6 +118,13 @@ def vibration_energy_of(omega_squared, weight, m, q, p):
     """Energy of vibration of mode m, ½A²; 0 of a free mass, J."""
     square = vibration_squared(omega_squared, weight, m, number_at(q, m), number_at(p, m))
     return where_positive(number_at(omega_squared, m), 0.5 * square, 0.0)
+
+
+@inline
+def add_vibration(of, m, sums):
+    """Add the energy of vibration of mode m, J, to the sums."""
+    omega_squared, weight, q, p = of
+    return (sums[0] + vibration_energy_of(omega_squared, weight, m, q, p),)
 
 
 @inline
@@ -135,13 +138,4 @@ def sum_vibration_energies(omega_squared, weight, q, p):
     """Sum the energies of vibration of all modes, J."""
     if omega_squared is None:
         return 0.0
-    lanes, total = lanes_of(p.shape[0]), splat(0.0)
-    for m in range(INT64_0, lanes, LANES):
-        total = total + vibration_energy_of(omega_squared, weight, EightFrom(m), q, p)
-    left = p.shape[0] - lanes
-    if left > 1:
-        total = total + vibration_energy_of(omega_squared, weight, FewFrom(lanes, left), q, p)
-    energy = lane_sum(total)
-    if left == 1:
-        energy += vibration_energy_of(omega_squared, weight, lanes, q, p)
-    return energy
+    return fold(add_vibration, (omega_squared, weight, q, p), p.shape[0], (splat(0.0),))[0]

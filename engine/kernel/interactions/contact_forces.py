@@ -25,6 +25,7 @@ from engine.kernel.interactions.contacts import (
     energy_created_if_persistent,
     find_moves_by_basis,
     free_displacement_at,
+    has_contacts,
     measured_miss,
     moves_by_basis,
     must_be_measured,
@@ -46,7 +47,7 @@ def push_by_contacts(model, contact, h, settings, is_forced, state):
     """
     if contact is None:
         return no_touch(SolveStatus.FREE, INT64_0)
-    if settings.is_free or state.compression.shape[0] == 0:
+    if settings.is_free or not has_contacts(contact, state):
         return no_touch(SolveStatus.FREE, INT64_0)
     return push_by_one_or_several(model, contact, h.coupling, settings, is_forced, state)
 

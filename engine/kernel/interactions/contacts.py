@@ -22,6 +22,14 @@ LARGE_RESIDUE = 1e-10  # of compression and step: a residue that is carried from
 LINE_SEARCHES = 16  # that the capped solves of an island may spend between two periodic checks
 
 
+@inline
+def has_contacts(contact, state):
+    """True if the island has contacts."""
+    if contact is None:
+        return False
+    return state.compression.shape[0] > 0
+
+
 # --- moves and forces at a contact
 
 

@@ -68,8 +68,8 @@ def push_by_external_forces(force, coefficients, frame, state):
 
 
 @inline
-def work_of_external_forces(force, coefficients, frame, state):
-    """Work that the external forces do over the coming drift, J."""
+def finish_external_forces(force, coefficients, frame, state):
+    """Return the work that the external forces do over the coming drift, J."""
     work = 0.0
     if force is not None:
         for j in range(force.start.shape[0]):

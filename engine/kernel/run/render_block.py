@@ -18,7 +18,12 @@ from engine.kernel.data.model import Refinement
 from engine.kernel.data.state import BlockOutput
 from engine.kernel.interactions.connected_modes import amplitude_of_connected, energy_of_connected
 from engine.kernel.interactions.connections import has_connections
-from engine.kernel.interactions.contacts import invalidate_margins, reset_line_search_budget, reset_open_contacts
+from engine.kernel.interactions.contacts import (
+    has_contacts,
+    invalidate_margins,
+    reset_line_search_budget,
+    reset_open_contacts,
+)
 from engine.kernel.interactions.external_forces import has_external_forces
 from engine.kernel.interactions.near_contacts import cannot_close
 from engine.kernel.interactions.one_way_drive import clear_drive
@@ -63,7 +68,7 @@ def advance(model, state, frame, is_free, in_contact):
     is_free:    True if nothing but its connections can act on it
     in_contact: True if the step before had a contact in reach
     """
-    is_free = is_free or (state.compression.shape[0] == 0 and not has_external_forces(model.force))
+    is_free = is_free or not (has_contacts(model.contact, state) or has_external_forces(model.force))
     return advance_sample(model.refinement, model, state, frame, is_free, in_contact)
 
 
@@ -139,7 +144,7 @@ def falls_asleep(model, state, frame, until):
 def stays_open(contact, model, state):
     """True if no contact can close before the next check."""
     if contact is not None:
-        if state.compression.shape[0] > 0:
+        if has_contacts(contact, state):
             bound_modal_displacements(model, state)
             amplitude = amplitude_of_connected(model, model.connection, FLIGHT_FRAMES / model.samplerate, state)
             return cannot_close(contact, model.connection, amplitude, is_event_active(state), state)

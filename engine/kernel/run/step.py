@@ -15,7 +15,7 @@ from engine.kernel.interactions.connections import (
     push_by_connections,
 )
 from engine.kernel.interactions.contact_forces import finish_contacts, push_by_contacts
-from engine.kernel.interactions.external_forces import push_by_external_forces, work_of_external_forces
+from engine.kernel.interactions.external_forces import finish_external_forces, push_by_external_forces
 from engine.kernel.modes.mode_step import find_drift_momenta, forget_drift, reverse_momenta
 from engine.kernel.modes.moving_modes import PushedPoint, move_modes
 
@@ -52,7 +52,7 @@ def step(model, settings, state):
         if is_forced:
             if not touch.is_measured:
                 push_by_connections(model.connection, h, state)
-            work = work_of_external_forces(model.force, h.force, settings.frame, state)
+            work = finish_external_forces(model.force, h.force, settings.frame, state)
         lost = move(model.connection, h, touch, is_forced, state)
         lost += finish_connections(model.connection, h, state) + finish_contacts(touch, state)
     return StepOutcome(touch.status != SolveStatus.FREE, touch.evaluations, lost, work)

@@ -9,7 +9,7 @@ KERNEL = Path(__file__).parents[2] / "engine" / "kernel"
 DATA = "model", "state", "axes", "enums", "island_view"  # files that list what there is
 # identifiers that show that a function knows an effect, and the files that are the effect's own
 EFFECTS = {
-    "weight": (re.compile(r"weight"), ()),
+    "weight": (re.compile(r"weight"), ("potential",)),
     "connections": (re.compile(r"connection"), ("connection", "connected", "near_contacts")),
     "contact loss": (re.compile(r"contact_loss|loss_rate"), ("contact_loss", "scalar_contact", "contact_law")),
 }

@@ -27,15 +27,9 @@ from engine.kernel.interactions.contacts import (
     store_solution,
 )
 from engine.kernel.interactions.external_forces import force_at
-from engine.kernel.modes.mode_step import (
-    apply_loss,
-    begin_step_mode,
-    kick_by_spring,
-    kick_by_weight,
-    motion_of,
-    reverse_momenta,
-)
+from engine.kernel.modes.mode_step import apply_loss, begin_step_mode, motion_of, reverse_momenta
 from engine.kernel.modes.point_rows import project_drift, push_at_row
+from engine.kernel.modes.potential import kick_by_spring, kick_by_weight
 from engine.kernel.run.step import StepOutcome
 
 

@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from engine.compiler.decorators import INT64_0, INT64_1, inline, noinline
-from engine.compiler.lanes import lane_sum, number_at, splat, zero_like
+from engine.compiler.lanes import lane_sum, number_at, splat
 from engine.kernel.interactions.connections import (
     clear_moves,
     connection_energy,
@@ -17,6 +17,7 @@ from engine.kernel.interactions.connections import (
 from engine.kernel.modes.mode_energies import vibration_energy_of
 from engine.kernel.modes.moving_modes import PushedPoint, count_loss, move_some_modes, plain_step
 from engine.kernel.modes.ordered_sums import fold_lanes
+from engine.kernel.modes.potential import add_elastic, add_potential, potential_of, squared_pull
 
 
 @inline
@@ -130,7 +131,7 @@ def amplitude_of_connected(model, connection, seconds, state):
 @noinline
 def connected_amplitude(model, connection, seconds, state):
     """Return √(2E) of what is connected, √J, in an island that has connections; at most, for so many seconds."""
-    of = connection, model.omega_squared, model.weight, state
+    of = connection, potential_of(model), state
     twice, pull = fold_lanes(add_connected, of, state.p.shape[0], (splat(0.0), splat(0.0)))
     energy = lane_sum(twice) + 2.0 * connection_energy(connection, state)
     return math.sqrt(max(energy, 0.0)) + math.sqrt(lane_sum(pull)) * seconds
@@ -139,21 +140,10 @@ def connected_amplitude(model, connection, seconds, state):
 @inline
 def add_connected(of, m, sums):
     """Add p² + ω²q² of mode m, and the square of its weight, to the sums; nothing if nothing is connected to it."""
-    connection, omega_squared, weight, state = of
-    vibration, load = connected_at(connection, omega_squared, weight, m, state)
-    return sums[0] + vibration, sums[1] + load
-
-
-@inline
-def connected_at(connection, omega_squared, weight, m, state):
-    """Return p² + ω²q² of mode m, and the square of its weight; 0 if nothing is connected to it."""
-    q, p = number_at(state.q, m), number_at(state.p, m)
-    share, twice, load = 1.0 - number_at(connection.is_unconnected, m), p * p, zero_like(p)
-    if omega_squared is not None:
-        twice = twice + number_at(omega_squared, m) * q * q
-    if weight is not None:
-        load = number_at(weight, m) * number_at(weight, m)
-    return share * twice, share * load
+    connection, potential, state = of
+    q, p, share = number_at(state.q, m), number_at(state.p, m), 1.0 - number_at(connection.is_unconnected, m)
+    vibration = add_elastic(potential.omega_squared, m, q, p * p)
+    return sums[0] + share * vibration, sums[1] + share * squared_pull(potential.weight, m, q)
 
 
 @inline
@@ -163,21 +153,18 @@ def energy_of_connected(model, connection, state):
     energy = 0.0
     if connection is not None:
         if has_connections(connection, state):
-            energy = connected_energy(connection, model.omega_squared, model.weight, state)
+            energy = connected_energy(connection, potential_of(model), state)
     return energy
 
 
 @noinline
-def connected_energy(connection, omega_squared, weight, state):
+def connected_energy(connection, potential, state):
     """Return the energy of vibration of what is connected, J, beyond that of its rest and that of its modes, in an
     island that has connections."""
     energy = connection_energy(connection, state) - state.connection.lowest_energy[0]
     for m in range(state.p.shape[0]):
         if connection.is_unconnected[m] == 0.0:
-            energy += 0.5 * state.p[m] * state.p[m]
-            if omega_squared is not None:
-                energy += 0.5 * omega_squared[m] * state.q[m] * state.q[m]
-                energy -= vibration_energy_of(omega_squared, weight, m, state.q, state.p)
-            if weight is not None:
-                energy -= weight[m] * state.q[m]
+            elastic, fallen, _ = add_potential(potential, m, state.q[m], (0.0, 0.0, 0.0))
+            energy += 0.5 * state.p[m] * state.p[m] + 0.5 * elastic - fallen
+            energy -= vibration_energy_of(potential, m, state.q, state.p)
     return energy

@@ -13,7 +13,6 @@ from engine.compiler.decorators import inline, noinline
 from engine.compiler.lanes import (
     lane_sum,
     load_lanes,
-    magnitude,
     multiply_add,
     number_at,
     place_after,
@@ -26,15 +25,22 @@ from engine.kernel.data.enums import (
     FLIGHT_FRAMES,
     FLIGHT_MODES,
     FLIGHT_PART,
-    LANES,
     EnergyTotal,
     FlightFrame,
     Ledger,
     Quantity,
 )
-from engine.kernel.modes.mode_energies import accumulate, mode_potential
+from engine.kernel.modes.mode_energies import accumulate
 from engine.kernel.modes.mode_step import forget_drift, free_step, motion_of
 from engine.kernel.modes.ordered_sums import fold_lanes
+from engine.kernel.modes.potential import (
+    add_fall,
+    add_potential,
+    begin_output,
+    mode_loss_by_weight,
+    potential_of,
+    push_by_weight,
+)
 
 PARTS = FLIGHT_FRAMES // FLIGHT_PART
 
@@ -43,49 +49,24 @@ PARTS = FLIGHT_FRAMES // FLIGHT_PART
 
 
 @inline
-def advance_modes(motion, low, weight, kept, q, p):
-    """Take all modes to the end of a flight, and keep their motion at its begin; but for what weight adds to p. low:
-    what rounding cut from `motion`
-
-    What weight adds to q is the same in every flight. Added to q by itself it would be rounded the same way every
-    time, and the energy of a falling body would drift; so it is part of a sum that differs.
-    """
-    fold_lanes(fly_mode, (motion, low, weight, kept, q, p), p.shape[0], (splat(0.0),))
+def advance_modes(flight, kept, q, p):
+    """Take all modes to the end of a flight, and keep their motion at its begin; but for what weight adds to p."""
+    fold_lanes(fly_mode, (flight, kept, q, p), p.shape[0], (splat(0.0),))
 
 
 @inline
 def fly_mode(of, m, sums):
     """Take mode m to the end of a flight, and keep its motion at its begin."""
-    motion, low, weight, kept, q, p = of
+    flight, kept, q, p = of
+    motion, low = flight.motion, flight.motion_low
     x, y = number_at(q, m), number_at(p, m)
     put_number(kept.q, m, x)
     put_number(kept.p, m, y)
-    rest = add_fall(weight, m, number_at(low.qq, m) * x + number_at(low.qp, m) * y)
+    rest = add_fall(flight.weight, m, number_at(low.qq, m) * x + number_at(low.qp, m) * y)
     put_number(q, m, number_at(motion.qq, m) * x + (number_at(motion.qp, m) * y + rest))
     rest = number_at(low.pq, m) * x + number_at(low.pp, m) * y
     put_number(p, m, number_at(motion.pq, m) * x + (number_at(motion.pp, m) * y + rest))
     return sums
-
-
-@inline
-def add_fall(weight, m, rest):
-    """Return a sum with what weight adds to q of mode m in a flight."""
-    if weight is None:
-        return rest
-    return rest + number_at(weight.q, m)
-
-
-@inline
-def push_by_weight(weight, compensation, kept, p):
-    """Add what weight gives p over a flight. As engine.kernel.modes.mode_step.kick_by_weight, it carries what rounding
-    leaves of the push."""
-    if weight is not None:
-        for m in range(p.shape[0]):
-            kept.kick_compensation[m] = compensation[m]
-            push = weight.p[m] + (weight.p_low[m] - compensation[m])
-            moved = p[m] + push
-            compensation[m] = (moved - p[m]) - push
-            p[m] = moved
 
 
 @inline
@@ -97,29 +78,21 @@ def mode_loss(loss, m, q, p):
 
 
 @inline
-def mode_loss_by_weight(weight, m, q, p):
-    """The part of it that is due to weight, J."""
-    if weight is None:
-        return zero_like(q)
-    return number_at(weight.lost_per_q, m) * q + number_at(weight.lost_per_p, m) * p + number_at(weight.lost, m)
-
-
-@inline
 def add_flight_energies(of, m, sums):
     """Add the energies of mode m at the begin of a flight, with and without signs, and what it will lose in it, J."""
-    omega_squared, weight, flight, q, p = of
-    x, y = number_at(q, m), number_at(p, m)
-    elastic, fallen = mode_potential(omega_squared, weight, m, x)
-    vibration = 0.5 * y * y + elastic
+    potential, flight, q, p = of
+    x, y, zero = number_at(q, m), number_at(p, m), zero_like(number_at(q, m))
+    elastic, fallen, fallen_size = add_potential(potential, m, x, (zero, zero, zero))
+    vibration = 0.5 * y * y + 0.5 * elastic
     lost = mode_loss(flight.loss, m, x, y) + mode_loss_by_weight(flight.weight, m, x, y)
-    return sums[0] + (vibration - fallen), sums[1] + (vibration + magnitude(fallen)), sums[2] + lost
+    return sums[0] + (vibration - fallen), sums[1] + (vibration + fallen_size), sums[2] + lost
 
 
 @inline
 def flight_energies(model, state):
     """Of the modes at the begin of a flight: kinetic and potential energy, the same without signs, and what they will
     lose in it, J."""
-    of, zeros = (model.omega_squared, model.weight, model.flight, state.q, state.p), splat(0.0)
+    of, zeros = (potential_of(model), model.flight, state.q, state.p), splat(0.0)
     return lane_sum(fold_lanes(add_flight_energies, of, state.p.shape[0], (zeros, zeros, zeros)))
 
 
@@ -179,17 +152,6 @@ def add_mode_outputs(tables, row, parts, first, count, output):
 
 
 @inline
-def begin_output(weight, n, output):
-    """Begin the samples of pickup n with those of bodies that fall: the rest is added to it."""
-    if weight is None:
-        for i in range(0, FLIGHT_FRAMES, LANES):
-            store_lanes(output, i, splat(0.0))
-    else:
-        for i in range(0, FLIGHT_FRAMES, LANES):
-            store_lanes(output, i, load_lanes(weight.pickup_values[n], i))
-
-
-@inline
 def find_outputs(flight, pickups, state):
     """Find the values of each pickup in all samples of a flight."""
     rows, kept = pickups.rows, state.flight
@@ -223,7 +185,7 @@ def begin_flight(model, state, measures_energy, frame):
     if measures_energy:
         measure_flight(model, state, kept)
     forget_drift(state)
-    advance_modes(flight.motion, flight.motion_low, flight.weight, kept, state.q, state.p)
+    advance_modes(flight, kept, state.q, state.p)
     push_by_weight(flight.weight, state.kick_compensation, kept, state.p)
 
 

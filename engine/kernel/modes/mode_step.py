@@ -19,6 +19,7 @@ from engine.compiler.decorators import inline, noinline
 from engine.compiler.lanes import magnitude, number_at, put_number, splat, zero_like
 from engine.kernel.data.enums import StepKind
 from engine.kernel.modes.ordered_sums import fold
+from engine.kernel.modes.potential import kick_by_spring, kick_by_weight
 
 DENORMAL_LIMIT = 1e-290  # √kg·m, √kg·m/s
 
@@ -44,29 +45,6 @@ def energy_of_loss(dissipation_factor, m, p, left):
     if dissipation_factor is None:
         return (p - left) * (p + left)
     return number_at(dissipation_factor, m) * p * p
-
-
-@inline
-def kick_by_weight(weight_kick, compensation, m, p):
-    """Return the momentum after half a kick by weight.
-
-    The kick is the same at every step, and so would be its rounding: in free fall the energy drifts by 5e-13 in a
-    second. The rounding is carried to the next kick instead (Kahan).
-    """
-    if weight_kick is None:
-        return p
-    push = number_at(weight_kick, m) - number_at(compensation, m)
-    moved = p + push
-    put_number(compensation, m, (moved - p) - push)
-    return moved
-
-
-@inline
-def kick_by_spring(spring_kick, m, q, p):
-    """Return the momentum after half a kick by the restoring force."""
-    if spring_kick is None:
-        return p
-    return p - number_at(spring_kick, m) * q
 
 
 @inline

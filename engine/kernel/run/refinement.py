@@ -76,13 +76,13 @@ overload_by_source(coefficients_of_stage, _write_stage_coefficients)
 @inline
 def chord_deviation(omega_squared, refinement, m, q, p):
     """Return how far mode m strays from its chord within a sample, √kg·m."""
-    per_amplitude, by_weight = refinement.chord_deviation[m], refinement.gravity_deviation[m]
+    per_amplitude, least = refinement.chord_deviation[m], refinement.gravity_deviation[m]
     if omega_squared is None:
-        return per_amplitude * abs(p[m]) + by_weight
+        return per_amplitude * abs(p[m]) + least
     stiffness = omega_squared[m]
     if stiffness == 0.0:
-        return per_amplitude * abs(p[m]) + by_weight
-    return per_amplitude * math.sqrt(q[m] * q[m] + p[m] * p[m] / stiffness) + by_weight
+        return per_amplitude * abs(p[m]) + least
+    return per_amplitude * math.sqrt(q[m] * q[m] + p[m] * p[m] / stiffness) + least
 
 
 @noinline

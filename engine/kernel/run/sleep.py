@@ -10,6 +10,7 @@ from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.kernel.data.enums import EnergyTotal, Sleep, SleepMonitor
 from engine.kernel.modes.mode_energies import accumulate
 from engine.kernel.modes.mode_step import add_free_step, forget_drift, motion_of
+from engine.kernel.modes.potential import has_weight
 from engine.kernel.run.events import next_due
 
 
@@ -67,14 +68,6 @@ def free_mass_moves(model, free_masses, state):
         if has_weight(model.weight, m):
             return True
     return False
-
-
-@inline
-def has_weight(weight, m):
-    """True if mode m has weight."""
-    if weight is None:
-        return False
-    return weight[m] != 0.0
 
 
 @noinline

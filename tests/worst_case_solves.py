@@ -4,7 +4,8 @@ import mpmath
 import numpy as np
 
 from engine.compiler.decorators import kernel
-from engine.kernel.contact.scalar_contact_solver import LossyLaw, solve_scalar_contact
+from engine.kernel.contact.lossy_law import LossyLaw
+from engine.kernel.contact.scalar_contact_solver import solve_scalar_contact
 from engine.kernel.data import laws
 
 EXPONENTS = [1.0, 1.3, 1.5, 2.0, 2.5, 3.0, 5.0, 8.0, 12.0]

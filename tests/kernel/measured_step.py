@@ -7,25 +7,17 @@ The laws, the contact solvers and the factors of connections are the engine's.
 from typing import NamedTuple
 
 from engine.compiler.decorators import FALSE, INT64_0, inline, noinline
-from engine.kernel.contact.scalar_contact_solver import LossyLaw
+from engine.kernel.contact.lossy_law import LossyLaw, end_force_of, force_of_lossy_law
 from engine.kernel.data.enums import Row, SolveStatus
 from engine.kernel.interactions.connection_factors import update_factors
 from engine.kernel.interactions.connections import clear_moves, finish_connections, project_rows
 from engine.kernel.interactions.contact_forces import (
     finish_contacts,
-    force_of_lossy_law,
     solve_only_contact,
     solve_several_contacts,
     takes_part,
 )
-from engine.kernel.interactions.contacts import (
-    Reach,
-    Touch,
-    end_force_of,
-    energy_created,
-    free_displacement_at,
-    store_solution,
-)
+from engine.kernel.interactions.contacts import Reach, Touch, energy_created, free_displacement_at, store_solution
 from engine.kernel.interactions.external_forces import force_at
 from engine.kernel.modes.mode_step import apply_loss, begin_step_mode, motion_of, reverse_momenta
 from engine.kernel.modes.point_rows import project_drift, push_at_row

@@ -9,9 +9,10 @@ from engine.build import contact_basis
 from engine.build.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
 from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
+from engine.kernel.contact.lossy_law import LossyLaw
 from engine.kernel.contact.persistent_contact_solver import solve_persistent
 from engine.kernel.contact.reduced_contact_solver import basis_of_island, solve_reduced
-from engine.kernel.contact.scalar_contact_solver import LossyLaw, solve_scalar_contact
+from engine.kernel.contact.scalar_contact_solver import solve_scalar_contact
 from engine.kernel.data import laws
 from engine.kernel.data.enums import Row, SolveStatus
 from engine.kernel.data.model import BasisCoefficients, ContactBasis

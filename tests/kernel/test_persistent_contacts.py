@@ -7,8 +7,8 @@ import pytest
 from engine.build.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
 from engine.kernel.contact.coupled_contact_solver import CoupledProblem
+from engine.kernel.contact.lossy_law import LossyLaw
 from engine.kernel.contact.persistent_contact_solver import solve_persistent
-from engine.kernel.contact.scalar_contact_solver import LossyLaw
 from engine.kernel.data import laws
 from engine.kernel.data.enums import Row
 from engine.kernel.data.state import Scratch

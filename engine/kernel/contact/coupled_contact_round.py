@@ -19,12 +19,8 @@ from engine.compiler.lanes import (
     store_lanes,
 )
 from engine.kernel.contact.contact_law import exponent
-from engine.kernel.contact.scalar_contact_solver import (
-    loss_rate_of,
-    response_in_contact,
-    response_leaving,
-    solve_scalar_contact,
-)
+from engine.kernel.contact.lossy_law import contact_response, loss_rate_of, response_in_contact
+from engine.kernel.contact.scalar_contact_solver import solve_scalar_contact
 from engine.kernel.data.enums import LANES, Row, SolveStatus
 from engine.kernel.modes.ordered_sums import sum_products
 
@@ -66,21 +62,6 @@ def sum_sizes(compliance, n, x, sizes):
         for j in range(n):
             total = total + magnitude(load_lanes(compliance[j], i) * x[j])
         store_lanes(sizes, i, total)
-
-
-@inline
-def contact_response(law, k, s, eta):
-    """Return the mean force and slope df/dη of contact k for a step η."""
-    b = s + eta
-    rate = loss_rate_of(law, k)
-    if 1.0 + rate * eta <= 0.0:
-        return 0.0, 0.0
-    if b > 0.0:
-        f, df, _, _ = response_in_contact(law.elastic, k, s, b, eta, rate)
-        return f, df
-    if s > 0.0:
-        return response_leaving(law.elastic, k, s, eta, rate)
-    return 0.0, 0.0
 
 
 @noinline

@@ -21,7 +21,6 @@ import numpy as np
 
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.kernel.contact.coupled_contact_round import (
-    contact_response,
     line_search,
     multiply_compliance,
     newton_step,
@@ -30,6 +29,7 @@ from engine.kernel.contact.coupled_contact_round import (
     tangent_compliances,
     try_extrapolate,
 )
+from engine.kernel.contact.lossy_law import contact_response
 from engine.kernel.data.enums import Row, SolveStatus
 from engine.kernel.data.state import MAX_EVALUATIONS
 

@@ -16,7 +16,7 @@ from engine.kernel.contact.coupled_contact_round import (
     newton_step,
 )
 from engine.kernel.contact.coupled_contact_solver import activate, extend_active_set, scatter_solution
-from engine.kernel.contact.scalar_contact_solver import loss_rate_of
+from engine.kernel.contact.lossy_law import loss_rate_of
 from engine.kernel.data.enums import Row
 
 MAX_PERSISTENT_ROUNDS = 6

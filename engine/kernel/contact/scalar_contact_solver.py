@@ -14,7 +14,8 @@ import math
 from typing import Any, NamedTuple
 
 from engine.compiler.decorators import inline
-from engine.kernel.contact.contact_law import discrete_gradient, exponent, inverse_power, power, root_of_potential
+from engine.kernel.contact.contact_law import exponent, inverse_power, power, root_of_potential
+from engine.kernel.contact.lossy_law import loss_rate_of, response_in_contact
 from engine.kernel.data.enums import SolveStatus
 
 MIN_COMPRESSION = 1e-150  # m; a compression below it is none: its square underflows
@@ -32,48 +33,6 @@ class ContactEquation(NamedTuple):
     compliance: float
     rate: float  # μ/h, 1/m; 0 without loss
     tolerance: float
-
-
-class LossyLaw(NamedTuple):
-    """The law of contacts, with their loss in a step."""
-
-    elastic: Any  # a Law
-    loss_rate: Any  # μ/h of each contact, 1/m; None where the scene has no contact loss
-
-
-@inline
-def loss_rate_of(law, k):
-    """Hunt-Crossley rate μ/h of contact k in 1/m. law: LossyLaw"""
-    return item_or_zero(law.loss_rate, k)
-
-
-@inline
-def item_or_zero(items, k):
-    """Return item k of an array; 0 if there is no array."""
-    if items is None:
-        return 0.0
-    return items[k]
-
-
-@inline
-def response_leaving(law, k, s, eta, rate):
-    """Return the mean force and its slope df/dη for a step that begins at s > 0 and ends outside contact."""
-    w = 1.0 + rate * eta
-    if w <= 0.0:
-        return 0.0, 0.0
-    rise = law.potential_coefficient[k] * s * power(law, k, s) / -eta
-    return rise * w, rise / -eta
-
-
-@inline
-def response_in_contact(law, k, s, b, eta, rate):
-    """Return the mean force and its first three derivatives by η for a step that ends at b > 0; 1 + rate·η ≥ 0."""
-    unit = law.potential_coefficient[k]
-    f, df, ddf, dddf = discrete_gradient(law, k, s, b, eta)
-    if rate > 0.0:
-        w = max(0.0, 1.0 + rate * eta)
-        f, df, ddf, dddf = f * w, df * w + f * rate, ddf * w + 2.0 * df * rate, dddf * w + 3.0 * ddf * rate
-    return unit * f, unit * df, unit * ddf, unit * dddf
 
 
 @inline

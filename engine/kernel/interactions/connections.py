@@ -148,6 +148,25 @@ def answer_contacts(connection, h, reach, state):
 
 
 @inline
+def moves_of_connections(connection, h):
+    """Return how far a force at the contact moves each connection, m/N; None in a scene without connections."""
+    if connection is None:
+        return None
+    return h.connection.contact_moves
+
+
+@inline
+def moved_by_connections(connection, moves, state):
+    """Return how far the forces of connections move the contact in the coming drift, m."""
+    moved = 0.0
+    if connection is not None:
+        f = state.connection.force
+        for i in range(f.shape[0]):
+            moved += moves[i] * f[i]
+    return moved
+
+
+@inline
 def finish_connections(connection, h, state):
     """Update the extension of each connection. Returns the energy that dampers have taken, J.
 

@@ -8,21 +8,25 @@ import math
 from typing import NamedTuple
 
 from engine.compiler.decorators import FALSE, INT64_0, INT64_1, TRUE, inline, noinline
-from engine.kernel.contact.coupled_contact_round import contact_response
 from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
+from engine.kernel.contact.lossy_law import end_force_of, energy_gained, force_of_lossy_law, law_in_step
 from engine.kernel.contact.persistent_contact_solver import solve_persistent
 from engine.kernel.contact.reduced_contact_solver import basis_of_island, solve_reduced
-from engine.kernel.contact.scalar_contact_solver import LossyLaw, loss_rate_of, solve_scalar_contact
+from engine.kernel.contact.scalar_contact_solver import solve_scalar_contact
 from engine.kernel.data.enums import Row, SolveStatus
-from engine.kernel.interactions.connections import answer_contacts, has_connections, push_by_connections
+from engine.kernel.interactions.connections import (
+    answer_contacts,
+    has_connections,
+    moved_by_connections,
+    moves_of_connections,
+    push_by_connections,
+)
 from engine.kernel.interactions.contacts import (
     Reach,
     Touch,
     contact_number,
     count_outcome,
-    end_force_of,
     energy_created,
-    energy_created_if_persistent,
     find_moves_by_basis,
     free_displacement_at,
     has_contacts,
@@ -91,7 +95,7 @@ def push_by_only_contact(model, contact, settings, is_forced, state):
     eta, b, f, evaluations, status = solve_only_contact(contact, h.contact, s, g, state)
     if status == SolveStatus.FAILED:
         return no_touch(status, evaluations)
-    law = LossyLaw(contact.law, h.contact.loss_rate)
+    law = law_in_step(contact, h.contact)
     reach = Reach(INT64_1, None, state.compression, None, law, None, moves)
     answer_contacts(connection, h, reach, state)
     is_measured, point_force = must_be_measured(h.contact, state, INT64_0, s, eta, f), 0.0
@@ -112,25 +116,6 @@ def push_by_only_contact(model, contact, settings, is_forced, state):
 
 
 @inline
-def moves_of_connections(connection, h):
-    """Return how far a force at the contact moves each connection, m/N; None in a scene without connections."""
-    if connection is None:
-        return None
-    return h.connection.contact_moves
-
-
-@inline
-def moved_by_connections(connection, moves, state):
-    """Return how far the forces of connections move the contact in the coming drift, m."""
-    moved = 0.0
-    if connection is not None:
-        f = state.connection.force
-        for i in range(f.shape[0]):
-            moved += moves[i] * f[i]
-    return moved
-
-
-@inline
 def solve_only_contact(contact, h, s, g, state):
     """Find the force of the only contact of an island. Returns the change of compression (m), the compression at the
     end (m), the force (N), evaluations of the law, and the SolveStatus.
@@ -139,7 +124,7 @@ def solve_only_contact(contact, h, s, g, state):
     s, g: compression, and how the coming drift changes it without the force, m
     """
     eta, b, f, _, evaluations, status = solve_scalar_contact(
-        LossyLaw(contact.law, h.loss_rate), INT64_0, s, g, h.compliance[0], contact.tolerance
+        law_in_step(contact, h), INT64_0, s, g, h.compliance[0], contact.tolerance
     )
     if not math.isfinite(eta + b + f):
         status = SolveStatus.FAILED
@@ -266,7 +251,7 @@ def find_coupled_forces(contact, h, reach, problem, state):
 def store_several_contacts(contact, h, reach, solution, state):
     """Store the solutions of several contacts of an island. Returns the energy lost, and created, J."""
     vectors, lost, excess = state.scratch.vectors, 0.0, solution.excess
-    law = LossyLaw(contact.law, h.loss_rate)
+    law = law_in_step(contact, h)
     if solution.is_measured:
         measure_misses(contact, h, reach, state)
         excess = 0.0
@@ -286,7 +271,8 @@ def store_several_contacts(contact, h, reach, solution, state):
         lost += lost_at_contact
         if solution.is_measured:
             if solution.is_persistent:
-                excess += energy_created_if_persistent(law, state, k, s, lost_at_contact, values)
+                gained = energy_gained(law, k, state.compression[k] - s, values)
+                excess += gained + lost_at_contact - f * state.free_displacement[k]
             else:
                 excess += energy_created(contact, state, k, s, lost_at_contact, f)
     return lost, excess
@@ -311,11 +297,3 @@ def measure_misses(contact, h, reach, state):
         eta, f = vectors[Row.STEP, n], vectors[Row.FORCE, n]
         if takes_part(reach.compression[n], vectors[Row.END, n], f):
             vectors[Row.MISS, n] = measured_miss(contact, h, state, contact_number(reach.numbers, n), eta, f)
-
-
-@inline
-def force_of_lossy_law(law, k, s, eta, f):
-    """Force of the contact law for a step, N, if there is contact loss: that of a capped solve, f, may differ."""
-    if loss_rate_of(law, k) > 0.0:
-        return contact_response(law, k, s, eta)[0]
-    return f

@@ -3,9 +3,9 @@
 from typing import Any, NamedTuple
 
 from engine.compiler.decorators import FALSE, inline, noinline
-from engine.kernel.contact.contact_law import elastic_force, potential, potential_difference
+from engine.kernel.contact.contact_law import potential, potential_difference
+from engine.kernel.contact.lossy_law import dissipation_of, law_in_step
 from engine.kernel.contact.reduced_contact_solver import basis_of_island, gather_rows, spread_rows
-from engine.kernel.contact.scalar_contact_solver import LossyLaw, loss_rate_of
 from engine.kernel.data.enums import EventKind, Row, SolveStatus
 from engine.kernel.modes.point_rows import (
     add_drifts,
@@ -212,17 +212,6 @@ def count_outcome(state, evaluations, status):
 
 
 @inline
-def contact_dissipation(law, k, s, solution):
-    """Energy that contact loss takes over one step: (f - φ)·η, J."""
-    eta, b, _, f, _ = solution
-    rate = loss_rate_of(law, k)
-    w = 1.0 + rate * eta
-    if w > 0.5:
-        return f * eta * (rate * eta) / w
-    return f * eta - potential_difference(law.elastic, k, s, b, eta)  # f/w would cancel
-
-
-@inline
 def store_solution(contact, h, state, k, solution, residual):
     """Store the new compression and force of contact k. Returns the energy lost, J.
 
@@ -237,7 +226,7 @@ def store_solution(contact, h, state, k, solution, residual):
     eta, b, f, _, _ = solution
     s = state.compression[k]
     residual -= h.compliance_low[k] * f
-    lost = dissipation_of(LossyLaw(contact.law, h.loss_rate), k, s, solution, residual)
+    lost = dissipation_of(law_in_step(contact, h), k, s, solution, residual)
     residue = state.compression_compensation[k] + residual
     if 2.0 * abs(eta) < b:
         end = s + (eta + residue)
@@ -248,24 +237,6 @@ def store_solution(contact, h, state, k, solution, residual):
     state.compression[k] = end
     state.contact_force[k] = f
     return lost
-
-
-@inline
-def dissipation_of(law, k, s, solution, residual):
-    """Energy that the contact loss of a solution takes, J."""
-    _, _, f, _, end_force = solution
-    if loss_rate_of(law, k) == 0.0:
-        return 0.0
-    lost = contact_dissipation(law, k, s, solution)
-    return lost + (f - end_force) * residual  # where bodies move beyond the step, the force works on
-
-
-@inline
-def end_force_of(law, k, b):
-    """Elastic force at the end compression b, N; 0 where there is no loss, and it is not needed."""
-    if loss_rate_of(law, k) == 0.0:
-        return 0.0
-    return elastic_force(law.elastic, k, b)
 
 
 @inline
@@ -292,16 +263,6 @@ def energy_created(contact, state, k, s, lost, f):
     force f, J."""
     end = state.compression[k]
     return potential_difference(contact.law, k, s, end, end - s) + lost - f * state.free_displacement[k]
-
-
-@inline
-def energy_created_if_persistent(law, state, k, s, lost, solution):
-    """Return the energy that a contact which persists has gained beyond the work of its force, J. Its potential is
-    that of the solution, but for what rounding moved the compression beyond it."""
-    eta, _, f, _, end_force = solution
-    elastic = f / (1.0 + loss_rate_of(law, k) * eta)
-    gained = elastic * eta + end_force * ((state.compression[k] - s) - eta)
-    return gained + lost - f * state.free_displacement[k]
 
 
 # --- events

@@ -13,7 +13,7 @@ import numpy as np
 
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.compiler.overloads import is_none, overload_by_source, overload_by_type
-from engine.kernel.contact.scalar_contact_solver import LossyLaw, item_or_zero
+from engine.kernel.contact.lossy_law import LossyLaw, item_or_zero, law_in_step
 from engine.kernel.data.enums import FLIGHT_FRAMES, StepKind
 from engine.kernel.data.model import Connections
 from engine.kernel.interactions.connections import has_connections
@@ -92,7 +92,7 @@ def leaves_out_contacts(connection, model, settings, state):
 def all_contacts(contact, index, moves, h, state):
     """Return the Reach of all contacts. h: ContactCoefficients"""
     s, g = state.compression, state.free_displacement
-    return Reach(s.shape[0], index, s, g, LossyLaw(contact.law, h.loss_rate), h.coupling, moves)
+    return Reach(s.shape[0], index, s, g, law_in_step(contact, h), h.coupling, moves)
 
 
 @inline

@@ -18,7 +18,7 @@ from engine.kernel.data.enums import FLIGHT_FRAMES, LANES
 
 
 class Potential(NamedTuple):
-    """What holds and pulls modes."""
+    """Springs and weight of modes."""
 
     omega_squared: Any  # 1/s² [modes]; None if no mode has a spring
     weight: Any  # √kg·m/s² [modes]; None if no mode has weight

@@ -4,7 +4,7 @@ import mpmath
 import numpy as np
 
 from engine.compiler.decorators import kernel
-from engine.kernel.contact.lossy_law import LossyLaw
+from engine.kernel.contact.contact_law import LossyLaw
 from engine.kernel.contact.scalar_contact_solver import solve_scalar_contact
 from engine.kernel.data import laws
 

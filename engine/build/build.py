@@ -11,6 +11,7 @@ import numpy as np
 
 from engine.bodies.body import ModalBody
 from engine.build import limits
+from engine.build.array_memory import align_to_cache_lines, to_single_precision
 from engine.build.body_point import NOWHERE, BodyPoint
 from engine.build.connection_checks import check_connections
 from engine.build.connection_coordinates import changed_connections
@@ -36,7 +37,6 @@ from engine.build.refinement_tables import build_refinement
 from engine.build.residual_modes import with_residual_modes
 from engine.build.step_coefficients import ModeCoefficients, all_factors, contact_basis_tables, step_coefficients
 from engine.faults import BuildError, Fault
-from engine.kernel.data.axes import align_to_cache_lines, to_single_precision
 from engine.kernel.data.enums import Quantity
 from engine.kernel.data.laws import select_law
 from engine.kernel.data.model import Contact, ContactBasis, Drive, ExternalForce, FreeMasses, ModalLoss, Model, Pickups

@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from engine.build.array_memory import allocate
 from engine.build.body_point import BodyPoint
 from engine.build.connection_tables import lowest_energies
 from engine.build.contact_reach import dense_rows
 from engine.build.layout import Layout
-from engine.kernel.data.axes import Axis, allocate
+from engine.kernel.data.axes import Axis
 from engine.kernel.data.enums import COLUMNS, DRIVE_FRAMES, LANES, Row
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import ConnectionState, FreeFlightState, NearContacts, RefinementState, Scratch, State

@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from engine.build.array_memory import align_to_cache_lines
 from engine.build.build import BuildResult
 from engine.build.refinement_tables import build_refinement
 from engine.compiler.struct_handle import StructHandle
-from engine.kernel.data.axes import align_to_cache_lines
 from engine.kernel.data.model import Model
 from engine.live.shared_memory import Gauge, Slot
 from engine.parallel.event_slots import VALUES_PER_EVENT, EventSlot

@@ -19,8 +19,8 @@ from engine.kernel.interactions.contacts import compression_from_modes, reset_op
 from engine.kernel.interactions.island_energy import island_energy
 from engine.kernel.interactions.near_contacts import keep_all_contacts
 from engine.kernel.modes.free_flight import end_flight
-from engine.kernel.modes.mode_energies import accumulate
 from engine.kernel.modes.mode_step import forget_drift
+from engine.kernel.modes.ordered_sums import accumulate
 from engine.kernel.modes.point_rows import project
 from engine.kernel.run.events import move_event, next_due
 from engine.kernel.run.trace_rows import keep_energies

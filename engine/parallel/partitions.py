@@ -20,7 +20,7 @@ from engine.compiler.intrinsics import (
     store_release,
 )
 from engine.kernel.data.enums import BALANCE_SIZE, Ledger
-from engine.kernel.run.energy_balance import follow_energies
+from engine.parallel.energy_balance import follow_energies
 from engine.parallel.jobs import Crew, Job
 
 GENERATION = 1 << 16  # more than there are partitions

@@ -11,7 +11,7 @@ DATA = "model", "state", "axes", "enums", "island_view"  # files that list what 
 EFFECTS = {
     "weight": (re.compile(r"weight"), ("potential",)),
     "connections": (re.compile(r"connection"), ("connection", "connected", "near_contacts")),
-    "contact loss": (re.compile(r"contact_loss|loss_rate"), ("contact_loss", "lossy_law", "scalar_contact")),
+    "contact loss": (re.compile(r"contact_loss|loss_rate"), ("contact_loss", "contact_law", "scalar_contact")),
 }
 MAX_ARGUMENTS = 6
 OTHER_WAYS = "begin_flight", "step_saved_motion", "advance_free_masses"  # to advance a sample, without a StepOutcome

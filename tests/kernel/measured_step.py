@@ -7,7 +7,7 @@ The laws, the contact solvers and the factors of connections are the engine's.
 from typing import NamedTuple
 
 from engine.compiler.decorators import FALSE, INT64_0, inline, noinline
-from engine.kernel.contact.lossy_law import LossyLaw, end_force_of, force_of_lossy_law
+from engine.kernel.contact.contact_law import LossyLaw, end_force_of, force_of_lossy_law
 from engine.kernel.data.enums import Row, SolveStatus
 from engine.kernel.interactions.connection_factors import update_factors
 from engine.kernel.interactions.connections import clear_moves, finish_connections, project_rows

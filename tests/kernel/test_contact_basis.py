@@ -15,7 +15,7 @@ from engine.build.build import build
 from engine.build.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
 from engine.compiler.lanes import lane_sum, load_lanes, multiply_add, splat, store_lanes, where_positive
-from engine.kernel.contact.lossy_law import LossyLaw
+from engine.kernel.contact.contact_law import LossyLaw
 from engine.kernel.contact.reduced_contact_solver import basis_of_island, solve_reduced
 from engine.kernel.data.enums import Row
 from engine.kernel.data.laws import select_law

@@ -8,8 +8,8 @@ import pytest
 from engine.build import contact_basis
 from engine.build.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
+from engine.kernel.contact.contact_law import LossyLaw
 from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
-from engine.kernel.contact.lossy_law import LossyLaw
 from engine.kernel.contact.persistent_contact_solver import solve_persistent
 from engine.kernel.contact.reduced_contact_solver import basis_of_island, solve_reduced
 from engine.kernel.contact.scalar_contact_solver import solve_scalar_contact

@@ -6,8 +6,8 @@ import pytest
 
 from engine.build.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
+from engine.kernel.contact.contact_law import LossyLaw
 from engine.kernel.contact.coupled_contact_solver import CoupledProblem
-from engine.kernel.contact.lossy_law import LossyLaw
 from engine.kernel.contact.persistent_contact_solver import solve_persistent
 from engine.kernel.data import laws
 from engine.kernel.data.enums import Row

@@ -21,8 +21,8 @@ from engine.build import contact_basis
 from engine.build.build import build
 from engine.build.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
+from engine.kernel.contact.contact_law import LossyLaw
 from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
-from engine.kernel.contact.lossy_law import LossyLaw
 from engine.kernel.contact.scalar_contact_solver import MAX_HALLEY_EVALUATIONS, solve_scalar_contact
 from engine.kernel.data import laws
 from engine.kernel.data.enums import Row, SolveStatus

@@ -18,8 +18,7 @@ from engine.compiler.lanes import (
     splat,
     store_lanes,
 )
-from engine.kernel.contact.contact_law import exponent
-from engine.kernel.contact.lossy_law import contact_response, loss_rate_of, response_in_contact
+from engine.kernel.contact.contact_law import contact_response, exponent, loss_rate_of, response_in_contact
 from engine.kernel.contact.scalar_contact_solver import solve_scalar_contact
 from engine.kernel.data.enums import LANES, Row, SolveStatus
 from engine.kernel.modes.ordered_sums import sum_products

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from engine.compiler.decorators import INT64_0, inline, noinline
+from engine.kernel.contact.contact_law import contact_response
 from engine.kernel.contact.coupled_contact_round import (
     line_search,
     multiply_compliance,
@@ -29,11 +30,8 @@ from engine.kernel.contact.coupled_contact_round import (
     tangent_compliances,
     try_extrapolate,
 )
-from engine.kernel.contact.lossy_law import contact_response
-from engine.kernel.data.enums import Row, SolveStatus
-from engine.kernel.data.state import MAX_EVALUATIONS
+from engine.kernel.data.enums import MAX_ROUNDS, Row, SolveStatus
 
-MAX_ROUNDS = MAX_EVALUATIONS
 NO_CAP = MAX_ROUNDS + 1
 GROW_ROUNDS = 6  # in which contacts may join after each; later, when the others have converged
 DAMP_FROM_ROUND = 10  # every other step is shortened from here on: it may go back and forth

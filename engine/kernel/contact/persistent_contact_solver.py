@@ -8,7 +8,7 @@ rounds. All other cases are left to engine.kernel.contact.coupled_contact_solver
 import math
 
 from engine.compiler.decorators import INT64_0, inline, noinline
-from engine.kernel.contact.contact_law import elastic_force, exponent
+from engine.kernel.contact.contact_law import elastic_force, exponent, loss_rate_of
 from engine.kernel.contact.coupled_contact_round import (
     ForceEstimate,
     extrapolation_error,
@@ -16,7 +16,6 @@ from engine.kernel.contact.coupled_contact_round import (
     newton_step,
 )
 from engine.kernel.contact.coupled_contact_solver import activate, extend_active_set, scatter_solution
-from engine.kernel.contact.lossy_law import loss_rate_of
 from engine.kernel.data.enums import Row
 
 MAX_PERSISTENT_ROUNDS = 6

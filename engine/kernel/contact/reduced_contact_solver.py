@@ -16,8 +16,14 @@ from typing import Any, NamedTuple
 from engine.compiler.decorators import INT64_0, INT64_1, inline, noinline
 from engine.compiler.lanes import lane_sum, load_lanes, multiply_add, splat, store_lanes, where_positive
 from engine.compiler.overloads import overload_by_type
-from engine.kernel.contact.contact_law import branch_on_exponent, exponent, power, power_difference_quotient
-from engine.kernel.contact.lossy_law import contact_response, loss_rate_of
+from engine.kernel.contact.contact_law import (
+    branch_on_exponent,
+    contact_response,
+    exponent,
+    loss_rate_of,
+    power,
+    power_difference_quotient,
+)
 from engine.kernel.data.enums import COLUMNS, LANES, MAX_RANK, ROWS_COLUMN, Row
 from engine.kernel.data.laws import SPECIAL_LAWS, Power
 

@@ -14,8 +14,14 @@ import math
 from typing import Any, NamedTuple
 
 from engine.compiler.decorators import inline
-from engine.kernel.contact.contact_law import exponent, inverse_power, power, root_of_potential
-from engine.kernel.contact.lossy_law import loss_rate_of, response_in_contact
+from engine.kernel.contact.contact_law import (
+    exponent,
+    inverse_power,
+    loss_rate_of,
+    power,
+    response_in_contact,
+    root_of_potential,
+)
 from engine.kernel.data.enums import SolveStatus
 
 MIN_COMPRESSION = 1e-150  # m; a compression below it is none: its square underflows

@@ -163,6 +163,7 @@ LANES = 8  # numbers that are taken at once
 BALANCE_MEMORY = 8  # of a Balance: eight numbers, where its others end
 BALANCE_SIZE = BALANCE_MEMORY + LANES
 MAX_RANK = 5  # rows; a basis of fewer has zeros in the last ones
+MAX_ROUNDS = 200  # of a contact solve, or evaluations of a contact law
 COLUMNS = 24  # of the table of products: 15 of pairs of rows, a zero, five rows, and zeros
 ROWS_COLUMN = 16
 

@@ -25,6 +25,7 @@ from engine.kernel.data.enums import (
     FLIGHT_FRAMES,
     FLIGHT_MODES,
     FLIGHT_PART,
+    MAX_ROUNDS,
     EnergyTotal,
     EventCursor,
     FlightFrame,
@@ -33,8 +34,6 @@ from engine.kernel.data.enums import (
     SleepMonitor,
     SolveStatus,
 )
-
-MAX_EVALUATIONS = 200  # of contact laws, or rounds, in one solve
 
 PerPartition = Annotated[np.ndarray, Items(Axis.PARTITION)]
 PerPartitionInt = Annotated[np.ndarray, Items(Axis.PARTITION, np.int64)]
@@ -149,7 +148,7 @@ class State(NamedTuple):
     sleep: Annotated[np.ndarray, Items(Axis.ISLAND, np.int64, len(Sleep))]
     in_contact: PerIslandInt  # 1 if the last step had a contact in reach
     law_evaluations: PerIslandInt  # in the last step
-    iteration_histogram: Annotated[np.ndarray, Items(Axis.ISLAND, np.int64, MAX_EVALUATIONS + 1)]  # of Newton solves
+    iteration_histogram: Annotated[np.ndarray, Items(Axis.ISLAND, np.int64, MAX_ROUNDS + 1)]  # of Newton solves
     solve_outcomes: Annotated[np.ndarray, Items(Axis.ISLAND, np.int64, len(SolveStatus))]  # counts
     contact_samples: PerIslandInt  # samples with a contact in reach
 

@@ -8,8 +8,8 @@ import math
 from typing import NamedTuple
 
 from engine.compiler.decorators import FALSE, INT64_0, INT64_1, TRUE, inline, noinline
+from engine.kernel.contact.contact_law import end_force_of, energy_gained, force_of_lossy_law, law_in_step
 from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
-from engine.kernel.contact.lossy_law import end_force_of, energy_gained, force_of_lossy_law, law_in_step
 from engine.kernel.contact.persistent_contact_solver import solve_persistent
 from engine.kernel.contact.reduced_contact_solver import basis_of_island, solve_reduced
 from engine.kernel.contact.scalar_contact_solver import solve_scalar_contact

@@ -3,8 +3,7 @@
 from typing import Any, NamedTuple
 
 from engine.compiler.decorators import FALSE, inline, noinline
-from engine.kernel.contact.contact_law import potential, potential_difference
-from engine.kernel.contact.lossy_law import dissipation_of, law_in_step
+from engine.kernel.contact.contact_law import dissipation_of, law_in_step, potential, potential_difference
 from engine.kernel.contact.reduced_contact_solver import basis_of_island, gather_rows, spread_rows
 from engine.kernel.data.enums import EventKind, Row, SolveStatus
 from engine.kernel.modes.point_rows import (

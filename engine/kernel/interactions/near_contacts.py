@@ -13,7 +13,7 @@ import numpy as np
 
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.compiler.overloads import is_none, overload_by_source, overload_by_type
-from engine.kernel.contact.lossy_law import LossyLaw, item_or_zero, law_in_step
+from engine.kernel.contact.contact_law import LossyLaw, item_or_zero, law_in_step
 from engine.kernel.data.enums import FLIGHT_FRAMES, StepKind
 from engine.kernel.data.model import Connections
 from engine.kernel.interactions.connections import has_connections
@@ -269,10 +269,7 @@ def cannot_close(contact, connection, amplitude, is_disturbed, state):
     """
     if contact is not None:
         for k in range(state.compression.shape[0]):
-            bound = state.displacement_bound
-            distance, connected = split_bound_at_contact(contact, contact.other_rows, connection, k, bound)
-            distance += reach_of_connected(connection, amplitude, is_disturbed, k, connected)
-            if not state.compression[k] + 1.01 * distance < 0.0:  # NaN can close
+            if may_close(contact, connection, amplitude, is_disturbed, k, state):
                 return False
     return True
 

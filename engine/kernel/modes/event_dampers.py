@@ -5,9 +5,8 @@ import math
 from engine.compiler.decorators import inline, noinline
 from engine.compiler.lanes import number_at, put_number, splat
 from engine.kernel.data.enums import DampedModes, EnergyTotal, EventCursor, EventKind
-from engine.kernel.modes.mode_energies import accumulate
 from engine.kernel.modes.mode_step import forget_drift
-from engine.kernel.modes.ordered_sums import fold
+from engine.kernel.modes.ordered_sums import accumulate, fold
 
 
 @noinline

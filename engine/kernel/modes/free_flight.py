@@ -30,9 +30,8 @@ from engine.kernel.data.enums import (
     Ledger,
     Quantity,
 )
-from engine.kernel.modes.mode_energies import accumulate
 from engine.kernel.modes.mode_step import forget_drift, free_step, motion_of
-from engine.kernel.modes.ordered_sums import fold_lanes
+from engine.kernel.modes.ordered_sums import accumulate, fold_lanes
 from engine.kernel.modes.potential import (
     add_fall,
     add_potential,

@@ -35,15 +35,6 @@ def kinetic_and_potential(model, state):
     return 0.5 * kinetic, 0.5 * elastic - fallen, 0.5 * elastic + fallen_size
 
 
-@inline
-def accumulate(totals, column, amount):
-    """Add an energy to a total of an island. Small amounts on a large sum: rounding is carried (Kahan)."""
-    amount += totals[column + 1]
-    before = totals[column]
-    totals[column] = before + amount
-    totals[column + 1] = amount - (totals[column] - before)
-
-
 # --- vibration, and bounds
 
 

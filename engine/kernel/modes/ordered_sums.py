@@ -110,3 +110,12 @@ def sum_sizes_of_products(a, i, b, j, count):
         last = magnitude(load_first_lanes(a, i + whole, count - whole))
         lanes = multiply_add(last, load_first_lanes(b, j + whole, count - whole), lanes)
     return lane_sum(lanes)
+
+
+@inline
+def accumulate(totals, column, amount):
+    """Add an energy to a total of an island. Small amounts on a large sum: rounding is carried (Kahan)."""
+    amount += totals[column + 1]
+    before = totals[column]
+    totals[column] = before + amount
+    totals[column + 1] = amount - (totals[column] - before)

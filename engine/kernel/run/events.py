@@ -31,8 +31,8 @@ from engine.kernel.modes.event_dampers import (
     is_damping,
     is_event_active,
 )
-from engine.kernel.modes.mode_energies import accumulate
 from engine.kernel.modes.mode_step import forget_drift
+from engine.kernel.modes.ordered_sums import accumulate
 
 
 @inline

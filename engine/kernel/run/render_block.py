@@ -29,8 +29,9 @@ from engine.kernel.interactions.near_contacts import cannot_close
 from engine.kernel.interactions.one_way_drive import clear_drive
 from engine.kernel.modes.event_dampers import is_event_active
 from engine.kernel.modes.free_flight import begin_flight, end_flight
-from engine.kernel.modes.mode_energies import accumulate, bound_modal_displacements, vibration_energy
+from engine.kernel.modes.mode_energies import bound_modal_displacements, vibration_energy
 from engine.kernel.modes.mode_step import flush_denormals, forget_drift
+from engine.kernel.modes.ordered_sums import accumulate
 from engine.kernel.run.events import finish_score, next_due, run_score
 from engine.kernel.run.pickups import add_flown_pickups, add_pickups
 from engine.kernel.run.refinement import refined_step

@@ -8,8 +8,8 @@ peak; free masses fly on.
 
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.kernel.data.enums import EnergyTotal, Sleep, SleepMonitor
-from engine.kernel.modes.mode_energies import accumulate
 from engine.kernel.modes.mode_step import add_free_step, forget_drift, motion_of
+from engine.kernel.modes.ordered_sums import accumulate
 from engine.kernel.modes.potential import has_weight
 from engine.kernel.run.events import next_due
 

@@ -37,7 +37,7 @@ from engine.build.refinement_tables import build_refinement
 from engine.build.residual_modes import with_residual_modes
 from engine.build.step_coefficients import ModeCoefficients, all_factors, contact_basis_tables, step_coefficients
 from engine.faults import BuildError, Fault
-from engine.kernel.data.enums import Quantity
+from engine.kernel.data.enums import EventKind, Quantity
 from engine.kernel.data.laws import select_law
 from engine.kernel.data.model import Contact, ContactBasis, Drive, ExternalForce, FreeMasses, ModalLoss, Model, Pickups
 from engine.kernel.data.state import State
@@ -83,8 +83,9 @@ def build(
     live = event_capacity > 0 or any(getattr(event, "parameter", None) for event in scene.event)
     layout = check_and_layout(scene, samplerate, accuracy, seconds, live, like)
     check_connections(layout, accuracy, samplerate)
-    modes = mode_coefficients(layout, samplerate, accuracy)
     events, event_begins = event_table(layout, nominal_stiffness(layout), samplerate, event_capacity)
+    has_dampers = events is not None and bool((events.kind == EventKind.DAMP).any()) and not accuracy.is_refined
+    modes = mode_coefficients(layout, samplerate, accuracy, has_dampers)
     bases = np.concatenate([[0], np.cumsum([rank for _, rank in layout.contact_shapes])])
     islands = layout.islands._replace(event=event_begins, basis=bases.astype(np.int64))
     if one_partition_per_island:
@@ -146,8 +147,12 @@ def check_and_layout(
     return layout
 
 
-def mode_coefficients(layout: Layout, samplerate: float, accuracy: Accuracy) -> ModeCoefficients:
-    """Return the step coefficients of each mode. Raises BuildError if damping is too heavy for steps back in time."""
+def mode_coefficients(layout: Layout, samplerate: float, accuracy: Accuracy, has_dampers: bool) -> ModeCoefficients:
+    """Return the step coefficients of each mode. Raises BuildError if damping is too heavy for steps back in time.
+
+    has_dampers: True if events may damp modes in steps of a whole sample: their loss is a part of the modes'
+                 (engine.kernel.modes.event_dampers)
+    """
     omega, sigma, h = layout.concatenate_modes("omega"), layout.concatenate_modes("sigma"), 1.0 / samplerate
     if accuracy.order > 2 and sigma.max(initial=0.0) * h > MAX_DAMPING_BACKWARDS:
         message = f"order {accuracy.order} has steps back in time, in which heavy damping would create energy"
@@ -160,7 +165,7 @@ def mode_coefficients(layout: Layout, samplerate: float, accuracy: Accuracy) -> 
     if damped.any():
         values = damped_coefficients(omega[damped], sigma[damped], h)
         kick[damped], drift[damped], decay[damped], drag[damped], dragged[damped] = values
-    loss = end_loss(decay) if sigma.any() else None
+    loss = end_loss(decay) if sigma.any() or has_dampers else None
     return ModeCoefficients(kick, drift, loss, ModalLoss(drag, dragged) if damped.any() else None)
 
 

@@ -108,6 +108,7 @@ def book_island_energy(model, state, n, sign):
         reset_compressions(part.contact, part_state)
         reset_connections(part.connection, part_state)
         reset_velocities(part.pickups, part_state)
+        part_state.event_cursor[EventCursor.DAMPED] = DampedModes.UNKNOWN  # the loss of modes may be another now
         forget_drift(part_state)
     accumulate(part_state.energy_totals, EnergyTotal.SUPPLIED, sign * island_energy(part, part_state))
 

@@ -25,6 +25,8 @@ from engine.kernel.interactions.external_forces import next_external_force
 from engine.kernel.interactions.island_energy import island_energy
 from engine.kernel.interactions.near_contacts import keep_all_contacts
 from engine.kernel.modes.event_dampers import (
+    acts_in_steps,
+    add_dampers_to_loss,
     damp_modes,
     damp_modes_by_half,
     find_momentum_kept,
@@ -155,6 +157,7 @@ def run_due_events(model, state, frame):
     forget_finished(events, state, frame)
     if cursor[EventCursor.DAMPED] == DampedModes.UNKNOWN:
         find_momentum_kept(events, state)
+        add_dampers_to_loss(model.step.loss, state)
         forget_near_contacts(state.connection)
 
 
@@ -215,7 +218,7 @@ def finish_first_stage(model, refinement, state):
 @inline
 def finish_score(model, events, state):
     """Let the dampers of events act at the end of this sample."""
-    if is_damping(events, state):
+    if is_damping(events, state) and not acts_in_steps(model.refinement, model.step.loss):
         if damps_in_halves(model.connection, model.refinement, state):
             damp_modes_by_half(state)
         else:

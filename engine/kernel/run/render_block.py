@@ -27,7 +27,7 @@ from engine.kernel.interactions.contacts import (
 from engine.kernel.interactions.external_forces import has_external_forces
 from engine.kernel.interactions.near_contacts import cannot_close
 from engine.kernel.interactions.one_way_drive import clear_drive
-from engine.kernel.modes.event_dampers import is_event_active
+from engine.kernel.modes.event_dampers import is_event_active, step_with_dampers
 from engine.kernel.modes.free_flight import begin_flight, end_flight
 from engine.kernel.modes.mode_energies import bound_modal_displacements, vibration_energy
 from engine.kernel.modes.mode_step import flush_denormals, forget_drift
@@ -74,6 +74,13 @@ def advance(model, state, frame, is_free, in_contact):
 
 
 @inline
+def advance_plain(model, state, frame, is_free):
+    """Advance a sample in one step. Returns a StepOutcome."""
+    h = step_with_dampers(model.step, model.step.loss, model.events, state)
+    return step(model, StepSettings(h, StepKind.SAMPLE, is_free, frame), state)
+
+
+@inline
 def advance_refined(model, refinement, state, frame, is_free, in_contact):
     """Advance a sample, in stages where forces may act. Returns a StepOutcome."""
     if is_free and not has_connections(model.connection, state):
@@ -89,8 +96,8 @@ def advance_sample(refinement: Any, model: Any, state: Any, frame: int, is_free:
 overload_by_type(
     advance_sample,
     {  # chosen by type, so that the other is not compiled
-        type(None): lambda refinement, model, state, frame, is_free, in_contact: step(
-            model, StepSettings(model.step, StepKind.SAMPLE, is_free, frame), state
+        type(None): lambda refinement, model, state, frame, is_free, in_contact: advance_plain(
+            model, state, frame, is_free
         ),
         Refinement: lambda refinement, model, state, frame, is_free, in_contact: advance_refined(
             model, refinement, state, frame, is_free, in_contact

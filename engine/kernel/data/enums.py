@@ -61,7 +61,7 @@ class EventCursor(IntEnum):
 class DampedModes(IntEnum):
     """Number of modes that events damp: unknown, none or some."""
 
-    UNKNOWN = 0  # State.momentum_kept has to be found anew
+    UNKNOWN = 0  # what they leave has to be found anew
     NONE = 1
     SOME = 2
 

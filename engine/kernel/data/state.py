@@ -142,7 +142,6 @@ class State(NamedTuple):
     energy_totals: Annotated[np.ndarray, Items(Axis.ISLAND, columns=len(EnergyTotal))]  # J
     contact_free_until: PerIslandInt  # before this frame, nothing can act on the island
     event_cursor: Annotated[np.ndarray, Items(Axis.ISLAND, np.int64, len(EventCursor))]
-    momentum_kept: PerMode  # share of it that the dampers of events leave in a step
     damped_decay_factor: PerMode  # those of StepCoefficients.loss, with the dampers of events
     damped_dissipation_factor: PerMode
     glide_start: PerEvent  # what a gliding value was at first

@@ -25,11 +25,8 @@ from engine.kernel.interactions.external_forces import next_external_force
 from engine.kernel.interactions.island_energy import island_energy
 from engine.kernel.interactions.near_contacts import keep_all_contacts
 from engine.kernel.modes.event_dampers import (
-    acts_in_steps,
-    add_dampers_to_loss,
     damp_modes,
-    damp_modes_by_half,
-    find_momentum_kept,
+    find_damped_loss,
     is_damping,
     is_event_active,
 )
@@ -156,8 +153,7 @@ def run_due_events(model, state, frame):
         forget_drift(state)
     forget_finished(events, state, frame)
     if cursor[EventCursor.DAMPED] == DampedModes.UNKNOWN:
-        find_momentum_kept(events, state)
-        add_dampers_to_loss(model.step.loss, state)
+        find_damped_loss(events, model.step.loss, model.refinement, state)
         forget_near_contacts(state.connection)
 
 
@@ -202,8 +198,6 @@ def damps_in_halves(connection, refinement, state):
     In each stage a rigid joint reverses the velocity at which loss lets its sides part. Between two losses there must
     be an odd number of stages, or that velocity grows with each sample.
     """
-    if refinement is None:
-        return False
     return has_connections(connection, state) and refinement.sequence.shape[0] % 2 == 0
 
 
@@ -212,16 +206,17 @@ def finish_first_stage(model, refinement, state):
     """Let the dampers of events act after the first stage of a sample, if they act in halves."""
     if is_damping(model.events, state):
         if damps_in_halves(model.connection, refinement, state):
-            damp_modes_by_half(state)
+            damp_modes(state)
 
 
 @inline
-def finish_score(model, events, state):
-    """Let the dampers of events act at the end of this sample."""
-    if is_damping(events, state) and not acts_in_steps(model.refinement, model.step.loss):
-        if damps_in_halves(model.connection, model.refinement, state):
-            damp_modes_by_half(state)
-        else:
+def finish_score(model, events, refinement, state):
+    """Let the dampers of events act at the end of a sample in stages: the half of it that belongs to the next sample
+    would come at the same place."""
+    if refinement is not None:
+        if is_damping(events, state):
+            if not damps_in_halves(model.connection, refinement, state):
+                damp_modes(state)
             damp_modes(state)
 
 

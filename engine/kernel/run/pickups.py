@@ -2,10 +2,15 @@
 
 from engine.compiler.decorators import inline
 from engine.compiler.lanes import greater, lane_maximum, load_lanes, magnitude, splat
-from engine.kernel.data.enums import FLIGHT_FRAMES, LANES, Quantity
+from engine.kernel.data.enums import FLIGHT_FRAMES, LANES, Quantity, SleepMonitor
 from engine.kernel.interactions.one_way_drive import put_sample
 from engine.kernel.modes.point_rows import project
-from engine.kernel.run.sleep import track_peak
+
+
+@inline
+def track_peak(state, value):
+    """Raise the peak of the pickups of an island to this value, if it is larger."""
+    state.sleep_monitor[SleepMonitor.PEAK] = max(state.sleep_monitor[SleepMonitor.PEAK], abs(value))
 
 
 @inline

@@ -74,14 +74,14 @@ def advance(model, state, frame, is_free, in_contact):
 
 
 @inline
-def advance_plain(model, state, frame, is_free):
+def advance_plain(refinement, model, state, frame, is_free, in_contact):
     """Advance a sample in one step. Returns a StepOutcome."""
     h = step_with_dampers(model.step, model.step.loss, model.events, state)
     return step(model, StepSettings(h, StepKind.SAMPLE, is_free, frame), state)
 
 
 @inline
-def advance_refined(model, refinement, state, frame, is_free, in_contact):
+def advance_refined(refinement, model, state, frame, is_free, in_contact):
     """Advance a sample, in stages where forces may act. Returns a StepOutcome."""
     if is_free and not has_connections(model.connection, state):
         return step(model, StepSettings(model.step, StepKind.SAMPLE, TRUE, frame), state)
@@ -93,17 +93,8 @@ def advance_sample(refinement: Any, model: Any, state: Any, frame: int, is_free:
     raise TypeError("advance_sample is for compiled code")
 
 
-overload_by_type(
-    advance_sample,
-    {  # chosen by type, so that the other is not compiled
-        type(None): lambda refinement, model, state, frame, is_free, in_contact: advance_plain(
-            model, state, frame, is_free
-        ),
-        Refinement: lambda refinement, model, state, frame, is_free, in_contact: advance_refined(
-            model, refinement, state, frame, is_free, in_contact
-        ),
-    },
-)
+# by type, so that the other is not compiled
+overload_by_type(advance_sample, {type(None): advance_plain.py_func, Refinement: advance_refined.py_func})
 
 
 @inline
@@ -286,7 +277,7 @@ def render_steps(model, state, block, i, count):
         outcome = advance(model, state, frame + n, is_free, was_in_contact)
         if wants_energies(output):
             count_energy(outcome, state)
-        finish_score(model, model.events, state)
+        finish_score(model, model.events, model.refinement, state)
         keep_evaluations(state, outcome)
         if outcome.in_contact:
             state.contact_samples[0] += 1

@@ -15,12 +15,6 @@ from engine.kernel.run.events import next_due
 
 
 @inline
-def track_peak(state, value):
-    """Raise the peak of the pickups of an island to this value, if it is larger."""
-    state.sleep_monitor[SleepMonitor.PEAK] = max(state.sleep_monitor[SleepMonitor.PEAK], abs(value))
-
-
-@inline
 def extend_sleep(force, events, state, frame, most):
     """Extend the sleep of an island in which nothing flies: from this frame until something is due, for `most` samples
     at most."""

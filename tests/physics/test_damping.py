@@ -107,8 +107,8 @@ def test_heavy_damping_is_refused_where_steps_go_back_in_time():
 @pytest.mark.parametrize("frequency, sigma", [(262.0, 10.0), (262.0, 1e3), (2620.0, 1e3), (262.0, 1e4)])
 def test_a_damper_of_the_score_damps_as_a_loss_of_the_body(frequency, sigma):
     """Let down on a vibration at its peak: the closed form of a damped oscillator is met as well, but for a term of
-    second order in the step."""
-    omega, errors = 2 * math.pi * frequency, []
+    second order in the step, by displacements and velocities."""
+    omega, errors, errors_of_velocity = 2 * math.pi * frequency, [], []
     damper = {"time": 0.0, "kind": "damp", "body": "body", "sigma": sigma}
     for own, score in ((2 * sigma, []), (0.0, [damper])):
         body = oscillator(frequency=frequency, displacement=1e-3, damping_rate=own)
@@ -117,8 +117,11 @@ def test_a_damper_of_the_score_damps_as_a_loss_of_the_body(frequency, sigma):
         late, fast = omega**2 / (sigma + slow), sigma + slow
         wanted = 1e-3 * np.real((fast * np.exp(-late * t) - late * np.exp(-fast * t)) / (fast - late))
         errors.append(np.max(np.abs(rendering.trace["displacement"][:, 0] - wanted)) / 1e-3)
+        speed = 1e-3 * np.real(fast * late * (np.exp(-fast * t) - np.exp(-late * t)) / (fast - late))
+        errors_of_velocity.append(np.max(np.abs(rendering.trace["velocity"][:, 0] - speed)) / (1e-3 * omega))
         assert rendering.stats["energy"]["error_max"] <= 1e-12
     assert errors[1] <= 1.1 * errors[0] + (sigma / RATE) ** 2 / 4
+    assert errors_of_velocity[1] <= 1.1 * errors_of_velocity[0] + 5 * (sigma / RATE) ** 2
 
 
 @pytest.mark.parametrize("frequency", [0.0, 1e-300, 1e-160, 1e-152])

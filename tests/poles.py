@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from engine.build.build import build
-from engine.build.contact_reach import dense_rows
+from engine.assembly.build import build
+from engine.assembly.contact_reach import dense_rows
 from engine.kernel.data.enums import StepKind
 from engine.offline.simulation import Simulation
 

@@ -8,7 +8,7 @@ import engine
 from bench.publish.report import ROOT, publish
 from engine.analysis.metrics import relative_rms_error
 from engine.analysis.other_methods import TOLERANCES, as_single_body, dop853_with_events
-from engine.build.build import build
+from engine.assembly.build import build
 from engine.offline.simulation import Simulation, time_block
 from engine.patch.accuracy import Accuracy
 

@@ -7,7 +7,7 @@ import numpy as np
 import engine
 from bench.publish.report import figure, pin, publish
 from engine.analysis.other_method_kernels import METHODS, SingleBody, simulate
-from engine.build.build import build
+from engine.assembly.build import build
 from engine.offline.simulation import Simulation
 
 RATE = 44_100

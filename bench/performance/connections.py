@@ -11,7 +11,7 @@ import engine
 from bench.performance.instruments import measure
 from bench.publish.report import figure, pin, publish
 from bench.scenes.choirs import choir, keyboard, struck_choir
-from engine.build.build import build
+from engine.assembly.build import build
 from engine.kernel.modes.mode_step import Motion, free_step
 from engine.offline.simulation import Simulation, time_block
 

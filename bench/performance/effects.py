@@ -14,7 +14,7 @@ import engine
 from bench.performance.stripped import strip
 from bench.publish.report import ROOT, figure, pin, publish
 from bench.scenes.families import EFFECTS, NOTHING, with_effects
-from engine.build.build import build
+from engine.assembly.build import build
 from engine.kernel.data.axes import arrays_of
 from engine.offline.simulation import Simulation
 from engine.patch.accuracy import Accuracy

@@ -10,7 +10,7 @@ import numpy as np
 
 import engine
 from bench.publish.report import ROOT, pin, publish
-from engine.build.build import build
+from engine.assembly.build import build
 from engine.kernel.data.axes import arrays_of
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import newton_statistics

@@ -11,7 +11,7 @@ import engine
 from bench.performance.instruments import measure
 from bench.publish.report import figure, pin, publish
 from bench.scenes.families import bank, colliding, hammered, tanpuras
-from engine.build.build import build
+from engine.assembly.build import build
 from engine.offline.simulation import Simulation
 
 RATE = 44_100

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import engine
 from bench.publish.report import ROOT, publish
 from engine.analysis.profile import kernel_id
-from engine.build.build import build
+from engine.assembly.build import build
 
 NAMES = "repelled_oscillator", "tanpura"
 NOTHING_BESIDE = {"FDH_BACKGROUND": "off", "FDH_KERNEL": "auto"}

@@ -82,10 +82,10 @@ def instructions(assembly: str) -> int:
 
 def measure(scene: engine.Scene) -> dict[str, float]:
     """Instructions of the sample loop, freshly compiled, and ns per sample (minimum of many short runs)."""
-    from engine.build.build import build
+    from engine.assembly.build import build
     from engine.compiler.struct_handle import StructHandle
     from engine.kernel.run.render_block import render_block
-    from engine.parallel.job_memory import block_output
+    from engine.runtime.job_memory import block_output
 
     model, state, _ = build(scene, 44_100, Accuracy(silence=-np.inf))
     state.p[:] = 1.0

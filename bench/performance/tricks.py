@@ -12,7 +12,7 @@ PATCHES = "repelled_oscillator", "piano_c4", "guitar_frets"
 MEASURE = """
 import sys, time
 import numba, numpy, engine
-from engine.build.build import build
+from engine.assembly.build import build
 from engine.offline.simulation import Simulation
 scene = engine.load(sys.argv[1])
 model, state, _ = build(scene, 44_100, scene.accuracy, 1.0)

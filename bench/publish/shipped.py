@@ -8,18 +8,18 @@ import zipfile
 from pathlib import Path
 
 from bench.publish import stale
-from engine.build.build import build
-from engine.build.general import generalise
+from engine.assembly.build import build
+from engine.assembly.general import generalise
 from engine.compiler import cache
 from engine.compiler.kernel_name import KernelName
 from engine.compiler.kinds import Kind
 from engine.compiler.shipped import ABOUT, FOLDER, TARGETS, archive, member_name
 from engine.live.audio_memory import INSERT_USE
 from engine.live.kernels import KINDS
-from engine.parallel.helpers import HELP_CREW, HELP_CREW_KINDS
-from engine.parallel.job_memory import RENDER_JOB, RENDER_JOB_KINDS, RENDER_USE
-from engine.parallel.kernel_choice import Prepared, kinds_of
 from engine.patch.scene import Scene
+from engine.runtime.helpers import HELP_CREW, HELP_CREW_KINDS
+from engine.runtime.job_memory import RENDER_JOB, RENDER_JOB_KINDS, RENDER_USE
+from engine.runtime.kernel_choice import Prepared, kinds_of
 
 EPOCH = (1980, 1, 1, 0, 0, 0)  # of all members, so that the same sources make the same archive
 SIMPLE = {

@@ -23,8 +23,8 @@ from bench.rivals.leapfrog import Leapfrog
 from bench.scenes.families import bank, hammered
 from engine.analysis.other_method_kernels import SingleBody
 from engine.analysis.work_precision import measure_work_precision
-from engine.build.array_memory import align_to_cache_lines
-from engine.build.build import build
+from engine.assembly.array_memory import align_to_cache_lines
+from engine.assembly.build import build
 from engine.kernel.data.laws import Linear
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import State

@@ -4,10 +4,10 @@ import numpy as np
 
 import engine
 from bench.ruler.problems import SAMPLERATE, ruler_scene
-from engine.build.build import build
+from engine.assembly.build import build
 from engine.offline.simulation import Simulation, time_block
 from engine.patch.accuracy import Accuracy
-from engine.ruler import Problem, Trajectory
+from engine.problems import Problem, Trajectory
 
 RUNS = 5
 MAX_SECONDS = 2.0  # of all runs

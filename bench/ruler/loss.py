@@ -8,9 +8,9 @@ import numpy as np
 from bench.publish.report import publish
 from bench.ruler.problems import SAMPLERATE, ruler_scene
 from engine.analysis.metrics import relative_rms_error
-from engine.build.build import build
+from engine.assembly.build import build
 from engine.offline.simulation import Simulation
-from engine.ruler import load_problem
+from engine.problems import load_problem
 
 SCENES = {
     "joined": "two joined bodies without loss",

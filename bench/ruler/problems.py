@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 
 import engine
-from engine.build.body_point import BodyPoint
-from engine.build.build import build
-from engine.build.layout import Layout
-from engine.ruler.library import NAMES
-from engine.ruler.problem import Problem
+from engine.assembly.body_point import BodyPoint
+from engine.assembly.build import build
+from engine.assembly.layout import Layout
+from engine.problems.library import NAMES
+from engine.problems.problem import Problem
 
 __all__ = ["NAMES", "as_problem", "ruler_scene"]
 

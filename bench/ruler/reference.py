@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.ruler.collocation import Nodes, Real, gauss_nodes, integral_to, value_at
-from engine.ruler.problem import Problem
+from engine.problems.problem import Problem
 
 EPSILON = np.finfo(Real).eps
 OPEN, PRESSING, SLACK = 0, 1, 2  # a slack contact is compressed, and leaves faster than its force would follow

@@ -12,7 +12,7 @@ from bench.publish.report import RESULTS, figure, pin, publish, stamp
 from bench.ruler.engine_method import simulate_by_engine, simulate_oscillator_by_engine
 from bench.ruler.methods import FAMILIES
 from bench.ruler.stability import largest_stable_stiffness
-from engine.ruler import NAMES, Problem, Reference, Score, Trajectory, load_problem, score
+from engine.problems import NAMES, Problem, Reference, Score, Trajectory, load_problem, score
 
 ORDERS = (2, 4, 6)
 SUBSTEPS = (1, 2, 4, 16)

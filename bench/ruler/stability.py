@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from engine.ruler.problem import Problem
-from engine.ruler.trajectory import Trajectory
+from engine.problems.problem import Problem
+from engine.problems.trajectory import Trajectory
 
 FREQUENCY = 440.0  # Hz
 AMPLITUDE = 1e-3  # m, at which the oscillator of 1 kg is let go

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from engine.ruler.problem import Problem
+from engine.problems.problem import Problem
 
 Real = np.longdouble
 OPEN, PRESSING, SLACK = 0, 1, 2  # a slack contact is compressed, and leaves faster than its force would follow
@@ -191,7 +191,7 @@ def change(status: np.ndarray, column: int) -> None:
 
 
 def solve_by_series(problem: Problem) -> tuple[np.ndarray, np.ndarray, int]:
-    """Displacement [frames + 1], m, and force [frames], N (engine.ruler.problem), and the number of events."""
+    """Displacement [frames + 1], m, and force [frames], N (engine.problems.problem), and the number of events."""
     q, p = problem.q.astype(Real), problem.p.astype(Real)
     sample, frames, pickup = 1 / Real(problem.samplerate), problem.frames, problem.pickup.astype(Real)
     scale = momentum_scale(problem)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from engine.analysis.metrics import relative_rms_error
-from engine.build.build import build
+from engine.assembly.build import build
 from engine.faults import BuildError
 from engine.offline.record import Record
 from engine.offline.render import Rendering, render

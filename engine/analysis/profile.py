@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from engine.assembly.build import build
+from engine.assembly.layout import Layout
+from engine.assembly.subsystems import estimate_cost
 from engine.bodies import MeasuredBody
-from engine.build.build import build
-from engine.build.layout import Layout
-from engine.build.subsystems import estimate_cost
 from engine.compiler.kinds import kind_of
 from engine.compiler.struct_handle import StructHandle
 from engine.kernel.data.enums import Ledger, Sleep
@@ -20,10 +20,10 @@ from engine.kernel.data.state import State
 from engine.offline.effects import EFFECTS
 from engine.offline.record import Record
 from engine.offline.statistics import Activity
-from engine.parallel.job_memory import RENDER_USE, block_output
-from engine.parallel.kernel_choice import prepare
 from engine.patch.frames import frame_count
 from engine.patch.scene import Scene
+from engine.runtime.job_memory import RENDER_USE, block_output
+from engine.runtime.kernel_choice import prepare
 
 TIMED_CHUNK_FRAMES = 4096
 
@@ -52,7 +52,7 @@ class IslandProfile(Record):
     bodies: list[str]
     modes: int
     modes_dropped: int  # too high for the sample rate
-    modes_residual: int  # that stand for modes left out (engine.build.residual_modes)
+    modes_residual: int  # that stand for modes left out (engine.assembly.residual_modes)
     contacts: int  # points of contact
     solver: str
     energy: float  # J, that its bodies begin with

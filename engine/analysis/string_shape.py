@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from engine.assembly.build import build
 from engine.bodies import String
 from engine.bodies.distributed import LineBody
-from engine.build.build import build
 from engine.kernel.data.enums import FlightFrame
 from engine.offline.simulation import Simulation
 from engine.offline.trace import allocate_trace

@@ -6,9 +6,9 @@ import numpy as np
 
 from engine.analysis.other_methods import TIMED_RUNS
 from engine.analysis.study_progress import StudyProgress, stages_of
+from engine.assembly.build import build
+from engine.assembly.table_changes import scored_exchanges
 from engine.bodies import Mass, Oscillator
-from engine.build.build import build
-from engine.build.table_changes import scored_exchanges
 from engine.kernel.data.enums import EventKind
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import State

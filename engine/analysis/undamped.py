@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from engine.build.layout import Layout
-from engine.build.subsystems import connected_components
+from engine.assembly.layout import Layout
+from engine.assembly.subsystems import connected_components
 
 
 def undamped_modes(layout: Layout) -> dict[str, int]:

@@ -25,7 +25,7 @@ from engine.analysis.other_methods import TIMED_RUNS, MethodResult, compare_meth
 from engine.analysis.silence import explain_silence
 from engine.analysis.study_progress import Report, StudyProgress, stages_of
 from engine.analysis.study_runs import Run, StudyRuns
-from engine.build.build import build
+from engine.assembly.build import build
 from engine.faults import BuildError
 from engine.offline.record import Record
 from engine.patch.accuracy import Accuracy

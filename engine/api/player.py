@@ -35,7 +35,7 @@ class Player(player.Player):
     lowest:  ratio of the lowest pitch they will be tuned to
     general: exponents can be changed; the contact laws are then general ones, which take longer
     cores:   how many share the work; 1 if absent
-    kernel:  special, general or auto (engine.parallel.kernel_choice)
+    kernel:  special, general or auto (engine.runtime.kernel_choice)
     waiting: forces of limited duration wait until `pluck` starts them
 
     `channels` is the number of channels, and `samplerate` the sample rate in Hz.

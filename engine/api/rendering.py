@@ -235,7 +235,7 @@ def render(
     trace:      keep every sample's displacements, forces and energies
     cores:      how many may share the work; all of the machine's if None. The samples are the same
     progress:   called now and then with the share rendered, 0 to 1
-    kernel:     special, general or auto (engine.parallel.kernel_choice). The samples are the same
+    kernel:     special, general or auto (engine.runtime.kernel_choice). The samples are the same
     trace_shapes: keep a trace, and with it shapes of strings, bars and sheets: 4000 of each at most and 64 MB in all,
                 evenly apart
     accuracy:   scheme, order, substeps, tolerance, oversample, precision, iterations, silence: of each, what

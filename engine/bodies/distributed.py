@@ -105,7 +105,7 @@ class DistributedBody(BodyTable):
         return None
 
     def modal_body(self, max_frequency: float = math.inf) -> ModalBody:
-        with np.errstate(all="ignore"):  # what is not finite is refused in the end (engine.build.limits)
+        with np.errstate(all="ignore"):  # what is not finite is refused in the end (engine.assembly.limits)
             body = at_rest(self.free_modes(2 * math.pi * max_frequency))
             return body._replace(q=self._modal(self.displacement, body), p=self._modal(self.velocity, body))
 

@@ -40,7 +40,7 @@ class MeasuredBody(BodyTable):
 
     def modal_body(self, max_frequency: float = math.inf) -> ModalBody:
         """The modes below a frequency, Hz."""
-        with np.errstate(all="ignore"):  # what is not finite is refused in the end (engine.build.limits)
+        with np.errstate(all="ignore"):  # what is not finite is refused in the end (engine.assembly.limits)
             omega = 2 * math.pi * np.array(self.frequency or [], dtype=float)
             zeros = np.zeros(omega.size)
             sigma = TO_60_DB / np.array(self.t60) if self.t60 else np.array(self.sigma or zeros, dtype=float)

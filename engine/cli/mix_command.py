@@ -269,7 +269,7 @@ def play_on_voices(
     mixed: MixedPatch, excerpt: "Excerpt", numbers: NumericOptions, args: argparse.Namespace, progress: Any
 ) -> MixedSound:
     """The parts of a patch without a keyboard."""
-    from engine.build.limits import build_modal_bodies
+    from engine.assembly.limits import build_modal_bodies
     from engine.live.midi import render_notes
     from engine.offline.trust import explain_doubts
 

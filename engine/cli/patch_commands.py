@@ -90,8 +90,8 @@ def check_patches(args: argparse.Namespace) -> int:
 def check_build(path: str, scene: "Scene") -> tuple[list[Fault], list[str]]:
     """Build a patch at the usual sample rate; return the faults that prevent rendering, and notes for its author."""
     from engine.analysis.undamped import undamped_modes
-    from engine.build import limits
-    from engine.build.build import build
+    from engine.assembly import limits
+    from engine.assembly.build import build
     from engine.patch.reader import locate_build_faults
 
     rate = DEFAULT_SAMPLERATE * scene.accuracy.oversample

@@ -181,7 +181,7 @@ def instrument_command(scene: "Scene", numbers: NumericOptions, args: argparse.N
 
 def midi_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespace) -> int:
     """Render the notes of a MIDI file; returns the exit code."""
-    from engine.build import limits
+    from engine.assembly import limits
     from engine.live import midi, midi_notes
     from engine.offline.trust import explain_doubts
     from engine.report import console

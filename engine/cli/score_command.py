@@ -29,7 +29,7 @@ def add_score_command(commands: "arguments.Commands") -> None:
 
 def score_command(args: argparse.Namespace) -> int:
     """List the problems, write one, or score a trajectory; returns the exit code."""
-    from engine import ruler
+    from engine import problems
 
     if fault := explain_output(args):
         print_error(f"--output: {fault}")
@@ -37,9 +37,9 @@ def score_command(args: argparse.Namespace) -> int:
     if args.problem is None:
         return list_problems(args.json)
     try:
-        problem, reference = ruler.load_problem(args.problem)
+        problem, reference = problems.load_problem(args.problem)
         if args.trajectory is not None:
-            result = ruler.score(problem, reference, ruler.read_trajectory(Path(args.trajectory), problem))
+            result = problems.score(problem, reference, problems.read_trajectory(Path(args.trajectory), problem))
             print_values(result.as_dict(), args.json)
     except ValueError as error:
         print_error(error)
@@ -64,9 +64,9 @@ def explain_output(args: argparse.Namespace) -> str:
 
 def describe(name: str) -> dict[str, object]:
     """Describe a problem: its title, sizes and horizon, by names."""
-    from engine import ruler
+    from engine import problems
 
-    problem, reference = ruler.load_problem(name)
+    problem, reference = problems.load_problem(name)
     return {
         "problem": name,
         "title": problem.title,
@@ -81,10 +81,10 @@ def describe(name: str) -> dict[str, object]:
 
 def list_problems(as_json: bool) -> int:
     """Print all problems; returns the exit code."""
-    from engine import ruler
+    from engine import problems
     from engine.report.console import print_table
 
-    rows = [describe(name) for name in ruler.NAMES]
+    rows = [describe(name) for name in problems.NAMES]
     if as_json:
         print(json.dumps(json_safe(rows)))
     else:
@@ -104,7 +104,7 @@ def print_values(values: dict[str, object], as_json: bool) -> None:
 
 def copy_problem(name: str, path: Path) -> int:
     """Write the file of a problem elsewhere; returns the exit code."""
-    from engine.ruler.library import problem_path
+    from engine.problems.library import problem_path
 
     try:
         with atomic_write(path) as part:

@@ -1,4 +1,4 @@
-"""The names of kernels that a user chooses from (engine.parallel.kernel_choice)."""
+"""The names of kernels that a user chooses from (engine.runtime.kernel_choice)."""
 
 import os
 from enum import StrEnum

@@ -5,18 +5,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from engine.build.array_memory import align_to_cache_lines
-from engine.build.build import BuildResult
-from engine.build.refinement_tables import build_refinement
+from engine.assembly.array_memory import align_to_cache_lines
+from engine.assembly.build import BuildResult
+from engine.assembly.refinement_tables import build_refinement
 from engine.compiler.struct_handle import StructHandle
 from engine.kernel.data.model import Model
 from engine.live.shared_memory import Gauge, Slot
-from engine.parallel.event_slots import VALUES_PER_EVENT, EventSlot
-from engine.parallel.exchange import INSERT_EVENT, INSERT_USE
-from engine.parallel.job_memory import RENDER_USE, JobMemory
-from engine.parallel.kernel_choice import prepare
 from engine.patch.accuracy import Accuracy
 from engine.patch.frames import frame_count, nearest_frame
+from engine.runtime.event_slots import VALUES_PER_EVENT, EventSlot
+from engine.runtime.exchange import INSERT_EVENT, INSERT_USE
+from engine.runtime.job_memory import RENDER_USE, JobMemory
+from engine.runtime.kernel_choice import prepare
 
 FADE_SECONDS = 0.005
 RENDERED_AT_ONCE = 1024  # computed at once
@@ -32,7 +32,7 @@ class AudioMemory:
 
     seconds: until it fades out; `math.inf`: until it is stopped
     gain:    factor on SI units
-    kernel:  which is to run (engine.parallel.kernel_choice); `kernel` says which does
+    kernel:  which is to run (engine.runtime.kernel_choice); `kernel` says which does
     models:  what is played, and coarser ones
     """
 

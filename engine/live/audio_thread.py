@@ -17,9 +17,9 @@ from engine.compiler.intrinsics import (
 )
 from engine.kernel.data.enums import EventKind
 from engine.live.shared_memory import Gauge, Slot
-from engine.parallel.event_slots import VALUES_PER_EVENT, EventSlot
-from engine.parallel.jobs import Job
-from engine.parallel.partitions import JOB_SLOTS, render_partitions
+from engine.runtime.event_slots import VALUES_PER_EVENT, EventSlot
+from engine.runtime.jobs import Job
+from engine.runtime.partitions import JOB_SLOTS, render_partitions
 
 SLOTS, GAUGES, EVENT_SLOTS = len(Slot), len(Gauge), len(EventSlot)
 UNSIGNED_LONG = 0xFFFFFFFF  # the bits of one that every system has

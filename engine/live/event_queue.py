@@ -10,9 +10,9 @@ from engine.kernel.data.enums import EventKind
 from engine.live import kernels
 from engine.live.audio_memory import MAX_FRAMES, QUEUE_SIZE, AudioMemory
 from engine.live.shared_memory import Slot
-from engine.parallel.event_slots import DROPPED, EventSlot
 from engine.patch.scene import Scene
 from engine.patch.tables import ChangeEvent, DampEvent, StrikeEvent
+from engine.runtime.event_slots import DROPPED, EventSlot
 from engine.wording import describe_violation
 
 QueuedEvent = tuple[int, int, int, int, int, int, float, float]  # the slots of an event but TAKEN_AT; its values

@@ -27,4 +27,4 @@ class MeterReading(Record):
     islands: int
     voices: int
     sounding: int  # voices with an island that moves
-    kernel: str  # special or general (engine.parallel.kernel_choice)
+    kernel: str  # special or general (engine.runtime.kernel_choice)

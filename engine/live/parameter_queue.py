@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from engine.argument_checks import checked_number
-from engine.build.table_changes import MAX_STEPS, Exchange, NewValue, TableChanges, scored_changes
+from engine.assembly.table_changes import MAX_STEPS, Exchange, NewValue, TableChanges, scored_changes
 from engine.faults import BuildError, Fault
 from engine.kernel.data.enums import EventKind
 from engine.live.audio_memory import QUEUE_SIZE, AudioMemory

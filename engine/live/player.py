@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 
 from engine.argument_checks import checked_integer, checked_number
+from engine.assembly.build import build, nominal_stiffness
+from engine.assembly.event_table import event_rows
+from engine.assembly.table_changes import TableChanges
 from engine.bodies import Mass, Oscillator
-from engine.build.build import build, nominal_stiffness
-from engine.build.event_table import event_rows
-from engine.build.table_changes import TableChanges
 from engine.faults import BuildError, Fault
 from engine.kernel.data.enums import NO_END, UNUSED_SLOT, EventKind, Sleep
 from engine.kernel.data.laws import Power
@@ -36,7 +36,6 @@ from engine.live.shared_memory import Gauge, Slot
 from engine.live.voices import replicate, retune, striker_velocities
 from engine.offline.energy_statistics import energy_statistics
 from engine.offline.statistics import newton_statistics
-from engine.parallel.helpers import start_helpers
 from engine.patch.frames import nearest_frame
 from engine.patch.live_parameters import LivePath, live_paths
 from engine.patch.reader import check_scene
@@ -50,6 +49,7 @@ from engine.patch.tables import (
     PluckForce,
     StrikeEvent,
 )
+from engine.runtime.helpers import start_helpers
 
 CROSS_FADE_SECONDS = 0.02
 GLIDE_SECONDS = 0.02  # of a live parameter
@@ -66,9 +66,9 @@ class Player:
     lowest:  ratio of the lowest pitch they will be tuned to
     general: exponents can be changed; the contact laws are then general ones, which take longer
     cores:   how many share the work, at audio priority where that is allowed; the samples are the same
-    kernel:  special, general or auto (engine.parallel.kernel_choice); the samples are the same
+    kernel:  special, general or auto (engine.runtime.kernel_choice); the samples are the same
     waiting: forces of limited duration wait until `pluck` starts them
-    Raises TypeError if an argument is of the wrong kind, BuildError as `engine.build.build.build`.
+    Raises TypeError if an argument is of the wrong kind, BuildError as `engine.assembly.build.build`.
     """
 
     def __init__(

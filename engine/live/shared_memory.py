@@ -1,7 +1,7 @@
 """Memory that Python and the audio thread share: integers and addresses, gauges, and a queue of events.
 
 The audio thread finds everything by addresses in one array of integers: the kernel of the scene, its Model, State and
-outputs, a queue of events (engine.parallel.event_slots), and a ring of the frames that were played.
+outputs, a queue of events (engine.runtime.event_slots), and a ring of the frames that were played.
 """
 
 from enum import IntEnum
@@ -11,7 +11,7 @@ class Slot(IntEnum):
     """Integers and addresses in the shared memory."""
 
     # set once
-    JOB = 0  # address of the Job of a block (engine.parallel.partitions)
+    JOB = 0  # address of the Job of a block (engine.runtime.partitions)
     INSERT_EVENT = 1  # address of the kernel that takes an event
     MODEL = 2  # address of the Model that is played
     STATE = 3

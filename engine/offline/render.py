@@ -8,8 +8,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from engine.build.build import build
-from engine.build.table_changes import scored_exchanges
+from engine.assembly.build import build
+from engine.assembly.table_changes import scored_exchanges
 from engine.kernel.data.state import Trace
 from engine.offline.decimation import decimate, decimation_tail
 from engine.offline.shape_snapshots import ShapeSnapshots
@@ -59,7 +59,7 @@ def render(
     trace:      keep every sample's displacements, forces and energies
     cores:      how many may share the work; all of the machine's if None. The samples are the same
     progress:   called now and then with the share rendered, 0 to 1
-    kernel:     special, general or auto (engine.parallel.kernel_choice). The samples are the same
+    kernel:     special, general or auto (engine.runtime.kernel_choice). The samples are the same
     trace_shapes: keep a trace, and shapes of strings, bars and sheets (engine.offline.shape_snapshots)
     accuracy:   scheme, order, substeps, tolerance, oversample, precision, iterations, silence: of each, what
                 the scene says if absent or None (engine.patch.accuracy)

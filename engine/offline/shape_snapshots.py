@@ -8,18 +8,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from engine.assembly.body_point import BodyPoint
+from engine.assembly.build import trace_points
+from engine.assembly.layout import Layout
+from engine.assembly.mode_shape_rows import mode_shape_rows
 from engine.bodies import Body
 from engine.bodies.distributed import LineBody
 from engine.bodies.sheet import SheetBody
-from engine.build.body_point import BodyPoint
-from engine.build.build import trace_points
-from engine.build.layout import Layout
-from engine.build.mode_shape_rows import mode_shape_rows
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import Trace
 from engine.offline.simulation import Simulation
 from engine.offline.trace import allocate_trace, trace_rows
-from engine.parallel.job_memory import TracedJob
+from engine.runtime.job_memory import TracedJob
 
 LINE_PLACES = 65  # along a string or a bar, ends included
 SHEET_PLACES = 17  # along each side of a sheet

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from engine.build.table_changes import ScoredExchanges
+from engine.assembly.table_changes import ScoredExchanges
 from engine.compiler.background import compile_beside
 from engine.compiler.struct_handle import StructHandle
 from engine.kernel.data.enums import BALANCE_SIZE
@@ -14,10 +14,10 @@ from engine.kernel.data.model import Model
 from engine.kernel.data.state import State, Trace
 from engine.offline.energy_statistics import EnergyStatistics, energy_statistics
 from engine.offline.trace import trace_rows
-from engine.parallel.exchange import INSERT_USE, exchange_tables
-from engine.parallel.helpers import start_helpers
-from engine.parallel.job_memory import RENDER_USE, JobMemory
-from engine.parallel.kernel_choice import is_ready, prepare
+from engine.runtime.exchange import INSERT_USE, exchange_tables
+from engine.runtime.helpers import start_helpers
+from engine.runtime.job_memory import RENDER_USE, JobMemory
+from engine.runtime.kernel_choice import is_ready, prepare
 
 MIN_BUFFER_FRAMES = 1024  # that a block may have at first
 
@@ -28,7 +28,7 @@ class Simulation:
     cores:          how many to use; more than the scene has partitions are of no use
     measure_energy: of every sample
     exchanges:      of tables, as a score asks for them
-    kernel:         which is to run (engine.parallel.kernel_choice); `kernel` says which does
+    kernel:         which is to run (engine.runtime.kernel_choice); `kernel` says which does
     """
 
     def __init__(

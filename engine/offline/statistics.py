@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from engine.build.layout import Layout
+from engine.assembly.layout import Layout
 from engine.kernel.data.enums import Sleep, SolveStatus
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import State
@@ -101,7 +101,7 @@ class RenderStatistics(SimulationStatistics):
     real_time_factor: float
     ns_per_sample: float
     cores: int
-    kernel: str  # special or general (engine.parallel.kernel_choice)
+    kernel: str  # special or general (engine.runtime.kernel_choice)
     islands: IslandStatistics
     accuracy: dict[str, Any]  # the settings that were used
     trusted: bool

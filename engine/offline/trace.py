@@ -5,8 +5,8 @@ from typing import NotRequired, TypedDict
 
 import numpy as np
 
-from engine.build.build import trace_points
-from engine.build.layout import Layout
+from engine.assembly.build import trace_points
+from engine.assembly.layout import Layout
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import Trace
 from engine.patch.scene import Scene

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from engine.assembly.contact_points import contact_points
 from engine.bodies import Mass, Oscillator
-from engine.build.contact_points import contact_points
 from engine.kernel.data.state import State
 from engine.offline.statistics import NewtonStatistics
 from engine.patch.scene import Scene

@@ -3,7 +3,7 @@ go by this one list.
 
 There are two sorts. What the audio thread holds as a number of its own, such as the stiffness of a contact, *glides*
 there, sample by sample. All else is part of tables that are made when a scene is built, such as the pitch of a body;
-these are made anew and exchanged, in steps (engine.build.table_exchange).
+these are made anew and exchanged, in steps (engine.assembly.table_exchange).
 """
 
 from collections.abc import Container, Iterator, Sequence

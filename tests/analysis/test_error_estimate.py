@@ -7,7 +7,7 @@ import engine
 from bench.ruler.problems import ruler_scene
 from bench.scenes.small import mass, scene
 from bench.scenes.struck import random_collision
-from engine import ruler
+from engine import problems
 from engine.analysis.error_estimate import trusted_frames
 from engine.analysis.metrics import relative_rms_error
 
@@ -67,8 +67,8 @@ def test_bodies_that_are_damped_too_heavily_for_order_four_have_an_estimate():
 @pytest.mark.hard
 def test_the_estimate_is_near_the_error_of_the_certified_problems():
     ratios = {}
-    for name in ruler.NAMES:
-        known = ruler.load_problem(name)[1].displacement[:-1, None]  # a rendering has the state before each step
+    for name in problems.NAMES:
+        known = problems.load_problem(name)[1].displacement[:-1, None]  # a rendering has the state before each step
         for order in (2, 4):
             ratios[name, order] = ratio_to_error(ruler_scene(name), known, order=order)
     within = [1 / MOST < ratio < MOST for ratio in ratios.values()]

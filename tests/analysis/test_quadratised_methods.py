@@ -13,7 +13,7 @@ from bench.ruler.methods.modal_steps import CENTRED, IMPULSE, build_recurrence
 from bench.ruler.methods.quadratised import ONE_STEP, run
 from bench.ruler.methods.spline import run as run_spline
 from bench.ruler.problems import as_problem, ruler_scene
-from engine.ruler.problem import Problem
+from engine.problems.problem import Problem
 
 METHODS = {name: method for name, method in ALL.items() if "SAV" in name or "spline" in name}
 CONSERVING = (
@@ -32,7 +32,7 @@ def problem_of(name: str, frames: int | None = None) -> Problem:
     return problem if frames is None else problem._replace(frames=frames)
 
 
-def modal_energy(problem: Problem, trajectory: engine.ruler.trajectory.Trajectory) -> np.ndarray:
+def modal_energy(problem: Problem, trajectory: engine.problems.trajectory.Trajectory) -> np.ndarray:
     """Energy of the modes at samples, J."""
     q, p = trajectory.q, trajectory.p
     return np.sum(0.5 * p**2 + 0.5 * (problem.omega * q) ** 2 - problem.weight * q, axis=1)

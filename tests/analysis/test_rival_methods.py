@@ -10,7 +10,7 @@ from bench.ruler.methods.dop853 import simulate_dop853
 from bench.ruler.problems import as_problem, ruler_scene
 from bench.ruler.stability import largest_stable_stiffness, meeting_a_barrier
 from engine.analysis.other_methods import SingleBody, simulate
-from engine.ruler.problem import Problem, energy_of
+from engine.problems.problem import Problem, energy_of
 
 SECOND = ["Störmer-Verlet", "Störmer-Verlet, linear part exact", "implicit midpoint"]
 FOURTH = ["RK4", "RK4, linear part exact"]

@@ -12,7 +12,7 @@ from bench.ruler import reference
 from bench.ruler.make_references import DIGESTS, FOLDER, MAX_DIFFERENCE, digest_arrays
 from bench.ruler.problems import NAMES, as_problem, ruler_scene
 from bench.ruler.taylor import solve_by_series
-from engine.ruler.problem import Problem, read_problem
+from engine.problems.problem import Problem, read_problem
 
 SAMPLERATE = 44_100.0
 LOSSLESS = ("barrier", "repelled_oscillator", "bouncing_ball", "walls", "joined")

@@ -7,28 +7,28 @@ import pytest
 from conftest import mostly_hard
 
 from bench.ruler.engine_method import simulate_by_engine
-from engine import ruler
+from engine import problems
 from engine.cli.main import main
-from engine.ruler.score import energy_error, pull_of
+from engine.problems.score import energy_error, pull_of
 
 
 @pytest.fixture
-def known() -> ruler.Trajectory:
+def known() -> problems.Trajectory:
     """The reference of a problem, as a trajectory."""
-    _, reference = ruler.load_problem("repelled_oscillator")
-    return ruler.Trajectory(reference.displacement, reference.force[:, None], energy=reference.energy)
+    _, reference = problems.load_problem("repelled_oscillator")
+    return problems.Trajectory(reference.displacement, reference.force[:, None], energy=reference.energy)
 
 
 def test_the_reference_itself_has_no_error(known):
-    row = ruler.score(*ruler.load_problem("repelled_oscillator"), known)
+    row = problems.score(*problems.load_problem("repelled_oscillator"), known)
     assert row.motion == row.force == row.bands_db == row.pull == 0.0
     assert row.energy <= 1e-14
 
 
 def test_errors_are_those_that_were_made(known):
-    problem, reference = ruler.load_problem("repelled_oscillator")
+    problem, reference = problems.load_problem("repelled_oscillator")
     wrong = known._replace(displacement=1.01 * known.displacement, force=0.97 * known.force, energy=None)
-    row = ruler.score(problem, reference, wrong)
+    row = problems.score(problem, reference, wrong)
     assert row.motion == pytest.approx(0.01)
     assert row.force == pytest.approx(0.03)
     assert row.bands_db == pytest.approx(20 * np.log10(1.01))
@@ -36,12 +36,12 @@ def test_errors_are_those_that_were_made(known):
 
 
 def test_the_energy_is_judged_by_its_change_or_its_rise(known):
-    problem, reference = ruler.load_problem("repelled_oscillator")
+    problem, reference = problems.load_problem("repelled_oscillator")
     falling = known._replace(energy=known.energy * np.linspace(1.0, 0.5, len(known.energy)))
     assert energy_error(problem, reference, falling) == pytest.approx(0.5)
-    lossy, reference = ruler.load_problem("lossy_bounce")
+    lossy, reference = problems.load_problem("lossy_bounce")
     energy = np.linspace(1.0, 0.5, lossy.frames + 1) * reference.energy.max()
-    falling = ruler.Trajectory(reference.displacement, reference.force[:, None], energy=energy)
+    falling = problems.Trajectory(reference.displacement, reference.force[:, None], energy=energy)
     assert energy_error(lossy, reference, falling) == 0.0
     energy = energy.copy()
     energy[100:] += 0.2 * reference.energy.max()
@@ -54,28 +54,30 @@ def test_a_pull_is_a_share_of_the_largest_push():
 
 
 def test_what_blows_up_is_said_to(known):
-    row = ruler.score(*ruler.load_problem("repelled_oscillator"), known._replace(displacement=1e9 * known.displacement))
+    row = problems.score(
+        *problems.load_problem("repelled_oscillator"), known._replace(displacement=1e9 * known.displacement)
+    )
     assert row.failed == "blows up" and np.isnan(row.motion)
 
 
 @pytest.mark.parametrize("name", mostly_hard(["barrier", "hammer_c4", "walls"], "hammer_c4"))
 def test_the_engine_is_near_the_references(name):
-    problem, reference = ruler.load_problem(name)
-    once, fine = (ruler.score(problem, reference, simulate_by_engine(name, 4, n)) for n in (1, 8))
+    problem, reference = problems.load_problem(name)
+    once, fine = (problems.score(problem, reference, simulate_by_engine(name, 4, n)) for n in (1, 8))
     assert once.motion <= {"barrier": 1e-11, "hammer_c4": 1e-4, "walls": 2e-3}[name]
     assert fine.motion <= {"barrier": 1e-13, "hammer_c4": 2e-6, "walls": 1e-6}[name]
     assert fine.force <= 1e-5 and fine.pull == 0.0 and fine.energy <= 1e-13
 
 
 def test_an_exact_energy_is_not_an_exact_motion():
-    row = ruler.score(*ruler.load_problem("walls"), simulate_by_engine("walls", 2, 1))
+    row = problems.score(*problems.load_problem("walls"), simulate_by_engine("walls", 2, 1))
     assert row.energy <= 1e-13
     assert 0.1 < row.motion < 0.2
 
 
 def test_the_command_lists_gives_and_scores(tmp_path, capsys, known):
     assert main(["score", "--json"]) == 0
-    assert [row["problem"] for row in json.loads(capsys.readouterr().out)] == list(ruler.NAMES)
+    assert [row["problem"] for row in json.loads(capsys.readouterr().out)] == list(problems.NAMES)
     copy, mine = tmp_path / "copy.npz", tmp_path / "mine.npz"
     assert main(["score", "repelled_oscillator", "-o", str(copy)]) == 0
     assert "horizon" in capsys.readouterr().out

@@ -12,7 +12,7 @@ from conftest import ROOT
 import engine
 from engine.compiler import cache, shipped
 from engine.compiler.shipped import ABOUT, TARGETS, archive
-from engine.parallel.job_memory import RENDER_BLOCK
+from engine.runtime.job_memory import RENDER_BLOCK
 
 NAMES = [target.name for target in TARGETS]
 ELF, X86_64 = b"\x7fELF\x02\x01", 0x3E
@@ -87,7 +87,7 @@ def test_what_does_not_fit_is_not_used(tmp_path, fresh_choice, monkeypatch, kind
     monkeypatch.setattr(shipped, "FOLDER", tmp_path)
     if kind == "other sources":
         monkeypatch.setattr(cache, "source_digest", lambda: "other")
-    assert shipped.read_shipped("engine.parallel.partitions", "render_job", ("int", "int")) is None
+    assert shipped.read_shipped("engine.runtime.partitions", "render_job", ("int", "int")) is None
 
 
 def test_a_trick_that_is_switched_off_is_compiled(fresh_choice, monkeypatch):

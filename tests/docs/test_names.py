@@ -82,7 +82,9 @@ def test_a_name_that_does_not_exist_is_found():
     )
     assert exists("engine.offline.render.Rendering.audio") and exists("engine.patch.scene.Scene.body")
     assert (
-        not exists("engine.build.island_order") and not exists("engine.Take") and not exists("engine.api.rendering.x")
+        not exists("engine.assembly.island_order")
+        and not exists("engine.Take")
+        and not exists("engine.api.rendering.x")
     )
     assert FILE.findall(
         "see kernel/interactions/one_way_drive.py and (docs/bench.md), not a/*.py, FOLDER or {path}/x.py"

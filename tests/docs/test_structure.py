@@ -17,11 +17,11 @@ ORDER = [
     ["bodies", "kernel"],
     ["instrument"],
     ["patch"],
-    ["build"],
-    ["parallel"],
+    ["assembly"],
+    ["runtime"],
     ["offline"],
     ["live", "analysis"],
-    ["sweep", "report", "ruler"],
+    ["sweep", "report", "problems"],
     ["cli", "api"],
 ]
 KERNEL_ROOMS = ["data", "modes", "contact", "interactions", "run"]  # the same holds for the rooms of the kernel
@@ -91,7 +91,7 @@ def test_no_numba_is_imported_before_something_is_computed():
         "provenance",
         "bodies",
         "patch",
-        "build",
+        "assembly",
         "offline",
         "sweep",
         "report",

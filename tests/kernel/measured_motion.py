@@ -8,8 +8,8 @@ import numpy as np
 from measured_step import measured_step
 
 import engine
-from engine.build.build import build
-from engine.build.general import generalise
+from engine.assembly.build import build
+from engine.assembly.general import generalise
 from engine.compiler.array_view import row_view
 from engine.compiler.decorators import INT64_0, INT64_1, inline, kernel
 from engine.compiler.struct_handle import StructHandle
@@ -26,7 +26,7 @@ from engine.kernel.run.refinement import composed_step
 from engine.kernel.run.step import StepSettings
 from engine.kernel.run.trace_rows import Block, write_trace
 from engine.offline.trace import allocate_trace
-from engine.parallel.job_memory import block_output
+from engine.runtime.job_memory import block_output
 
 _NAMES = composed_step.py_func.__globals__ | {"step": measured_step}
 measured_sample_in_stages = inline(FunctionType(composed_step.py_func.__code__, _NAMES, "measured_sample_in_stages"))

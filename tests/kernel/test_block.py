@@ -6,7 +6,7 @@ from conftest import PATCHES, mostly_hard
 
 import engine
 from bench.scenes.small import barrier, mass, oscillator, scene
-from engine.build.build import build
+from engine.assembly.build import build
 from engine.kernel.data.axes import arrays_of
 from engine.offline.simulation import Simulation
 

@@ -10,9 +10,9 @@ from conftest import mostly_hard
 
 import engine
 from bench.scenes.families import tanpuras
-from engine.build import contact_basis
-from engine.build.build import build
-from engine.build.initial_state import allocate_scratch
+from engine.assembly import contact_basis
+from engine.assembly.build import build
+from engine.assembly.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
 from engine.compiler.lanes import lane_sum, load_lanes, multiply_add, splat, store_lanes, where_positive
 from engine.kernel.contact.contact_law import LossyLaw

@@ -14,7 +14,7 @@ import engine
 from bench.performance.stripped import strip
 from bench.scenes.families import EFFECTS, NOTHING, with_effects
 from bench.scenes.small import mass, oscillator, scene
-from engine.build.build import build
+from engine.assembly.build import build
 
 SUBSETS = [s for n in range(len(EFFECTS) + 1) for s in itertools.combinations(EFFECTS, n)]
 SUBSETS = [s for s in SUBSETS if "contact loss" not in s or "contact" in s]

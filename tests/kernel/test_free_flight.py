@@ -9,7 +9,7 @@ from conftest import mostly_hard
 
 import engine
 from bench.scenes.small import scene
-from engine.build.build import build
+from engine.assembly.build import build
 from engine.live.player import Player
 from engine.live.replay import replay
 from engine.offline.simulation import Simulation

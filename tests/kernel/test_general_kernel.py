@@ -17,7 +17,7 @@ from bench.scenes.choirs import struck_choir
 from bench.scenes.drawn import scenes
 from bench.scenes.families import EFFECTS, tanpuras, with_effects
 from engine.compiler import background, kernel_name
-from engine.parallel import kernel_choice
+from engine.runtime import kernel_choice
 
 SECONDS = 0.25
 HARD, SLOW = (partial(pytest.param, marks=mark) for mark in (pytest.mark.hard, pytest.mark.slow))

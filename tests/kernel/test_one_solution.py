@@ -5,8 +5,8 @@ space of their basis. That these are on the laws is tested against fifty digits 
 import numpy as np
 import pytest
 
-from engine.build import contact_basis
-from engine.build.initial_state import allocate_scratch
+from engine.assembly import contact_basis
+from engine.assembly.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
 from engine.kernel.contact.contact_law import LossyLaw
 from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled

@@ -10,11 +10,11 @@ import pytest
 
 import engine
 from bench.scenes.families import hammered
-from engine.build.build import build
+from engine.assembly.build import build
 from engine.live.player import Player
 from engine.offline.simulation import Simulation
-from engine.parallel.helpers import Helpers
-from engine.parallel.partitions import Crew
+from engine.runtime.helpers import Helpers
+from engine.runtime.partitions import Crew
 
 RATE = 44_100
 

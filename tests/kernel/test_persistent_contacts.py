@@ -4,7 +4,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from engine.build.initial_state import allocate_scratch
+from engine.assembly.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
 from engine.kernel.contact.contact_law import LossyLaw
 from engine.kernel.contact.coupled_contact_solver import CoupledProblem

@@ -12,7 +12,7 @@ from conftest import ROOT, mostly_hard
 from numba import typeof
 
 import engine
-from engine.build.build import build
+from engine.assembly.build import build
 from engine.cli.live_session import WATCH_INTERVAL, PlayerFactory
 from engine.live import audio_thread, kernels
 from engine.live.audio_memory import coarser_models

@@ -11,7 +11,7 @@ import pytest
 from conftest import ROOT
 
 import engine
-from engine.build.table_changes import TableChanges
+from engine.assembly.table_changes import TableChanges
 from engine.live.player import Player
 from engine.live.replay import replay
 from engine.patch.live_parameters import live_paths, value_at

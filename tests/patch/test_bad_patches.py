@@ -20,9 +20,9 @@ from fuzzing import mutated
 
 import engine
 from engine.analysis.profile import kernel_id
+from engine.assembly.build import build
+from engine.assembly.force_table import force_table
 from engine.bodies.sheet import MAX_SHEET_MODES
-from engine.build.build import build
-from engine.build.force_table import force_table
 from engine.cli import main
 from engine.faults import BuildError
 from engine.live.player import Player

@@ -9,7 +9,7 @@ from conftest import ROOT, slope
 import engine
 from bench.scenes.small import barrier, mass, oscillator, scene
 from bench.scenes.struck import random_collision
-from engine.build.build import build
+from engine.assembly.build import build
 from engine.offline.simulation import Simulation
 from engine.patch.accuracy import Accuracy
 

@@ -8,8 +8,8 @@ from scipy.integrate import solve_ivp
 
 import engine
 from bench.scenes.small import scene
+from engine.assembly.build import build
 from engine.bodies import Bar
-from engine.build.build import build
 from engine.offline.simulation import Simulation
 
 BAR = {"name": "b", "kind": "bar", "length": 0.52, "mass": 0.24, "frequency": 130.81, "ratios": [1.0, 3.99, 10.65]}

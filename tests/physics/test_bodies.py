@@ -9,10 +9,10 @@ from scipy.special import jn_zeros
 
 import engine
 from bench.scenes.small import scene
+from engine.assembly.build import build
 from engine.bodies import Bar, MeasuredBody, Membrane, Plate, String
 from engine.bodies.bar import bar_roots, bar_shape
 from engine.bodies.body import TO_60_DB
-from engine.build.build import build
 
 HIGHEST = 21_609.0  # Hz
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 import engine
-from engine.build.build import build
+from engine.assembly.build import build
 from engine.faults import BuildError
 
 SECONDS = 5.0  # of processor time

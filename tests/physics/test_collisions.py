@@ -314,7 +314,7 @@ def test_stiffness_glides_from_nothing():
 
 @pytest.mark.parametrize("blocks", [[64], [1, 7, 300]])
 def test_the_score_does_not_depend_on_blocks(blocks):
-    from engine.build.build import build as built
+    from engine.assembly.build import build as built
     from engine.offline.simulation import Simulation
 
     score = [

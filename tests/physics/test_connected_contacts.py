@@ -78,7 +78,7 @@ def test_events_meet_contacts_that_were_left_out():
 
 def test_blocks_of_any_size_give_the_same_keyboard():
     scene = engine.Scene.model_validate(keyboard(1))
-    from engine.build.build import build
+    from engine.assembly.build import build
     from engine.offline.simulation import Simulation
 
     outputs = []

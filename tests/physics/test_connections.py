@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 import engine
 from bench.scenes.choirs import choir, string
-from engine.build.build import build
+from engine.assembly.build import build
 from engine.faults import BuildError
 
 SPRINGS = [1e3, 1e4, 3e4, 1e5, 3e5, 1e6, 1e7, 1e9, "rigid"]  # N/m

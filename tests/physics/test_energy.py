@@ -59,7 +59,7 @@ def test_energy_never_rises_while_none_is_supplied(patch, name):
 
 def test_the_ledger_would_see_a_wrong_force(patch, monkeypatch):
     """A compliance that is off by 1e-9 shows: the ledger is measured, not assumed."""
-    from engine.build import build
+    from engine.assembly import build
     from engine.offline import render
 
     def off(*arguments):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bench.scenes import random_scenes
-from engine.build.build import build
+from engine.assembly.build import build
 from engine.faults import BuildError
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import newton_statistics

@@ -17,9 +17,9 @@ import engine
 from bench.accuracy.metric import preservation
 from bench.scenes.families import tanpuras
 from bench.scenes.small import barrier, mass, oscillator, scene
-from engine.build import contact_basis
-from engine.build.build import build
-from engine.build.initial_state import allocate_scratch
+from engine.assembly import contact_basis
+from engine.assembly.build import build
+from engine.assembly.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
 from engine.kernel.contact.contact_law import LossyLaw
 from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled

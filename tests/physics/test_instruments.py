@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 
 import engine
 from bench.accuracy.jvari import TIMES, WINDOW, high_to_low
-from engine.build.contact_points import contact_points
+from engine.assembly.contact_points import contact_points
 
 RATE = 44_100
 NAMES = [

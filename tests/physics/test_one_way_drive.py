@@ -8,8 +8,8 @@ from conftest import mostly_hard
 
 import engine
 from bench.scenes.small import scene
+from engine.assembly.build import build
 from engine.bodies import Plate, String
-from engine.build.build import build
 from engine.offline.simulation import Simulation
 
 STRING = {

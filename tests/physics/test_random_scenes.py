@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 
 import engine
 from bench.scenes.drawn import decades, either, scenes
-from engine.build.build import build
+from engine.assembly.build import build
 from engine.compiler.decorators import kernel
 from engine.compiler.struct_handle import StructHandle
 from engine.compiler.struct_types import load_struct
 from engine.kernel.data.enums import Sleep
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import newton_statistics
-from engine.parallel.event_insertion import make_island_ready
 from engine.patch.accuracy import Accuracy
+from engine.runtime.event_insertion import make_island_ready
 
 RATE = 44_100
 

@@ -7,10 +7,10 @@ import pytest
 
 import engine
 from bench.scenes.small import scene
+from engine.assembly.build import build
+from engine.assembly.limits import build_modal_bodies
+from engine.assembly.residual_modes import with_residual_modes
 from engine.bodies import Bar, Plate, String
-from engine.build.build import build
-from engine.build.limits import build_modal_bodies
-from engine.build.residual_modes import with_residual_modes
 
 RATE = 44_100
 # C7 (patches/piano_c7.toml): eight modes below 0.49 of 44.1 kHz

@@ -12,8 +12,8 @@ from scipy.linalg import expm, null_space
 import engine
 from bench.ruler.loss import motion_error
 from bench.ruler.problems import SAMPLERATE
-from engine.build.build import build
-from engine.build.contact_reach import dense_rows
+from engine.assembly.build import build
+from engine.assembly.contact_reach import dense_rows
 from engine.faults import BuildError
 
 FRAMES = 1000

@@ -18,8 +18,8 @@ import numpy as np
 from scipy.integrate import DOP853
 from scipy.optimize import brentq
 
-from engine.ruler.problem import Problem, energy_of
-from engine.ruler.trajectory import Trajectory
+from engine.problems.problem import Problem, energy_of
+from engine.problems.trajectory import Trajectory
 
 GIVEN_UP_SECONDS = 20.0
 LOOKED_AT = np.array([0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 1.0])  # of a step

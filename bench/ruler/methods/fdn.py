@@ -38,8 +38,8 @@ from bench.ruler.methods.common import (
     run_kernel,
     solve_linear,
 )
-from engine.ruler.problem import Problem
-from engine.ruler.trajectory import Trajectory
+from engine.problems.problem import Problem
+from engine.problems.trajectory import Trajectory
 
 
 class VelocityRule(NamedTuple):

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from engine.ruler import Problem, Trajectory
+from engine.problems import Problem, Trajectory
 
 
 class Method(NamedTuple):

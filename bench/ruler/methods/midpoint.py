@@ -27,8 +27,8 @@ from bench.ruler.methods.common import (
     run_kernel,
     solve_linear,
 )
-from engine.ruler.problem import Problem
-from engine.ruler.trajectory import Trajectory
+from engine.problems.problem import Problem
+from engine.problems.trajectory import Trajectory
 
 ACCURACY = 1e-14  # of a compression, relative to the largest
 

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 
 from bench.ruler.methods.quadratised_kernels import Flow, Recurrence
-from engine.ruler.problem import Problem
-from engine.ruler.trajectory import Trajectory
+from engine.problems.problem import Problem
+from engine.problems.trajectory import Trajectory
 
 CENTRED = "centred"  # two-step: centred differences, which are unstable above ωh = 2
 EXACT = "exact"  # exact frequency and decay; two-step: reach of a force as with centred differences

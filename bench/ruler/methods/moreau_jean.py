@@ -33,8 +33,8 @@ from bench.ruler.methods.common import (
     solve_linear,
 )
 from bench.ruler.methods.fdn import VelocityRule, exact_velocity_rule
-from engine.ruler.problem import Problem
-from engine.ruler.trajectory import Trajectory
+from engine.problems.problem import Problem
+from engine.problems.trajectory import Trajectory
 
 REGULARISED = 1e-13  # of the mean diagonal: contacts at almost one place have almost equal rows
 

@@ -38,8 +38,8 @@ from bench.ruler.methods import quadratised_kernels as kernels
 from bench.ruler.methods.method import STEPS, Method
 from bench.ruler.methods.modal_steps import EXACT, IMPULSE, best_of_three, build_flow, build_recurrence, start_of
 from bench.ruler.methods.quadratised_contacts import Contacts
-from engine.ruler.problem import Problem
-from engine.ruler.trajectory import Trajectory
+from engine.problems.problem import Problem
+from engine.problems.trajectory import Trajectory
 
 ONE_STEP = "one-step"
 

@@ -9,8 +9,8 @@ that of the force's smoothness: below 4 where a contact closes with a small expo
 """
 
 from bench.ruler.methods.common import add_forces, exact_flow, find_forces_at, inline, keep, kernel, run_kernel
-from engine.ruler.problem import Problem
-from engine.ruler.trajectory import Trajectory
+from engine.problems.problem import Problem
+from engine.problems.trajectory import Trajectory
 
 
 @inline

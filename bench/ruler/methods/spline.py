@@ -22,8 +22,8 @@ from bench.ruler.methods import spline_kernels as kernels
 from bench.ruler.methods.method import STEPS, Method
 from bench.ruler.methods.modal_steps import EXACT, best_of_three, build_flow
 from bench.ruler.methods.spline_kernels import Spline
-from engine.ruler.problem import Problem
-from engine.ruler.trajectory import Trajectory
+from engine.problems.problem import Problem
+from engine.problems.trajectory import Trajectory
 
 
 def largest_compressions(problem: Problem) -> np.ndarray:

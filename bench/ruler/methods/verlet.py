@@ -31,8 +31,8 @@ from bench.ruler.methods.common import (
     push,
     run_kernel,
 )
-from engine.ruler.problem import Problem
-from engine.ruler.trajectory import Trajectory
+from engine.problems.problem import Problem
+from engine.problems.trajectory import Trajectory
 
 
 @inline

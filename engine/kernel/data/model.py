@@ -126,7 +126,7 @@ class StepCoefficients(NamedTuple):
     spring_kick: PerMode | None  # t·ω², 1/s: momentum per displacement in half a kick
     weight_kick: PerMode | None  # t·weight, √kg·m/s: momentum in half a kick
     loss: ModalLoss | None  # at either end of the step
-    drag: ModalLoss | None  # in the drift (engine.build.mode_coefficients.loses_in_drift)
+    drag: ModalLoss | None  # in the drift (engine.assembly.mode_coefficients.loses_in_drift)
     connection: ConnectionCoefficients | None
     contact: ContactCoefficients | None
     force: RowCoefficients | None  # of ExternalForce.rows

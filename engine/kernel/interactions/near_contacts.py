@@ -2,8 +2,8 @@
 
 A piano has hundreds of contacts, of which a few hammers are in reach. The others are left out of the step and of the
 solve, for FLIGHT_FRAMES samples at a time, and their compressions are read from the modes after that. How far each can
-close is bounded by all the energy that the island has (engine.build.contact_reach): by the motion of its bodies, where
-no contact that is near pushes them, and what the forces of connections add; or by that energy alone.
+close is bounded by all the energy that the island has (engine.assembly.contact_reach): by the motion of its bodies,
+where no contact that is near pushes them, and what the forces of connections add; or by that energy alone.
 """
 
 import math

@@ -8,7 +8,7 @@ One step of length h under forces constant over the step (external, weight, cont
 
 This is the step of docs/design.md, sec. 1, with c = (1 - ω²t²)/(1 + ω²t²) and e = v·t, written so that
 it conserves ½p² + ½ω²q² - force·q for any t: rounding of the coefficients shifts the energy
-once, and never makes it drift. The coefficients t and v are made in engine.build.mode_coefficients; a
+once, and never makes it drift. The coefficients t and v are made in engine.assembly.mode_coefficients; a
 mode of heavy damping loses momentum in the drift as well.
 """
 

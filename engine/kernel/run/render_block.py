@@ -190,7 +190,7 @@ def finish_sleep(model, state, frame, slept):
 
 @kernel
 def render_block(model, state, output, partition, frames):
-    """Render the next samples of one partition of the scene; engine.parallel.partitions adds up the partitions.
+    """Render the next samples of one partition of the scene; engine.runtime.partitions adds up the partitions.
 
     model, state, output: StructHandle of a Model, a State and a BlockOutput
     partition: its number; partitions have nothing in common, and may run at the same time

@@ -1,0 +1,173 @@
+"""Tables of free flight (engine.kernel.modes.free_flight): powers of the map of one step, and the pickup signals and
+losses over them (docs/design.md, "Free flight").
+
+A step of a mode on which nothing acts is (q, p, w) → S·(q, p, w), with w its weight, and S [3, 3] the product of loss,
+kicks and drift. The powers of S are found by squaring, in twice the precision of a float64.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from engine.assembly.double_double import Pair, add, as_pair, multiply
+from engine.assembly.layout import ShapeRow
+from engine.assembly.mode_shape_rows import place_entries
+from engine.kernel.data.enums import FLIGHT_FRAMES, FLIGHT_PART, Quantity
+from engine.kernel.data.model import (
+    FlightLoss,
+    FlightWeight,
+    FreeFlight,
+    FreeMotion,
+    FreeMotionResidue,
+    ModalLoss,
+    StepCoefficients,
+)
+
+Row = list[Pair]  # of a linear map of (q, p, w), each entry [modes]
+Q, P, W = 0, 1, 2
+
+
+class PickupRow(NamedTuple):
+    """Mode shapes at a pickup, and the quantity of its signal."""
+
+    row: ShapeRow
+    quantity: Quantity
+
+    @property
+    def modes(self) -> slice:
+        """Modes that the pickup depends on, as a slice of all modes."""
+        return slice(self.row.mode_begin_of_all, self.row.mode_begin_of_all + self.row.phi.size)
+
+    @property
+    def map_row(self) -> int:
+        """Row of the map that gives the pickup's signal: Q for a displacement, else P."""
+        return Q if self.quantity is Quantity.DISPLACEMENT else P
+
+
+def build_free_flight(
+    step: StepCoefficients,
+    omega: np.ndarray,
+    weight: np.ndarray | None,
+    pickups: Sequence[PickupRow],
+    samplerate: float,
+) -> FreeFlight:
+    """Return the tables of free flight for a step.
+
+    omega, weight: of each mode, rad/s and √kg·m/s²
+    pickups:       in the order of the model
+    """
+    span, is_free = FLIGHT_FRAMES / samplerate, omega == 0.0
+    single, lost = map_of_step(step, has_weight=weight is not None)
+    power, frames = single, 1
+    part = single
+    while frames < FLIGHT_FRAMES:
+        high = as_array(power)
+        lost = lost + np.einsum("kim,klm,ljm->ijm", high, lost, high)  # over the second half of twice as many
+        power, frames = matrix_product(power, power), 2 * frames
+        part = power if frames == FLIGHT_PART else part
+    return FreeFlight(
+        motion=FreeMotion(*free_entries(as_array(power))),
+        motion_low=FreeMotionResidue(*free_entries(np.array([[entry.low for entry in row] for row in power]))),
+        part=FreeMotion(*free_entries(as_array(part))),
+        bound_per_speed=np.minimum(span, 2 / np.where(is_free, 1 / span, omega)),
+        bound_per_weight=np.where(is_free, 0.5 * span**2, 0.0),
+        loss=FlightLoss(lost[Q, Q], 2 * lost[Q, P], lost[P, P]) if lost.any() else None,
+        weight=None
+        if weight is None
+        else flight_weight(power, lost, weight, pickup_values_of_weight(single, weight, pickups)),
+        pickup_tables=pickup_tables(as_array(single), pickups),
+    )
+
+
+def map_of_step(step: StepCoefficients, has_weight: bool) -> tuple[list[Row], np.ndarray]:
+    """Return the map of a step of modes on which nothing acts, and the energy that it takes as a quadratic form of (q,
+    p, w), J. Coefficients and order are those of engine.kernel.modes.mode_step.free_step."""
+    size = 3 if has_weight else 2
+    unit = np.repeat(np.eye(size)[:, :, None], step.kick.size, axis=2)
+    q, p, *w = [[as_pair(entry) for entry in row] for row in unit]
+    lost = np.zeros((size, size, step.kick.size))
+
+    def add_times(row: Row, factor: np.ndarray, other: Row) -> Row:
+        return [add(a, multiply(as_pair(factor), b)) for a, b in zip(row, other, strict=True)]
+
+    def kick(p: Row) -> Row:
+        p = p if step.spring_kick is None else add_times(p, -step.spring_kick, q)
+        return add_times(p, step.kick, w[0]) if w else p
+
+    def lose(loss: ModalLoss | None, p: Row) -> Row:
+        if loss is None:
+            return p
+        high = np.array([entry.high for entry in p])
+        lost[...] += loss.dissipation_factor * high[:, None] * high[None, :]
+        return [multiply(as_pair(loss.decay_factor), entry) for entry in p]
+
+    p = kick(lose(step.loss, p))
+    q = add_times(q, step.drift, p)
+    p = lose(step.loss, kick(lose(step.drag, p)))
+    return [q, p, *w], lost
+
+
+def matrix_product(a: list[Row], b: list[Row]) -> list[Row]:
+    """Return the product a·b of two maps."""
+    size = len(a)
+    product = []
+    for i in range(size):
+        row = []
+        for j in range(size):
+            entry = multiply(a[i][0], b[0][j])
+            for k in range(1, size):
+                entry = add(entry, multiply(a[i][k], b[k][j]))
+            row.append(entry)
+        product.append(row)
+    return product
+
+
+def as_array(of: list[Row]) -> np.ndarray:
+    """Return a map in double precision [rows, columns, modes]."""
+    return np.array([[entry.high for entry in row] for row in of])
+
+
+def free_entries(matrix: np.ndarray) -> list[np.ndarray]:
+    """Return the entries of a map that belong to q and p, in the order of FreeMotion."""
+    return [matrix[i, j].copy() for i in (Q, P) for j in (Q, P)]
+
+
+def flight_weight(whole: list[Row], lost: np.ndarray, weight: np.ndarray, pickup_values: np.ndarray) -> FlightWeight:
+    """Return the effects of weight over a flight whose map and losses are given."""
+    push = multiply(whole[P][W], as_pair(weight))
+    return FlightWeight(
+        q=whole[Q][W].high * weight,
+        p=push.high,
+        p_low=push.low,
+        lost_per_q=2 * lost[Q, W] * weight,
+        lost_per_p=2 * lost[P, W] * weight,
+        lost=lost[W, W] * weight**2,
+        pickup_values=pickup_values,
+    )
+
+
+def pickup_values_of_weight(single: list[Row], weight: np.ndarray, pickups: Sequence[PickupRow]) -> np.ndarray:
+    """Return the pickup signals of bodies that fall from rest [pickups, FLIGHT_FRAMES]."""
+    table, step = np.zeros((len(pickups), FLIGHT_FRAMES)), as_array(single)
+    fallen = np.zeros((2, weight.size))
+    for frame in range(FLIGHT_FRAMES):
+        for n, pickup in enumerate(pickups):
+            table[n, frame] = pickup.row.phi @ fallen[pickup.map_row, pickup.modes]
+        fallen = np.einsum("ijm,jm->im", step[:W, :W], fallen) + step[:W, W] * weight
+    return table
+
+
+def pickup_tables(step: np.ndarray, pickups: Sequence[PickupRow]) -> np.ndarray:
+    """Return the signal of each mode at a pickup in each frame of a part of a flight, per displacement and per momentum
+    at its start."""
+    power, powers = np.repeat(np.eye(2)[:, :, None], step.shape[2], axis=2), []
+    for _ in range(FLIGHT_PART):
+        powers.append(power)
+        power = np.einsum("ikm,kjm->ijm", step[:W, :W], power)
+    frames = np.array(powers)  # [frame, row, column, mode]
+    values = []
+    for pickup in pickups:
+        per_q, per_p = (frames[:, pickup.map_row, column, pickup.modes].T for column in (Q, P))
+        values.append(pickup.row.phi[:, None] * np.hstack([per_q, per_p]))
+    return place_entries([pickup.row for pickup in pickups], values)

@@ -1,0 +1,192 @@
+"""Tables of external forces: the mean force over each step (paper, eq. 34)."""
+
+import math
+import sys
+from typing import NamedTuple
+
+import numpy as np
+
+from engine.assembly.noise import NOISE_RATE, draw_noise
+from engine.patch.frames import nearest_frame
+from engine.patch.tables import (
+    ConstantForce,
+    Force,
+    HalfSineForce,
+    NoiseForce,
+    PluckEvent,
+    PluckForce,
+    PulseForce,
+    SampledForce,
+    SineForce,
+)
+
+LOOKAHEAD_SAMPLES = 4_096  # samples that the filter of a resampler may look ahead
+
+
+class ForceTable(NamedTuple):
+    """Mean force over each step from step `start` on, N; from the end of the values on, the force is `tail`."""
+
+    start: int
+    values: np.ndarray
+    tail: float
+
+
+def force_table(force: Force | PluckEvent, samplerate: float, seconds: float = math.inf) -> ForceTable:
+    """Return the table of a force: the mean of its values at the two ends of each step (eq. 34). The table ends after
+    `seconds`, when the sound is over.
+
+    A step that a constant or a pulse covers in part counts by that part. This keeps the impulse exact wherever the
+    edges fall.
+    """
+    with np.errstate(over="ignore"):  # a pulse may have almost no duration
+        return _table(force, samplerate, _last_step(samplerate, seconds))
+
+
+def _table(force: Force | PluckEvent, samplerate: float, last: int) -> ForceTable:
+    """Return the table of a force up to step `last`."""
+    if isinstance(force, ConstantForce):
+        return _constant(force, samplerate, last)
+    if isinstance(force, PulseForce):
+        begin, end = force.start * samplerate, (force.start + force.duration) * samplerate
+        step = np.arange(int(begin), min(int(np.ceil(end)), last))
+        covered = np.minimum(step + 1, end) - np.maximum(step, begin)
+        return ForceTable(int(begin), force.amplitude * covered, 0.0)
+    if isinstance(force, PluckForce | PluckEvent):
+        return _pluck(force, samplerate, last)
+    if isinstance(force, HalfSineForce):
+        begin, length = force.start * samplerate, force.duration * samplerate
+        phase = np.arange(int(begin), min(int(np.ceil(begin + length)), last) + 1) - begin
+        values = np.where((phase > 0) & (phase < length), np.sin(np.pi * np.clip(phase / length, 0, 1)), 0.0)
+    elif isinstance(force, SineForce):
+        begin, time = _sample_times(force, samplerate, last)
+        values = np.sin(2 * np.pi * force.frequency * time + force.phase) * _fade(force, time)
+        values *= _envelope(force.envelope, time)
+    elif isinstance(force, NoiseForce):
+        begin, time = _sample_times(force, samplerate, last)
+        values = np.zeros(time.size)
+        first = nearest_frame(force.start, samplerate) - begin
+        noise = read_noise(force, samplerate, time.size - first)
+        values[first : first + noise.size] = noise
+        values *= _fade(force, time) * _envelope(force.envelope, time)
+    else:
+        begin = nearest_frame(force.start, samplerate) - 1  # rises from 0 in the step before its first sample
+        values = np.concatenate([[0.0], read_samples(force, samplerate, max(0, last - begin)), [0.0]])
+        values *= _envelope(force.envelope, (begin + np.arange(values.size)) / samplerate - force.start)
+    ends = force.amplitude * values
+    return ForceTable(int(begin), 0.5 * (ends[1:] + ends[:-1]), 0.0)
+
+
+def count_steps(force: Force | PluckEvent, samplerate: float, seconds: float) -> float:
+    """Estimate the number of steps in the table of a force."""
+    if isinstance(force, ConstantForce):
+        return 1 if force.envelope is None else max(0.0, min(force.envelope[-1][0], seconds - force.start)) * samplerate
+    if isinstance(force, SampledForce):
+        import soundfile
+
+        info = soundfile.info(force.file)
+        start, length = force.start, float(info.frames / info.samplerate)
+    elif isinstance(force, PluckForce | PluckEvent):
+        start, length = force.time if isinstance(force, PluckEvent) else force.start, force.duration + force.release
+    else:
+        start, length = force.start, force.duration
+    return max(0.0, min(length, seconds - start)) * samplerate
+
+
+def _last_step(samplerate: float, seconds: float) -> int:
+    """Return a step after the end of the sound. It is later than necessary, as the end of a rendering is rounded."""
+    return sys.maxsize if seconds == math.inf else math.ceil(seconds * samplerate) + 64
+
+
+def _constant(force: ConstantForce, samplerate: float, last: int) -> ForceTable:
+    """Return the table of a constant, or of the straight lines of its envelope: the exact mean over each step."""
+    start = int(force.start * samplerate)
+    if force.envelope is None:
+        return ForceTable(start, force.amplitude * np.array([start + 1 - force.start * samplerate]), force.amplitude)
+    end = min(math.ceil((force.start + force.envelope[-1][0]) * samplerate) + 1, last)
+    time = np.maximum(np.arange(start, max(end, start + 1) + 1) / samplerate - force.start, 0.0)
+    means = np.diff(_envelope_integral(force.envelope, time)) * samplerate
+    return ForceTable(start, force.amplitude * means, force.amplitude * force.envelope[-1][1])
+
+
+def _envelope(envelope: list[list[float]] | None, time: np.ndarray) -> np.ndarray | float:
+    """Return the factor of an envelope at some times [times], s after the start of its force."""
+    if envelope is None:
+        return 1.0
+    times, factors = np.array(envelope, dtype=float).T
+    return np.asarray(np.interp(time, times, factors))
+
+
+def _envelope_integral(envelope: list[list[float]], time: np.ndarray) -> np.ndarray:
+    """Return the integral of an envelope's factor from 0 to some times [times], s."""
+    times, factors = np.array(envelope, dtype=float).T
+    if times[0] > 0.0:
+        times, factors = np.concatenate([[0.0], times]), np.concatenate([factors[:1], factors])
+    widths = np.diff(times)
+    sums = np.concatenate([[0.0], np.cumsum(widths * (factors[1:] + factors[:-1]) / 2)])
+    piece = np.clip(np.searchsorted(times, time, "right") - 1, 0, times.size - 1)
+    within = time - times[piece]
+    slopes = np.append(np.diff(factors) / widths, 0.0)
+    return np.asarray(sums[piece] + within * (factors[piece] + slopes[piece] * within / 2))
+
+
+def _sample_times(force: SineForce | NoiseForce, samplerate: float, last: int) -> tuple[int, np.ndarray]:
+    """Return the step in which a force begins, and the times of the ends of its steps, s after its start."""
+    begin, end = force.start * samplerate, (force.start + force.duration) * samplerate
+    frames = np.arange(int(begin), min(int(np.ceil(end)), last) + 1)
+    return int(begin), frames / samplerate - force.start
+
+
+def _fade(force: SineForce | NoiseForce, time: np.ndarray) -> np.ndarray:
+    """Return the fade of a force: ½(1 - cos) up at its start and down at its end; 0 before and after."""
+    inside = (time >= 0.0) & (time <= force.duration)
+    if force.fade == 0.0:
+        return inside.astype(float)
+    nearest = np.clip(np.minimum(time, force.duration - time) / force.fade, 0.0, 1.0)
+    return np.where(inside, 0.5 * (1.0 - np.cos(np.pi * nearest)), 0.0)
+
+
+def read_noise(force: NoiseForce, samplerate: float, most: int) -> np.ndarray:
+    """Return the first `most` samples of a noise at the scene's sample rate."""
+    ratio = NOISE_RATE / samplerate
+    needed = math.ceil((most + LOOKAHEAD_SAMPLES) * max(1.0, ratio))
+    count = min(needed, math.ceil(force.duration * NOISE_RATE) + LOOKAHEAD_SAMPLES)
+    return _resample(draw_noise(force, count), NOISE_RATE, samplerate)[:most]
+
+
+def _resample(values: np.ndarray, rate: float, samplerate: float) -> np.ndarray:
+    """Return samples of one rate at another."""
+    if rate == samplerate:
+        return values
+    import soxr
+
+    return np.asarray(soxr.resample(values, rate, samplerate, "VHQ"))
+
+
+def _pluck(force: PluckForce | PluckEvent, samplerate: float, last: int) -> ForceTable:
+    """Return the table of a pluck: ½(1 - cos) up, the same down. The mean over each step is exact, however short the
+    release."""
+    start = force.time if isinstance(force, PluckEvent) else force.start
+    begin, rise, fall = (x * samplerate for x in (start, force.duration, force.release))
+
+    def impulse(x: np.ndarray) -> np.ndarray:  # integral of the shape up to x, in samples
+        up, down = np.clip(x / rise, 0, 1), np.clip((x - rise) / fall, 0, 1) if fall else np.zeros(x.size)
+        climb = rise * 0.5 * (up - np.sin(np.pi * up) / np.pi)
+        return np.asarray(climb + fall * 0.5 * (down + np.sin(np.pi * down) / np.pi))
+
+    edges = np.arange(int(begin), min(int(np.ceil(begin + rise + fall)), last) + 1) - begin
+    return ForceTable(int(begin), force.amplitude * np.diff(impulse(edges)), 0.0)
+
+
+def read_samples(force: SampledForce, samplerate: float, most: int) -> np.ndarray:
+    """Return the first `most` samples of a force file at the scene's sample rate; full scale is 1.
+
+    Raises ValueError, or what soundfile raises, if the file is damaged.
+    """
+    import soundfile
+
+    audio, rate = soundfile.read(force.file, dtype="float64", always_2d=True)
+    values = np.ascontiguousarray(audio[:, force.channel - 1])
+    if not np.all(np.isfinite(values)):
+        raise ValueError("not all of its samples are numbers")
+    enough = math.ceil((most + LOOKAHEAD_SAMPLES) * max(1.0, rate / samplerate))
+    return _resample(values if rate == samplerate else values[:enough], rate, samplerate)[:most]

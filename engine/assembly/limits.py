@@ -1,0 +1,169 @@
+"""Checks that a scene can be built. They refuse numbers that cannot be computed with and sizes that need too much
+memory or time, and name the paths in the patch."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from engine.assembly.connection_coordinates import count_supports
+from engine.assembly.contact_points import count_points
+from engine.assembly.force_table import count_steps
+from engine.assembly.layout import Layout
+from engine.bodies import Body, String
+from engine.bodies.body import ModalBody, TooManyModes, UnfitBody
+from engine.faults import BuildError, Fault
+from engine.output_files import error_reason
+from engine.patch.scene import Scene
+from engine.patch.tables import Force, PluckEvent, SineForce
+
+MAX_FREQUENCY_SHARE = 0.49  # of the sample rate; what vibrates faster would come out at another frequency
+MAX_DECAY_RATE = 1e9  # 1/s; what decays faster has lost all in a thousandth of a step
+MAX_SCENE_MODES = 250_000  # of all bodies
+MAX_SCENE_CONTACT_POINTS = 20_000  # of all contacts
+MAX_ISLAND_CONTACTS = 512  # in an island; its coupled solve takes time of their third power
+MAX_SHAPES = 1 << 24  # mode-shape values: one for each mode at each contact, connection, force or pickup
+MAX_FORCE_STEPS = 1 << 28  # of the tables of all forces: 2 GB
+MIN_BODY_MASS = 1e-12  # kg, as of masses
+
+
+def build_modal_bodies(scene: Scene, samplerate: float, scheme: str) -> list[ModalBody]:
+    """Return the modes of all bodies. Raises BuildError, which names each body that cannot be built."""
+    bodies: list[ModalBody] = []
+    faults: list[Fault] = []
+    total = 0
+    for i, body in enumerate(scene.body):
+        path = f"body[{i}]"
+        try:
+            modal = build_modal_body(body, path, samplerate, scheme)
+        except BuildError as error:
+            faults += error.faults
+            continue
+        bodies.append(modal)
+        total += modal.omega.size
+        if total > MAX_SCENE_MODES:
+            faults.append(
+                Fault(
+                    path, f"with this one, the bodies have more than {MAX_SCENE_MODES} modes; use fewer modes or bodies"
+                )
+            )
+            break
+    if faults:
+        raise BuildError(*faults)
+    return bodies
+
+
+def build_modal_body(body: Body, path: str, samplerate: float, scheme: str) -> ModalBody:
+    """Return the modes of a body. Raises BuildError if it cannot be built. path: of the body"""
+    try:
+        modal = body.modal_body(MAX_FREQUENCY_SHARE * samplerate)
+    except TooManyModes as error:
+        raise BuildError(Fault(path, f"{error}; give modes = the number to build")) from None
+    except UnfitBody as error:
+        raise BuildError(Fault(path, str(error))) from None
+    except (ArithmeticError, ValueError):
+        message = "its numbers are too large or too small to compute with; give values nearer to those of real bodies"
+        raise BuildError(Fault(path, message)) from None
+    if message := _explain_unfit(body, modal, samplerate, scheme):
+        raise BuildError(Fault(path, message))
+    if isinstance(body, String) and body.tension_and_bending()[0] <= 0.0:
+        message = f"its bending stiffness alone makes it vibrate faster than {body.frequency:g} Hz"
+        raise BuildError(Fault(f"{path}.frequency", f"{message}; give a higher frequency, or less bending_stiffness"))
+    return modal
+
+
+def _explain_unfit(body: Body, modal: ModalBody, samplerate: float, scheme: str) -> str:
+    """Explain why the modes of a body cannot be built; return an empty text if they can."""
+    highest = MAX_FREQUENCY_SHARE * samplerate
+    if modal.omega.size == 0:
+        message = f"has no mode below {highest:g} Hz, {MAX_FREQUENCY_SHARE} of the sample rate"
+        return f"{message}; give a lower frequency, or render with a higher --samplerate"
+    if not body.total_mass() >= MIN_BODY_MASS:
+        return f"has a mass of {body.total_mass():.3g} kg; give at least {MIN_BODY_MASS:g} kg"
+    if not np.all(modal.sigma >= 0.0):
+        return "one of its modes has a decay rate that is negative or not a number; give other losses"
+    worst = float(np.max(modal.sigma))
+    if worst > MAX_DECAY_RATE:
+        message = f"one of its modes has a decay rate of {worst:.3g} 1/s, and the limit is {MAX_DECAY_RATE:g}"
+        return f"{message}; give less loss, or fewer modes"
+    fastest = math.sqrt(max(0.0, float(np.max(modal.omega**2 - modal.sigma**2)))) / (2 * math.pi)
+    if scheme == "exact" and fastest > highest:
+        message = f"vibrates at {fastest:g} Hz, above {MAX_FREQUENCY_SHARE} of the sample rate of {samplerate:g} Hz"
+        return f"{message}; render with --samplerate {math.ceil(fastest / MAX_FREQUENCY_SHARE)} or more"
+    return ""
+
+
+def check_sizes(scene: Scene, modal_bodies: list[ModalBody]) -> None:
+    """Raise BuildError if contacts, connections, forces and pickups need more memory than is allowed."""
+    modes = {body.name: modal.omega.size for body, modal in zip(scene.body, modal_bodies, strict=True)}
+    points = shapes = 0
+    for k, contact in enumerate(scene.contact):
+        count = count_points(contact)
+        points += count
+        shapes += count * (modes[contact.body] + (modes[contact.on] if contact.on is not None else 0))
+        if points > MAX_SCENE_CONTACT_POINTS:
+            raise BuildError(
+                Fault(
+                    f"contact[{k}]",
+                    f"with this one, there are more than {MAX_SCENE_CONTACT_POINTS} contact points; use fewer",
+                )
+            )
+        _check_shapes(f"contact[{k}]", shapes)
+    for k, connection in enumerate(scene.connection):
+        shapes += modes[connection.body] + (modes[connection.on] if connection.on is not None else 0)
+        _check_shapes(f"connection[{k}]", shapes)
+    for b, body in enumerate(scene.body):
+        shapes += modes[body.name] * count_supports(body)
+        _check_shapes(f"body[{b}]", shapes)
+    pickups = [(f"pickup[{i}]", pickup.body) for i, pickup in enumerate(scene.pickup)]
+    for path, name in [*pickups, *((path, force.body) for path, force in _external_forces(scene))]:
+        shapes += modes[name]
+        _check_shapes(path, shapes)
+
+
+def check_forces(scene: Scene, samplerate: float, seconds: float) -> None:
+    """Raise BuildError if the tables of all forces are too large, or a force is too fast for the sample rate."""
+    steps = 0.0
+    for path, force in _external_forces(scene):
+        if isinstance(force, SineForce) and force.frequency >= samplerate / 2:
+            message = f"{force.frequency:g} Hz is not below half of the sample rate; give less than {samplerate / 2:g}"
+            raise BuildError(Fault(f"{path}.frequency", message))
+    for path, force in _external_forces(scene):
+        steps += _count_steps(path, force, samplerate, seconds)
+        if steps > MAX_FORCE_STEPS:
+            message = f"with this one, the forces last more than {MAX_FORCE_STEPS / samplerate:.0f} s in total"
+            raise BuildError(Fault(path, f"{message}; give fewer seconds, or shorter forces"))
+
+
+def _external_forces(scene: Scene) -> Iterator[tuple[str, Force | PluckEvent]]:
+    """Yield the forces and the plucks of the score, with their paths."""
+    yield from ((f"force[{i}]", force) for i, force in enumerate(scene.force))
+    yield from ((f"event[{i}]", event) for i, event in enumerate(scene.event) if isinstance(event, PluckEvent))
+
+
+def _count_steps(path: str, force: Force | PluckEvent, samplerate: float, seconds: float) -> float:
+    try:
+        return count_steps(force, samplerate, seconds)
+    except (OSError, RuntimeError, TypeError) as error:  # its file was there when the patch was read
+        message = f"cannot be read as audio ({error_reason(error)}); give a WAV, FLAC or OGG file"
+        raise BuildError(Fault(f"{path}.file", message)) from None
+
+
+def _check_shapes(path: str, shapes: int) -> None:
+    if shapes > MAX_SHAPES:
+        message = f"with this one, the scene needs more than {MAX_SHAPES} mode-shape values (modes × points)"
+        raise BuildError(Fault(path, f"{message}; use fewer modes, contacts, forces or pickups"))
+
+
+def check_islands(layout: Layout) -> None:
+    """Raise BuildError if an island has more contact points than can be solved together."""
+    scene, contacts, modes = layout.scene, np.diff(layout.islands.contact), np.diff(layout.islands.mode)
+    n = int(np.argmax(contacts))
+    names = [b.name for b in scene.body if layout.island_of_body[layout.body_index[b.name]] == n]
+    message = f"{contacts[n]} contact points join {', '.join(names[:4])}{' …' if len(names) > 4 else ''}"
+    if contacts[n] > MAX_ISLAND_CONTACTS:
+        raise BuildError(Fault("contact", f"{message}; an island may have {MAX_ISLAND_CONTACTS}"))
+    if int(np.max(contacts * modes)) > MAX_SHAPES:
+        n = int(np.argmax(contacts * modes))
+        message = f"{contacts[n]} contact points join bodies with {modes[n]} modes in total"
+        raise BuildError(Fault("contact", f"{message}; the product may be {MAX_SHAPES} in an island"))

@@ -1,0 +1,50 @@
+"""Mode shapes at points, as rows for the kernels (engine.kernel.data.model.ModeShapeRows)."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from engine.assembly.layout import ShapeRow
+from engine.kernel.data.model import ModeShapeRows, RowCoefficients
+
+SIMD_WIDTH = 8  # modes that the processor takes at once
+
+
+def mode_shape_rows(rows: Sequence[ShapeRow]) -> ModeShapeRows:
+    """Return mode shapes Φ in the layout of the kernels. Each row begins in phi at the same alignment as its modes do
+    among all modes, so that vector loads of both are aligned."""
+    return ModeShapeRows(
+        mode_begin=np.array([row.mode_begin for row in rows], dtype=np.uint32),
+        mode_end=np.array([row.mode_begin + row.phi.size for row in rows], dtype=np.uint32),
+        offset=np.array(list(_offsets(rows)), dtype=np.uint32),
+        phi=place_entries(rows, [row.phi for row in rows]),
+    )
+
+
+def row_coefficients(rows: Sequence[ShapeRow], kick: np.ndarray, drift: np.ndarray) -> RowCoefficients:
+    """Return t·Φ and v·Φ for rows. kick, drift: t and v [modes], s."""
+    modes = [slice(row.mode_begin_of_all, row.mode_begin_of_all + row.phi.size) for row in rows]
+    return RowCoefficients(
+        kick_phi=place_entries(rows, [row.phi * kick[m] for row, m in zip(rows, modes, strict=True)]),
+        drift_phi=place_entries(rows, [row.phi * drift[m] for row, m in zip(rows, modes, strict=True)]),
+    )
+
+
+def _offsets(rows: Sequence[ShapeRow]) -> Iterator[int]:
+    """Yield the position of the first entry of each row."""
+    end = 0
+    for row in rows:
+        offset = end + ((row.mode_begin_of_all - end) % SIMD_WIDTH if row.phi.size > 1 else 0)
+        yield offset
+        end = offset + row.phi.size
+
+
+def place_entries(rows: Sequence[ShapeRow], values: Sequence[np.ndarray]) -> np.ndarray:
+    """Join the values of rows, with zeros between them for alignment. A value is one number or several for each entry
+    of phi."""
+    offsets = list(_offsets(rows))
+    size = max((offset + len(row) for offset, row in zip(offsets, values, strict=True)), default=0)
+    entries = np.zeros((size, *(values[0].shape[1:] if values else ())))
+    for offset, row in zip(offsets, values, strict=True):
+        entries[offset : offset + len(row)] = row
+    return entries

@@ -1,0 +1,98 @@
+"""Points of pickups: each pickup has one or several points on bodies, with a quantity, a channel and a gain."""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from engine.assembly.body_point import NOWHERE, BodyPoint
+from engine.assembly.connection_coordinates import end_force_parts
+from engine.assembly.drives import find_drives
+from engine.bodies.air import AIR_DENSITY, AirBody
+from engine.bodies.body import ModalBody
+from engine.bodies.sheet import FlatSheet
+from engine.kernel.data.enums import Quantity
+from engine.patch.scene import Scene
+from engine.patch.tables import Pickup
+
+QUANTITIES = {
+    "displacement": Quantity.DISPLACEMENT,
+    "velocity": Quantity.VELOCITY,
+    "acceleration": Quantity.ACCELERATION,
+    "pressure": Quantity.ACCELERATION,  # a sum of accelerations
+    "force": Quantity.CONTACT_FORCE,
+    "end_force": Quantity.DISPLACEMENT,  # a sum of displacements
+}
+
+
+class DrivePickup(NamedTuple):
+    """The force of a string on its end, which drives a body and goes to no output channel."""
+
+    body: str
+    at: float
+    point: int  # number of the point that it drives
+    quantity: str = "end_force"
+
+
+class HeardPoint(NamedTuple):
+    """One term of a pickup's signal."""
+
+    pickup: Pickup | DrivePickup
+    point: BodyPoint
+    quantity: Quantity
+    channel: int  # from 0; -1 - n: it drives point n
+    gain: float
+
+
+def drive_pickups(scene: Scene) -> list[DrivePickup]:
+    """Return the pickups of the forces by which strings drive bodies."""
+    return [DrivePickup(drive.string, drive.end, drive.point) for drive in find_drives(scene)]
+
+
+def heard_points(
+    scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int], pickup: Pickup | DrivePickup
+) -> Iterator[HeardPoint]:
+    """Yield the terms of a pickup's signal. bodies, numbers: modes of the scene's bodies, and their numbers by name"""
+    for point in _points(scene, bodies, numbers, pickup):
+        for channel, gain in channel_gains(pickup):
+            yield HeardPoint(pickup, point, QUANTITIES[pickup.quantity or "velocity"], channel, gain)
+
+
+def channel_gains(pickup: Pickup | DrivePickup) -> list[tuple[int, float]]:
+    """Return the channels of a pickup, from 0, with its gain on each. A pan shares its power between two."""
+    if isinstance(pickup, DrivePickup):
+        return [(-1 - pickup.point, 1.0)]
+    if pickup.pan is None:
+        return [(channel - 1, pickup.gain) for channel in pickup.channels]
+    angle = (pickup.pan + 1) * math.pi / 4
+    return [(0, pickup.gain * math.cos(angle)), (1, pickup.gain * math.sin(angle))]
+
+
+def _points(
+    scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int], pickup: Pickup | DrivePickup
+) -> list[BodyPoint]:
+    """Return the points of a pickup; NOWHERE if its signal is all contact forces of its body."""
+    if pickup.quantity == "force":
+        return [NOWHERE]
+    if pickup.quantity == "end_force":
+        parts = end_force_parts(scene, bodies, numbers, pickup.body, pickup.at)
+        return [BodyPoint(scene.body[number].name, None, 1.0, row) for number, row in parts]
+    assert isinstance(pickup, Pickup)
+    body, modal = scene.body[numbers[pickup.body]], bodies[numbers[pickup.body]]
+    places = body.split_positions(pickup.at)
+    if pickup.quantity == "pressure":
+        assert isinstance(body, FlatSheet | AirBody)
+        if pickup.at is None or not isinstance(body, FlatSheet):
+            row = body.volume_row(modal)
+        else:
+            row = body.area() * _mean_shape(modal, places)
+        return [BodyPoint(pickup.body, None, 1.0, AIR_DENSITY / (2 * math.pi * (pickup.distance or 1.0)) * row)]
+    if len(places) == 1:
+        return [BodyPoint(pickup.body, places[0], 1.0)]
+    return [BodyPoint(pickup.body, None, 1.0, _mean_shape(modal, places))]
+
+
+def _mean_shape(body: ModalBody, places: list[object]) -> np.ndarray:
+    """Return the mean of the mode shapes at some positions [modes], 1/√kg."""
+    return np.asarray(np.mean([body.shape(place) for place in places], axis=0))

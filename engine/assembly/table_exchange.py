@@ -1,0 +1,91 @@
+"""Overwrite the tables of a Model so that it becomes the Model of a scene with another value.
+
+The two have the same arrays (`like` of engine.assembly.build.build). Where their numbers differ, those of the new Model
+are copied over the old ones, between two steps. Motion stays as it is. The change of energy is counted as supplied, so
+that it cannot make the sound unstable.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from engine.kernel.data.model import ConnectionCoefficients, Model
+from engine.kernel.data.state import State
+
+WORD_BYTES = 8
+KEPT = ("events",)  # fields of a Model that live sound writes to
+
+
+class CannotExchange(ValueError):
+    """The tables of a scene do not fit in the place of those in use."""
+
+
+class Copies(NamedTuple):
+    """Numbers to copy, and the addresses to copy them to."""
+
+    table: np.ndarray  # [copies, 3]: addresses to write to and to read from, and how many words
+    values: np.ndarray  # numbers to read, one after the other
+
+
+def make_copies(target: Sequence[Model], state: State, before: Sequence[Model], after: Sequence[Model]) -> Copies:
+    """Return the copies that turn Models with the numbers of `before` into those of `after`.
+
+    target: the Models in use, with their coarser ones; state: their State
+    Raises CannotExchange if the arrays are not alike.
+    """
+    if target[0].step.kick.dtype != np.float64:
+        raise CannotExchange('single precision has no tables to exchange; precision = "float64"')
+    pairs: list[tuple[np.ndarray, np.ndarray]] = []
+    for ours, old, new in zip(target, before, after, strict=True):
+        pairs += _differences(ours, old, new, "")
+    if pairs:
+        pairs += [pair for ours in target for pair in _invalidated(ours)]
+        if state.refinement is not None:
+            pairs.append((state.refinement.margin_valid, np.zeros_like(state.refinement.margin_valid)))
+    return collect_copies(pairs)
+
+
+def collect_copies(pairs: Sequence[tuple[np.ndarray, np.ndarray]]) -> Copies:
+    """Return the copies for pairs of contiguous arrays, to write to and to read from, all of 8 bytes a number."""
+    values = np.concatenate([new.view(np.int64) for _, new in pairs]) if pairs else np.zeros(0, np.int64)
+    begins = np.cumsum([0, *(new.size for _, new in pairs)])
+    rows = [
+        (ours.ctypes.data, values.ctypes.data + WORD_BYTES * int(begin), new.size)
+        for (ours, new), begin in zip(pairs, begins, strict=False)
+    ]
+    return Copies(np.array(rows, np.int64).reshape(-1, 3), values)
+
+
+def _differences(ours: Any, old: Any, new: Any, name: str) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield the parts of arrays that differ, in pairs: to write to, and to read from."""
+    if type(old) is not type(new) or (isinstance(old, np.ndarray) and old.shape != new.shape):
+        raise CannotExchange(
+            f"its {name.replace('_', ' ')} would have another structure than what sounds; stop and start again"
+        )
+    if isinstance(old, np.ndarray):
+        if old.dtype.itemsize != WORD_BYTES:
+            if not np.array_equal(old, new):
+                raise CannotExchange(
+                    f"its {name.replace('_', ' ')} would be arranged differently; stop and start again"
+                )
+            return
+        different = np.flatnonzero((old != new).ravel())
+        if different.size:
+            part = slice(int(different[0]), int(different[-1]) + 1)
+            yield ours.reshape(-1)[part], np.ascontiguousarray(new).reshape(-1)[part]
+    elif hasattr(old, "_fields"):
+        for field, mine, was, now in zip(old._fields, ours, old, new, strict=True):
+            if field not in KEPT:
+                yield from _differences(mine, was, now, field)
+
+
+def _invalidated(record: Any) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield copies that make the audio thread compute the factors of connections again, as those depend on the present
+    stiffness."""
+    if isinstance(record, ConnectionCoefficients):
+        never = np.full(record.made_for_stiffness.size, np.nan)
+        yield record.made_for_stiffness.reshape(-1), never
+    elif hasattr(record, "_fields"):
+        for value in record:
+            yield from _invalidated(value)

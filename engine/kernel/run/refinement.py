@@ -2,9 +2,9 @@
 
 A stage is a step of another length. In order 2 all lengths are positive, and modes lose energy in each stage
 (engine.assembly.mode_coefficients.damped_coefficients). In orders 4 and 6 some stages go backwards and none has loss;
-half the loss of the sample comes before the first stage and half after the last. Each stage conserves energy, and so does
-their product, whose order is that of the lengths (engine.patch.accuracy). Out of contact the `exact` coefficients need
-no stages: they are those of the exact motion, and one step of it equals the product of the stages.
+half the loss of the sample comes before the first stage and half after the last. Each stage conserves energy, and so
+does their product, whose order is that of the lengths (engine.patch.accuracy). Out of contact the `exact` coefficients
+need no stages: they are those of the exact motion, and one step of it equals the product of the stages.
 """
 
 import math

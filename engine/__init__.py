@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from engine.api.rendering import Rendering, render
     from engine.api.sweeping import run_sweep, run_sweep_rows
     from engine.faults import BuildError, PatchError, PatchWarning
-    from engine.patch.reader import load
-    from engine.patch.scene import Scene
+    from engine.patch.scene import Scene, load
     from engine.sweep.dataset import read_sweep
     from engine.sweep.rows import read_sweep_rows
 
@@ -50,7 +49,7 @@ _HOME = {
     "Player": "api.player",
     "Rendering": "api.rendering",
     "Scene": "patch.scene",
-    "load": "patch.reader",
+    "load": "patch.scene",
     "read_sweep": "sweep.dataset",
     "read_sweep_rows": "sweep.rows",
     "render": "api.rendering",

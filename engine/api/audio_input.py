@@ -7,8 +7,7 @@ import numpy as np
 
 from engine.kernel.data.enums import UNUSED_SLOT, EventKind
 from engine.live.audio_memory import RENDERED_AT_ONCE
-from engine.patch.reader import DOCUMENT, validate_document
-from engine.patch.scene import Scene
+from engine.patch.scene import Scene, scene_of_document
 from engine.patch.tables import PulseForce
 
 if TYPE_CHECKING:
@@ -44,7 +43,7 @@ def with_input_force(scene: Scene, source: AudioInput, samplerate: int) -> Scene
     force = {"kind": "pulse", "body": source.body, "amplitude": source.newtons, "duration": seconds}
     force |= {} if source.at is None else {"at": source.at}
     data = scene.document
-    return validate_document(data | {"force": [*data.get("force", []), force]}, scene.folder, DOCUMENT, "")
+    return scene_of_document(data | {"force": [*data.get("force", []), force]}, scene.folder)
 
 
 class InputForce:

@@ -14,8 +14,7 @@ from engine.live.audio_memory import RENDERED_AT_ONCE
 from engine.live.event_queue import QueuedEvent
 from engine.live.shared_memory import Gauge
 from engine.patch.frames import frame_count
-from engine.patch.reader import check_scene
-from engine.patch.scene import Scene
+from engine.patch.scene import Scene, check_scene
 
 PILOT_SECONDS = 2.0  # of a scene, that are played to find its level
 POLL_SECONDS = 0.01  # between two looks at whether all is over

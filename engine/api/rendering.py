@@ -18,8 +18,7 @@ from engine.offline.trace import TraceArrays, contact_names
 from engine.output_files import apply_gain, atomic_write, check_audio_format, count_clipped, save_audio, save_trace
 from engine.patch.accuracy import Accuracy
 from engine.patch.error_messages import suggestion
-from engine.patch.reader import check_scene
-from engine.patch.scene import Scene
+from engine.patch.scene import Scene, check_scene
 from engine.report.figures import PICTURE_ENDINGS, PLOT_STYLES, PlotStyle, save_figure, set_title
 from engine.wording import join_with_or
 

@@ -13,8 +13,8 @@ from engine.api.rendering import check_accuracy_names
 from engine.argument_checks import checked_integer, checked_number
 from engine.faults import Fault, PatchError
 from engine.patch.paths import locate
-from engine.patch.reader import DOCUMENT, check_scene
-from engine.patch.scene import Scene
+from engine.patch.reader import DOCUMENT
+from engine.patch.scene import Scene, check_scene
 from engine.sweep.axes import MAX_GRID_POINTS, SweepAxis, parse_axis
 from engine.sweep.dataset import load_xarray, read_sweep
 from engine.sweep.local_workers import run_local

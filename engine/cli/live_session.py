@@ -19,8 +19,7 @@ from engine.analysis.silence import is_inaudible
 from engine.audio_formats import explain_unsupported_format
 from engine.cli.live_inputs import Inputs, open_inputs
 from engine.cli.messages import describe_bodies, describe_leftover, describe_midi_file, print_error
-from engine.cli.option_checks import excerpt_of, voice_count
-from engine.cli.play_command import parse_latency
+from engine.cli.option_checks import excerpt_of, parse_latency, voice_count
 from engine.cli.progress import progress_feedback
 from engine.cli.terminal import meter_parts, read_keyboard, show_meter
 from engine.compiler import background
@@ -38,8 +37,7 @@ from engine.live.recording import NoRecording, Recording
 from engine.live.shared_memory import Gauge
 from engine.offline.statistics import island_statistics
 from engine.output_files import absolute_path, atomic_write, error_reason
-from engine.patch.reader import load
-from engine.patch.scene import Scene
+from engine.patch.scene import Scene, load
 from engine.report.console import explain_slowness
 from engine.wording import json_safe
 

@@ -54,7 +54,7 @@ def patch_warnings_as_notes() -> Iterator[None]:
 
 def read_patch(path: str) -> "tuple[Scene | None, list[Fault]]":
     """Read a patch; returns its scene, or its faults."""
-    from engine.patch.reader import load
+    from engine.patch.scene import load
 
     try:
         return load(path), []

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 DEFAULT_SAMPLERATE = 44_100  # Hz, unless an option says otherwise
 MAX_VOICES = 64
 MIDI_CHANNELS = 16
+MAX_LATENCY = 10.0  # s
 MIDI_ENDINGS = (".mid", ".midi")
 
 NumericOptions = dict[str, float | None]  # those of a command that are numbers, or not given
@@ -39,7 +40,7 @@ FILE_KINDS["--event-log"] = ("log", (".json",))
 
 def numeric_options(args: argparse.Namespace) -> tuple[NumericOptions, list[Fault]]:
     """The numbers among the options of a command, and what is wrong with the values of all of them."""
-    from engine.patch.scene import SAMPLE_RATE_RANGE
+    from engine.patch.scene_tables import SAMPLE_RATE_RANGE
     from engine.patch.tables import MAX_SECONDS
 
     ranges = {"seconds": (0.0, MAX_SECONDS, "s"), "samplerate": (*SAMPLE_RATE_RANGE, "Hz")}
@@ -231,3 +232,13 @@ def scene_of_key(scene: "Scene | None", args: argparse.Namespace) -> tuple["Scen
         return scene_of_note(scene, args.key, int(velocity or DEFAULT_VELOCITY)), []
     except ValueError as error:
         return scene, [Fault("--key", str(error))]
+
+
+def parse_latency(text: str | None) -> str | float | None:
+    """A latency as sounddevice takes it: low, high, or seconds. Raises ValueError."""
+    if text in (None, "low", "high"):
+        return text
+    seconds = float(text or "")
+    if not 0.0 < seconds <= MAX_LATENCY:
+        raise ValueError(text)
+    return seconds

@@ -13,6 +13,7 @@ from engine.cli.option_checks import (
     check_rate_and_channels,
     numeric_options,
     optional_path,
+    parse_latency,
     samplerate_of,
 )
 from engine.faults import Fault
@@ -22,7 +23,6 @@ from engine.output_files import check_audio_format, error_reason
 BLOCK_SIZE = "256"  # frames, unless told otherwise
 MAX_BLOCK_SIZE = 65_536  # frames
 CALLBACKS = "compiled", "python"
-MAX_LATENCY = 10.0  # s
 
 
 def add_play_command(commands: "arguments.Commands") -> None:
@@ -112,13 +112,3 @@ def check_play_options(args: argparse.Namespace) -> list[Fault]:
     if args.voices is not None and not args.midi and args.osc is None:
         faults.append(Fault("--voices", "requires --midi or --osc; give one of them"))
     return faults + check_parts(args)
-
-
-def parse_latency(text: str | None) -> str | float | None:
-    """A latency as sounddevice takes it: low, high, or seconds. Raises ValueError."""
-    if text in (None, "low", "high"):
-        return text
-    seconds = float(text or "")
-    if not 0.0 < seconds <= MAX_LATENCY:
-        raise ValueError(text)
-    return seconds

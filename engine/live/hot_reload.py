@@ -8,8 +8,7 @@ from typing import Any
 from engine.faults import PatchError
 from engine.live.player import Player
 from engine.patch.live_parameters import live_paths, value_at, with_value
-from engine.patch.reader import load
-from engine.patch.scene import Scene
+from engine.patch.scene import Scene, load
 
 
 def changed_parameters(old: Scene, new: Scene) -> dict[str, float] | None:

@@ -14,7 +14,8 @@ from engine.live.key_bends import KeyBends, bend_events, bent_parameters
 from engine.live.midi_files import HELD_SECONDS, MidiNotes, read_notes
 from engine.live.midi_notes import UNKNOWN_RELEASE, MidiError, Note, NothingToPlay
 from engine.live.midi_parts import ALL_NOTES, Excerpt
-from engine.patch.scene import MAX_EVENTS, Scene
+from engine.patch.scene import Scene
+from engine.patch.scene_tables import MAX_EVENTS
 from engine.patch.tables import MAX_SECONDS
 
 

@@ -38,8 +38,7 @@ from engine.offline.energy_statistics import energy_statistics
 from engine.offline.statistics import newton_statistics
 from engine.patch.frames import nearest_frame
 from engine.patch.live_parameters import LivePath, live_paths
-from engine.patch.reader import check_scene
-from engine.patch.scene import Scene
+from engine.patch.scene import Scene, check_scene
 from engine.patch.tables import (
     MAX_SECONDS,
     ChangeEvent,

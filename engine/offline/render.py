@@ -18,7 +18,8 @@ from engine.offline.statistics import RenderStatistics, island_statistics, simul
 from engine.offline.trace import TraceArrays, allocate_trace, name_columns, trace_rows
 from engine.offline.trust import explain_build_doubts, explain_doubts, warn_of_strong_loss, warnings
 from engine.patch.frames import frame_count
-from engine.patch.scene import SAMPLE_RATE_RANGE, Scene
+from engine.patch.scene import Scene
+from engine.patch.scene_tables import SAMPLE_RATE_RANGE
 from engine.patch.tables import MAX_SECONDS
 
 FIRST_CHUNK_FRAMES = 64  # to see how long they take

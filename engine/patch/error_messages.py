@@ -11,7 +11,7 @@ from pydantic.fields import FieldInfo
 
 from engine.bodies.table import KeyPath
 from engine.patch.foreign_words import explain_key, explain_kind
-from engine.patch.scene import Scene
+from engine.patch.scene_tables import SceneTables
 from engine.wording import describe_range, format_value, to_one_line
 
 MAX_KEY_CHARACTERS = 80  # of a key in a message
@@ -33,7 +33,7 @@ def locate_error(error: Any) -> Location:
     Pydantic puts a table's kind into the path, after its number; our own errors do not.
     """
     path: KeyPath = ()
-    models: dict[str, type[BaseModel]] = {"": Scene}
+    models: dict[str, type[BaseModel]] = {"": SceneTables}
     field: FieldInfo | None = None
     inner = models
     for part in error["loc"]:

@@ -3,14 +3,14 @@
 from typing import Any
 
 from engine.bodies import BODIES
-from engine.patch.scene import Scene
+from engine.patch.scene_tables import SceneTables
 
 SCHEMA_DRAFT = "http://json-schema.org/draft-07/schema#"  # the one that editors of TOML know
 
 
 def patch_schema() -> dict[str, Any]:
     """JSON Schema of a patch, draft 7: complete but for what only the whole patch shows, such as names."""
-    schema = Scene.model_json_schema(ref_template="#/definitions/{model}")
+    schema = SceneTables.model_json_schema(ref_template="#/definitions/{model}")
     tables = schema.pop("$defs")
     for table in tables.values():
         kind = table["properties"].pop("kind", None)

@@ -10,7 +10,7 @@ from engine.patch.live_parameters import live_parameters, live_paths
 from engine.patch.live_ranges import live_range
 from engine.patch.number_format import split_unit
 from engine.patch.reference_page import SECTIONS, format_range, top_level
-from engine.patch.scene import Scene
+from engine.patch.scene_tables import SceneTables
 
 LIVE_DEFAULTS = {
     "gap": 0.0,
@@ -41,7 +41,7 @@ class Parameter:
     live: bool
 
 
-def list_parameters(scene: Scene) -> list[Parameter]:
+def list_parameters(scene: SceneTables) -> list[Parameter]:
     """Every number that a patch gives, in the order of its tables.
 
     A path names a table by its name, or by its number from 0 where it has none.

@@ -10,12 +10,13 @@ from pydantic import BaseModel
 from engine.bodies.table import KeyPath
 from engine.faults import Fault, PatchError
 from engine.patch.error_messages import suggestion
-from engine.patch.reader import DOCUMENT, validate_document
+from engine.patch.parameters import list_parameters
+from engine.patch.reader import DOCUMENT, S, validate_document
 from engine.patch.renamed_keys import current_key
-from engine.patch.scene import Scene
+from engine.patch.scene_tables import SceneTables
 
 
-def replace_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
+def replace_values(scene: S, values: Mapping[str, Any]) -> S:
     """A scene with other values by their paths. Raises PatchError, which lists every fault; TypeError if a path is no
     text."""
     data = scene.document
@@ -31,12 +32,12 @@ def replace_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
         set_value(data, key_path, _plain(value))
     if faults:
         raise PatchError(faults)
-    return validate_document(data, scene.folder, DOCUMENT, "")
+    return validate_document(type(scene), data, scene.folder, DOCUMENT, "")
 
 
-def _example(scene: Scene) -> str:
+def _example(scene: SceneTables) -> str:
     """A path that the scene has."""
-    return next((f'"{parameter.path}"' for parameter in scene.parameters()), '"seconds"')
+    return next((f'"{parameter.path}"' for parameter in list_parameters(scene)), '"seconds"')
 
 
 def _plain(value: Any) -> Any:
@@ -54,7 +55,7 @@ def set_value(data: dict[str, Any], key_path: KeyPath, value: Any) -> None:
     node[key_path[-1]] = value
 
 
-def locate(path: str, scene: Scene, data: dict[str, Any]) -> tuple[KeyPath, bool]:
+def locate(path: str, scene: SceneTables, data: dict[str, Any]) -> tuple[KeyPath, bool]:
     """Find the keys in the document that a path such as contact.glass.loss leads to, and whether integers belong there.
 
     Raises ValueError, which says what is not there, and what is.

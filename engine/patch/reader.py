@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from pydantic import ValidationError
 
@@ -26,7 +26,7 @@ from engine.patch.error_messages import (
 )
 from engine.patch.misspelt import find_slips, spell_right
 from engine.patch.renamed_keys import RenamedKeys, rename_keys
-from engine.patch.scene import MAX_FAULTS_COLLECTED, Scene
+from engine.patch.scene_tables import MAX_FAULTS_COLLECTED, SceneTables
 from engine.patch.toml_lines import NestedTooDeep, locate_keys, nearest_line, split_statements
 from engine.wording import program_name, to_one_line
 
@@ -34,8 +34,9 @@ MAX_PATCH_BYTES = 1 * MB  # a larger patch takes seconds to read
 MAX_FAULTS_LISTED = 50
 MAX_SPELLINGS = 3  # how often misspelt words are spelt right, to find others
 DOCUMENT = "scene"  # what faults call a patch that was read from no file
-MAX_SHOWN_CHARACTERS = 60  # of what is not a scene or path
 MAX_NUMBER_DIGITS = 4_000  # Python reads some more
+
+S = TypeVar("S", bound=SceneTables)
 
 # what Python's TOML reader says, and what would be right
 SYNTAX_REMEDIES = {
@@ -45,23 +46,10 @@ SYNTAX_REMEDIES = {
 }
 
 
-def load(path: str | Path | dict[str, Any]) -> Scene:
-    """Read a patch: a file, a shipped one by its name, or a document, which is a dict as TOML readers give it.
-
-    Raises PatchError (a ValueError), which lists every fault at once; TypeError if `path` is none of these.
-
-    >>> import engine
-    >>> engine.load("tanpura").title
-    'Tanpura string, C3'
-    >>> engine.load("tanpra")
-    Traceback (most recent call last):
-    engine.faults.PatchError: tanpra: no such file or shipped patch; did you mean tanpura?
-    >>> ball = {"name": "ball", "kind": "mass", "mass": 0.1, "velocity": 1.0}
-    >>> engine.load({"body": [ball], "pickup": [{"body": "ball"}]}).seconds
-    2.0
-    """
+def read_scene(kind: type[S], path: str | Path | dict[str, Any]) -> S:
+    """Read a patch as `engine.load` does. kind: the class of the scene"""
     if isinstance(path, dict):
-        return validate_document(path, Path(), DOCUMENT, "")
+        return validate_document(kind, path, Path(), DOCUMENT, "")
     if not isinstance(path, str | Path):
         raise TypeError(
             f'{to_one_line(repr(path), 60)} is not a path; give one, or a shipped name: engine.load("tanpura")'
@@ -73,24 +61,12 @@ def load(path: str | Path | dict[str, Any]) -> Scene:
         raise PatchError([Fault("", f"empty; {program_name()} new NAME writes a first patch", str(path))])
     renamed = RenamedKeys()
     try:
-        return validate_document(data, path.parent, str(path), text, renamed)
+        return validate_document(kind, data, path.parent, str(path), text, renamed)
     finally:
         lines = locate_keys(text)
         for key in renamed.first_of_each():
             note = Fault(format_path(key.path), str(key), str(path), nearest_line(lines, key.path))
             warnings.warn(str(note), PatchWarning, stacklevel=2)
-
-
-def check_scene(scene: Any) -> None:
-    """Raise TypeError, which says how to come by one, if something is no Scene."""
-    if isinstance(scene, Scene):
-        return
-    shown = to_one_line(repr(scene), MAX_SHOWN_CHARACTERS)
-    if isinstance(scene, str | Path):
-        raise TypeError(f"{shown} is the name of a patch, not a scene; give engine.load({shown})")
-    if isinstance(scene, dict):
-        raise TypeError(f"{shown} is a document, not a scene; give engine.load of it")
-    raise TypeError(f'{shown} is not a scene; give one, such as engine.load("tanpura")')
 
 
 def read_text(path: Path) -> str:
@@ -107,17 +83,18 @@ def read_text(path: Path) -> str:
 
 
 def validate_document(
-    data: dict[str, Any], folder: Path, file: str, text: str, renamed: RenamedKeys | None = None
-) -> Scene:
-    """Make a Scene of a document. Raises PatchError.
+    kind: type[S], data: dict[str, Any], folder: Path, file: str, text: str, renamed: RenamedKeys | None = None
+) -> S:
+    """Make a scene of a document. Raises PatchError.
 
+    kind:   the class of the scene
     folder: where the files lie that the document names
     file:   the name of the patch in faults
     text:   the TOML that the document was read from, for the lines of faults; "" if there is none
     renamed: where to put the old keys that the document has
     """
-    result = _validate(data, folder, RenamedKeys() if renamed is None else renamed)
-    if isinstance(result, Scene):
+    result = _validate(kind, data, folder, RenamedKeys() if renamed is None else renamed)
+    if isinstance(result, SceneTables):
         return result
     misspelt = list[BlamedError]()
     for _ in range(MAX_SPELLINGS):
@@ -126,8 +103,8 @@ def validate_document(
             break
         misspelt += [BlamedError(slip.error, slip.path, "") for slip in slips]
         data = spell_right(data, slips)
-        result = _validate(data, folder, RenamedKeys())
-        if isinstance(result, Scene):
+        result = _validate(kind, data, folder, RenamedKeys())
+        if isinstance(result, SceneTables):
             result = []
     faults = _make_faults(file, text, misspelt + result)
     raise PatchError(faults if text else [replace(fault, line=None) for fault in faults])
@@ -144,11 +121,11 @@ class BlamedError(NamedTuple):
     key: str
 
 
-def _validate(data: dict[str, Any], folder: Path, renamed: RenamedKeys) -> Scene | list[BlamedError]:
-    """Make a Scene of a document, or list what is wrong with it."""
+def _validate(kind: type[S], data: dict[str, Any], folder: Path, renamed: RenamedKeys) -> S | list[BlamedError]:
+    """Make a scene of a document, or list what is wrong with it."""
     origins: Origins = {}
     try:
-        return Scene.model_validate(data, context={"folder": folder, "origins": origins, "renamed": renamed})
+        return kind.model_validate(data, context={"folder": folder, "origins": origins, "renamed": renamed})
     except ValidationError as error:
         return _once_each(_blame(e, origins, renamed) for e in error.errors(include_url=False))
 

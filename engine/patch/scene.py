@@ -1,160 +1,22 @@
-"""A `Scene`: a patch as a whole, validated.
+"""A patch as a Scene: read, looked at, and changed."""
 
-`Scene.model_validate({...})` reports every fault at once, those of structure and those that break a rule of the whole.
-"""
-
-import copy
-import math
-import warnings
-from collections.abc import Callable, Iterator, Mapping
-from itertools import islice
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from pydantic import Field, ModelWrapValidatorHandler, PrivateAttr, ValidationError, ValidationInfo, model_validator
-from pydantic_core import InitErrorDetails
-
-from engine.bodies import Body
-from engine.bodies.csv_files import read_modes, read_shape
-from engine.bodies.table import KeyPath, Table, make_fault
-from engine.faults import PatchWarning
-from engine.files import check_regular_file
-from engine.instrument.expansion import Expansion, expand, is_instrument
-from engine.instrument.tables import Keyboard, KeyTables, Note, Pedal
-from engine.output_files import error_reason
-from engine.patch.accuracy import Accuracy
-from engine.patch.control_rules import as_plain_change, check_changes, check_controls
-from engine.patch.control_tables import Control, Midi
-from engine.patch.live_parameters import live_paths
-from engine.patch.positions import tables_of
-from engine.patch.renamed_keys import RenamedKeys, rename_keys
-from engine.patch.rules import check_rules
-from engine.patch.tables import MAX_GRAVITY, MAX_SECONDS, Connection, Contact, Event, Force, Pickup, SampledForce
+from engine.patch.parameters import Parameter, list_parameters
+from engine.patch.paths import replace_values
+from engine.patch.reader import DOCUMENT, read_scene, validate_document
+from engine.patch.scene_tables import SceneTables
 from engine.wording import to_one_line
 
-if TYPE_CHECKING:
-    from engine.patch.parameters import Parameter
-
-SAMPLE_RATE_RANGE = (4_000, 768_000)  # Hz
-MAX_TABLES = 5_000  # of one section
-MAX_EVENTS = 100_000
-MAX_NOTES = 20_000
-MAX_CONTROLS = 500
-MAX_FAULTS_COLLECTED = 2_000  # beyond, no more are looked for
-MAX_PATH_CHARACTERS = 200  # of a file's name, or of why it cannot be read, in a message
-MAX_FORCE_SAMPLES = 1 << 25  # of a force file, all channels together
+MAX_SHOWN_CHARACTERS = 60  # of what is not a scene
 
 
-class Scene(Table):
+class Scene(SceneTables):
     """A patch, validated. All is in SI units; bodies are at rest at 0 unless the patch says otherwise."""
 
-    title: str = Field(default="", description="title")
-    seconds: float = Field(default=2.0, gt=0.0, le=MAX_SECONDS, description="length of the sound, s")
-    gravity: float = Field(
-        default=0.0,
-        ge=-MAX_GRAVITY,
-        le=MAX_GRAVITY,
-        description="downward acceleration of masses and oscillators, m/s²: with 9.81 their weight is -9.81 N/kg",
-    )
-    accuracy: Accuracy = Field(default=Accuracy(), description="accuracy settings")
-    body: list[Body] = Field(min_length=1, max_length=MAX_TABLES, description="the bodies")
-    contact: list[Contact] = Field(
-        default=[], max_length=MAX_TABLES, description="contacts between bodies, or with barriers"
-    )
-    connection: list[Connection] = Field(
-        default=[],
-        max_length=MAX_TABLES,
-        description="connections between bodies: springs, rigid joints, ends of strings, air",
-    )
-    force: list[Force] = Field(default=[], max_length=MAX_TABLES, description="external forces")
-    event: list[Event] = Field(default=[], max_length=MAX_EVENTS, description="events of the score")
-    pickup: list[Pickup] = Field(min_length=1, max_length=MAX_TABLES, description="outputs of the scene")
-    control: list[Control] = Field(
-        default=[], max_length=MAX_CONTROLS, description="live parameters that controllers change"
-    )
-    midi: Midi = Field(default=Midi(), description="MIDI settings")
-    keyboard: Keyboard | None = Field(default=None, exclude=True, description="keys of an instrument")
-    key: KeyTables | None = Field(default=None, exclude=True, description="tables of each key of an instrument")
-    note: list[Note] = Field(default=[], max_length=MAX_NOTES, exclude=True, description="notes of an instrument")
-    pedal: list[Pedal] = Field(default=[], max_length=MAX_NOTES, exclude=True, description="pedals of an instrument")
-    _document: dict[str, Any] | None = PrivateAttr(default=None)  # of an instrument, as it was read
-    _folder: Path = PrivateAttr(default=Path())
-
-    @model_validator(mode="wrap")
-    @classmethod
-    def _report_all_faults(
-        cls, data: Any, handler: ModelWrapValidatorHandler["Scene"], info: ValidationInfo
-    ) -> "Scene":
-        """Validate a document, and report the faults that pydantic finds together with those that we find."""
-        faults: list[InitErrorDetails] = []
-        scene = None
-        context = info.context or {}
-        folder, document = Path(context.get("folder", ".")), None
-        if isinstance(data, dict):
-            renamed = context.get("renamed", RenamedKeys())
-            data = rename_keys(data, renamed)
-            faults += renamed.faults
-            if "renamed" not in context:
-                _warn_of_old_names(renamed)
-        if is_instrument(data):
-            document, expansion = data, context.get("expansion") or expand(_limit_integers(data))
-            data = expansion.document
-            if "origins" in context:
-                context["origins"].update(expansion.origins)
-            if expansion.faults:
-                faults += expansion.faults
-                raise ValidationError.from_exception_data(cls.__name__, faults[:MAX_FAULTS_COLLECTED])
-        if isinstance(data, dict):
-            data, file_faults = _read_body_files(_limit_integers(data), folder)
-            faults += [*file_faults, *islice(_check_force_files(data, folder), MAX_FAULTS_COLLECTED)]
-        try:
-            scene = handler(data)
-        except ValidationError as error:
-            errors = error.errors(include_url=False)[:MAX_FAULTS_COLLECTED]
-            if document is not None:  # its keys would have made what is missing, had they been right
-                errors = [e for e in errors if e["type"] != "missing" or len(e["loc"]) > 1] or errors
-            faults += [_repeat_error(e, data) for e in errors]
-        if isinstance(data, dict):
-            faults += islice(check_rules(data), MAX_FAULTS_COLLECTED)
-        if scene is not None and not faults:
-            faults += [*check_controls(scene), *check_changes(scene)]
-        if faults or scene is None:
-            raise ValidationError.from_exception_data(cls.__name__, faults[:MAX_FAULTS_COLLECTED])
-        kinds = {body.name: type(body) for body in scene.body}
-        pickups = [p if p.quantity else p.model_copy(update={"quantity": kinds[p.body].HEARD}) for p in scene.pickup]
-        forces = [_with_absolute_file(f, folder) for f in scene.force]
-        scene = scene.model_copy(update={"pickup": pickups, "force": forces})
-        if any(getattr(event, "parameter", None) for event in scene.event):
-            paths = live_paths(scene, True)
-            scene = scene.model_copy(update={"event": [as_plain_change(event, paths) for event in scene.event]})
-        if document is not None:
-            scene._document, scene._folder = document, folder
-        return scene
-
-    @property
-    def instrument(self) -> dict[str, Any] | None:
-        """The document of the instrument that this scene was written out from; None if it is none."""
-        return self._document
-
-    def with_expansion(self, expansion: Expansion) -> "Scene":
-        """Another scene of the same instrument: of other keys, or another score. Raises ValidationError."""
-        if expansion.faults:
-            raise ValidationError.from_exception_data(type(self).__name__, expansion.faults[:MAX_FAULTS_COLLECTED])
-        context = {"folder": self._folder, "expansion": expansion}
-        return type(self).model_validate(self._document, context=context)
-
-    @property
-    def document(self) -> dict[str, Any]:
-        """Return the patch as a document that can be read again: a copy, with numbers in place of the files that bodies
-        name; of an instrument, as it was read."""
-        return copy.deepcopy(self._document) if self._document is not None else self.model_dump(exclude_unset=True)
-
-    @property
-    def folder(self) -> Path:
-        """The folder to which files in the document are relative."""
-        return self._folder
-
-    def parameters(self) -> "list[Parameter]":
+    def parameters(self) -> list[Parameter]:
         """Every number that the patch gives, in its order: path, value, unit, range, meaning, and whether it can be
         changed while it sounds. `fdh params` prints the same.
 
@@ -164,8 +26,6 @@ class Scene(Table):
         >>> felt.value, felt.unit, felt.live
         (4500000000.0, 'N/m^exponent', True)
         """
-        from engine.patch.parameters import list_parameters
-
         return list_parameters(self)
 
     def replace(self, path: str | Mapping[str, Any] | None = None, value: Any = None, /, **values: Any) -> "Scene":
@@ -187,21 +47,43 @@ class Scene(Table):
         Traceback (most recent call last):
         engine.faults.PatchError: scene contact.fellt.stiffness: there is no "contact.fellt"; did you mean ...
         """
-        from engine.patch.paths import replace_values
-
         given = dict(path) if isinstance(path, Mapping) else {} if path is None else {path: value}
         return replace_values(self, given | values)
 
-    @property
-    def channels(self) -> int:
-        """Number of channels of its sound."""
-        return max(channel for p in self.pickup for channel in p.channels)
+
+def load(path: str | Path | dict[str, Any]) -> Scene:
+    """Read a patch: a file, a shipped one by its name, or a document, which is a dict as TOML readers give it.
+
+    Raises PatchError (a ValueError), which lists every fault at once; TypeError if `path` is none of these.
+
+    >>> import engine
+    >>> engine.load("tanpura").title
+    'Tanpura string, C3'
+    >>> engine.load("tanpra")
+    Traceback (most recent call last):
+    engine.faults.PatchError: tanpra: no such file or shipped patch; did you mean tanpura?
+    >>> ball = {"name": "ball", "kind": "mass", "mass": 0.1, "velocity": 1.0}
+    >>> engine.load({"body": [ball], "pickup": [{"body": "ball"}]}).seconds
+    2.0
+    """
+    return read_scene(Scene, path)
 
 
-def _warn_of_old_names(renamed: RenamedKeys) -> None:
-    """Say once which keys of a document have better names now, where Scene.model_validate is called."""
-    for key in renamed.first_of_each():
-        warnings.warn(f"{'.'.join(map(str, key.path))}: {key}", PatchWarning, stacklevel=4)
+def scene_of_document(data: dict[str, Any], folder: Path, file: str = DOCUMENT, text: str = "") -> Scene:
+    """Make a Scene of a document. Raises PatchError. Arguments are those of `validate_document`."""
+    return validate_document(Scene, data, folder, file, text)
+
+
+def check_scene(scene: Any) -> None:
+    """Raise TypeError, which says how to come by one, if something is no Scene."""
+    if isinstance(scene, Scene):
+        return
+    shown = to_one_line(repr(scene), MAX_SHOWN_CHARACTERS)
+    if isinstance(scene, str | Path):
+        raise TypeError(f"{shown} is the name of a patch, not a scene; give engine.load({shown})")
+    if isinstance(scene, dict):
+        raise TypeError(f"{shown} is a document, not a scene; give engine.load of it")
+    raise TypeError(f'{shown} is not a scene; give one, such as engine.load("tanpura")')
 
 
 def connected_bodies(scene: Scene, name: str) -> set[str]:
@@ -213,111 +95,3 @@ def connected_bodies(scene: Scene, name: str) -> set[str]:
             if joined.on is not None and names & {joined.body, joined.on}:
                 names |= {joined.body, joined.on}
     return names
-
-
-def _limit_integers(value: Any) -> Any:
-    """The value with integers beyond 64 bits, which TOML has not, as floating point; such as none has, infinite."""
-    if isinstance(value, dict):
-        return {key: _limit_integers(inner) for key, inner in value.items()}
-    if isinstance(value, list):
-        return [_limit_integers(inner) for inner in value]
-    if isinstance(value, int) and abs(value) >= 1 << 63:
-        return float(value) if abs(value) < 10**300 else math.inf
-    return value
-
-
-def _repeat_error(error: Any, data: Any) -> InitErrorDetails:
-    """An error that pydantic raised, by itself or for a check of ours on one key, to be raised with the others."""
-    if error["type"] == "scene":
-        path: KeyPath = ()
-        value = data
-        for part in error["loc"]:
-            if isinstance(value, dict) and part not in value:
-                continue  # pydantic puts a table's kind there
-            path, value = (*path, part), value[part]
-        message, _, remedy = error["msg"].partition("; ")
-        return make_fault(path, error["input"], message, remedy)
-    details = InitErrorDetails(type=error["type"], loc=error["loc"], input=error["input"])
-    if "ctx" in error:
-        details["ctx"] = error["ctx"]
-    return details
-
-
-def _read_body_files(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[InitErrorDetails]]:
-    """The document with numbers in place of the files that bodies name, so that a scene is complete in itself; and the
-    faults of the files that cannot be read."""
-    bodies = data.get("body")
-    if not isinstance(bodies, list):
-        return data, []
-    complete, faults = [], list[InitErrorDetails]()
-
-    def replace_file(table: Any, path: KeyPath, read: Callable[[Path], dict[str, Any]], content: str) -> Any:
-        if not isinstance(table, dict) or not isinstance(table.get("file"), str):
-            return table
-        try:
-            columns = read(folder / table["file"])
-            if twice := [key for key in columns if table.get(key) is not None]:
-                message = f"file and {twice[0]} are both given"
-                faults.append(make_fault((*path, "file"), table["file"], message, "give one of them"))
-            return {k: v for k, v in table.items() if k != "file"} | columns
-        except (OSError, ValueError) as error:
-            faults.append(_make_file_fault((*path, "file"), table["file"], "CSV", error, content))
-            return table
-
-    for i, body in enumerate(bodies):
-        if isinstance(body, dict):
-            if body.get("kind") == "modes":
-                body = replace_file(body, ("body", i), read_modes, "a table of modes")
-            for key in ("displacement", "velocity"):
-                if isinstance(body.get(key), dict) and body[key].get("kind") == "points":
-                    shape = replace_file(body[key], ("body", i, key), read_shape, "columns x, value")
-                    body = body | {key: shape}
-        complete.append(body)
-    return data | {"body": complete}, faults
-
-
-def _check_force_files(data: dict[str, Any], folder: Path) -> Iterator[InitErrorDetails]:
-    """The faults of force files that cannot be read, or have no such channel."""
-    for i, table in tables_of(data, "force"):
-        file = table.get("file")
-        if table.get("kind") != "file" or not isinstance(file, str) or not file:
-            continue
-        try:
-            channels = _count_channels(folder / file)
-        except (OSError, RuntimeError, TypeError, ValueError) as error:  # soundfile's own are RuntimeErrors
-            yield _make_file_fault(("force", i, "file"), file, "audio", error, "a WAV, FLAC or OGG file")
-            continue
-        channel = table.get("channel", 1)
-        if isinstance(channel, int) and channel > channels:
-            message = f"the file has {channels} channel(s)"
-            yield make_fault(("force", i, "channel"), channel, message, f"1 to {channels}")
-
-
-def _make_file_fault(path: KeyPath, file: str, file_format: str, error: Exception, remedy: str) -> InitErrorDetails:
-    """The fault of a file that cannot be read."""
-    if isinstance(error, FileNotFoundError):
-        message = f"no such file: {to_one_line(str(error.filename), MAX_PATH_CHARACTERS)}"
-        return make_fault(path, file, message, "a path relative to the patch")
-    reason = to_one_line(error_reason(error), MAX_PATH_CHARACTERS)
-    return make_fault(path, file, f"cannot be read as {file_format} ({reason})", remedy)
-
-
-def _count_channels(path: Path) -> int:
-    """Count the channels of an audio file. Raises OSError, RuntimeError or ValueError if it cannot be a force."""
-    import soundfile
-
-    check_regular_file(path)
-    info = soundfile.info(str(path))
-    if info.frames * info.channels > MAX_FORCE_SAMPLES:
-        raise ValueError(f"it has {info.frames * info.channels} samples, more than {MAX_FORCE_SAMPLES}")
-    low, high = SAMPLE_RATE_RANGE
-    if not low <= info.samplerate <= high:
-        raise ValueError(f"its sample rate is {info.samplerate} Hz, not {low} to {high}")
-    return int(info.channels)
-
-
-def _with_absolute_file(force: Any, folder: Path) -> Any:
-    """The force with the absolute path of its file, so that what is kept of a scene can be read from anywhere."""
-    if not isinstance(force, SampledForce):
-        return force
-    return force.model_copy(update={"file": str((folder / force.file).resolve())})

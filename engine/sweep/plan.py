@@ -19,9 +19,8 @@ from engine.output_files import absolute_path, check_audio_format
 from engine.patch.error_messages import format_path
 from engine.patch.one_note import HOLD_SECONDS, TAIL_SECONDS
 from engine.patch.paths import set_value
-from engine.patch.reader import validate_document
 from engine.patch.renamed_keys import RenamedKeys, rename_keys
-from engine.patch.scene import Scene
+from engine.patch.scene import Scene, scene_of_document
 from engine.sweep.axes import MAX_GRID_POINTS, SweepAxis, Value, parse_axis
 from engine.sweep.index_csv import check_index
 from engine.sweep.note_axes import (
@@ -97,7 +96,7 @@ def scene_at(data: dict[str, Any], patch: str, axes: list[SweepAxis], point: Gri
     data = copy.deepcopy(data)
     for axis, value in zip(axes, point, strict=True):
         set_value(data, axis.key_path, value)
-    return validate_document(data, Path(patch).parent, patch, "")
+    return scene_of_document(data, Path(patch).parent, patch)
 
 
 def grid_points(axes: list[SweepAxis]) -> list[GridPoint]:

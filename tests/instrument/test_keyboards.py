@@ -17,7 +17,7 @@ import engine
 from engine.cli import main
 from engine.instrument.key_names import note_frequency, parse_key, parse_keys
 from engine.patch.one_note import scene_of_note
-from engine.patch.reader import validate_document
+from engine.patch.scene import scene_of_document
 
 RATE = 44_100
 STRINGS = """
@@ -250,7 +250,7 @@ def test_an_instrument_with_values_of_a_wrong_kind_is_refused(load, seed):
         table, key = chance.choice(list(places_in(document)))
         table[key] = copy.deepcopy(chance.choice(WRONG_VALUES))
         with contextlib.suppress(engine.PatchError):
-            validate_document(document, Path(), "strings.toml", "")
+            scene_of_document(document, Path(), "strings.toml")
 
 
 def places_in(table: Any) -> Iterator[tuple[Any, Any]]:

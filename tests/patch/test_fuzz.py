@@ -20,7 +20,7 @@ from engine.faults import PatchError
 from engine.live import midi_files, midi_notes
 from engine.live.player import Player
 from engine.live.replay import read_log, replay
-from engine.patch.reader import load
+from engine.patch.scene import load
 from engine.sweep import index_csv
 
 pytestmark = pytest.mark.hard

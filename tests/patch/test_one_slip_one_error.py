@@ -9,7 +9,7 @@ import pytest
 from conftest import ROOT
 
 import engine
-from engine.patch.reader import validate_document
+from engine.patch.scene import scene_of_document
 
 PATCHES = ROOT / "patches"
 WORD = re.compile(r"[A-Za-z_]\w{2,}")
@@ -18,7 +18,7 @@ WORD = re.compile(r"[A-Za-z_]\w{2,}")
 def faults_of(text: str) -> list[str]:
     """What is said of a patch."""
     try:
-        validate_document(tomllib.loads(text), PATCHES, "p.toml", text)
+        scene_of_document(tomllib.loads(text), PATCHES, "p.toml", text)
     except engine.PatchError as error:
         return [str(fault) for fault in error.faults]
     return []

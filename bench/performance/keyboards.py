@@ -15,7 +15,7 @@ from engine.instrument.score import Score, make_score
 from engine.live.key_allocator import KeyAllocator, live_scene
 from engine.live.midi_notes import Note
 from engine.live.player import Player
-from engine.patch.one_note import scene_of_note
+from engine.patch.note_scene import scene_of_note
 
 RATE, BLOCK = 44_100, 128
 REPEATS = 5

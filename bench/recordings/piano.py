@@ -4,7 +4,7 @@ from functools import cache
 
 import engine
 from bench.recordings.instrument import Sound
-from engine.patch.one_note import scene_of_note
+from engine.patch.note_scene import scene_of_note
 
 RATE = 44_100  # Hz
 TUNED = (21, 30, 39, 48, 57, 66, 75, 84, 93, 102)  # every third of the keys recorded

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from engine.assembly.noise import NOISE_RATE, draw_noise
+from engine.assembly.noise_signal import NOISE_RATE, draw_noise
 from engine.patch.frames import nearest_frame
 from engine.patch.tables import (
     ConstantForce,

@@ -26,6 +26,7 @@ from engine.compiler import background
 from engine.faults import PatchError
 from engine.instrument.score_events import FULL_VELOCITY
 from engine.live import audio_device, midi, midi_notes, recovery
+from engine.live.audio_recording import NoRecording, Recording
 from engine.live.controls import Controls
 from engine.live.hot_reload import PatchWatcher
 from engine.live.instrument_notes import scene_of_file
@@ -33,7 +34,6 @@ from engine.live.key_allocator import KeyAllocator, live_scene
 from engine.live.midi_parts import Excerpt
 from engine.live.osc import OscError
 from engine.live.player import HEADROOM, Player
-from engine.live.recording import NoRecording, Recording
 from engine.live.shared_memory import Gauge
 from engine.offline.statistics import island_statistics
 from engine.output_files import absolute_path, atomic_write, error_reason

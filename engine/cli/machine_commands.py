@@ -87,7 +87,7 @@ def cache_command(args: argparse.Namespace) -> int:
 def recover_recordings(args: argparse.Namespace) -> int:
     """Keep recordings that were broken off; returns the exit code."""
     from engine.live import recovery
-    from engine.live.recording import repair_header
+    from engine.live.audio_recording import repair_header
     from engine.output_files import error_reason, unused_path
 
     folder, count = Path(args.folder), 0

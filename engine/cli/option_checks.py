@@ -217,7 +217,7 @@ def check_rate_and_channels(option: str, output: Path, samplerate: int, channels
 def scene_of_key(scene: "Scene | None", args: argparse.Namespace) -> tuple["Scene | None", list[Fault]]:
     """The scene, or that of one note of it if the options ask for one; and the faults of these options."""
     from engine.instrument.tables import DEFAULT_VELOCITY
-    from engine.patch.one_note import scene_of_note
+    from engine.patch.note_scene import scene_of_note
 
     velocity = args.velocity
     if velocity is not None and not (velocity.isdecimal() and 1 <= int(velocity) <= 127):

@@ -4,7 +4,7 @@ import re
 import time
 from pathlib import Path
 
-from engine.live.recording import lock_file, readable_frames
+from engine.live.audio_recording import lock_file, readable_frames
 from engine.wording import program_name
 
 TEMPORARY_NAME = re.compile(r"\.(.+)\.\d+\.part", re.DOTALL)

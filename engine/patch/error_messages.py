@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from engine.bodies.table import KeyPath
-from engine.patch.foreign_words import explain_key, explain_kind
+from engine.patch.keyword_hints import explain_key, explain_kind
 from engine.patch.scene_tables import SceneTables
 from engine.wording import describe_range, format_value, to_one_line
 

@@ -7,7 +7,7 @@ from engine.faults import Fault, PatchError
 from engine.instrument.expansion import describe_keys, keys_of
 from engine.instrument.key_names import note_name, parse_key, parse_keys
 from engine.instrument.tables import DEFAULT_VELOCITY
-from engine.patch.one_note import scene_of_note
+from engine.patch.note_scene import scene_of_note
 from engine.patch.scene import Scene
 from engine.sweep.axes import SweepAxis
 
@@ -79,7 +79,7 @@ def scene_with_note(scene: Scene, note: str, velocity: int, hold: float, seconds
     try:
         if scene.instrument is not None:
             return scene_of_note(scene, note, velocity, hold, seconds)
-        from engine.live.one_voice import scene_of_voice  # which imports Numba
+        from engine.live.voice_scene import scene_of_voice  # which imports Numba
 
         return scene_of_voice(scene, parse_key(note), velocity, hold, seconds)
     except PatchError:

@@ -17,7 +17,7 @@ from typing import Any
 from engine.faults import Fault, PatchError
 from engine.output_files import absolute_path, check_audio_format
 from engine.patch.error_messages import format_path
-from engine.patch.one_note import HOLD_SECONDS, TAIL_SECONDS
+from engine.patch.note_scene import HOLD_SECONDS, TAIL_SECONDS
 from engine.patch.paths import set_value
 from engine.patch.renamed_keys import RenamedKeys, rename_keys
 from engine.patch.scene import Scene, scene_of_document

@@ -16,7 +16,7 @@ import pytest
 import engine
 from engine.cli import main
 from engine.instrument.key_names import note_frequency, parse_key, parse_keys
-from engine.patch.one_note import scene_of_note
+from engine.patch.note_scene import scene_of_note
 from engine.patch.scene import scene_of_document
 
 RATE = 44_100

@@ -9,7 +9,7 @@ import engine
 from bench.publish.pieces import PIECES
 from engine.instrument.expansion import expand_for_score, keys_of
 from engine.instrument.listing import list_key
-from engine.patch.one_note import scene_of_note
+from engine.patch.note_scene import scene_of_note
 
 DOCUMENTS = {path.stem: tomllib.loads(path.read_text("utf-8")) for path in PATCHES}
 INSTRUMENTS = sorted(name for name, document in DOCUMENTS.items() if "keyboard" in document)

@@ -15,7 +15,7 @@ from conftest import ROOT, needs_alsa, needs_portaudio
 
 from engine.cli import main
 from engine.live import recovery
-from engine.live.recording import Recording, repair_header
+from engine.live.audio_recording import Recording, repair_header
 
 PIANO = str(ROOT / "patches" / "piano_c4.toml")
 NOISE = np.random.default_rng(1).uniform(-0.5, 0.5, (4410, 2)).astype(np.float32)

@@ -15,7 +15,7 @@ from engine.cli import main
 from engine.instrument.expansion import OWN_TABLES, expand, is_instrument
 from engine.instrument.key_names import note_frequency, parse_key
 from engine.patch import json_schema, reference_page
-from engine.patch.one_note import scene_of_note
+from engine.patch.note_scene import scene_of_note
 from engine.patch.parameters import list_parameters, live_parameters
 
 TEMPLATES = sorted((ROOT / "patches" / "templates").glob("*.toml"))

@@ -12,7 +12,7 @@ from poles import exact_poles
 
 import engine
 from engine.instrument.key_names import note_frequency, parse_key
-from engine.patch.one_note import scene_of_note
+from engine.patch.note_scene import scene_of_note
 
 RATE = 44_100
 BARS = [

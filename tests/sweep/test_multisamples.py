@@ -14,7 +14,7 @@ from sweeps import Alone, rows
 import engine
 from engine.cli import main
 from engine.instrument.key_names import note_frequency, parse_key
-from engine.patch.one_note import scene_of_note
+from engine.patch.note_scene import scene_of_note
 from engine.sweep import sweep as sweep_module
 from engine.sweep.note_axes import parse_notes, parse_velocities
 from engine.sweep.plan import SweepPlan, grid_points

@@ -6,49 +6,24 @@ samples. The kernels then count all modes and contacts from 0, which spares them
 expression does it for all of a Model, and is written for its types.
 """
 
+from collections import namedtuple
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 from engine.compiler.array_view import column_view, matrix_view, row_view, slice_view
-from engine.compiler.decorators import inline
 from engine.compiler.overloads import is_none, overload_by_source
 from engine.kernel.data.axes import SEGMENTED, Axis, Items, fields_of
 from engine.kernel.data.laws import Law
 from engine.kernel.data.model import Islands
 
+ENDS = [f"{axis}_{end}" for axis in SEGMENTED for end in ("begin", "end")]
+# begin and end of the items of an island, by axis; its number, that of its partition, and whether it is its first
+IslandBounds: Any = namedtuple("IslandBounds", ["island", "partition", "is_first", *ENDS])  # type: ignore[misc]
 
-class IslandBounds(NamedTuple):
-    """Begin and end of the items of an island, by axis (SEGMENTED); its number, and that of its partition."""
 
-    island: int
-    partition: int
-    is_first: bool  # of its partition
-    mode_begin: int
-    mode_end: int
-    contact_begin: int
-    contact_end: int
-    basis_begin: int
-    basis_end: int
-    compliance_begin: int
-    compliance_end: int
-    connection_begin: int
-    connection_end: int
-    connection_pair_begin: int
-    connection_pair_end: int
-    connection_contact_begin: int
-    connection_contact_end: int
-    connection_part_begin: int
-    connection_part_end: int
-    force_begin: int
-    force_end: int
-    event_begin: int
-    event_end: int
-    pickup_begin: int
-    pickup_end: int
-    body_begin: int
-    body_end: int
-    free_mass_begin: int
-    free_mass_end: int
+def island_bounds(islands: Any, partition: int, i: int) -> Any:
+    """Return the IslandBounds of island i. In compiled code only."""
+    raise TypeError("island_bounds is for compiled code")
 
 
 def island_model(model: Any, state: Any, bounds: Any) -> Any:
@@ -120,41 +95,12 @@ def _write_state(state: Any, bounds: Any) -> tuple[str, dict[str, Any]]:
     return write_view(state, "state", names), names
 
 
+def _write_bounds(islands: Any, partition: Any, i: Any) -> tuple[str, dict[str, Any]]:
+    parts = [f"islands.{axis}[{place}]" for axis in SEGMENTED for place in ("i", "i + 1")]
+    is_first = "i == islands.partition[partition]"
+    return f"IslandBounds(i, partition, {is_first}, {', '.join(parts)})", {"IslandBounds": IslandBounds}
+
+
+overload_by_source(island_bounds, _write_bounds)
 overload_by_source(island_model, _write_model)
 overload_by_source(island_state, _write_state)
-
-
-@inline
-def island_bounds(islands, partition, i):
-    """Return the IslandBounds of island i."""
-    return IslandBounds(
-        i,
-        partition,
-        i == islands.partition[partition],
-        islands.mode[i],
-        islands.mode[i + 1],
-        islands.contact[i],
-        islands.contact[i + 1],
-        islands.basis[i],
-        islands.basis[i + 1],
-        islands.compliance[i],
-        islands.compliance[i + 1],
-        islands.connection[i],
-        islands.connection[i + 1],
-        islands.connection_pair[i],
-        islands.connection_pair[i + 1],
-        islands.connection_contact[i],
-        islands.connection_contact[i + 1],
-        islands.connection_part[i],
-        islands.connection_part[i + 1],
-        islands.force[i],
-        islands.force[i + 1],
-        islands.event[i],
-        islands.event[i + 1],
-        islands.pickup[i],
-        islands.pickup[i + 1],
-        islands.body[i],
-        islands.body[i + 1],
-        islands.free_mass[i],
-        islands.free_mass[i + 1],
-    )

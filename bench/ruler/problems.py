@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 import engine
-from engine.assembly.body_point import BodyPoint
 from engine.assembly.build import build
+from engine.assembly.contact_points import BodyPoint
 from engine.assembly.layout import Layout
 from engine.problems.library import NAMES
 from engine.problems.problem import Problem

@@ -52,7 +52,7 @@ class IslandProfile(Record):
     bodies: list[str]
     modes: int
     modes_dropped: int  # too high for the sample rate
-    modes_residual: int  # that stand for modes left out (engine.assembly.residual_modes)
+    modes_residual: int  # that stand for modes left out (engine.assembly.mode_counts)
     contacts: int  # points of contact
     solver: str
     energy: float  # J, that its bodies begin with

@@ -11,15 +11,13 @@ import numpy as np
 
 from engine.assembly import limits
 from engine.assembly.array_memory import align_to_cache_lines, to_single_precision
-from engine.assembly.body_point import NOWHERE, BodyPoint
-from engine.assembly.connection_checks import check_connections
 from engine.assembly.connection_coordinates import changed_connections
-from engine.assembly.connection_tables import connections
-from engine.assembly.contact_basis import BasisUse
-from engine.assembly.drives import DriveForce
+from engine.assembly.connections import check_connections, connections
+from engine.assembly.contact_points import NOWHERE, BasisUse, BodyPoint
+from engine.assembly.contact_reach import contacts_to_build
 from engine.assembly.event_table import event_table
-from engine.assembly.flight_tables import PickupRow, build_free_flight
-from engine.assembly.force_table import ForceTable, force_table
+from engine.assembly.external_forces import ForceTable, force_table
+from engine.assembly.free_flight import PickupRow, build_free_flight
 from engine.assembly.initial_state import initial_state
 from engine.assembly.layout import Layout
 from engine.assembly.mode_coefficients import (
@@ -29,11 +27,10 @@ from engine.assembly.mode_coefficients import (
     end_loss,
     loses_in_drift,
 )
-from engine.assembly.mode_counts import fit_modes
+from engine.assembly.mode_counts import fit_modes, with_residual_modes
 from engine.assembly.mode_shape_rows import mode_shape_rows
-from engine.assembly.reachability import contacts_to_build
-from engine.assembly.refinement_tables import build_refinement
-from engine.assembly.residual_modes import with_residual_modes
+from engine.assembly.one_way_drive import DriveForce
+from engine.assembly.refinement import build_refinement
 from engine.assembly.step_coefficients import ModeCoefficients, all_factors, contact_basis_tables, step_coefficients
 from engine.bodies.body import ModalBody
 from engine.faults import BuildError, Fault

@@ -9,6 +9,13 @@ point, and the force w = Σ ωₙ·cₙ·aₙ of all strings that end there. A s
 when its end is at y. With both ends moving, it holds Σ ½·(ωₙ·aₙ + c⁰ₙ·y₀ + c¹ₙ·y₁)² + T/(2L)·(y₁ - y₀)². The arrays
 hold w/κ in place of w, with κ = Σ (Σ cₙ² + T/L) over the strings. It is a length, as y is: with numbers of unlike size
 the factors would be less exact.
+
+Connection coordinates of the air that sheets press on (docs/design.md, "Air").
+
+Uniform pressure in a volume V stores the energy ½·(ρc²/V)·U². U is the volume that the walls displace, so the air is a
+spring between the displaced volumes of sheets. In a box, a standing wave of amplitude a and shape ψ stores
+½·(ω·a + y)², with y = √(ρc²/∫ψ² dV)·∬ ±w·ψ dA over the walls. The plug of air in the hole does the same with
+uniform pressure. The terms of this square are the energy of a mode of the air, a cross term y·ω·a and a spring ½·y².
 """
 
 import math
@@ -17,14 +24,14 @@ from typing import Any
 
 import numpy as np
 
-from engine.assembly.air_coordinates import air_coordinates
-from engine.assembly.coordinates import Coordinate, Coordinates
-from engine.assembly.spring_compensation import compensate_springs
-from engine.bodies import String
+from engine.assembly.coordinates import Coordinate, Coordinates, compensate_springs
+from engine.bodies import AirBox, String
+from engine.bodies.air import BULK_MODULUS
 from engine.bodies.body import ModalBody
 from engine.bodies.distributed import DistributedBody
+from engine.bodies.sheet import FlatSheet
 from engine.patch.scene import Scene
-from engine.patch.tables import ChangeEvent, Connection, EndConnection, SpringConnection
+from engine.patch.tables import AirConnection, ChangeEvent, Connection, EndConnection, SpringConnection
 
 SMALLEST_SINGULAR_VALUE = 1e-5  # of the largest: beyond, a share of 1e-10 of the stiffness of a support is left out
 REDUNDANT = 1e-9  # of a rigid joint: what is left of it beside others, below which they hold it already
@@ -43,7 +50,7 @@ def used_connections(scene: Scene) -> set[int]:
     def joins(c: Connection) -> bool:
         if isinstance(c, SpringConnection):
             return bool(c.rigid or c.stiffness or c.damping_coefficient or c.name in changed)
-        return not (isinstance(c, EndConnection) and c.one_way)  # which engine.assembly.drives has
+        return not (isinstance(c, EndConnection) and c.one_way)  # which engine.assembly.one_way_drive has
 
     return {k for k, c in enumerate(scene.connection) if joins(c)}
 
@@ -240,3 +247,84 @@ def end_force_parts(
             on = numbers[c.on]
             parts.append((on, -end_stiffness(string, modal, end, c.at) * _shape(scene, bodies, on, c.on_at)))
     return parts
+
+
+def air_coordinates(
+    scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int]
+) -> list[tuple[list[Coordinate], np.ndarray]]:
+    """Return the coordinates of air and their stiffness matrix, in groups that are not coupled to each other.
+
+    bodies, numbers: modes of the scene's bodies, and their numbers by name
+    """
+    groups = []
+    walls: dict[int, list[tuple[int, AirConnection]]] = {}
+    for k, c in enumerate(scene.connection):
+        if not isinstance(c, AirConnection):
+            continue
+        on = None if c.on is None else numbers[c.on]
+        if on is not None and isinstance(scene.body[on], AirBox):
+            walls.setdefault(on, []).append((k, c))
+        else:
+            groups.append(([_closed_volume(scene, bodies, numbers, k, c)], np.zeros((1, 1))))
+    for box, connections in walls.items():
+        groups += _box(scene, bodies, numbers, box, connections)
+    return groups
+
+
+def _closed_volume(
+    scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int], k: int, c: AirConnection
+) -> Coordinate:
+    """Return the coordinate of uniform pressure between two sheets, or behind one: the mean displacement."""
+    number = numbers[c.body]
+    sheet = _sheet(scene, number)
+    parts = {number: sheet.volume_row(bodies[number]) / sheet.area()}
+    if c.on is not None:
+        on = numbers[c.on]
+        parts[on] = -_sheet(scene, on).volume_row(bodies[on]) / sheet.area()
+    return Coordinate(f"connection[{k}]", k, parts, BULK_MODULUS * sheet.area() ** 2 / (c.volume or 1.0))
+
+
+def _box(
+    scene: Scene,
+    bodies: Sequence[ModalBody],
+    numbers: dict[str, int],
+    number: int,
+    connections: list[tuple[int, AirConnection]],
+) -> list[tuple[list[Coordinate], np.ndarray]]:
+    """Return the coordinates of the air in a box. A standing wave has two: its own part ω·a, and the part y of its
+    walls. Uniform pressure has both if the box has a hole, else only the part of the walls."""
+    box, modal = scene.body[number], bodies[number]
+    assert isinstance(box, AirBox)
+    k, plug = connections[0][0], int(box.hole is not None)
+    rows: list[dict[int, np.ndarray]] = [{} for _ in range(modal.omega.size - plug + 1)]
+    for _, c in connections:
+        wall = numbers[c.body]
+        for wave, row in enumerate(_wall_rows(box, modal, _sheet(scene, wall), bodies[wall], c.wall or "top")):
+            rows[wave][wall] = rows[wave].get(wall, 0.0) + row
+    scale = BULK_MODULUS * (box.size[0] * box.size[1]) ** 2 / box.volume()  # N/m: coordinates are lengths
+    groups = []
+    for wave, parts in enumerate(rows):
+        walls = Coordinate(f"connection[{k}]", k, {b: row / np.sqrt(scale) for b, row in parts.items()})
+        row = np.zeros(modal.omega.size)
+        mode = wave - 1 + plug  # of uniform pressure: the plug of the hole
+        if mode < 0:
+            groups.append(([walls._replace(stiffness=scale)], np.zeros((1, 1))))
+            continue
+        row[mode] = modal.omega[mode] / np.sqrt(scale)
+        air = Coordinate(f"connection[{k}]", k, {number: row})
+        groups.append(([air, walls], scale * np.array([[0.0, 1.0], [1.0, 1.0]])))
+    return groups
+
+
+def _wall_rows(box: AirBox, modal: ModalBody, sheet: FlatSheet, wall: ModalBody, side: str) -> np.ndarray:
+    """Return √(ρc²/Λ)·∬ ±Φ·ψ dA over a wall, positive outwards [1 + waves, modes of the wall]."""
+    positions, areas, _ = sheet.area_quadrature(wall.omega.size)
+    places = np.array(positions)
+    pressure = box.wall_rows(modal.omega.size, places, 1.0 if side == "top" else 0.0) * areas[:, None]
+    return np.asarray((1.0 if side == "top" else -1.0) * pressure.T @ wall.shape(places))
+
+
+def _sheet(scene: Scene, number: int) -> FlatSheet:
+    sheet = scene.body[number]
+    assert isinstance(sheet, FlatSheet)
+    return sheet

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from engine.assembly.coordinates import stiffness_beside
 from engine.assembly.layout import Layout
-from engine.assembly.spring_compensation import stiffness_beside
 from engine.kernel.data.enums import NO_END, UNUSED_SLOT, EventKind
 from engine.kernel.data.model import Events
 from engine.patch.frames import nearest_frame

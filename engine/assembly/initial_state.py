@@ -3,8 +3,8 @@
 import numpy as np
 
 from engine.assembly.array_memory import allocate
-from engine.assembly.body_point import BodyPoint
-from engine.assembly.connection_tables import lowest_energies
+from engine.assembly.connections import lowest_energies
+from engine.assembly.contact_points import BodyPoint
 from engine.assembly.contact_reach import dense_rows
 from engine.assembly.layout import Layout
 from engine.kernel.data.axes import Axis

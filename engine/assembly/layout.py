@@ -8,19 +8,27 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from engine.assembly.body_point import BodyPoint
 from engine.assembly.connection_coordinates import connected_pairs, find_coordinates
-from engine.assembly.contact_basis import FEW_LINEAR_CONTACTS, BasisUse, truncate_shapes
-from engine.assembly.contact_points import ContactPoint, contact_points
+from engine.assembly.contact_points import (
+    FEW_LINEAR_CONTACTS,
+    BasisUse,
+    BodyPoint,
+    ContactPoint,
+    contact_points,
+    contact_sides,
+    offset,
+    truncate_shapes,
+)
 from engine.assembly.coordinates import Coordinates
-from engine.assembly.drives import DriveForce, drive_forces, find_drives, order_islands
+from engine.assembly.external_forces import acting_forces
+from engine.assembly.one_way_drive import drive_forces, find_drives, order_islands
 from engine.assembly.pickup_points import DrivePickup, HeardPoint, drive_pickups, heard_points
 from engine.assembly.subsystems import connected_components, estimate_cost, partition_islands
 from engine.bodies.body import ModalBody
 from engine.kernel.data.enums import LANES
 from engine.kernel.data.model import Islands
 from engine.patch.scene import Scene
-from engine.patch.tables import ChangeEvent, Contact, Force, Pickup, PluckEvent
+from engine.patch.tables import ChangeEvent, Contact, Pickup
 
 MIN_ALIGNED_MODES = 16  # of a connected body: from so many on, it begins and ends where vectors do
 
@@ -388,22 +396,3 @@ def _begins(counts: Any) -> np.ndarray:
     """Return the first position of each block if blocks of the given sizes follow each other, and the end of the
     last."""
     return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-
-
-def acting_forces(scene: Scene) -> list[Force | PluckEvent | DriveForce]:
-    """Return the external forces of a scene that have an amplitude: forces, plucks of the score, and strings that drive
-    bodies."""
-    forces: list[Force | PluckEvent | DriveForce] = [f for f in scene.force if f.amplitude != 0.0]
-    forces += [e for e in scene.event if isinstance(e, PluckEvent) and e.amplitude != 0.0]
-    return forces + drive_forces(scene)
-
-
-def contact_sides(contact: Contact, point: ContactPoint) -> tuple[BodyPoint, BodyPoint]:
-    """Return the two body points that a contact point joins, each with the sign of its part in the compression."""
-    sign = 1.0 if contact.side == "above" else -1.0
-    return BodyPoint(contact.body, point.at, sign), BodyPoint(contact.on, point.on_at, -sign)
-
-
-def offset(contact: Contact, point: ContactPoint) -> float:
-    """Return the offset that is subtracted from the projected displacement at a point of a contact, m."""
-    return -point.offset if contact.on is None and contact.side == "below" else point.offset

@@ -8,7 +8,7 @@ import numpy as np
 
 from engine.assembly.connection_coordinates import count_supports
 from engine.assembly.contact_points import count_points
-from engine.assembly.force_table import count_steps
+from engine.assembly.external_forces import count_steps
 from engine.assembly.layout import Layout
 from engine.bodies import Body, String
 from engine.bodies.body import ModalBody, TooManyModes, UnfitBody

@@ -1,13 +1,23 @@
-"""Give each body of a scene as many modes as another build of it has, so that tables of one fit the other
-(engine.assembly.table_exchange)."""
+"""Modes that bodies get beside their own: as many as another build of the scene has, so that tables of one fit the
+other (engine.assembly.table_exchange); and residual modes (docs/design.md, "Residual modes").
 
+Residual modes are a few modes near the Nyquist frequency, with the static compliance at contacts of the modes that are
+not built.
+
+Modes above 0.49 of the sample rate are not built, or the patch asks for fewer modes. All modes that are left out are
+stiff and follow a contact force at once, with the compliance C_r = Σ Φᵢ·Φⱼ/ω² over them. A mode with Φ² = ω²·C_r has
+this compliance, and is as passive as any other. A compliance added to that of the contacts alone would not be passive.
+"""
+
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from engine.assembly.residual_modes import with_residual_modes
+from engine.assembly.contact_points import contact_points
 from engine.bodies.body import ModalBody
+from engine.bodies.distributed import DistributedBody
 from engine.faults import BuildError, Fault
 from engine.patch.scene import Scene
 
@@ -55,3 +65,82 @@ def _with_silent_modes(body: ModalBody, more: int) -> ModalBody:
     omega, sigma = insert(body.omega, float(body.omega[first - 1])), insert(body.sigma, float(body.sigma[first - 1]))
     q, p, participation = insert(body.q), insert(body.p), insert(body.gravity_participation)
     return ModalBody(omega, sigma, shape, q, p, participation, body.residual, more)
+
+
+FREQUENCY_SHARE = 0.45  # of the sample rate
+DAMPING_PER_STEP = 0.045  # σ·h: residual modes hardly ring, and lose as other modes do at every order
+MIN_SHARE = 0.03  # of the static compliance: where less is left out, nothing is added unless the patch asks for it
+MAX_POINTS = 4  # of contacts on a body: with more, nothing is added unless the patch asks for it
+SLOW = 20.0  # Hz
+MIN_PART = 1e-3  # of the largest: smaller residual modes are left out
+
+
+def with_residual_modes(scene: Scene, bodies: Sequence[ModalBody], samplerate: float) -> list[ModalBody]:
+    """Return the modes of bodies, with residual modes where they help. samplerate: of the steps, Hz"""
+    places = _contact_places(scene)
+    return [
+        _with_residual(body, modal, places[body.name], samplerate)
+        if isinstance(body, DistributedBody) and body.residual is not False and places.get(body.name)
+        else modal
+        for body, modal in zip(scene.body, bodies, strict=True)
+    ]
+
+
+def residual_compliance(
+    body: DistributedBody, modal: ModalBody, places: Sequence[object]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return two static compliances between positions of a body [places, places], m/N: of the modes that are not built,
+    and of those that are. The second is without modes so slow that they act as masses on a contact."""
+    shapes = np.array([modal.shape(place) for place in places])
+    moving = modal.omega > 2 * math.pi * SLOW
+    built = shapes[:, moving] / modal.omega[moving]
+    beyond = body.modes_beyond(float(np.max(modal.omega)))
+    if beyond is None:
+        return np.zeros((len(places), len(places))), built @ built.T
+    left_out = np.array([beyond.shape(place) for place in places]) / beyond.omega
+    return left_out @ left_out.T, built @ built.T
+
+
+def _with_residual(body: DistributedBody, modal: ModalBody, places: list[object], samplerate: float) -> ModalBody:
+    """Return the modes of a body with its residual modes, whose shapes are combinations of static deflections."""
+    if body.residual is None and len(places) > MAX_POINTS:
+        return modal
+    compliance, built = residual_compliance(body, modal, places)
+    share = np.diag(compliance) / np.maximum(np.diag(compliance) + np.diag(built), 1e-300)
+    if not np.max(share) > (MIN_SHARE if body.residual is None else 0.0):
+        return modal
+    value, vector = np.linalg.eigh(compliance)
+    kept = value > MIN_PART * value[-1]
+    omega = 2 * math.pi * FREQUENCY_SHARE * samplerate
+    mixture = omega * vector[:, kept] / np.sqrt(value[kept])  # Φ = ω·C_r(x, places)·V·Λ^(-1/2)
+    beyond = body.modes_beyond(float(np.max(modal.omega)))
+    assert beyond is not None
+    at_places = np.array([beyond.shape(place) for place in places]) / beyond.omega**2
+
+    def shape(position: object) -> np.ndarray:
+        row = beyond.shape(position) @ at_places.T @ mixture
+        return np.concatenate([modal.shape(position), row], axis=-1)
+
+    more = int(np.count_nonzero(kept))
+    return ModalBody(
+        omega=np.concatenate([modal.omega, np.full(more, omega)]),
+        sigma=np.concatenate([modal.sigma, np.full(more, DAMPING_PER_STEP * samplerate)]),
+        shape=shape,
+        q=np.pad(modal.q, (0, more)),
+        p=np.pad(modal.p, (0, more)),
+        gravity_participation=np.pad(modal.gravity_participation, (0, more)),
+        residual=more,
+    )
+
+
+def _contact_places(scene: Scene) -> dict[str, list[object]]:
+    """Return the positions of each body that contacts touch, each once."""
+    bodies = {body.name: body for body in scene.body}
+    places: dict[str, list[object]] = {}
+    for contact in scene.contact:
+        on = None if contact.on is None else bodies[contact.on]
+        for point in contact_points(contact, bodies[contact.body], on):
+            for name, place in ((contact.body, point.at), (contact.on, point.on_at)):
+                if name is not None and place not in places.setdefault(name, []):
+                    places[name].append(place)
+    return places

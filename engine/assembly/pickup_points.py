@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from engine.assembly.body_point import NOWHERE, BodyPoint
 from engine.assembly.connection_coordinates import end_force_parts
-from engine.assembly.drives import find_drives
+from engine.assembly.contact_points import NOWHERE, BodyPoint
+from engine.assembly.one_way_drive import find_drives
 from engine.bodies.air import AIR_DENSITY, AirBody
 from engine.bodies.body import ModalBody
 from engine.bodies.sheet import FlatSheet

@@ -28,7 +28,7 @@ class ModalBody(NamedTuple):
     q: np.ndarray  # [modes], √kg·m, displacement at time 0
     p: np.ndarray  # [modes], √kg·m/s, momentum at time 0
     gravity_participation: np.ndarray  # [modes], √kg: force on each mode in a uniform gravity of 1 m/s²
-    residual: int = 0  # how many of the last modes stand for those left out (engine.assembly.residual_modes)
+    residual: int = 0  # how many of the last modes stand for those left out (engine.assembly.mode_counts)
     silent: int = 0  # how many before these have no shape: they only take places (engine.assembly.mode_counts)
 
 

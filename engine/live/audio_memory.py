@@ -7,7 +7,7 @@ import numpy as np
 
 from engine.assembly.array_memory import align_to_cache_lines
 from engine.assembly.build import BuildResult
-from engine.assembly.refinement_tables import build_refinement
+from engine.assembly.refinement import build_refinement
 from engine.compiler.struct_handle import StructHandle
 from engine.kernel.data.model import Model
 from engine.live.shared_memory import Gauge, Slot

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from engine.assembly.build import build
-from engine.assembly.contact_basis import entry_counts
+from engine.assembly.contact_points import entry_counts
 from engine.assembly.layout import Layout
 from engine.kernel.data.axes import Axis, Items, pair_arrays
 from engine.kernel.data.model import (

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from engine.assembly.body_point import BodyPoint
 from engine.assembly.build import trace_points
+from engine.assembly.contact_points import BodyPoint
 from engine.assembly.layout import Layout
 from engine.assembly.mode_shape_rows import mode_shape_rows
 from engine.bodies import Body

@@ -8,7 +8,7 @@ from pydantic_core import InitErrorDetails
 
 from engine.bodies.table import KeyPath, are_positive, is_number, make_fault
 
-MIN_BAND, MAX_BAND = 1.0, 23_000.0  # Hz, of a noise: it is drawn at 48 kHz (engine.assembly.noise_signal)
+MIN_BAND, MAX_BAND = 1.0, 23_000.0  # Hz, of a noise: it is drawn at 48 kHz (engine.assembly.external_forces)
 
 Faults = Iterator[InitErrorDetails]
 

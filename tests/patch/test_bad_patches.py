@@ -21,7 +21,7 @@ from fuzzing import mutated
 import engine
 from engine.analysis.profile import kernel_id
 from engine.assembly.build import build
-from engine.assembly.force_table import force_table
+from engine.assembly.external_forces import force_table
 from engine.bodies.sheet import MAX_SHEET_MODES
 from engine.cli import main
 from engine.faults import BuildError

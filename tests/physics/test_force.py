@@ -7,7 +7,7 @@ from scipy import signal
 
 import engine
 from bench.scenes.small import mass, oscillator, scene
-from engine.assembly.force_table import force_table
+from engine.assembly.external_forces import force_table
 from engine.patch.tables import NoiseForce
 
 BAND = [50.0, 1000.0]  # Hz

@@ -1,8 +1,8 @@
 """One-way drive: ends of strings push bodies that do not act back on them.
 
 Pickups on the strings write their forces to a ring of samples, and external forces on the bodies read them. In each
-chunk of samples the strings run first (engine.assembly.drives). The force of a step is the mean of the two samples
-before its end, one sample late. Its work counts as supplied, as that of any external force.
+chunk of samples the strings run first (engine.assembly.one_way_drive). The force of a step is the mean of the two
+samples before its end, one sample late. Its work counts as supplied, as that of any external force.
 """
 
 from engine.compiler.decorators import inline

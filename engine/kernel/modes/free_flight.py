@@ -1,6 +1,6 @@
 """Free flight: FLIGHT_FRAMES samples at once of an island on which nothing can act.
 
-A step of a mode is then a linear map of (q, p), and so is a flight: a power of it (engine.assembly.flight_tables). The
+A step of a mode is then a linear map of (q, p), and so is a flight: a power of it (engine.assembly.free_flight). The
 modes move once. What a pickup hears is a sum over modes of tables of FLIGHT_PART samples, times q and p at the first of
 them: vectors run over time, and a mode costs two multiply-adds for eight samples.
 

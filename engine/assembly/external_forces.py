@@ -1,4 +1,7 @@
-"""Tables of external forces: the mean force over each step (paper, eq. 34)."""
+"""Tables of external forces: the mean force over each step (paper, eq. 34).
+
+Noise has a seed: each gives one sequence at one rate, so that all sample rates have the same noise.
+"""
 
 import math
 import sys
@@ -6,8 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from engine.assembly.noise_signal import NOISE_RATE, draw_noise
+from engine.assembly.one_way_drive import DriveForce, drive_forces
 from engine.patch.frames import nearest_frame
+from engine.patch.scene import Scene
 from engine.patch.tables import (
     ConstantForce,
     Force,
@@ -190,3 +194,52 @@ def read_samples(force: SampledForce, samplerate: float, most: int) -> np.ndarra
         raise ValueError("not all of its samples are numbers")
     enough = math.ceil((most + LOOKAHEAD_SAMPLES) * max(1.0, rate / samplerate))
     return _resample(values if rate == samplerate else values[:enough], rate, samplerate)[:most]
+
+
+NOISE_RATE = 48_000  # Hz, at which noise is drawn
+FILTER_ORDER = 4  # of each edge of a band: 24 dB per octave
+LEAD_PERIODS = 8  # of the lowest frequency of a band, which the filter has to settle
+MAX_LEAD = 1 << 20  # samples of it
+
+
+def draw_noise(force: NoiseForce, count: int) -> np.ndarray:
+    """Return the first samples of a noise at NOISE_RATE [count], of root mean square 1.
+
+    The generator is the one that numpy promises never to change (NEP 19). A longer noise begins with the same samples.
+    """
+    generator = np.random.RandomState(force.seed)
+    if force.band is None:
+        return np.asarray(generator.standard_normal(count))
+    from scipy import signal
+
+    low, high = force.band
+    lead = min(MAX_LEAD, math.ceil(LEAD_PERIODS * NOISE_RATE / low))
+    sections = np.concatenate(
+        [
+            signal.butter(FILTER_ORDER, low, "highpass", fs=NOISE_RATE, output="sos"),
+            signal.butter(FILTER_ORDER, high, "lowpass", fs=NOISE_RATE, output="sos"),
+        ]
+    )
+    noise = signal.sosfilt(sections, generator.standard_normal(lead + count))[lead:]
+    return np.asarray(noise / _gain(low, high))
+
+
+def _gain(low: float, high: float) -> float:
+    """Return the root mean square of white noise of root mean square 1 after the filter, from the filter's response.
+
+    The bilinear transform takes a Butterworth edge at ω to tan(ω/2), exactly.
+    """
+    low_edge, high_edge = (math.tan(math.pi * f / NOISE_RATE) for f in (low, high))
+    # in u = ln tan(ω/2), where both edges are as wide: dω = 2·x/(1 + x²) du
+    u = np.linspace(math.log(low_edge) - 8, math.log(high_edge) + 8, 20_001)
+    x = np.exp(u)
+    power = 1 / (1 + (low_edge / x) ** (2 * FILTER_ORDER)) / (1 + (x / high_edge) ** (2 * FILTER_ORDER))
+    return math.sqrt(np.trapezoid(power * 2 * x / (1 + x**2), u) / math.pi)
+
+
+def acting_forces(scene: Scene) -> list[Force | PluckEvent | DriveForce]:
+    """Return the external forces of a scene that have an amplitude: forces, plucks of the score, and strings that drive
+    bodies."""
+    forces: list[Force | PluckEvent | DriveForce] = [f for f in scene.force if f.amplitude != 0.0]
+    forces += [e for e in scene.event if isinstance(e, PluckEvent) and e.amplitude != 0.0]
+    return forces + drive_forces(scene)

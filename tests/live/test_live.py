@@ -304,6 +304,24 @@ def test_other_channels_cannot_take_over():
         player.cross_fade_to(Player(mono))
 
 
+def test_a_damper_ends_as_in_the_score_if_an_event_comes_at_its_last_sample():
+    """The event is put in as the damper is over: the next step is one without a damper."""
+    frame = 3_000
+    damper = {"kind": "damp", "time": 0.0, "body": "string", "sigma": 50.0, "duration": frame / 44_100}
+    strike = {"kind": "strike", "time": (frame + 500) / 44_100, "body": "hammer", "velocity": 3.0}
+    damped, scored = (
+        engine.Scene.model_validate(engine.load(PIANO).model_dump(exclude_none=True) | {"event": events})
+        for events in ([damper], [damper, strike])
+    )
+    wanted = engine.render(scored, seconds=0.3).audio
+    player = Player(damped, gain=0.01, seconds=math.inf)
+    out = np.zeros((len(wanted), player.channels), np.float32)
+    player.render_into(out[:frame])
+    player.strike("hammer", velocity=3.0, frame=frame + 500)
+    player.render_into(out[frame:])
+    assert np.abs(out[300:] / np.float32(0.01) - wanted[300:]).max() <= 1e-6 * np.abs(wanted).max()
+
+
 @pytest.mark.parametrize("frame", [10_001, 10_020, 10_048, 10_049, 10_063])
 def test_an_event_at_once_is_as_one_of_the_score(frame):
     """Wherever it falls among the samples at which the engine looks at what is near: here the string is in free

@@ -17,7 +17,9 @@ def find_damped_loss(events, loss, refinement, state):
     loss: ModalLoss of a step of a whole sample, or None
     """
     cursor, decay, dissipation = state.event_cursor, state.damped_decay_factor, state.damped_dissipation_factor
+    before = state.displacement_bound  # memory that is free at this time
     for m in range(decay.shape[0]):
+        before[m] = decay[m]
         decay[m], dissipation[m] = loss_without_dampers(loss, refinement, m)
     cursor[EventCursor.DAMPED] = DampedModes.NONE
     for j in range(cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT]):
@@ -26,7 +28,9 @@ def find_damped_loss(events, loss, refinement, state):
             for m in range(events.target_begin[j], events.target_end[j]):
                 decay[m] *= math.sqrt(events.value[j])
                 dissipation[m] = 0.5 * (1.0 - decay[m]) * (1.0 + decay[m])
-    forget_drift(state)
+    for m in range(decay.shape[0]):
+        if decay[m] != before[m]:
+            forget_drift(state)
 
 
 @inline

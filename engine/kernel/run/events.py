@@ -225,5 +225,6 @@ def run_score(model, events, state, frame):
     """Execute the events of the score that act at the start of this step."""
     if events is not None:
         following = state.event_cursor[EventCursor.NEXT]
-        if is_event_active(state) or (following < events.kind.shape[0] and events.start[following] <= frame):
+        is_due = following < events.kind.shape[0] and events.start[following] <= frame
+        if is_due or is_event_active(state) or state.event_cursor[EventCursor.DAMPED] == DampedModes.UNKNOWN:
             run_due_events(model, state, frame)

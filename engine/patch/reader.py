@@ -66,7 +66,7 @@ def read_scene(kind: type[S], path: str | Path | dict[str, Any]) -> S:
         lines = locate_keys(text)
         for key in renamed.first_of_each():
             note = Fault(format_path(key.path), str(key), str(path), nearest_line(lines, key.path))
-            warnings.warn(str(note), PatchWarning, stacklevel=2)
+            warnings.warn(str(note), PatchWarning, stacklevel=3)  # where `engine.load` is called
 
 
 def read_text(path: Path) -> str:

@@ -184,6 +184,13 @@ def test_from_python_a_note_is_a_warning_where_the_scene_was_made():
     assert document == kept
 
 
+def test_from_python_a_note_on_a_file_is_a_warning_where_it_was_loaded(tmp_path):
+    (tmp_path / "old.toml").write_text(OLD, "utf-8")
+    with pytest.warns(engine.PatchWarning) as caught:
+        engine.load(tmp_path / "old.toml")
+    assert {warning.filename for warning in caught} == {__file__}
+
+
 @pytest.mark.parametrize(
     "old, wrong, line, says",
     [

@@ -40,7 +40,7 @@ def first_of(*places: str) -> Any:
 
 def in_blocks(scene: engine.Scene, size: int) -> np.ndarray:
     """Offline, so many frames at a time."""
-    build = first_of("engine.assembly.build:build", OLD + "build:build")
+    build = first_of("engine.assembly.build:build", "engine.build.build:build", OLD + "build:build")
     simulation = first_of(
         "engine.offline.simulation:Simulation", "engine.offline.simulation:Runner", OLD + "runner:Runner"
     )

@@ -10,7 +10,7 @@ from conftest import mostly_hard
 
 import engine
 from bench.scenes.families import tanpuras
-from engine.assembly import contact_basis
+from engine.assembly import contact_points
 from engine.assembly.build import build
 from engine.assembly.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
@@ -31,10 +31,10 @@ def reduced(law, loss_rate, basis, coefficients, s, g, scratch):
 
 def solved(law, loss_rate, u: np.ndarray, s: np.ndarray, g: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
     """Evaluations, forces and steps of contacts that move by B = U·Uᵀ; U [contacts, rank]."""
-    found = contact_basis.BasisOfIsland(u, np.zeros((u.shape[1],) * 2), np.zeros((u.shape[1], 1)))
+    found = contact_points.BasisOfIsland(u, np.zeros((u.shape[1],) * 2), np.zeros((u.shape[1], 1)))
     begins = np.zeros(u.shape[1], np.int64)
     basis = ContactBasis(None, begins, begins, begins)
-    entries = contact_basis.entries_by_row(found), contact_basis.products_by_contact(found)
+    entries = contact_points.entries_by_row(found), contact_points.products_by_contact(found)
     scratch = Scratch(*(x[0] for x in allocate_scratch(1, s.size)))
     evaluations = reduced(law, loss_rate, basis, BasisCoefficients(None, *entries), s, g, scratch)
     return evaluations, scratch.vectors[Row.FORCE, : s.size].copy(), scratch.vectors[Row.STEP, : s.size].copy()
@@ -89,8 +89,8 @@ def test_motion_is_that_of_the_other_solve(exponent, loss, order, substeps, monk
     contact = scene.contact[0].model_copy(update={"loss": loss})
     scene = scene.model_copy(update={"contact": [contact]})
     found = engine.render(scene, seconds=0.06, trace=True, order=order, substeps=substeps)
-    assert build(scene, 44_100.0).layout.basis_uses == [contact_basis.BasisUse.FIRST]
-    monkeypatch.setattr(contact_basis, "MIN_CONTACTS", 1000)
+    assert build(scene, 44_100.0).layout.basis_uses == [contact_points.BasisUse.FIRST]
+    monkeypatch.setattr(contact_points, "MIN_CONTACTS", 1000)
     other = engine.render(scene, seconds=0.06, trace=True, iterations=1000, order=order, substeps=substeps)
     assert found.stats.energy.error_max <= 1e-12
     for name in ("displacement", "force", "contact"):
@@ -123,7 +123,7 @@ def test_two_bodies_that_touch_at_many_points():
             "pickup": [{"body": "string", "at": 0.1}],
         }
     )
-    assert build(scene, 44_100.0).layout.basis_uses == [contact_basis.BasisUse.FIRST]
+    assert build(scene, 44_100.0).layout.basis_uses == [contact_points.BasisUse.FIRST]
     rendering = engine.render(scene, seconds=0.3, trace=True)
     assert np.count_nonzero(rendering.trace["force"].any(axis=1)) > 100
     assert rendering.stats.energy.error_max <= 1e-12

@@ -5,7 +5,7 @@ space of their basis. That these are on the laws is tested against fifty digits 
 import numpy as np
 import pytest
 
-from engine.assembly import contact_basis
+from engine.assembly import contact_points
 from engine.assembly.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
 from engine.kernel.contact.contact_law import LossyLaw
@@ -87,9 +87,9 @@ class Problem:
     def by_reduced(self) -> tuple[np.ndarray, np.ndarray]:
         """The same in the space of the basis."""
         rank, scratch = self.u.shape[1], self.scratch()
-        of = contact_basis.BasisOfIsland(self.u, np.zeros((rank, rank)), np.zeros((rank, 1)))
+        of = contact_points.BasisOfIsland(self.u, np.zeros((rank, rank)), np.zeros((rank, 1)))
         begins = np.zeros(rank, np.int64)
-        entries = contact_basis.entries_by_row(of), contact_basis.products_by_contact(of)
+        entries = contact_points.entries_by_row(of), contact_points.products_by_contact(of)
         basis = ContactBasis(None, begins, begins, begins)
         assert reduced(self.law, self.loss_rate, basis, BasisCoefficients(None, *entries), self.s, self.g, scratch) > 0
         return self.found(scratch)

@@ -17,7 +17,7 @@ import engine
 from bench.accuracy.metric import preservation
 from bench.scenes.families import tanpuras
 from bench.scenes.small import barrier, mass, oscillator, scene
-from engine.assembly import contact_basis
+from engine.assembly import contact_points
 from engine.assembly.build import build
 from engine.assembly.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
@@ -335,7 +335,7 @@ def test_decay_into_subnormal_numbers(alpha):
 @pytest.fixture
 def without_basis(monkeypatch):
     """Contacts are solved in the space of all contacts, however alike they move."""
-    monkeypatch.setattr(contact_basis, "MIN_CONTACTS", 1_000_000)
+    monkeypatch.setattr(contact_points, "MIN_CONTACTS", 1_000_000)
 
 
 @pytest.mark.parametrize(

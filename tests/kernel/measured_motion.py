@@ -20,6 +20,7 @@ from engine.kernel.data.model import Model
 from engine.kernel.data.state import State, Trace
 from engine.kernel.interactions.contacts import reset_line_search_budget, reset_open_contacts
 from engine.kernel.interactions.one_way_drive import clear_drive
+from engine.kernel.modes.event_dampers import step_with_dampers
 from engine.kernel.run.events import finish_score, run_score
 from engine.kernel.run.pickups import add_pickups
 from engine.kernel.run.refinement import composed_step
@@ -36,7 +37,8 @@ measured_sample_in_stages = inline(FunctionType(composed_step.py_func.__code__, 
 def advance(refinement, model, state, frame):
     """A sample by measured steps. Returns a StepOutcome."""
     if refinement is None:
-        return measured_step(model, StepSettings(model.step, StepKind.SAMPLE, False, frame), state)
+        h = step_with_dampers(model.step, model.step.loss, model.events, state)
+        return measured_step(model, StepSettings(h, StepKind.SAMPLE, False, frame), state)
     else:
         return measured_sample_in_stages(model, refinement, state, frame)
 
@@ -62,7 +64,7 @@ def render_measured(model_handle, state_handle, output_handle, frames):
                 write_trace(part, part_state, Block(output, bounds, INT64_0), frame, INT64_1)
                 run_score(part, part.events, part_state, frame)
                 outcome = advance(part.refinement, part, part_state, frame)
-                finish_score(part, part.events, part_state)
+                finish_score(part, part.events, part.refinement, part_state)
                 part_state.in_contact[0] = outcome.in_contact
                 part_state.law_evaluations[0] = outcome.evaluations
 

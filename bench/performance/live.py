@@ -59,7 +59,7 @@ def play(compiled: bool, frames: int, load: str, seconds: float, patch: str) -> 
     stream = audio_device.open_stream(player, "JACK Audio", frames, None, compiled)
     stream.start()
     time.sleep(0.3)
-    player.shared[Slot.UNDERRUNS] = player.shared[Slot.CALLS] = 0
+    player.counters[Slot.UNDERRUNS] = player.counters[Slot.CALLS] = 0
     begin = time.monotonic()
     while time.monotonic() - begin < seconds:
         if load == "idle":
@@ -68,9 +68,9 @@ def play(compiled: bool, frames: int, load: str, seconds: float, patch: str) -> 
             sum(i * i for i in range(2000))
         else:
             sum(range(2_000_000))
-    calls, gaps = int(player.shared[Slot.CALLS]), int(player.shared[Slot.UNDERRUNS])
+    calls, gaps = int(player.counters[Slot.CALLS]), int(player.counters[Slot.UNDERRUNS])
     elapsed = time.monotonic() - begin
-    times = player.loads[: min(calls, len(player.loads))]
+    times = player.memory.shared.loads[: min(calls, len(player.memory.shared.loads))]
     told = {"calls": calls / (elapsed * 44_100 / frames), "gaps": gaps, "mean": float(times.mean())}
     print(json.dumps(told | {"p99": float(np.quantile(times, 0.99)), "max": float(times.max())}), flush=True)
     stream.stop()
@@ -125,8 +125,8 @@ def worst(scene: engine.Scene, cores: int) -> float:
         player.gauges[Gauge.LOAD_HIGH] = np.inf  # at the full quality
         out = np.zeros((BLOCK, player.channels), np.float32)
         for _ in range(22_050 // BLOCK):
-            answer(None, out.ctypes.data, BLOCK, None, 0, player.shared.ctypes.data)
-        found.append(player.loads[: int(player.shared[Slot.CALLS])].copy())
+            answer(None, out.ctypes.data, BLOCK, None, 0, player.memory.address)
+        found.append(player.memory.shared.loads[: int(player.counters[Slot.CALLS])].copy())
     return float(np.min(found, axis=0)[1:].max())
 
 

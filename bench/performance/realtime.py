@@ -103,9 +103,9 @@ def cost_in_audio_thread(scene: engine.Scene) -> float:
     answer = ctypes.CFUNCTYPE(ctypes.c_int, *arguments)(kernels.portaudio_callback())
     player = Player(scene, gain=1e-3, cores=1)
     out = np.zeros((1, player.channels), np.float32)
-    for _ in range(len(player.loads)):
-        answer(None, out.ctypes.data, 1, None, 0, player.shared.ctypes.data)
-    return float(np.median(player.loads)) / RATE * 1e6
+    for _ in range(len(player.memory.shared.loads)):
+        answer(None, out.ctypes.data, 1, None, 0, player.memory.address)
+    return float(np.median(player.memory.shared.loads)) / RATE * 1e6
 
 
 def calls() -> None:

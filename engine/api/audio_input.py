@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from engine.assembly.event_table import EventRow
 from engine.kernel.data.enums import UNUSED_SLOT, EventKind
 from engine.live.audio_memory import RENDERED_AT_ONCE
 from engine.patch.scene import Scene, scene_of_document
@@ -73,7 +74,7 @@ class InputForce:
         self._table[: len(samples)] = 0.5 * self.newtons * (before + samples)
         self._table[len(samples) :] = 0.0
         self._last = float(samples[-1])
-        row = (int(EventKind.PLUCK), self._island, self.place, self.place + 1, self._player.frame, 1, 1.0, 0.0)
+        row = EventRow(EventKind.PLUCK, self._island, self.place, self.place + 1, self._player.frame, 1, 1.0)
         self._player.queue_unlogged(row)
 
 

@@ -11,7 +11,6 @@ from engine.api.audio_input import AudioInput, InputForce, as_samples, with_inpu
 from engine.argument_checks import checked_integer
 from engine.live import audio_device, player
 from engine.live.audio_memory import RENDERED_AT_ONCE
-from engine.live.event_queue import QueuedEvent
 from engine.live.shared_memory import Gauge
 from engine.patch.frames import frame_count
 from engine.patch.scene import Scene, check_scene
@@ -124,10 +123,6 @@ class Player(player.Player):
             heard = np.zeros(len(part)) if samples is None else samples[begin : begin + len(part)]
             self._input.write(heard)
             self.render_into(part)
-
-    def queue_unlogged(self, row: QueuedEvent) -> None:
-        """Put an event into the queue that is in no log."""
-        self._queue.put_unlogged(row)
 
     def log(self) -> dict[str, Any]:
         """All that was done, as JSON can hold it; `fdh replay` makes the same sound of it. Raises RuntimeError with

@@ -1,7 +1,7 @@
 """The score of a scene in the layout of the kernels: events sorted by island and time."""
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,9 +12,18 @@ from engine.kernel.data.model import Events
 from engine.patch.frames import nearest_frame
 from engine.patch.tables import ChangeEvent, DampEvent, Event, StrikeEvent
 
-EventRow = tuple[
-    int, int, int, int, int, int, float, float
-]  # island, start, end, kind, target_begin, target_end, value, value2
+
+class EventRow(NamedTuple):
+    """An event of a score, of a queue or of a log."""
+
+    kind: int  # EventKind
+    island: int
+    target_begin: int  # its modes, contacts, … : numbers within the island
+    target_end: int
+    start: int  # frame
+    length: int  # frames
+    value: float = 0.0
+    value2: float = 0.0
 
 
 def event_table(
@@ -26,19 +35,15 @@ def event_table(
     capacity:  number of free slots on each island for further events
     """
     rows = [row for event in layout.scene.event for row in event_rows(layout, event, stiffness, samplerate)]
-    rows += [
-        (n, UNUSED_SLOT, UNUSED_SLOT, EventKind.DAMP, 0, 0, 1.0, 0.0)
-        for n in range(max(layout.island_of_body) + 1)
-        for _ in range(capacity)
-    ]
-    rows.sort(key=lambda row: row[:2])
-    begin = np.searchsorted([row[0] for row in rows], np.arange(max(layout.island_of_body) + 2))
+    islands = range(max(layout.island_of_body) + 1)
+    rows += [EventRow(EventKind.DAMP, n, 0, 0, UNUSED_SLOT, 0, 1.0) for n in islands for _ in range(capacity)]
+    rows.sort(key=lambda row: (row.island, row.start, row.start + row.length))
+    begin = np.searchsorted([row.island for row in rows], np.arange(len(islands) + 1))
     if not rows:
         return None, begin
-    columns: list[Any] = list(zip(*rows, strict=True))
-    start, end, kind, target_begin, target_end = (np.array(c, dtype=np.int64) for c in columns[1:6])
-    value, value2 = np.array(columns[6]), np.array(columns[7])
-    return Events(kind, start, end, target_begin, target_end, value, value2), begin
+    kind, _, target_begin, target_end, start, length = np.array([row[:6] for row in rows], np.int64).T.copy()
+    value, value2 = np.array([row[6:] for row in rows]).T.copy()
+    return Events(kind, start, start + length, target_begin, target_end, value, value2), begin
 
 
 def event_rows(layout: Layout, event: Event, stiffness: np.ndarray, samplerate: float) -> list[EventRow]:
@@ -64,16 +69,8 @@ def _strike(layout: Layout, event: StrikeEvent, samplerate: float) -> EventRow:
     start, mode = nearest_frame(event.time, samplerate), layout.local_modes(number).start
     displacement = hammer.displacement if event.displacement is None else event.displacement
     root = math.sqrt(hammer.mass)
-    return (
-        layout.island_of_body[number],
-        start,
-        start + 1,
-        EventKind.STRIKE,
-        mode,
-        mode + 1,
-        displacement * root,
-        event.velocity * root,
-    )
+    island, position, momentum = layout.island_of_body[number], displacement * root, event.velocity * root
+    return EventRow(EventKind.STRIKE, island, mode, mode + 1, start, 1, position, momentum)
 
 
 def _damp(layout: Layout, event: DampEvent, samplerate: float) -> EventRow:
@@ -82,7 +79,8 @@ def _damp(layout: Layout, event: DampEvent, samplerate: float) -> EventRow:
     end = NO_END if event.duration is None else nearest_frame(event.time + event.duration, samplerate)
     # a decay rate σ takes the share 1 - exp(-2σh) of the energy; of a vibration, half is kinetic
     keep = math.exp(-2 * event.sigma / samplerate)
-    return layout.island_of_body[number], start, end, EventKind.DAMP, modes.start, modes.stop, keep, 0.0
+    island = layout.island_of_body[number]
+    return EventRow(EventKind.DAMP, island, modes.start, modes.stop, start, end - start, keep)
 
 
 def _change(layout: Layout, event: ChangeEvent, stiffness: np.ndarray, samplerate: float) -> list[EventRow]:
@@ -96,26 +94,25 @@ def _change(layout: Layout, event: ChangeEvent, stiffness: np.ndarray, samplerat
     offset = int(layout.islands.contact[island])
     first, last = slots[0] - offset, slots[-1] + 1 - offset
     start = nearest_frame(event.time, samplerate)
-    end = max(start + 1, nearest_frame(event.time + event.duration, samplerate))
-    rows: list[EventRow] = []
+    length = max(1, nearest_frame(event.time + event.duration, samplerate) - start)
+    values: dict[int, float] = {}
     if event.stiffness is not None:
         count = contact.bridge.points if contact.bridge is not None else 1
-        ratio = event.stiffness / count / stiffness[slots[0]]
-        rows.append((island, start, end, EventKind.STIFFNESS, first, last, ratio, 0.0))
+        values[EventKind.STIFFNESS] = event.stiffness / count / stiffness[slots[0]]
     if event.exponent is not None:
-        rows.append((island, start, end, EventKind.EXPONENT, first, last, event.exponent, 0.0))
+        values[EventKind.EXPONENT] = event.exponent
     moved = event.gap if contact.on is not None else event.barrier
     if moved is not None:
         sign = 1.0 if contact.on is not None or contact.side == "above" else -1.0
         top = contact.bridge.height if contact.bridge is not None else layout.contact_points[slots[0]][1].offset
-        rows.append((island, start, end, EventKind.BARRIER, first, last, sign * (moved - top), 0.0))
-    return rows
+        values[EventKind.BARRIER] = sign * (moved - top)
+    return [EventRow(kind, island, first, last, start, length, value) for kind, value in values.items()]
 
 
 def _change_connection(layout: Layout, event: ChangeEvent, samplerate: float) -> list[EventRow]:
     """Return the rows of a change of a spring, which has one coordinate."""
     start, rows = nearest_frame(event.time, samplerate), list[EventRow]()
-    end = max(start + 1, nearest_frame(event.time + event.duration, samplerate))
+    length = max(1, nearest_frame(event.time + event.duration, samplerate) - start)
     for n, coordinates in enumerate(layout.coordinates):
         for i, item in enumerate(coordinates.items):
             if item.connection is None or layout.scene.connection[item.connection].name != event.connection:
@@ -127,5 +124,5 @@ def _change_connection(layout: Layout, event: ChangeEvent, samplerate: float) ->
                 (EventKind.CONNECTION_REST, event.rest),
             ):
                 if value is not None:
-                    rows.append((n, start, end, kind, i, i + 1, value, 0.0))
+                    rows.append(EventRow(kind, n, i, i + 1, start, length, value))
     return rows

@@ -100,6 +100,7 @@ def _type_load(context: Any) -> Any:
 
 
 @lower_builtin(load_acquire, ArrayView1D, types.Any)
+@lower_builtin(load_acquire, types.Array, types.Any)
 def _load(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     return builder.load_atomic(_at(context, builder, sig, args), "acquire", 8)
 
@@ -110,6 +111,7 @@ def _type_store(context: Any) -> Any:
 
 
 @lower_builtin(store_release, ArrayView1D, types.Any, types.Integer)
+@lower_builtin(store_release, types.Array, types.Any, types.Integer)
 def _store(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     value = context.cast(builder, args[2], sig.args[2], types.int64)
     builder.store_atomic(value, _at(context, builder, sig, args), "release", 8)

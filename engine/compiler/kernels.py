@@ -48,11 +48,10 @@ class Kernel:
                 self._loaded[kinds] = code
             return kinds in self._loaded
 
-    def callable(self, *kinds: Kind, result: Any = None) -> Callable[..., Any]:
-        """Return a function that calls the kernel with integers, addresses and numbers. Other threads run meanwhile.
-        result: its C type"""
+    def callable(self, *kinds: Kind) -> Callable[..., None]:
+        """Return a function that calls the kernel with integers, addresses and numbers. Other threads run meanwhile."""
         types: list[Any] = [C_TYPES[kind] if isinstance(kind, str) else ctypes.c_void_p for kind in kinds]
-        return ctypes.CFUNCTYPE(result, *types)(self.address(*kinds))
+        return ctypes.CFUNCTYPE(None, *types)(self.address(*kinds))
 
     def _from_disk(self, kinds: tuple[Kind, ...]) -> Code | None:
         """Return the stored or shipped code of the kernel; None if there is none that is complete and runs here."""

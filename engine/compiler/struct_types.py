@@ -1,4 +1,4 @@
-"""The Numba type of a StructHandle, and `load_struct`, which reads the tuple at its address."""
+"""The Numba type of a StructHandle, and functions that read the tuple at its address."""
 
 from typing import Any
 
@@ -51,3 +51,19 @@ def _type_load(context: Any) -> Any:
 def _load(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     kind = sig.return_type
     return context.unpack_value(builder, kind, builder.bitcast(args[0], context.get_data_type(kind).as_pointer()))
+
+
+def load_struct_like(value: Any, address: int) -> Any:
+    """Return the tuple at an address, of the type of another tuple; in compiled code only."""
+    raise TypeError("load_struct_like is for compiled code")
+
+
+@type_callable(load_struct_like)
+def _type_load_like(context: Any) -> Any:
+    return lambda value, address: value
+
+
+@lower_builtin(load_struct_like, types.BaseTuple, types.Integer)
+def _load_like(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    kind = sig.return_type
+    return context.unpack_value(builder, kind, builder.inttoptr(args[1], context.get_data_type(kind).as_pointer()))

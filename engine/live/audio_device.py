@@ -84,7 +84,7 @@ def open_stream(
         ffi = sounddevice._ffi
         address = ffi.cast("PaStreamCallback *", kernels.portaudio_callback())
         stream = sounddevice._StreamBase(
-            kind="output", callback=address, userdata=ffi.cast("void *", player.shared.ctypes.data), **options
+            kind="output", callback=address, userdata=ffi.cast("void *", player.memory.address), **options
         )
         stream.player = player  # it owns all that the audio thread reads
         return stream
@@ -130,13 +130,13 @@ def _python_callback(player: "Player", sounddevice: Any) -> Any:
 
     def fill_block(out: "np.ndarray", frames: int, time: Any, status: Any) -> None:
         if status.output_underflow:
-            player.shared[Slot.UNDERRUNS] += 1
+            player.counters[Slot.UNDERRUNS] += 1
         if player.finished:
             out[:] = 0.0
             raise sounddevice.CallbackStop
         begin = time_now()
         player.render_into(out)
-        kernels.record_load()(player.shared.ctypes.data, frames, time_now() - begin)
+        kernels.kernel_of_memory(kernels.RECORD_LOAD)(player.memory.address, frames, time_now() - begin)
 
     return fill_block
 

@@ -3,23 +3,24 @@
 import threading
 from typing import Any, TypeVar
 
+import numpy as np
 from pydantic import ValidationError
 
 from engine.argument_checks import checked_integer
+from engine.assembly.event_table import EventRow
 from engine.kernel.data.enums import EventKind
-from engine.live import kernels
 from engine.live.audio_memory import MAX_FRAMES, QUEUE_SIZE, AudioMemory
+from engine.live.kernels import PUBLISH_EVENT, kernel_of_memory
 from engine.live.shared_memory import Slot
 from engine.patch.scene import Scene
 from engine.patch.tables import ChangeEvent, DampEvent, StrikeEvent
 from engine.runtime.event_slots import DROPPED, EventSlot
 from engine.wording import describe_violation
 
-QueuedEvent = tuple[int, int, int, int, int, int, float, float]  # the slots of an event but TAKEN_AT; its values
 EVENTS_PER_ISLAND = 64  # at a time, or …
 EVENTS_PER_BODY = 4  # … so many for each body, if that is more: all dampers may move at once
 DROPPED_WHY, REFUSED_WHY = "dropped: too many at once", "refused: "
-NO_ROW = [0, 0, 0, 0, 0, 0, 0.0, 0.0]
+NO_ROW = EventRow(0, 0, 0, 0, 0, 0)
 E = TypeVar("E", StrikeEvent, DampEvent, ChangeEvent)
 
 
@@ -27,30 +28,44 @@ class EventQueue:
     """Puts events into the queue of an audio thread, which never waits for Python, and keeps a log of them."""
 
     def __init__(self, memory: AudioMemory) -> None:
-        self._memory, self._lock = memory, threading.Lock()
+        self._memory, self._address, self._lock = memory.shared, memory.address, threading.Lock()
         self._log: list[dict[str, Any]] = []  # with the frame at which each was taken
         self._pending: list[tuple[int, dict[str, Any]]] = []  # not taken yet, by their index in the queue
         self._quality_changes = 0  # that are in the log
 
-    def put(self, description: list[Any], row: QueuedEvent) -> None:
+    def put(self, description: list[Any], row: EventRow, table: np.ndarray | None = None) -> None:
         """Put an event into the queue. While that is full, all one could do is wait: it is dropped, and that is said.
 
         description: the event as a person would say it, for the log
+        table:       of an exchange of tables: the copies to make; they are kept by who made them
         """
-        row = (*row[:4], checked_frame(row[4]) if row[0] != EventKind.EXCHANGE_TABLES else row[4], *row[5:])
-        shared = self._memory.shared
-        with self._lock:  # one at a time writes to the queue
-            index = int(shared[Slot.WRITE_INDEX])
-            if kernels.enqueue()(shared.ctypes.data, *row):
-                self._pending.append((index, {"why": description, "row": [*map(int, row[:6]), *row[6:]]}))
+        if table is None:
+            row = row._replace(start=checked_frame(row.start))
+        logged = [*map(int, row[: EventSlot.TABLE]), *row[EventSlot.TABLE :]]
+        with self._lock:
+            index = int(self._memory.counters[Slot.WRITE_INDEX])
+            if self._write(row, table):
+                self._pending.append((index, {"why": description, "row": logged}))
             else:
-                self._log.append({"frame": None, "why": [*description, DROPPED_WHY], "row": list(row)})
+                self._log.append({"frame": None, "why": [*description, DROPPED_WHY], "row": logged})
             self._drain()
 
-    def put_unlogged(self, row: QueuedEvent) -> bool:
-        """Put an event into the queue that is in no log. Returns whether there was room."""
+    def put_unlogged(self, row: EventRow) -> None:
+        """Put an event into the queue that is in no log; drop it if there is no room."""
         with self._lock:
-            return bool(kernels.enqueue()(self._memory.shared.ctypes.data, *row))
+            self._write(row, None)
+
+    def _write(self, row: EventRow, table: np.ndarray | None) -> bool:
+        """Write an event to the queue; only one thread at a time may. Return True if there was room."""
+        counters = self._memory.counters
+        index = int(counters[Slot.WRITE_INDEX])
+        if index - int(counters[Slot.READ_INDEX]) >= QUEUE_SIZE:
+            return False
+        numbers, address = row[: EventSlot.TABLE], 0 if table is None else table.ctypes.data
+        self._memory.events[index % QUEUE_SIZE] = *numbers, address, 0
+        self._memory.values[index % QUEUE_SIZE] = row[EventSlot.TABLE :]
+        kernel_of_memory(PUBLISH_EVENT)(self._address)
+        return True
 
     def drop(self, description: list[Any]) -> None:
         """Note that an event was not put in, as there is no room for it."""
@@ -62,7 +77,7 @@ class EventQueue:
 
     def _note(self, description: list[Any]) -> None:
         with self._lock:
-            self._log.append({"frame": None, "why": description, "row": NO_ROW})
+            self._log.append({"frame": None, "why": description, "row": list(NO_ROW)})
 
     def entries(self) -> list[dict[str, Any]]:
         """The log up to now: events that were taken or dropped, and changes of quality, in the order in which they were
@@ -84,11 +99,11 @@ class EventQueue:
 
     def _drain(self) -> None:
         """Note the frames of events that have been taken, and the changes of quality."""
-        shared, events, qualities = self._memory.shared, self._memory.events, self._memory.quality_log
-        taken, changes = int(shared[Slot.READ_INDEX]), int(shared[Slot.QUALITY_CHANGES])
+        counters, events, qualities = self._memory.counters, self._memory.events, self._memory.quality_log
+        taken, changes = int(counters[Slot.READ_INDEX]), int(counters[Slot.QUALITY_CHANGES])
         for n in range(max(self._quality_changes, changes - QUEUE_SIZE), changes):
             frame, level = qualities[n % QUEUE_SIZE].tolist()
-            row = [int(EventKind.QUALITY), 0, level, 0, 0, 0, 0.0, 0.0]
+            row = list(NO_ROW._replace(kind=int(EventKind.QUALITY), target_begin=level))
             self._log.append({"frame": frame, "why": ["quality", level], "row": row})
         self._quality_changes = changes
         while self._pending and self._pending[0][0] < taken:

@@ -1,43 +1,33 @@
 """The kernels of live sound, as Python calls them."""
 
-import ctypes
 from collections.abc import Callable
 from functools import lru_cache
 
 from engine.compiler.kernels import Kernel
 from engine.compiler.kinds import FLOAT, INT, Kind
+from engine.compiler.struct_handle import pointer_kind
+from engine.live.shared_memory import EMPTY
 
 AUDIO_THREAD = "engine.live.audio_thread"
-ENQUEUE = Kernel(AUDIO_THREAD, "enqueue")
+MEMORY = pointer_kind(EMPTY)
+PUBLISH_EVENT = Kernel(AUDIO_THREAD, "publish_event")
 PLAY_INTO = Kernel(AUDIO_THREAD, "play_into")
-RECORD_LOAD = Kernel(AUDIO_THREAD, "record_load_py")
+RECORD_LOAD = Kernel(AUDIO_THREAD, "record_load_at")
 PORTAUDIO_CALLBACK = Kernel(AUDIO_THREAD, "portaudio_callback")
 KINDS: dict[Kernel, tuple[Kind, ...]] = {
-    ENQUEUE: (*[INT] * 7, FLOAT, FLOAT),
-    PLAY_INTO: (INT, INT, INT),
-    RECORD_LOAD: (INT, INT, FLOAT),
-    PORTAUDIO_CALLBACK: (INT,) * 6,
+    PUBLISH_EVENT: (MEMORY,),
+    PLAY_INTO: (MEMORY, INT, INT),
+    RECORD_LOAD: (MEMORY, INT, FLOAT),
+    PORTAUDIO_CALLBACK: (*[INT] * 5, MEMORY),
 }
 
 
 @lru_cache
-def enqueue() -> Callable[..., int]:
-    """Puts an event into a queue: engine.live.audio_thread.enqueue."""
-    return ENQUEUE.callable(*KINDS[ENQUEUE], result=ctypes.c_ssize_t)
-
-
-@lru_cache
-def play_into() -> Callable[..., None]:
-    """Plays some frames into memory: engine.live.audio_thread.play_into."""
-    return PLAY_INTO.callable(*KINDS[PLAY_INTO])
-
-
-@lru_cache
-def record_load() -> Callable[..., None]:
-    """Notes how long a block took: engine.live.audio_thread.record_load_py."""
-    return RECORD_LOAD.callable(*KINDS[RECORD_LOAD])
+def kernel_of_memory(kernel: Kernel) -> Callable[..., None]:
+    """Return a kernel that Python calls with the address of the shared memory, and its other arguments."""
+    return kernel.callable(*KINDS[kernel])
 
 
 def portaudio_callback() -> int:
-    """Address of what PortAudio calls: engine.live.audio_thread.portaudio_callback."""
+    """Return the address of what PortAudio calls: engine.live.audio_thread.portaudio_callback."""
     return PORTAUDIO_CALLBACK.address(*KINDS[PORTAUDIO_CALLBACK])

@@ -166,7 +166,7 @@ def render_notes(
     excerpt = replace(excerpt, seconds=seconds)
     file = read_for(scene, text, excerpt)
     player = Player(scene, samplerate, math.inf, RENDER_GAIN, voices, lowest_ratio(text, scene, excerpt))
-    player.shared[Slot.FADE_IN_FRAMES] = 0  # it begins with a note
+    player.counters[Slot.FADE_IN_FRAMES] = 0  # it begins with a note
     keys = VoiceAllocator(player)
     keys.ignored |= file.ignored
     controls = Controls(scene, player)

@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from engine.argument_checks import checked_number
+from engine.assembly.event_table import EventRow
 from engine.assembly.table_changes import MAX_STEPS, Exchange, NewValue, TableChanges, scored_changes
 from engine.faults import BuildError, Fault
 from engine.kernel.data.enums import EventKind
-from engine.live.audio_memory import QUEUE_SIZE, AudioMemory
+from engine.live.audio_memory import QUEUE_SIZE
 from engine.live.event_queue import EventQueue
-from engine.live.shared_memory import Slot
+from engine.live.shared_memory import SharedMemory, Slot
 from engine.patch.live_parameters import LivePath, current_path, explain_unknown
 from engine.patch.scene import Scene
 from engine.patch.tables import MAX_SECONDS
@@ -40,9 +41,9 @@ class ParameterQueue:
     """
 
     def __init__(
-        self, paths: Mapping[str, LivePath], tables: TableChanges, queue: EventQueue, memory: AudioMemory
+        self, paths: Mapping[str, LivePath], tables: TableChanges, queue: EventQueue, memory: SharedMemory
     ) -> None:
-        self._paths, self._tables, self._queue, self._shared = paths, tables, queue, memory.shared
+        self._paths, self._tables, self._queue, self._counters = paths, tables, queue, memory.counters
         self._values: dict[str, float] = {}  # of those that glide in the audio thread
         self._requests: list[Request] = []  # in the order in which their tables are made
         self._current: Request | None = None  # whose tables are being made
@@ -87,7 +88,7 @@ class ParameterQueue:
         request = Request(tuple(values), seconds, frame, threading.get_ident())
         with self._lock:
             self._requests = with_newest(self._requests, request)
-        if self.renderer != request.thread or self._shared[Slot.CALLS]:
+        if self.renderer != request.thread or self._counters[Slot.CALLS]:
             self._make_beside()
 
     def before_block(self) -> None:
@@ -146,18 +147,18 @@ class ParameterQueue:
     def _make(self, request: Request, budget: float) -> None:
         """Build the tables of values, and let the audio thread exchange them; if it has too many before it, they are
         dropped, and that is said. Raises ValueError (BuildError, CannotExchange)."""
-        waiting = int(self._shared[Slot.WAITING_TUNINGS])
+        waiting = int(self._counters[Slot.EXCHANGES_WAITING])
         if self._queue.pending() + waiting > MOST_WAITING:
             self._queue.drop(["set", *_named(request.values)])
             return
-        if self._shared[Slot.READ_INDEX] == self._shared[Slot.WRITE_INDEX] and not waiting:
+        if self._counters[Slot.READ_INDEX] == self._counters[Slot.WRITE_INDEX] and not waiting:
             self._tables.forget()
         for step in self._tables.steps(request.values, request.seconds, request.frame, self._now, budget):
             self._put_exchange("set", step)
 
     def _now(self) -> int:
         """The frame that the sound has reached."""
-        return int(self._shared[Slot.FRAME])
+        return int(self._counters[Slot.FRAME])
 
     def put_score(self, scene: Scene) -> None:
         """Put the changes of tables that a score asks for into the queue; they wait there for their frames. Raises
@@ -176,8 +177,8 @@ class ParameterQueue:
     def _put_exchange(self, why: str, step: Exchange) -> None:
         """Let the audio thread do an exchange."""
         table = step.copies.table
-        row = (EventKind.EXCHANGE_TABLES, step.island, len(table), step.islands, table.ctypes.data, step.due, 0.0, 0.0)
-        self._queue.put([why, *_named(step.values)], row)
+        row = EventRow(EventKind.EXCHANGE_TABLES, 0, step.island, step.island + step.islands, step.due, len(table))
+        self._queue.put([why, *_named(step.values)], row, table)
 
 
 def with_newest(requests: Sequence[Request], newest: Request) -> list[Request]:

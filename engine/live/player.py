@@ -20,15 +20,15 @@ import numpy as np
 
 from engine.argument_checks import checked_integer, checked_number
 from engine.assembly.build import build, nominal_stiffness
-from engine.assembly.event_table import event_rows
+from engine.assembly.event_table import EventRow, event_rows
 from engine.assembly.table_changes import TableChanges
 from engine.bodies import Mass, Oscillator
 from engine.faults import BuildError, Fault
-from engine.kernel.data.enums import NO_END, UNUSED_SLOT, EventKind, Sleep
+from engine.kernel.data.enums import UNUSED_SLOT, EventKind, Sleep
 from engine.kernel.data.laws import Power
-from engine.live import kernels
 from engine.live.audio_memory import AudioMemory, coarser_models
-from engine.live.event_queue import EventQueue, QueuedEvent, checked_frame, event_capacity, make_event
+from engine.live.event_queue import EventQueue, checked_frame, event_capacity, make_event
+from engine.live.kernels import PLAY_INTO, kernel_of_memory
 from engine.live.meter import MeterReading
 from engine.live.parameter_queue import ParameterQueue
 from engine.live.retuning import VoiceTuning
@@ -40,7 +40,6 @@ from engine.patch.frames import nearest_frame
 from engine.patch.live_parameters import LivePath, live_paths
 from engine.patch.scene import Scene, check_scene
 from engine.patch.tables import (
-    MAX_SECONDS,
     ChangeEvent,
     DampEvent,
     LastingForce,
@@ -105,15 +104,16 @@ class Player:
         if self.waiting and self.model.force is not None:
             self.model.force.start[:] = UNUSED_SLOT
         self.memory = AudioMemory(built, scene.accuracy, self.channels, seconds, gain, kernel)
-        self.shared, self.gauges, self.loads = self.memory.shared, self.memory.gauges, self.memory.loads
+        self.counters, self.gauges = self.memory.shared.counters, self.memory.shared.gauges
         self._helpers = start_helpers(cores, self.model.islands.partition.size - 1, in_realtime=True)
         self.memory.job_memory.use_helpers(self._helpers)
         self._queue = EventQueue(self.memory)
-        self._tuning = VoiceTuning(self.patch, voices, lowest, scene.accuracy, general)
+        shared = self.memory.shared
+        self._tuning = VoiceTuning(self.patch, voices, lowest, built, general, self._queue, shared)
         options = {"event_capacity": capacity, "variable_exponents": general}
         coarser = partial(coarser_models, accuracy=scene.accuracy)
         tables = TableChanges(scene, built, self.memory.models, coarser, **options)
-        self._parameters = ParameterQueue(self.live_paths, tables, self._queue, self.memory)
+        self._parameters = ParameterQueue(self.live_paths, tables, self._queue, shared)
         if not voices:
             self._parameters.put_score(scene)
         self._fetched = self.lost_frames = 0
@@ -130,7 +130,7 @@ class Player:
         while player is not None:
             player._parameters.before_block()
             player = player._successor
-        kernels.play_into()(self.shared.ctypes.data, out.ctypes.data, len(out))
+        kernel_of_memory(PLAY_INTO)(self.memory.address, out.ctypes.data, len(out))
 
     def leave_to_device(self) -> None:
         """Let a device render from now on: nothing waits for the tables that `set` asks for."""
@@ -139,41 +139,41 @@ class Player:
     @property
     def frame(self) -> int:
         """Frames played so far."""
-        return int(self.shared[Slot.FRAME])
+        return int(self.counters[Slot.FRAME])
 
     @property
     def finished(self) -> bool:
         """True if all has been played, by this player and by its successors."""
-        return bool(self.shared[Slot.FINISHED]) and (self._successor is None or self._successor.finished)
+        return bool(self.counters[Slot.FINISHED]) and (self._successor is None or self._successor.finished)
 
     @property
     def driver_stopped(self) -> bool:
         """True if the driver has been told to stop."""
-        return self.finished or (bool(self.shared[Slot.FINISHED]) and not self.shared[Slot.SUCCESSOR])
+        return self.finished or (bool(self.counters[Slot.FINISHED]) and not self.counters[Slot.SUCCESSOR])
 
     def stop(self) -> None:
         """Fade out, and end."""
-        self.shared[Slot.STOP_REQUESTED] = 1
+        self.counters[Slot.STOP_REQUESTED] = 1
 
     def cross_fade_to(self, following: "Player") -> None:
         """Let another player take over: one sound fades into the other. Raises ValueError if it has other channels."""
         if (following.channels, following.samplerate) != (self.channels, self.samplerate):
             raise ValueError(f"it has {following.channels} channels instead of {self.channels}; stop and start again")
         frames = nearest_frame(CROSS_FADE_SECONDS, self.samplerate)
-        if self.shared[Slot.STOP_REQUESTED] or self.frame + frames >= self.shared[Slot.END]:
+        if self.counters[Slot.STOP_REQUESTED] or self.frame + frames >= self.counters[Slot.END]:
             raise ValueError("playing has ended")
-        self.shared[Slot.FADE_OUT_FRAMES] = following.shared[Slot.FADE_IN_FRAMES] = frames
+        self.counters[Slot.FADE_OUT_FRAMES] = following.counters[Slot.FADE_IN_FRAMES] = frames
         self._successor = following
         following._parameters.leave_to(self._parameters.renderer)
-        self.shared[Slot.SUCCESSOR] = following.shared.ctypes.data
+        self.counters[Slot.SUCCESSOR] = following.memory.address
 
     def fetch_recording(self) -> np.ndarray:
         """Return the sound played since the last call, by this player and by its successors, in single precision
         [frames, channels]; at most the last RECORD_SECONDS (engine.live.audio_memory)."""
-        record, until = self.memory.record, int(self.shared[Slot.RECORDED])
+        record, until = self.memory.shared.record, int(self.counters[Slot.RECORDED])
         begin = max(self._fetched, until - len(record))
         audio = record[np.arange(begin, until) % len(record)]
-        overrun = max(0, int(self.shared[Slot.RECORDED]) - len(record) - begin)  # written over meanwhile
+        overrun = max(0, int(self.counters[Slot.RECORDED]) - len(record) - begin)  # written over meanwhile
         self.lost_frames += begin - self._fetched + min(overrun, len(audio))
         self._fetched = until
         return audio[overrun:]
@@ -201,8 +201,8 @@ class Player:
             raise KeyError(f"{body} is not a hammer; {strikers}")
         speed = self.default_velocity(body) if velocity is None else velocity
         event = make_event(StrikeEvent, kind="strike", body=body, velocity=speed, displacement=displacement)
-        for island, _, _, _, first, last, a, b in self._rows(event):
-            self._queue.put(["strike", body], (EventKind.LAUNCH_AND_LIFT, island, first, last, frame, 1, a, b))
+        for row in self._rows(event):
+            self._queue.put(["strike", body], row._replace(kind=EventKind.LAUNCH_AND_LIFT, start=frame))
 
     def pluck(self, body: str, scale: float = 1.0, frame: int = 0) -> None:
         """Pluck a body again, by its forces that are over after a while, so many times as strong; and lift its dampers.
@@ -217,7 +217,7 @@ class Player:
         self.lift(body, frame)
         island = self.layout.island_of_body[self.layout.body_index[body]]
         for j in chosen:
-            self._queue.put(["pluck", j], (EventKind.PLUCK, island, j, j + 1, frame, 1, scale, 0.0))
+            self._queue.put(["pluck", j], EventRow(EventKind.PLUCK, island, j, j + 1, frame, 1, scale))
 
     def _brief_forces(self) -> list[tuple[int, Any]]:
         """The forces that are over after a while, by their place in the model."""
@@ -229,7 +229,7 @@ class Player:
         self._body(body)
         number = self.layout.body_index[body]
         modes, island = self.layout.local_modes(number), self.layout.island_of_body[number]
-        self._queue.put(["lift", body], (EventKind.LIFT, island, modes.start, modes.stop, frame, 1, 0.0, 0.0))
+        self._queue.put(["lift", body], EventRow(EventKind.LIFT, island, modes.start, modes.stop, frame, 1))
 
     def damp(
         self, body: str | None = None, sigma: float = MUTE_SIGMA, seconds: float = MUTE_SECONDS, frame: int = 0
@@ -288,35 +288,7 @@ class Player:
         body:  tune this body of the patch and the bodies that contacts join to it; else all bodies that sound
         Raises IndexError without such a voice, KeyError without such a body, ValueError below the lowest pitch,
         BuildError (a ValueError) if it would vibrate too fast; nothing has changed then."""
-        voice, ratio = checked_integer("voice", voice), checked_number("ratio", ratio)
-        seconds, frame = checked_number("seconds", seconds), self._check_tuning(voice, ratio, seconds, frame, body)
-        if self.shared[Slot.READ_INDEX] == self.shared[Slot.WRITE_INDEX] and not self.shared[Slot.WAITING_TUNINGS]:
-            self._tuning.forget_tables()
-        ratios = self._tuning.glide(voice, ratio, seconds, body)
-        tables = [self._tuning.table((self.model, self.layout), voice, one, body) for one in ratios]
-        if seconds > 0.0:
-            frame = max(frame, self.frame)
-        islands = len(self.state.sleep) // self.voices
-        for n, (one, table) in enumerate(zip(ratios, tables, strict=True), 1):
-            due = frame + nearest_frame(n * seconds / len(ratios), self.samplerate)
-            row = (EventKind.EXCHANGE_TABLES, voice * islands, len(table), islands, table.ctypes.data, due, 0.0, 0.0)
-            self._queue.put(["tune", voice, one, *([] if body is None else [body])], row)
-        self._tuning.keep(voice, ratio, body)
-
-    def _check_tuning(self, voice: int, ratio: float, seconds: float, frame: int, body: str | None) -> int:
-        """Raise what `tune` raises before anything has changed. Returns the frame."""
-        if not 0 <= voice < self.voices:
-            raise IndexError(f"there is no voice {voice}; the player has {self.voices} voices")
-        if not self.lowest <= ratio < math.inf:  # there are no slots for the modes it would have
-            raise ValueError(
-                f"ratio = {ratio:g} is out of range; give at least {self.lowest:g}, the lowest ratio of this player"
-            )
-        if not 0.0 <= seconds <= MAX_SECONDS:
-            raise ValueError(f"seconds = {seconds:g} is out of range; give 0 to {MAX_SECONDS:g}")
-        frame = checked_frame(frame)
-        if body is not None and all(b.name != body for b in self.patch.body):
-            raise KeyError(f"there is no body {body}; the bodies are {', '.join(b.name for b in self.patch.body)}")
-        return frame
+        self._tuning.tune(voice, ratio, frame, seconds, body)
 
     @property
     def strikers(self) -> list[str]:
@@ -353,16 +325,19 @@ class Player:
             raise KeyError(f"there is no body {name}; the bodies are {', '.join(self.layout.body_index)}")
         return self.scene.body[self.layout.body_index[name]]
 
-    def _rows(self, event: StrikeEvent | DampEvent | ChangeEvent | PluckEvent) -> list[Any]:
+    def _rows(self, event: StrikeEvent | DampEvent | ChangeEvent | PluckEvent) -> list[EventRow]:
         """An event as rows of the score."""
         return event_rows(self.layout, event, nominal_stiffness(self.layout), self.samplerate)
 
     def _put_event(
         self, description: list[Any], event: StrikeEvent | DampEvent | ChangeEvent | PluckEvent, frame: int
     ) -> None:
-        for island, start, end, kind, first, last, a, b in self._rows(event):
-            row: QueuedEvent = (kind, island, first, last, frame, min(end, NO_END) - start, a, b)
-            self._queue.put(list(description), row)
+        for row in self._rows(event):
+            self._queue.put(list(description), row._replace(start=frame))
+
+    def queue_unlogged(self, row: EventRow) -> None:
+        """Put an event into the queue that is in no log."""
+        self._queue.put_unlogged(row)
 
     # --- what it says of itself
 
@@ -372,7 +347,7 @@ class Player:
         settings = {"scene": scene, "samplerate": self.samplerate, "gain": self.gain, "frames": self.frame}
         settings |= {"voices": self.voices, "lowest": self.lowest, "general": self.general, "waiting": self.waiting}
         ends = {"end": Slot.END, "fade": Slot.FADE_IN_FRAMES, "leave": Slot.FADE_OUT_FRAMES}
-        settings |= {name: int(self.shared[slot]) for name, slot in ends.items()}
+        settings |= {name: int(self.counters[slot]) for name, slot in ends.items()}
         return settings | {"events": self._queue.entries()}
 
     def meter(self) -> MeterReading:
@@ -387,7 +362,7 @@ class Player:
         worst_block:  time of the costliest block, relative to its deadline; 0 without a device
         dropouts:     blocks that the device did not get in time; 0 without a device
         """
-        gauges, shared = self.gauges, self.shared
+        gauges, counters = self.gauges, self.counters
         spent, peak = float(gauges[Gauge.SECONDS_USED]), float(gauges[Gauge.PEAK])
         gauges[Gauge.PEAK] = 0.0
         seconds = self.frame / self.samplerate
@@ -397,15 +372,15 @@ class Player:
             peak=peak,
             real_time_factor=seconds / spent if spent > 0.0 else math.inf,
             worst_block=float(gauges[Gauge.MAX_LOAD]),
-            dropouts=int(shared[Slot.UNDERRUNS]),
-            limited=int(shared[Slot.LIMITED_SAMPLES]),
-            not_finite=int(shared[Slot.NONFINITE_SAMPLES]),
+            dropouts=int(counters[Slot.UNDERRUNS]),
+            limited=int(counters[Slot.LIMITED_SAMPLES]),
+            not_finite=int(counters[Slot.NONFINITE_SAMPLES]),
             dropped=self._queue.dropped(),
             lost=self.lost_frames,
             newton=newton_statistics(self.model, self.state),
             energy_error=energy_statistics(self.memory.job_memory.balance, self.state.energy_totals).error_max,
-            quality_steps=int(shared[Slot.QUALITY_CHANGES]),
-            quality=-int(shared[Slot.QUALITY]),
+            quality_steps=int(counters[Slot.QUALITY_CHANGES]),
+            quality=-int(counters[Slot.QUALITY]),
             awake=int(np.sum(awake)),
             islands=len(awake),
             voices=self.voices,

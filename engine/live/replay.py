@@ -9,9 +9,9 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from engine.assembly.event_table import EventRow
 from engine.files import read_bytes
 from engine.kernel.data.enums import EventKind
-from engine.live import kernels
 from engine.live.audio_memory import MAX_FRAMES
 from engine.live.player import Player
 from engine.live.shared_memory import Slot
@@ -97,8 +97,7 @@ def _played(log: Log, progress: Callable[[float], None]) -> np.ndarray:
     player = Player(
         log.made(), log.samplerate, math.inf, log.gain, log.voices, log.lowest, log.general, waiting=log.waiting
     )
-    shared = player.shared
-    shared[Slot.END], shared[Slot.FADE_IN_FRAMES], shared[Slot.FADE_OUT_FRAMES] = log.end, log.fade, log.leave
+    player.counters[[Slot.END, Slot.FADE_IN_FRAMES, Slot.FADE_OUT_FRAMES]] = log.end, log.fade, log.leave
     out, at = np.zeros((min(log.frames, log.end), player.channels), np.float32), 0
 
     def render_pieces(begin: int, end: int) -> None:
@@ -120,12 +119,12 @@ def _played(log: Log, progress: Callable[[float], None]) -> np.ndarray:
         elif event.why[:1] == ["set"] and len(event.why) == 2:
             player.set({str(name): float(value) for name, value in dict(event.why[1]).items()}, seconds=0.0)
         else:
-            kernels.enqueue()(player.shared.ctypes.data, *validated_row(player, event.row))
+            player.queue_unlogged(validated_row(player, event.row))
     render_pieces(at, len(out))
     return out
 
 
-def validated_row(player: Player, row: list[int | float]) -> tuple[Any, ...]:
+def validated_row(player: Player, row: list[int | float]) -> EventRow:
     """A row that touches nothing but what it may: the audio thread asks no questions. Raises ValueError."""
     kind, island, first, last, start, length = (int(number) for number in row[:6])
     model = player.model
@@ -136,7 +135,7 @@ def validated_row(player: Player, row: list[int | float]) -> tuple[Any, ...]:
     sizes |= dict.fromkeys((EventKind.STIFFNESS, EventKind.BARRIER, EventKind.EXPONENT), model.islands.contact)
     sizes |= dict.fromkeys(CONNECTION_EVENTS, model.islands.connection)
     if kind == EventKind.QUALITY:
-        good = 0 <= first <= player.shared[Slot.LOWEST_QUALITY]
+        good = 0 <= first <= player.memory.shared.lowest_quality
     elif kind == EventKind.PLUCK:
         good = model.force is not None and 0 <= first < model.force.start.size and 0 <= island < count
     else:
@@ -149,4 +148,4 @@ def validated_row(player: Player, row: list[int | float]) -> tuple[Any, ...]:
     good = good and all(abs(number) <= 1 << 62 for number in row[:6])
     if not good or not all(math.isfinite(number) for number in row) or not 0 <= start <= MAX_FRAMES:
         raise ValueError(f"it has an impossible event: {row}")
-    return kind, island, first, last, start, max(0, length), float(row[6]), float(row[7])
+    return EventRow(kind, island, first, last, start, max(0, length), float(row[6]), float(row[7]))

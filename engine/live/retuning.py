@@ -1,33 +1,35 @@
-"""Retunes a voice of a polyphonic model: lists the numbers to copy from a model of one voice at the new pitch."""
+"""Retune the voices of a polyphonic model: a voice gets the numbers of a model of one voice at the new pitch.
+
+Both have as many modes, contacts and connections (`like` of engine.assembly.build.build), so that each array of the one
+has its place in the other.
+"""
 
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
+from itertools import zip_longest
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from engine.assembly.build import build
+from engine.argument_checks import checked_integer, checked_number
+from engine.assembly.build import BuildResult, build
 from engine.assembly.contact_points import entry_counts
-from engine.assembly.layout import Layout
-from engine.kernel.data.axes import Axis, Items, pair_arrays
-from engine.kernel.data.model import (
-    BasisCoefficients,
-    Connections,
-    ContactBasis,
-    FreeFlight,
-    Model,
-    ModeShapeRows,
-    RowCoefficients,
-    StepCoefficients,
-)
+from engine.assembly.event_table import EventRow
+from engine.kernel.data.axes import SEGMENTED, Axis, Items, pair_arrays
+from engine.kernel.data.enums import EventKind
+from engine.kernel.data.model import Connections, FreeFlight, Model, ModeShapeRows, StepCoefficients
+from engine.live.event_queue import EventQueue, checked_frame
+from engine.live.shared_memory import SharedMemory, Slot
 from engine.live.voices import replicate, retune, sounding_bodies, tuned_bodies
-from engine.patch.accuracy import Accuracy
+from engine.patch.frames import nearest_frame
 from engine.patch.scene import Scene
+from engine.patch.tables import MAX_SECONDS
 
 GLIDE_STEP_SECONDS, GLIDE_STEP_CENTS = 0.002, 2.0  # the smallest steps in which a pitch glides …
 MAX_GLIDE_STEPS = 128  # … and how many they are at most
-MAX_MODES_COPIED = 20_000
-NEUTRAL = {0.0: np.zeros(MAX_MODES_COPIED), 1.0: np.ones(MAX_MODES_COPIED)}
+ZEROS = np.zeros(20_000)  # for rows that a basis does not have
+TOO_SMALL = "this pitch needs more modes or contacts than a voice has room for"
+NO_BASIS = "at this pitch, the contacts of a body no longer move alike, so this voice cannot have it"
 
 Arrays = tuple[np.ndarray, np.ndarray]  # to write, to read
 
@@ -35,34 +37,71 @@ Arrays = tuple[np.ndarray, np.ndarray]  # to write, to read
 class VoiceTuning:
     """The pitches of the voices of a player, and tables of what the audio thread copies to change them.
 
-    patch:    the scene of one voice; voices, lowest: how many there are, and the ratio of the lowest pitch
-    accuracy: of the polyphonic model
+    patch:  the scene of one voice
+    voices: how many there are
+    lowest: ratio of the lowest pitch, which they have at first
+    built:  the polyphonic model
     """
 
-    def __init__(self, patch: Scene, voices: int, lowest: float, accuracy: Accuracy, variable_exponents: bool) -> None:
-        self._patch, self._lowest, self._accuracy = patch, lowest, accuracy
-        self._variable_exponents = variable_exponents
+    def __init__(
+        self,
+        patch: Scene,
+        voices: int,
+        lowest: float,
+        built: BuildResult,
+        variable_exponents: bool,
+        queue: EventQueue,
+        memory: SharedMemory,
+    ) -> None:
+        self._patch, self._lowest, self._built, self._variable_exponents = patch, lowest, built, variable_exponents
+        self._queue, self._counters = queue, memory.counters
         self._pitch: list[tuple[float, str | None]] = [(lowest, None)] * voices
         self._tables: dict[tuple[int, float, str | None], tuple[np.ndarray, Model]] = {}
 
-    def glide(self, voice: int, ratio: float, seconds: float, body: str | None) -> list[float]:
-        """Ratios of the steps in which a voice glides from its pitch to another, that one last."""
+    def tune(self, voice: int, ratio: float, frame: int, seconds: float, body: str | None) -> None:
+        """Give a voice another pitch (engine.live.player.Player.tune)."""
+        voice, ratio = checked_integer("voice", voice), checked_number("ratio", ratio)
+        seconds, frame = checked_number("seconds", seconds), self._check(voice, ratio, seconds, frame, body)
+        counters = self._counters
+        is_idle = counters[Slot.READ_INDEX] == counters[Slot.WRITE_INDEX] and not counters[Slot.EXCHANGES_WAITING]
+        if is_idle and len(self._tables) > MAX_GLIDE_STEPS:
+            self._tables.clear()  # the audio thread waits for none
+        ratios = self._glide(voice, ratio, seconds, body)
+        tables = [self._table(voice, one, body) for one in ratios]
+        if seconds > 0.0:
+            frame = max(frame, int(counters[Slot.FRAME]))
+        islands = (self._built.model.islands.mode.size - 1) // len(self._pitch)
+        first, last = voice * islands, (voice + 1) * islands
+        for n, (one, table) in enumerate(zip(ratios, tables, strict=True), 1):
+            due = frame + nearest_frame(n * seconds / len(ratios), self._built.model.samplerate)
+            row = EventRow(EventKind.EXCHANGE_TABLES, 0, first, last, due, len(table))
+            self._queue.put(["tune", voice, one, *([] if body is None else [body])], row, table)
+        self._pitch[voice] = ratio, body
+
+    def _check(self, voice: int, ratio: float, seconds: float, frame: int, body: str | None) -> int:
+        """Raise what `tune` raises before anything has changed. Return the frame."""
+        if not 0 <= voice < len(self._pitch):
+            raise IndexError(f"there is no voice {voice}; the player has {len(self._pitch)} voices")
+        if not self._lowest <= ratio < math.inf:  # there are no slots for the modes it would have
+            raise ValueError(
+                f"ratio = {ratio:g} is out of range; give at least {self._lowest:g}, the lowest ratio of this player"
+            )
+        if not 0.0 <= seconds <= MAX_SECONDS:
+            raise ValueError(f"seconds = {seconds:g} is out of range; give 0 to {MAX_SECONDS:g}")
+        names = [b.name for b in self._patch.body]
+        if body is not None and body not in names:
+            raise KeyError(f"there is no body {body}; the bodies are {', '.join(names)}")
+        return checked_frame(frame)
+
+    def _glide(self, voice: int, ratio: float, seconds: float, body: str | None) -> list[float]:
+        """Return the ratios of the steps in which a voice glides from its pitch to another, that one last."""
         before, of = self._pitch[voice]
         before = before if of == body else ratio  # from another body, nothing can glide
         cents = 1200.0 * abs(math.log2(ratio / before))
         steps = max(1, math.ceil(min(MAX_GLIDE_STEPS, seconds / GLIDE_STEP_SECONDS, cents / GLIDE_STEP_CENTS)))
         return [before * (ratio / before) ** (n / steps) for n in range(1, steps)] + [ratio]
 
-    def keep(self, voice: int, ratio: float, body: str | None) -> None:
-        """Remember the pitch that a voice has been given."""
-        self._pitch[voice] = ratio, body
-
-    def forget_tables(self) -> None:
-        """Forget tables if they are many; the audio thread must not wait for any."""
-        if len(self._tables) > MAX_GLIDE_STEPS:
-            self._tables.clear()
-
-    def table(self, target: tuple[Model, Layout], voice: int, ratio: float, body: str | None) -> np.ndarray:
+    def _table(self, voice: int, ratio: float, body: str | None) -> np.ndarray:
         """Return the copies that give a voice a pitch [n, 3]. They are kept, for the audio thread reads them."""
         key = voice, ratio, body
         if key not in self._tables:
@@ -71,170 +110,103 @@ class VoiceTuning:
                 heard = set(sounding_bodies(self._patch))
                 names = tuned_bodies(self._patch, body)
                 scene = retune(retune(self._patch, self._lowest, heard - names), ratio, names)
-            single = replicate(scene, 1).model_copy(update={"accuracy": self._accuracy})
-            rate, exponents = target[0].samplerate, self._variable_exponents
-            model, _, layout = build(single, rate, event_capacity=1, variable_exponents=exponents)
-            self._tables[key] = tuning_copies(target, (model, layout), voice), model
+            poly, _, layout = self._built
+            single = replicate(scene, 1).model_copy(update={"accuracy": layout.scene.accuracy})
+            like = layout.modal_bodies[: len(scene.body)]
+            exponents = self._variable_exponents
+            model = build(single, poly.samplerate, like=like, event_capacity=1, variable_exponents=exponents).model
+            self._tables[key] = tuning_copies(poly, model, voice), model
         return self._tables[key][0]
 
 
-def tuning_copies(target: tuple[Model, Layout], source: tuple[Model, Layout], voice: int) -> np.ndarray:
-    """List the copies that make a voice of a polyphonic model equal to the only voice of another: addresses to copy to
-    and from, and counts of numbers [n, 3]. Modes above the limit of the sample rate, which the other does not have, are
-    made such that nothing moves them and no pickup senses them. Raises ValueError if the voice is too small."""
-    pairs = [(a, b) for a, b in _pairs(target, source, voice) if b.size]
-    if any(a.size < b.size for a, b in pairs):
-        raise ValueError("this pitch needs more modes or contacts than a voice has room for")
-    rows = [(a.ctypes.data, b.ctypes.data, b.size) for a, b in pairs]
+def tuning_copies(poly: Model, single: Model, voice: int) -> np.ndarray:
+    """Return the copies that make a voice of a polyphonic model equal to the only voice of another: addresses to copy
+    to and from, and counts of numbers [n, 3]. Raises ValueError if the voice has no room for them."""
+    islands = single.islands.mode.size - 1
+    first, last = voice * islands, (voice + 1) * islands
+    pairs = [*_segments(poly, single, first, last), *_entries(poly, single, first, last)]
+    for n in range(islands):
+        pairs += _basis_tables(poly, single, first + n, n)
+    if any(ours.shape != theirs.shape for ours, theirs in pairs):
+        raise ValueError(TOO_SMALL)
+    rows = [(ours.ctypes.data, theirs.ctypes.data, theirs.size) for ours, theirs in pairs if theirs.size]
     return np.array(rows, np.int64).reshape(-1, 3)
 
 
-def _pairs(target: tuple[Model, Layout], source: tuple[Model, Layout], voice: int) -> Iterator[Arrays]:
-    """Arrays to write and arrays to read."""
-    (poly, poly_layout), (single, layout) = target, source
-    bodies, islands = len(layout.scene.body), max(layout.island_of_body) + 1
-    for b in range(bodies):
-        yield from _mode_pairs(poly, single, poly_layout.global_modes(voice * bodies + b), layout.global_modes(b))
-        yield from _connection_pairs(target, source, voice * bodies + b, b)
-    for i in range(islands):
-        n = voice * islands + i
-        for axis in ("contact", "force", "pickup", "body", "basis"):
-            to, of = (getattr(model.islands, axis) for model in (poly, single))
-            for a, x in zip(_rows_of(poly, axis), _rows_of(single, axis), strict=axis != "basis"):
-                for r in range(to[n + 1] - to[n]):
-                    yield from _row_pairs(a, x, int(to[n]) + r, int(of[i]) + r if r < of[i + 1] - of[i] else None)
-        yield from _contact_pairs(poly, single, n, i)
-        yield from _basis_pairs(poly, single, n, i)
+def _segments(poly: Model, single: Model, first: int, last: int) -> Iterator[Arrays]:
+    """Yield the parts for islands `first` up to `last` of the arrays by island that a pitch changes."""
+    arrays: list[tuple[Items, Any, Any]] = [(Items(Axis.MODE), poly.omega_squared, single.omega_squared)]
+    arrays += pair_arrays(StepCoefficients, poly.step, single.step)
+    arrays += pair_arrays(FreeFlight, poly.flight, single.flight)
+    arrays += pair_arrays(Connections, poly.connection, single.connection)
+    for items, ours, theirs in arrays:
+        if items.axis in SEGMENTED and items.dtype is np.float64 and ours is not None and theirs is not None:
+            begin = getattr(poly.islands, items.axis)
+            yield ours[begin[first] : begin[last]], theirs[: getattr(single.islands, items.axis)[-1]]
 
 
-def _tuned_arrays(poly: Model, single: Model, *axes: Axis) -> Iterator[tuple[Items, np.ndarray, np.ndarray | None]]:
-    """Yield the arrays on some axes that a pitch changes: the coefficients of a step, and the restoring force."""
-    records = (StepCoefficients, poly.step, single.step), (FreeFlight, poly.flight, single.flight)
-    for record in records:
-        for items, ours, theirs in pair_arrays(*record):
-            if items.axis in axes:
-                yield items, ours, theirs
-    if Axis.MODE in axes and poly.omega_squared is not None:
-        yield Items(Axis.MODE), poly.omega_squared, single.omega_squared
-    if poly.connection is not None and single.connection is not None:
-        for items, ours, theirs in pair_arrays(Connections, poly.connection, single.connection):
-            if items.axis in axes and items.axis is not Axis.MODE:
-                yield items, ours, theirs
+class _Shapes(NamedTuple):
+    """Mode shape rows, and arrays that have the same entries as their phi."""
+
+    axis: Axis
+    rows: ModeShapeRows
+    arrays: list[np.ndarray]
+
+    def entries(self, r: int) -> list[np.ndarray]:
+        """Return the entries of a row in each array."""
+        begin, count = int(self.rows.offset[r]), int(self.rows.mode_end[r]) - int(self.rows.mode_begin[r])
+        return [array[begin : begin + count] for array in self.arrays]
 
 
-def _mode_pairs(poly: Model, single: Model, to: slice, of: slice) -> Iterator[Arrays]:
-    """Yield the arrays of each mode of a body."""
-    count = min(to.stop - to.start, of.stop - of.start)
-    for items, ours, theirs in _tuned_arrays(poly, single, Axis.MODE):
-        read = theirs[of.start : of.start + count] if theirs is not None else NEUTRAL[items.neutral][:count]
-        yield ours[to.start : to.start + count], read
-        if items.is_shape:
-            missing = to.stop - to.start - count
-            yield ours[to.stop - missing : to.stop], NEUTRAL[0.0][:missing]
+def _entries(poly: Model, single: Model, first: int, last: int) -> Iterator[Arrays]:
+    """Yield the mode shapes at points of islands `first` up to `last`, and what is computed from them."""
+    for ours, theirs in zip(_shapes(poly), _shapes(single), strict=True):
+        rows = range(*getattr(poly.islands, ours.axis)[[first, last]])
+        if len(rows) != len(theirs.rows.offset):
+            raise ValueError(TOO_SMALL)
+        for s, r in enumerate(rows):
+            yield from zip(ours.entries(r), theirs.entries(s), strict=True)
 
 
-def _contact_pairs(poly: Model, single: Model, n: int, i: int) -> Iterator[Arrays]:
-    """Yield the compliances of an island at its contacts and connections."""
-    axes = Axis.CONTACT, Axis.COMPLIANCE, Axis.CONNECTION, Axis.CONNECTION_PAIR, Axis.CONNECTION_CONTACT
-    for items, ours, theirs in _tuned_arrays(poly, single, *axes):
-        if theirs is not None:
-            begin, start = getattr(poly.islands, items.axis), getattr(single.islands, items.axis)
-            yield ours[begin[n] : begin[n + 1]], theirs[start[i] : start[i + 1]]
+def _shapes(model: Model) -> Iterator[_Shapes]:
+    """Yield the mode shape rows of a model, but those of bases."""
+    step, contact = model.step, model.contact
+    places: list[tuple[Axis, ModeShapeRows, Any]] = [(Axis.BODY, model.bodies, ())]
+    places.append((Axis.PICKUP, model.pickups.rows, (model.flight.pickup_tables,)))
+    if model.force is not None:
+        places.append((Axis.FORCE, model.force.rows, step.force or ()))
+    if model.connection is not None and step.connection is not None:
+        places.append((Axis.CONNECTION_PART, model.connection.rows, step.connection.rows))
+    if contact is not None and step.contact is not None:
+        places.append((Axis.CONTACT, contact.rows, step.contact.rows))
+        if contact.other_rows is not None:
+            places.append((Axis.CONTACT, contact.other_rows, step.contact.other_rows or ()))
+    for axis, rows, arrays in places:
+        yield _Shapes(axis, rows, [rows.phi, *arrays])
 
 
-def _basis_pairs(poly: Model, single: Model, n: int, i: int) -> Iterator[Arrays]:
-    """Yield the motion at an island's contacts for each row of the basis of these contacts.
-
-    Raises ValueError if that of the other cannot be one of as few rows.
-    """
-    first, begin = int(poly.islands.basis[n]), int(single.islands.basis[i])
-    if first == poly.islands.basis[n + 1]:
+def _basis_tables(poly: Model, single: Model, n: int, i: int) -> Iterator[Arrays]:
+    """Yield the basis of the contacts of an island, and how far each of its rows moves them. Rows that fewer modes do
+    not need are zero."""
+    ours, theirs = (range(*model.islands.basis[k : k + 2]) for model, k in ((poly, n), (single, i)))
+    if not ours:
         return
-    if begin == single.islands.basis[i + 1]:
-        raise ValueError("at this pitch, the contacts of a body no longer move alike, so this voice cannot have it")
-    for (to_contact, to), (of_contact, of) in zip(_bases(poly), _bases(single), strict=True):
-        entries, products = entry_counts(int(np.diff(poly.islands.contact)[n]))
-        a, x = to_contact.at_contacts_begin[first], of_contact.at_contacts_begin[begin]
-        yield to.at_contacts[a : a + entries], of.at_contacts[x : x + entries]
-        a, x = to_contact.products_begin[first], of_contact.products_begin[begin]
-        yield to.products[a : a + products], of.products[x : x + products]
+    if not theirs:
+        raise ValueError(NO_BASIS)
+    if len(theirs) > len(ours):
+        raise ValueError(TOO_SMALL)
+    (to, to_tables), (of, of_tables) = _basis(poly, ours.start, n), _basis(single, theirs.start, i)
+    yield from zip(to_tables, of_tables, strict=True)
+    for r, s in zip_longest(ours, theirs):
+        entries = to.entries(r)
+        yield from zip(entries, of.entries(s) if s is not None else [ZEROS[: a.size] for a in entries], strict=True)
 
 
-def _bases(model: Model) -> list[tuple[ContactBasis, BasisCoefficients]]:
-    """The bases of the contacts of a model, with their coefficients; nothing without any."""
+def _basis(model: Model, first: int, n: int) -> tuple[_Shapes, list[np.ndarray]]:
+    """Return the rows of all bases, and the tables of the contacts of island n, whose first row is `first`."""
     contact, step = model.contact, model.step.contact
-    if contact is None or contact.basis is None or step is None or step.basis is None:
-        return []
-    return [(contact.basis, step.basis)]
-
-
-class PickupTables(NamedTuple):
-    """The tables that belong to the rows of pickups."""
-
-    table: np.ndarray  # [entries, 2 * FLIGHT_PART], of FreeFlight.pickup_tables
-
-
-RowsAt = tuple[ModeShapeRows, RowCoefficients | PickupTables | None]
-
-
-def _rows_of(model: Model, axis: str) -> list[RowsAt]:
-    """The mode shape rows of a model that go with its contacts, forces, pickups or bodies, with their
-    coefficients."""
-    if axis == "contact":
-        contact, step = model.contact, model.step.contact
-        if contact is None or step is None:
-            return []
-        other = [] if contact.other_rows is None else [(contact.other_rows, step.other_rows)]
-        return [(contact.rows, step.rows), *other]
-    if axis == "force":
-        return [(model.force.rows, model.step.force)] if model.force is not None else []
-    if axis == "pickup":
-        return [(model.pickups.rows, PickupTables(model.flight.pickup_tables))]
-    if axis == "basis":
-        return [(basis.rows, coefficients.rows) for basis, coefficients in _bases(model)]
-    return [(model.bodies, None)]
-
-
-def _row_pairs(to: RowsAt, of: RowsAt, r: int, s: int | None) -> Iterator[Arrays]:
-    """A row of shapes, kicks and drifts; zeros where the other has no such row."""
-    ours, theirs = to[0], of[0]
-    write = int(ours.offset[r]), int(ours.mode_end[r]) - int(ours.mode_begin[r])
-    read = (0, 0) if s is None else (int(theirs.offset[s]), int(theirs.mode_end[s]) - int(theirs.mode_begin[s]))
-    yield from _entry_pairs(to, of, write, read)
-
-
-def _entry_pairs(to: RowsAt, of: RowsAt, write: tuple[int, int], read: tuple[int, int]) -> Iterator[Arrays]:
-    """Entries of rows, given by the first and their number; zeros where the other has fewer."""
-    (ours, our_step), (theirs, their_step) = to, of
-    (begin, size), start, count = write, read[0], min(write[1], read[1])
-    pairs = [(ours.phi, theirs.phi)]
-    if our_step is not None and their_step is not None:
-        pairs += zip(our_step, their_step, strict=True)
-    for a, x in pairs:
-        yield a[begin : begin + count], x[start : start + count]
-        missing = a[begin + count : begin + size]
-        yield missing, NEUTRAL[0.0][: missing.size]
-
-
-def _connection_pairs(target: tuple[Model, Layout], source: tuple[Model, Layout], b: int, c: int) -> Iterator[Arrays]:
-    """Yield the entries of a body in each coordinate of its connections. b, c: its number in the one scene, and in the
-    other"""
-    (poly, poly_layout), (single, layout) = target, source
-    if poly.connection is None or single.connection is None:
-        return
-    assert poly.step.connection is not None and single.step.connection is not None
-    to, of = (poly.connection.rows, poly.step.connection.rows), (single.connection.rows, single.step.connection.rows)
-    theirs = _entries_of(single, layout, c)
-    for number, entries in _entries_of(poly, poly_layout, b).items():
-        yield from _entry_pairs(to, of, entries, theirs.get(number, (0, 0)))
-
-
-def _entries_of(model: Model, layout: Layout, b: int) -> dict[int, tuple[int, int]]:
-    """The first entry of a body in the rows of connections, and for how many there is room, by coordinate."""
-    found: dict[int, tuple[int, int]] = {}
-    if model.connection is not None:
-        for r, part in enumerate(layout.connection_parts):
-            if b in part.pieces:
-                first, room = part.pieces[b]
-                found[part.coordinate] = int(model.connection.rows.offset[r]) + first, room
-    return found
+    assert contact is not None and contact.basis is not None and step is not None and step.basis is not None
+    entries, products = entry_counts(int(np.diff(model.islands.contact)[n]))
+    a, b = int(contact.basis.at_contacts_begin[first]), int(contact.basis.products_begin[first])
+    tables = [step.basis.at_contacts[a : a + entries], step.basis.products[b : b + products]]
+    return _Shapes(Axis.BASIS, contact.basis.rows, [contact.basis.rows.phi, *step.basis.rows]), tables

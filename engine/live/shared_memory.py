@@ -1,59 +1,35 @@
-"""Memory that Python and the audio thread share: integers and addresses, gauges, and a queue of events.
-
-The audio thread finds everything by addresses in one array of integers: the kernel of the scene, its Model, State and
-outputs, a queue of events (engine.runtime.event_slots), and a ring of the frames that were played.
-"""
+"""Memory that Python and the audio thread share: a record of arrays and numbers, which the thread reads at its address
+(engine.compiler.struct_handle)."""
 
 from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
 
 
 class Slot(IntEnum):
-    """Integers and addresses in the shared memory."""
+    """Integers in the shared memory that change."""
 
-    # set once
-    JOB = 0  # address of the Job of a block (engine.runtime.partitions)
-    INSERT_EVENT = 1  # address of the kernel that takes an event
-    MODEL = 2  # address of the Model that is played
-    STATE = 3
-    CHANNELS = 4
-    CHUNK_FRAMES = 5  # frames computed at once, at most
-    EVENTS = 6  # queue of events
-    VALUES = 7  # queue of the values of events
-    QUEUE_SIZE = 8
-    RECORD = 9  # ring of the frames that were played
-    RECORD_FRAMES = 10
-    GAUGES = 11
-    FADE_IN_FRAMES = 12
-    SAMPLERATE = 13
-    LOADS = 14  # ring of the loads of the last blocks
-    LOAD_COUNT = 15
-    MODELS = 16  # addresses of Models, each coarser than the one before
-    MODEL_COUNT = 17
-    LOWEST_QUALITY = 18
-    ORDER = 19  # an event that the audio thread itself inserts
-    QUALITY_LOG = 20  # ring of frames and levels of quality
-    QUALITY_LOG_SIZE = 21
-    SPARE = 22  # memory for the successor's output while one sound fades into another
-    TUNINGS = 23  # exchanges of tables that wait for their frame
-    # changed by Python
-    WRITE_INDEX = 24  # events put in so far
-    STOP_REQUESTED = 25
-    SUCCESSOR = 26  # address of the shared memory that takes over
-    FADE_OUT_FRAMES = 27
-    # changed by the audio thread
-    END = 28  # frame at which playing ends
-    READ_INDEX = 29  # events taken so far
-    FRAME = 30
-    FINISHED = 31
-    LIMITED_SAMPLES = 32
-    UNDERRUNS = 33
-    CALLS = 34
-    QUALITY = 35  # level that is played, 0 is the best
-    QUALITY_CHANGES = 36
-    FRAMES_AT_EASE = 37
-    RECORDED = 38
-    NONFINITE_SAMPLES = 39
-    WAITING_TUNINGS = 40
+    # set by Python
+    WRITE_INDEX = 0  # events put in so far
+    STOP_REQUESTED = 1
+    SUCCESSOR = 2  # address of the shared memory that takes over
+    FADE_IN_FRAMES = 3
+    FADE_OUT_FRAMES = 4
+    # set by the audio thread
+    END = 5  # frame at which playing ends
+    READ_INDEX = 6  # events taken so far
+    FRAME = 7
+    FINISHED = 8
+    LIMITED_SAMPLES = 9
+    UNDERRUNS = 10
+    CALLS = 11
+    QUALITY = 12  # level that is played, 0 is the best
+    QUALITY_CHANGES = 13
+    FRAMES_AT_EASE = 14
+    RECORDED = 15
+    NONFINITE_SAMPLES = 16
+    EXCHANGES_WAITING = 17  # exchanges of tables whose frame has not come
 
 
 class Gauge(IntEnum):
@@ -66,3 +42,50 @@ class Gauge(IntEnum):
     SECONDS_USED = 4
     LOAD_HIGH = 5  # a block with a higher load lowers the quality
     LOAD_LOW = 6  # after a second of lower loads, the quality rises
+
+
+class SharedMemory(NamedTuple):
+    """All that the audio thread reads and writes for one scene. Only what the arrays hold changes."""
+
+    counters: np.ndarray  # int64 [Slot]
+    gauges: np.ndarray  # [Gauge]
+    events: np.ndarray  # int64 [queue size, EventSlot], a ring: the queue of events …
+    values: np.ndarray  # [queue size, VALUES_PER_EVENT] … and of their values
+    exchanges: np.ndarray  # int64 [queue size, EventSlot]: exchanges of tables that wait for their frame
+    order: np.ndarray  # int64 [EventSlot]: an event that the audio thread itself inserts
+    models: np.ndarray  # int64 [models]: addresses of Models, each coarser than the one before
+    quality_log: np.ndarray  # int64 [queue size, 2], a ring: frame, level of quality
+    loads: np.ndarray  # [blocks], a ring: of the last blocks, as shares of their deadlines
+    record: np.ndarray  # float32 [frames, channels], a ring: what was played
+    spare: np.ndarray  # float32 [frames, channels]: output of the successor while one sound fades into another
+    audio: np.ndarray  # [frames, channels]: output of the job, of as many frames as are computed at once
+    job: int  # address of the Job of a block (engine.runtime.jobs)
+    state: int  # address of the State
+    insert_event: int  # address of the kernel that takes an event
+    samplerate: int
+    lowest_quality: int
+
+
+def _empty(dtype: type, dimensions: int) -> np.ndarray:
+    return np.zeros((0,) * dimensions, dtype)
+
+
+EMPTY = SharedMemory(  # says what compiled code gets
+    counters=_empty(np.int64, 1),
+    gauges=_empty(np.float64, 1),
+    events=_empty(np.int64, 2),
+    values=_empty(np.float64, 2),
+    exchanges=_empty(np.int64, 2),
+    order=_empty(np.int64, 1),
+    models=_empty(np.int64, 1),
+    quality_log=_empty(np.int64, 2),
+    loads=_empty(np.float64, 1),
+    record=_empty(np.float32, 2),
+    spare=_empty(np.float32, 2),
+    audio=_empty(np.float64, 2),
+    job=0,
+    state=0,
+    insert_event=0,
+    samplerate=0,
+    lowest_quality=0,
+)

@@ -4,15 +4,16 @@ from enum import IntEnum
 
 
 class EventSlot(IntEnum):
-    """Integers of an event."""
+    """Integers of an event: those of engine.assembly.event_table.EventRow, and what only live sound needs."""
 
     KIND = 0  # engine.kernel.data.enums.EventKind
     ISLAND = 1
     TARGET_BEGIN = 2
     TARGET_END = 3
     START = 4  # frame at which it begins, at the earliest
-    LENGTH = 5  # frames
-    TAKEN_AT = 6  # frame at which the audio thread took it
+    LENGTH = 5  # frames; of an exchange of tables, copies
+    TABLE = 6  # address of the copies of an exchange of tables
+    TAKEN_AT = 7  # frame at which the audio thread took it
 
 
 VALUES_PER_EVENT = 2

@@ -33,7 +33,7 @@ def called(player: Player, frames: int, sizes: np.ndarray, flags: int = 0) -> np
     out, at, n = np.full((frames, player.channels), np.nan, np.float32), 0, 0
     while at < frames:
         size = min(int(sizes[n % len(sizes)]), frames - at)
-        answer(None, out[at:].ctypes.data, size, None, flags, player.shared.ctypes.data)
+        answer(None, out[at:].ctypes.data, size, None, flags, player.memory.address)
         at, n = at + size, n + 1
     return out
 
@@ -46,10 +46,10 @@ def test_the_callback_gives_the_offline_samples(path):
     player = Player(scene, gain=gain)
     heard = called(player, frames, np.random.default_rng(1).integers(1, 1024, 200))
     wanted = (engine.render(scene, seconds=frames / 44_100).audio * gain).astype(np.float32)
-    fade = int(player.shared[Slot.FADE_IN_FRAMES])
+    fade = int(player.counters[Slot.FADE_IN_FRAMES])
     np.testing.assert_array_equal(heard[fade:], wanted[fade:])
     assert np.abs(heard[:fade]).max() <= np.abs(wanted[:fade]).max()
-    assert player.shared[Slot.CALLS] > 50 and player.meter()["limited"] == 0
+    assert player.counters[Slot.CALLS] > 50 and player.meter()["limited"] == 0
 
 
 def disturbed(player: Player, frames: int, seed: int) -> np.ndarray:
@@ -132,7 +132,7 @@ def test_fades_and_the_end():
     assert heard[0] < 0.01 and 0.45 < heard[441] < 0.51
     assert np.abs(np.diff(heard)).max() < 0.01
     assert not heard[4410:].any() and heard[4408] != 0.0
-    assert player.shared[Slot.FINISHED] == 1
+    assert player.counters[Slot.FINISHED] == 1
     stopped = Player(engine.Scene.model_validate(told), seconds=math.inf, gain=0.5)
     stopped.render_into(np.zeros((1000, 1), np.float32))
     stopped.stop()
@@ -263,7 +263,7 @@ def test_what_is_saved_is_heard(tmp_path):
     assert watch.player is not player
     old, new = Player(scene, gain=0.05), watch.player
     crossed = called(player, 4096, sizes)
-    assert player.shared[Slot.FINISHED] == 1 and not player.finished
+    assert player.counters[Slot.FINISHED] == 1 and not player.finished
     assert new.frame == 4096
     steps = np.abs(np.diff(crossed, axis=0)).max()
     assert steps <= 2 * np.abs(np.diff(called(old, 8192, sizes), axis=0)).max()

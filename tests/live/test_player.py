@@ -58,11 +58,11 @@ def player():
 
 @pytest.mark.parametrize(("what", "kind", "says"), BAD, ids=range(len(BAD)))
 def test_what_cannot_be_is_refused_and_nothing_changes(player, what, kind, says):
-    before = int(player.shared[Slot.WRITE_INDEX]), len(player.log()["events"]), player._queue.pending()
+    before = int(player.counters[Slot.WRITE_INDEX]), len(player.log()["events"]), player._queue.pending()
     with pytest.raises(kind) as found:
         what(player)
     assert says in str(found.value) and "\n" not in str(found.value)
-    assert (int(player.shared[Slot.WRITE_INDEX]), len(player.log()["events"]), player._queue.pending()) == before
+    assert (int(player.counters[Slot.WRITE_INDEX]), len(player.log()["events"]), player._queue.pending()) == before
 
 
 def test_numbers_of_numpy_are_numbers(player):

@@ -165,7 +165,8 @@ def render_notes(
     """Render the notes of a file, from the first of them on. seconds: how many of them. Raises MidiError."""
     excerpt = replace(excerpt, seconds=seconds)
     file = read_for(scene, text, excerpt)
-    player = Player(scene, samplerate, math.inf, RENDER_GAIN, voices, lowest_ratio(text, scene, excerpt))
+    lowest = lowest_ratio(text, scene, excerpt)
+    player = Player(scene, samplerate, math.inf, RENDER_GAIN, voices=voices, lowest=lowest)
     player.counters[Slot.FADE_IN_FRAMES] = 0  # it begins with a note
     keys = VoiceAllocator(player)
     keys.ignored |= file.ignored

@@ -31,6 +31,7 @@ from engine.live.event_queue import EventQueue, checked_frame, event_capacity, m
 from engine.live.kernels import PLAY_INTO, kernel_of_memory
 from engine.live.meter import MeterReading
 from engine.live.parameter_queue import ParameterQueue
+from engine.live.player_options import checked_options
 from engine.live.retuning import VoiceTuning
 from engine.live.shared_memory import Gauge, Slot
 from engine.live.voices import replicate, retune, striker_velocities
@@ -60,12 +61,7 @@ class Player:
 
     seconds: until it fades out; the scene's own if None; `math.inf`: until it is stopped
     gain:    factor on SI units
-    voices:  play so many copies of the scene, each of which can be tuned; none if 0
-    lowest:  ratio of the lowest pitch they will be tuned to
-    general: exponents can be changed; the contact laws are then general ones, which take longer
-    cores:   how many share the work, at audio priority where that is allowed; the samples are the same
-    kernel:  special, general or auto (engine.runtime.kernel_choice); the samples are the same
-    waiting: forces of limited duration wait until `pluck` starts them
+    options: of PlayerOptions, by name
     Raises TypeError if an argument is of the wrong kind, BuildError as `engine.assembly.build.build`.
     """
 
@@ -75,46 +71,40 @@ class Player:
         samplerate: int = 44_100,
         seconds: float | None = None,
         gain: float = 1.0,
-        voices: int = 0,
-        lowest: float = 1.0,
-        general: bool = False,
-        cores: int = 1,
-        kernel: str | None = None,
-        waiting: bool = False,
+        **options: Any,
     ) -> None:
         check_scene(scene)
         samplerate, gain = checked_integer("samplerate", samplerate), checked_number("gain", gain)
-        voices, cores = checked_integer("voices", voices), checked_integer("cores", cores)
+        self.options = chosen = checked_options(options)
         seconds = scene.seconds if seconds is None else checked_number("seconds", seconds)
         if not math.isfinite(gain):
             raise ValueError(f"gain = {gain} is not a finite factor")
         if scene.accuracy.oversample > 1:
             message = "live sound cannot be oversampled; use order or substeps, or render the patch"
             raise BuildError(Fault("accuracy.oversample", message))
-        self.patch, self.voices, self.lowest, self.general = scene, voices, lowest, general
-        self.waiting = waiting or voices > 0
-        if voices:
+        self.patch, self.voices, self.waiting = scene, chosen.voices, chosen.waiting
+        if self.voices:
             plain = scene.accuracy.replace(order=2, substeps=1, precision="float64")  # a voice is tuned table by table
-            scene = replicate(retune(scene, lowest), voices).model_copy(update={"accuracy": plain})
+            copies = replicate(retune(scene, chosen.lowest), self.voices)
+            scene = copies.model_copy(update={"accuracy": plain})
         self.scene, self.samplerate, self.gain = scene, samplerate, gain
         self.channels = scene.channels
-        capacity = event_capacity(scene, self.waiting and not voices)
-        built = build(scene, samplerate, event_capacity=capacity, variable_exponents=general)
-        self.model, self.state, self.layout = built
+        capacity = event_capacity(scene, self.waiting and not self.voices)
+        built_with: dict[str, Any] = {"event_capacity": capacity, "variable_exponents": chosen.general}
+        self.model, self.state, self.layout = built = build(scene, samplerate, **built_with)
         if self.waiting and self.model.force is not None:
             self.model.force.start[:] = UNUSED_SLOT
-        self.memory = AudioMemory(built, scene.accuracy, self.channels, seconds, gain, kernel)
-        self.counters, self.gauges = self.memory.shared.counters, self.memory.shared.gauges
-        self._helpers = start_helpers(cores, self.model.islands.partition.size - 1, in_realtime=True)
+        self.memory = AudioMemory(built, scene.accuracy, self.channels, seconds, gain, chosen.kernel)
+        shared = self.memory.shared
+        self.counters, self.gauges = shared.counters, shared.gauges
+        self._helpers = start_helpers(chosen.cores, self.model.islands.partition.size - 1, in_realtime=True)
         self.memory.job_memory.use_helpers(self._helpers)
         self._queue = EventQueue(self.memory)
-        shared = self.memory.shared
-        self._tuning = VoiceTuning(self.patch, voices, lowest, built, general, self._queue, shared)
-        options = {"event_capacity": capacity, "variable_exponents": general}
+        self._tuning = VoiceTuning(self.patch, chosen, built, built_with, self._queue, shared)
         coarser = partial(coarser_models, accuracy=scene.accuracy)
-        tables = TableChanges(scene, built, self.memory.models, coarser, **options)
+        tables = TableChanges(scene, built, self.memory.models, coarser, **built_with)
         self._parameters = ParameterQueue(self.live_paths, tables, self._queue, shared)
-        if not voices:
+        if not self.voices:
             self._parameters.put_score(scene)
         self._fetched = self.lost_frames = 0
         self._successor: Player | None = None
@@ -345,7 +335,7 @@ class Player:
         """All that was done, as JSON can hold it; `engine.live.replay` makes the same sound of it."""
         scene = json.loads(self.patch.model_dump_json(exclude_none=True))
         settings = {"scene": scene, "samplerate": self.samplerate, "gain": self.gain, "frames": self.frame}
-        settings |= {"voices": self.voices, "lowest": self.lowest, "general": self.general, "waiting": self.waiting}
+        settings |= {name: getattr(self.options, name) for name in ("voices", "lowest", "general", "waiting")}
         ends = {"end": Slot.END, "fade": Slot.FADE_IN_FRAMES, "leave": Slot.FADE_OUT_FRAMES}
         settings |= {name: int(self.counters[slot]) for name, slot in ends.items()}
         return settings | {"events": self._queue.entries()}

@@ -94,9 +94,8 @@ def replay(record: dict[str, Any] | Log, progress: Callable[[float], None] | Non
 
 def _played(log: Log, progress: Callable[[float], None]) -> np.ndarray:
     """Compute the sound of a valid log."""
-    player = Player(
-        log.made(), log.samplerate, math.inf, log.gain, log.voices, log.lowest, log.general, waiting=log.waiting
-    )
+    options = {name: getattr(log, name) for name in ("voices", "lowest", "general", "waiting")}
+    player = Player(log.made(), log.samplerate, math.inf, log.gain, **options)
     player.counters[[Slot.END, Slot.FADE_IN_FRAMES, Slot.FADE_OUT_FRAMES]] = log.end, log.fade, log.leave
     out, at = np.zeros((min(log.frames, log.end), player.channels), np.float32), 0
 

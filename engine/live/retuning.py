@@ -19,6 +19,7 @@ from engine.kernel.data.axes import SEGMENTED, Axis, Items, pair_arrays
 from engine.kernel.data.enums import EventKind
 from engine.kernel.data.model import Connections, FreeFlight, Model, ModeShapeRows, StepCoefficients
 from engine.live.event_queue import EventQueue, checked_frame
+from engine.live.player_options import PlayerOptions
 from engine.live.shared_memory import SharedMemory, Slot
 from engine.live.voices import replicate, retune, sounding_bodies, tuned_bodies
 from engine.patch.frames import nearest_frame
@@ -37,25 +38,24 @@ Arrays = tuple[np.ndarray, np.ndarray]  # to write, to read
 class VoiceTuning:
     """The pitches of the voices of a player, and tables of what the audio thread copies to change them.
 
-    patch:  the scene of one voice
-    voices: how many there are
-    lowest: ratio of the lowest pitch, which they have at first
-    built:  the polyphonic model
+    patch:      the scene of one voice
+    options:    how many voices there are, and the ratio of the lowest pitch, which all have at first
+    built:      the polyphonic model
+    built_with: arguments of `build` that it was made with
     """
 
     def __init__(
         self,
         patch: Scene,
-        voices: int,
-        lowest: float,
+        options: PlayerOptions,
         built: BuildResult,
-        variable_exponents: bool,
+        built_with: dict[str, Any],
         queue: EventQueue,
         memory: SharedMemory,
     ) -> None:
-        self._patch, self._lowest, self._built, self._variable_exponents = patch, lowest, built, variable_exponents
+        self._patch, self._lowest, self._built, self._built_with = patch, options.lowest, built, built_with
         self._queue, self._counters = queue, memory.counters
-        self._pitch: list[tuple[float, str | None]] = [(lowest, None)] * voices
+        self._pitch: list[tuple[float, str | None]] = [(options.lowest, None)] * options.voices
         self._tables: dict[tuple[int, float, str | None], tuple[np.ndarray, Model]] = {}
 
     def tune(self, voice: int, ratio: float, frame: int, seconds: float, body: str | None) -> None:
@@ -113,8 +113,7 @@ class VoiceTuning:
             poly, _, layout = self._built
             single = replicate(scene, 1).model_copy(update={"accuracy": layout.scene.accuracy})
             like = layout.modal_bodies[: len(scene.body)]
-            exponents = self._variable_exponents
-            model = build(single, poly.samplerate, like=like, event_capacity=1, variable_exponents=exponents).model
+            model = build(single, poly.samplerate, like=like, **self._built_with).model
             self._tables[key] = tuning_copies(poly, model, voice), model
         return self._tables[key][0]
 

@@ -1,0 +1,39 @@
+"""How a scene is made ready to be played."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from engine.argument_checks import checked_integer
+from engine.patch.error_messages import suggestion
+
+
+@dataclass(frozen=True)
+class PlayerOptions:
+    """Options of a player, beside its length and its gain.
+
+    voices:  play so many copies of the scene, each of which can be tuned; none if 0
+    lowest:  ratio of the lowest pitch they will be tuned to
+    general: exponents can be changed; the contact laws are then general ones, which take longer
+    cores:   how many share the work, at audio priority where that is allowed; the samples are the same
+    kernel:  special, general or auto (engine.runtime.kernel_choice); the samples are the same
+    waiting: forces of limited duration wait until `pluck` starts them, as those of voices do
+    """
+
+    voices: int = 0
+    lowest: float = 1.0
+    general: bool = False
+    cores: int = 1
+    kernel: str | None = None
+    waiting: bool = False
+
+
+def checked_options(options: Mapping[str, Any]) -> PlayerOptions:
+    """Return options by name as a record. Raises TypeError for one that is unknown or of the wrong kind."""
+    names = [field.name for field in fields(PlayerOptions)]
+    for name in options:
+        if name not in names:
+            raise TypeError(f"Player has no argument {name!r}; {suggestion(name, names)}")
+    checked = PlayerOptions(**options)
+    voices, cores = checked_integer("voices", checked.voices), checked_integer("cores", checked.cores)
+    return replace(checked, voices=voices, cores=cores, waiting=checked.waiting or voices > 0)

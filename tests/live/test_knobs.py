@@ -90,14 +90,14 @@ def test_a_long_glide_arrives_and_a_refused_one_changes_nothing(monkeypatch):
     assert all(e["frame"] is not None for e in events)
     assert [e["why"] for e in events if e["frame"] == 0] == [["strike", "hammer_0"]]
     assert events[-1]["why"] == ["tune", 0, 0.7] and events[-1]["frame"] == 5 * 44_100
-    before, table = len(events), player._tuning.table
+    before, table = len(events), player._tuning._table
 
-    def refused(target: tuple, voice: int, ratio: float, body: str | None) -> np.ndarray:
+    def refused(voice: int, ratio: float, body: str | None) -> np.ndarray:
         if ratio > 1.0:
             raise ValueError("vibrates too fast")
-        return table(target, voice, ratio, body)
+        return table(voice, ratio, body)
 
-    monkeypatch.setattr(player._tuning, "table", refused)
+    monkeypatch.setattr(player._tuning, "_table", refused)
     with pytest.raises(ValueError, match="vibrates too fast"):
         player.tune(0, 1.1, seconds=0.1)
     player.render_into(out[:64])

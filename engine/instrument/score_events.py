@@ -4,14 +4,14 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 from engine.bodies.table import KeyPath
+from engine.instrument.held_keys import HeldKeys
 from engine.instrument.key_names import note_name
 from engine.instrument.key_writer import EVENT_REFERENCES, KeyWriter
 from engine.instrument.score import PlayedNote, Score
 
 FULL_VELOCITY = 127.0
-PEDAL_STEPS = 8  # to which half pedal is rounded
-SOSTENUTO_HALF = 0.5
 UNKNOWN_RELEASE = 0.5
+KEY = "key"  # the only one of which spans are computed
 LATEST_EVENT = 1e-6  # s before the end, at which nothing can begin
 
 Event = tuple[dict[str, Any], KeyPath, str]  # as in a patch; where in the patch it comes from, and the key's name
@@ -106,18 +106,17 @@ def damped_spans(notes: list[PlayedNote], score: Score, seconds: float) -> list[
     times = {0.0, seconds, *(note.time for note in notes), *(note.end for note in notes)}
     times |= {move.time for move in score.pedals if move.name != "soft"}
     ordered = sorted(time for time in times if 0.0 <= time <= seconds)
-    sostenuto = [move for move in score.pedals if move.name == "sostenuto"]
-    is_kept, begun, moved, last_end, spans = False, 0, 0, 0.0, list[Span]()
+    moves = [move for move in score.pedals if move.name != "soft"]
+    held, begun, moved, last_end, spans = HeldKeys[str](), 0, 0, 0.0, list[Span]()
     for begin, end in pairwise(ordered):
         while begun < len(notes) and notes[begun].time <= begin:
             last_end = max(last_end, notes[begun].end)
             begun += 1
-        is_down = begin < last_end
-        while moved < len(sostenuto) and sostenuto[moved].time <= begin:
-            is_kept = sostenuto[moved].value >= SOSTENUTO_HALF and (is_kept or is_down)
+        held.down = {KEY} if begin < last_end else set()
+        while moved < len(moves) and moves[moved].time <= begin:
+            held.move_pedal(moves[moved].name, moves[moved].value)
             moved += 1
-        lifted = 1.0 if is_down or is_kept else score.pedal_at("sustain", begin)
-        share = round((1.0 - lifted) * PEDAL_STEPS) / PEDAL_STEPS
+        share = held.damper_share(KEY)
         if share == 0.0:
             continue
         release = notes[begun - 1].release / FULL_VELOCITY if begun else UNKNOWN_RELEASE

@@ -3,10 +3,11 @@
 from typing import Any
 
 from engine.instrument.expansion import expand_keys, keys_of
+from engine.instrument.held_keys import HeldKeys
 from engine.instrument.key_names import note_name, plain_note_name
 from engine.instrument.key_writer import KeyWriter
 from engine.instrument.score import Score
-from engine.instrument.score_events import FULL_VELOCITY, PEDAL_STEPS, SOSTENUTO_HALF, events_of_key
+from engine.instrument.score_events import FULL_VELOCITY, events_of_key
 from engine.live.controls import Targets, targets_of_all
 from engine.live.key_bends import KeyBends, bent_parameters
 from engine.live.midi_notes import UNKNOWN_RELEASE, Move, Note
@@ -48,10 +49,8 @@ class KeyAllocator:
         self.keys = [key for key in keys_of(document["keyboard"]) if self._has_bodies(key)]
         for key in self.keys:
             self._writer.write_key(key)
-        self._down: set[int] = set()
-        self._kept: set[int] = set()  # by the sostenuto pedal
+        self._held = HeldKeys[int]()
         self._sounding: list[int] = []  # keys whose notes the dampers have not ended, the oldest first
-        self._pedals = {"sustain": 0.0, "soft": 0.0, "sostenuto": 0.0}
         self._played: dict[int, int] = {}
         self._on_channel: dict[int, int] = {}  # of an MPE zone: the key pressed last
         bodies = [body.model_dump(exclude_unset=True) for body in player.scene.body]
@@ -68,7 +67,7 @@ class KeyAllocator:
         if note.kind == "bend":
             if not self._bent:
                 self.ignored["pitch bend"] = self.ignored.get("pitch bend", 0) + 1
-        elif note.kind in self._pedals:
+        elif note.kind in self._held.pedals:
             self._move_pedal(note.kind, note.value / FULL_VELOCITY, frame)
         elif note.kind == "off":
             self._release(note.number, note.value / FULL_VELOCITY, frame)
@@ -110,23 +109,22 @@ class KeyAllocator:
 
     def _press(self, key: int, v: float, frame: int) -> None:
         self._make_room(key, frame)
-        self._down.add(key)
+        self._held.down.add(key)
         self._sounding = [*(k for k in self._sounding if k != key), key]
         self._played[key] = self._played.get(key, 0) + 1
         self._lift(key, frame)
-        names = {"v": v, "soft": self._pedals["soft"], "release": 0.5}
+        names = {"v": v, "soft": self._held.pedals["soft"], "release": 0.5}
         for event, _, _ in events_of_key(self._writer, "on", key, names, 0.0):
             self._do(event, key, frame)
 
     def _release(self, key: int, release: float, frame: int) -> None:
-        if key not in self._down:
+        if key not in self._held.down:
             return
-        self._down.discard(key)
-        names = {"v": 0.5, "soft": self._pedals["soft"], "release": release}
+        self._held.down.discard(key)
+        names = {"v": 0.5, "soft": self._held.pedals["soft"], "release": release}
         for event, _, _ in events_of_key(self._writer, "off", key, names, 0.0):
             self._do(event, key, frame)
-        if key not in self._kept:
-            self._damp(key, release, frame)
+        self._damp(key, release, frame)
 
     def _make_room(self, key: int, frame: int) -> None:
         """End the notes that cannot go on beside a new one: of its group, or one too many."""
@@ -136,14 +134,15 @@ class KeyAllocator:
                 self._end(other, frame)
         others = [k for k in self._sounding if k != key]
         while len(others) >= self.polyphony:
-            oldest = next((k for k in others if k not in self._down), others[0])
+            oldest = next((k for k in others if k not in self._held.down), others[0])
             self.stolen += 1
             self._end(oldest, frame)
             others.remove(oldest)
 
     def _end(self, key: int, frame: int) -> None:
         """End a note soon, whatever the pedals say."""
-        self._down.discard(key)
+        self._held.down.discard(key)
+        self._held.kept.discard(key)
         self._sounding = [k for k in self._sounding if k != key]
         for event in self._damper_events(key, 0.5):
             self.player.damp(event["body"], *STEAL_DAMPER, frame=frame)
@@ -160,8 +159,8 @@ class KeyAllocator:
             self.player.lift(event["body"], frame)
 
     def _damp(self, key: int, release: float, frame: int) -> None:
-        """Put the dampers of a key down as far as the sustain pedal lets them."""
-        share = round((1.0 - self._pedals["sustain"]) * PEDAL_STEPS) / PEDAL_STEPS
+        """Put the dampers of a key down as far as the pedals let them."""
+        share = self._held.damper_share(key)
         if share == 0.0:
             return
         self._sounding = [k for k in self._sounding if k != key]
@@ -169,17 +168,11 @@ class KeyAllocator:
             self.player.damp(event["body"], event["sigma"] * share, DAMPER_SECONDS, frame)
 
     def _move_pedal(self, name: str, value: float, frame: int) -> None:
-        before, self._pedals[name] = self._pedals[name], value
-        if name == "sostenuto":
-            if (before < SOSTENUTO_HALF) == (value < SOSTENUTO_HALF):
-                return
-            freed, self._kept = self._kept, set(self._down) if value >= SOSTENUTO_HALF else set()
-            for key in freed - self._down:
-                self._damp(key, UNKNOWN_RELEASE / FULL_VELOCITY, frame)
-        if name != "sustain" or round(before * PEDAL_STEPS) == round(value * PEDAL_STEPS):
+        kept = self._held.kept
+        if not self._held.move_pedal(name, value):
             return
-        for key in self.keys:
-            if key not in self._down and key not in self._kept:
+        for key in self.keys if name == "sustain" else kept:
+            if key not in self._held.down and key not in self._held.kept:
                 self._lift(key, frame)
                 self._damp(key, UNKNOWN_RELEASE / FULL_VELOCITY, frame)
 

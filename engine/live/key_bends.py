@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from engine.instrument.key_names import plain_note_name
 from engine.live.midi_notes import Note
-from engine.live.mpe import ALL
+from engine.live.mpe import ALL, ChannelBends, NoteChannels
 
 PITCH_KEYS = {"frequency": 1, "tension": 2}  # of a body: the first that it has goes with this power of the ratio
 STEP_SECONDS = 0.01  # between two steps of a bend in a score
@@ -28,24 +28,21 @@ class KeyBends:
 
     def __init__(self, parameters: Sequence[BentParameter]) -> None:
         self.parameters = parameters
-        self._channels: dict[int, tuple[int, ...]] = {one.key: (ALL,) for one in parameters}  # that a key follows
-        self._cents: dict[int, float] = {}  # by channel
+        self._channels = {one.key: NoteChannels(ALL, ALL) for one in parameters}  # that a key follows
+        self._bends = ChannelBends()
 
     def follow(self, note: Note) -> None:
         """Follow a message: a move of the wheel, or a key that is pressed on another channel."""
-        channel, master = note.channels
         if note.kind == "bend":
-            self._cents[channel] = note.value
+            self._bends.move(note.channels.channel, note.value)
         elif note.kind == "on" and note.number in self._channels:
-            self._channels[note.number] = (channel,) if channel == master else (channel, master)
-
-    def ratio(self, key: int) -> float:
-        """The ratio by which the frequencies of a key are bent."""
-        return float(2.0 ** (sum(self._cents.get(channel, 0.0) for channel in self._channels[key]) / 1200.0))
+            self._channels[note.number] = note.channels
 
     def values(self) -> dict[str, float]:
         """The values of all parameters, by their paths."""
-        return {one.path: one.value * self.ratio(one.key) ** one.power for one in self.parameters}
+        return {
+            one.path: one.value * self._bends.ratio(self._channels[one.key]) ** one.power for one in self.parameters
+        }
 
 
 def bent_parameters(bodies: Iterable[dict[str, Any]], keys: Iterable[int]) -> Iterator[BentParameter]:

@@ -20,6 +20,21 @@ class NoteChannels(NamedTuple):
     master: int
 
 
+class ChannelBends:
+    """How far the wheel of each channel bends the pitch."""
+
+    def __init__(self) -> None:
+        self._cents: dict[int, float] = {}
+
+    def move(self, channel: int, cents: float) -> None:
+        """Move the wheel of a channel."""
+        self._cents[channel] = cents
+
+    def ratio(self, channels: NoteChannels) -> float:
+        """Return the ratio by which the frequencies of a note are bent, by its channel and the master of its zone."""
+        return float(2.0 ** (sum(self._cents.get(channel, 0.0) for channel in set(channels)) / 1200.0))
+
+
 class MpeZones:
     """The zones of a port or a file, as the patch and its own messages set them."""
 

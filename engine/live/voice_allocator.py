@@ -12,10 +12,11 @@ import numpy as np
 
 from engine.bodies import Body, Mass
 from engine.bodies.distributed import DistributedBody
+from engine.instrument.held_keys import HeldKeys
 from engine.instrument.key_names import note_frequency, note_name
 from engine.live.controls import Targets, targets_of_voice
 from engine.live.midi_notes import MidiError, Move, Note
-from engine.live.mpe import NoteChannels
+from engine.live.mpe import ChannelBends, NoteChannels
 from engine.live.player import Player
 from engine.live.voices import plucks, sounding_bodies, striker_velocities, strikers
 from engine.patch.frames import nearest_frame
@@ -23,6 +24,7 @@ from engine.patch.scene import Scene, connected_bodies
 
 NOMINAL_VELOCITY = 64  # velocity of a note at which hammers are as fast as the patch has them …
 VELOCITY_EXPONENT = 1.5  # … and how their speed goes with it
+PEDAL_DOWN = 64  # of 127; below, a pedal is up
 RELEASE_DAMPER = 25.0, 0.5  # damper of a key let go: decay rate, 1/s, and how long, s
 STEAL_DAMPER = 1500.0, 0.006  # damper of a voice that another note needs
 AUDIBLE_ENERGY = 1e-8  # of the largest energy a voice has had: with more, it still sounds
@@ -97,11 +99,9 @@ class VoiceAllocator:
         self.played: dict[int, PitchedBody] = {}  # by key
         self.stolen = self.refused = 0
         self.ignored: dict[str, int] = {}  # messages, by what they are
-        self._bends: dict[int, float] = {}  # cents, by channel
+        self._bends, self._held = ChannelBends(), HeldKeys[Key]()
         self._note: list[Key | None] = [None] * player.voices  # that a voice has
         self._since = [-1] * player.voices  # frame
-        self._down: set[Key] = set()
-        self._pedal = False
         self._most = [0.0] * player.voices
 
     def play(self, note: Note, frame: int = 0) -> None:
@@ -109,18 +109,15 @@ class VoiceAllocator:
         key = Key(note.number, note.channels)
         if note.kind == "bend":
             self._bend_pitch(note.channels.channel, note.value, frame)
-        elif note.kind in ("soft", "sostenuto"):
-            self.ignored[f"{note.kind} pedal"] = self.ignored.get(f"{note.kind} pedal", 0) + 1
-        elif note.kind == "sustain":
-            self._pedal = note.value >= 64
-            if not self._pedal:
-                for voice, number in enumerate(self._note):
-                    if number is not None and number not in self._down:
-                        self._damp(voice, RELEASE_DAMPER, frame)
+        elif note.kind == "soft":
+            self.ignored["soft pedal"] = self.ignored.get("soft pedal", 0) + 1
+        elif note.kind in self._held.pedals:
+            if self._held.move_pedal(note.kind, float(note.value >= PEDAL_DOWN)):
+                for other in [one for one in self._note if one is not None]:
+                    self._release(other, frame)
         elif note.kind == "off":
-            self._down.discard(key)
-            if key in self._note and not self._pedal:
-                self._damp(self._note.index(key), RELEASE_DAMPER, frame)
+            self._held.down.discard(key)
+            self._release(key, frame)
         else:
             self._strike(note, key, frame)
 
@@ -147,17 +144,14 @@ class VoiceAllocator:
         frame = max(frame, self.player.frame)
         if self._note[voice] != key:
             if self._energy(voice) > AUDIBLE_ENERGY * self._most[voice] > 0.0:
-                self.stolen += self._note[voice] in self._down
+                self.stolen += self._note[voice] in self._held.down
                 begin = max(self.player.frame, frame - self._samples(STEAL_DAMPER))
                 frame = begin + self._samples(STEAL_DAMPER)
                 self._damp(voice, STEAL_DAMPER, begin)
-            try:
-                self.player.tune(voice, body.ratio(note.number) * self._bend(key), frame, body=body.body)
-            except ValueError:  # above what the sample rate carries, or below what there is room for
-                self.refused += 1
+            if not self._tune(voice, key, body, frame):
                 return
         self._note[voice], self._since[voice] = key, frame
-        self._down.add(key)
+        self._held.down.add(key)
         self.played[note.number] = body
         share = (note.value / NOMINAL_VELOCITY) ** VELOCITY_EXPONENT
         for hammer in body.hammers:
@@ -165,21 +159,29 @@ class VoiceAllocator:
         if body.plucked:
             self.player.pluck(f"{body.body}_{voice}", share, frame)
 
-    def _bend(self, key: Key) -> float:
-        """The ratio by which a note is bent, on its channel and on the master of its zone."""
-        return float(2.0 ** (sum(self._bends.get(channel, 0.0) for channel in set(key.channels)) / 1200.0))
+    def _release(self, key: Key, frame: int) -> None:
+        """Damp the voice of a key, unless the key is down or a pedal keeps its damper lifted."""
+        if key in self._note and self._held.damper_share(key) > 0.0:
+            self._damp(self._note.index(key), RELEASE_DAMPER, frame)
 
     def _bend_pitch(self, channel: int, cents: float, frame: int) -> None:
         """Tune all voices with a note that follows a channel. A pitch beyond what they can have is refused, and they
         stay as they are."""
-        self._bends[channel] = cents
+        self._bends.move(channel, cents)
         for voice, key in enumerate(self._note):
             if key is not None and channel in key.channels:
-                body = self.played[key.number]
-                try:
-                    self.player.tune(voice, body.ratio(key.number) * self._bend(key), frame, body=body.body)
-                except ValueError:
-                    self.refused += 1
+                self._tune(voice, key, self.played[key.number], frame)
+
+    def _tune(self, voice: int, key: Key, body: PitchedBody, frame: int) -> bool:
+        """Give a voice the pitch of a key. Return False if it cannot have that: it is above what the sample rate
+        carries, or below what there is room for."""
+        try:
+            ratio = body.ratio(key.number) * self._bends.ratio(key.channels)
+            self.player.tune(voice, ratio, frame, body=body.body)
+        except ValueError:
+            self.refused += 1
+            return False
+        return True
 
     def _voice(self, key: Key) -> int:
         """The voice for a note: the one that has it; else of those whose keys are up, or of all, the quieter ones among
@@ -187,7 +189,7 @@ class VoiceAllocator:
         if key in self._note:
             return self._note.index(key)
         voices = range(self.player.voices)
-        free = [v for v in voices if self._note[v] not in self._down] or list(voices)
+        free = [v for v in voices if self._note[v] not in self._held.down] or list(voices)
         older = sorted(free, key=lambda v: self._since[v])[: (len(free) + 1) // 2]
         return min(older, key=lambda v: (self._energy(v), self._since[v]))
 

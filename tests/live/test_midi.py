@@ -161,6 +161,22 @@ def test_dampers_and_the_pedal(tmp_path):
     assert kept[2] < 0.05 * held[2]
 
 
+def test_the_sostenuto_pedal_keeps_voices_whose_keys_were_down(tmp_path):
+    """A key that is pressed after the pedal is damped when it is let go."""
+
+    def level(name, *messages):
+        audio, *_ = midi.render_notes(engine.load(PIANO), str(written(tmp_path / name, *messages)), RATE, 2.0, 2)
+        return float(np.sqrt(np.mean(audio[-RATE // 5 :] ** 2)))
+
+    def sostenuto(value):
+        return mido.Message("control_change", control=66, value=value)
+
+    kept = level("kept.mid", (on(60), 0), (sostenuto(127), 10), (off(60), 470))
+    late = level("late.mid", (sostenuto(127), 0), (on(60), 10), (off(60), 470))
+    freed = level("freed.mid", (on(60), 0), (sostenuto(127), 10), (off(60), 470), (sostenuto(0), 480))
+    assert late < 0.05 * kept and freed < 0.05 * kept
+
+
 def test_the_oldest_quietest_voice_is_taken_without_a_click():
     player = Player(engine.load(PIANO), RATE, math.inf, 0.02, voices=2, lowest=0.5)
     keys = voice_allocator.VoiceAllocator(player)

@@ -14,9 +14,10 @@ from typing import Any
 
 from numba.core import cgutils, types
 from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_getattr, infer_global, signature
-from numba.extending import lower_builtin, lower_getattr, models, register_model, type_callable
+from numba.extending import lower_builtin, lower_getattr, models, register_model
 from numba.np.arrayobj import make_array, populate_array
 
+from engine.compiler.intrinsic import intrinsic
 from engine.compiler.tricks import Trick, in_use
 
 INDEX = types.intp
@@ -50,31 +51,6 @@ class _ArrayView1DModel(models.StructModel):
 class _ArrayView2DModel(models.StructModel):
     def __init__(self, manager: Any, kind: ArrayView2D) -> None:
         super().__init__(manager, kind, [("data", types.CPointer(kind.dtype)), ("columns", INDEX)])
-
-
-def slice_view(array: Any, begin: int, end: int) -> Any:
-    """Return items begin:end of a contiguous one-dimensional array; in compiled code only."""
-    raise TypeError("slice_view is for compiled code")
-
-
-def matrix_view(array: Any, n: int) -> Any:
-    """Return matrix n of a contiguous three-dimensional array; in compiled code only."""
-    raise TypeError("matrix_view is for compiled code")
-
-
-def column_view(array: Any, begin: int) -> Any:
-    """Return the columns of a contiguous two-dimensional array from `begin` on; in compiled code only. Rows of the view
-    reach beyond the end of the array's rows."""
-    raise TypeError("column_view is for compiled code")
-
-
-def row_view(array: Any, begin: int) -> Any:
-    """Return the rows of a contiguous two-dimensional array from `begin` on; in compiled code only. The view does not
-    know how many there are."""
-    raise TypeError("row_view is for compiled code")
-
-
-# An @intrinsic would do for these, but makes Numba look through all its registries at every use: 1 s.
 
 
 def _unpack(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -168,15 +144,24 @@ def _row(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     return _make_view(context, builder, sig.return_type, of.data, begin, builder.add(begin, of.columns))
 
 
-def _as_view(kind: types.Array, dimensions: int) -> Any:
+AS_VIEWS = in_use(Trick.ARRAY_VIEWS, lambda: issubclass(models.StructModel, models.DataModel))
+
+
+def _part_kind(kind: types.Array, dimensions: int) -> Any:
+    """Return the type of a part of an array."""
+    if not AS_VIEWS:
+        return types.Array(kind.dtype, dimensions, "C")
     return ArrayView1D(kind.dtype) if dimensions == 1 else ArrayView2D(kind.dtype)
 
 
-def _as_array(kind: types.Array, dimensions: int) -> Any:
-    return types.Array(kind.dtype, dimensions, "C")
-
-
-def _build_view(context: Any, builder: Any, kind: Any, data: Any, shape: list[Any]) -> Any:
+def _build_part(context: Any, builder: Any, kind: Any, data: Any, shape: list[Any]) -> Any:
+    """Return a part of an array, by its address and its shape. It holds no reference to the memory."""
+    if not AS_VIEWS:
+        made = make_array(kind)(context, builder)
+        item_size = context.get_constant(INDEX, context.get_abi_sizeof(context.get_data_type(kind.dtype)))
+        strides = [item_size] if len(shape) == 1 else [builder.mul(shape[1], item_size), item_size]
+        populate_array(made, data=data, shape=shape, strides=strides, itemsize=item_size, meminfo=None)
+        return made._getvalue()
     made = cgutils.create_struct_proxy(kind)(context, builder)
     made.data = data
     if isinstance(kind, ArrayView1D):
@@ -186,80 +171,48 @@ def _build_view(context: Any, builder: Any, kind: Any, data: Any, shape: list[An
     return made._getvalue()
 
 
-def _build_array(context: Any, builder: Any, kind: Any, data: Any, shape: list[Any]) -> Any:
-    """Return a NumPy array that holds no reference to the memory that it is a part of."""
-    made = make_array(kind)(context, builder)
-    item_size = context.get_constant(INDEX, context.get_abi_sizeof(context.get_data_type(kind.dtype)))
-    strides = [item_size] if len(shape) == 1 else [builder.mul(shape[1], item_size), item_size]
-    populate_array(made, data=data, shape=shape, strides=strides, itemsize=item_size, meminfo=None)
-    return made._getvalue()
+def _cut(array: Any, cut_dimensions: int, dimensions: int, numbers: Any, locate: Callable[..., Any]) -> Any:
+    """Return the signature and the code of a part of an array; None for what is no contiguous array of so many
+    dimensions. locate: returns the number of the part's first item, and its shape, from the builder, the array's shape
+    and the numbers"""
+    if not (isinstance(array, types.Array) and array.ndim == cut_dimensions and array.layout == "C"):
+        return None
+
+    def cut(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        of = _unpack(context, builder, sig, args)
+        given = [context.cast(builder, x, kind, INDEX) for x, kind in zip(args[1:], sig.args[1:], strict=True)]
+        first, shape = locate(builder, cgutils.unpack_tuple(builder, of.shape), *given)
+        data = builder.gep(of.data, [first], inbounds=True)
+        return _build_part(context, builder, sig.return_type, data, shape)
+
+    return _part_kind(array, dimensions)(array, *numbers), cut
 
 
-def _let_kernels_cut(result_kind: Callable[..., Any], build: Callable[..., Any]) -> None:
-    """Let compiled code take parts of arrays: slices, matrices, columns and rows.
-
-    result_kind: returns the type of a part, from the type of an array and a number of dimensions
-    build:       returns a value of that type, from an address and a shape
-    """
-
-    def typed(cut_dimensions: int, dimensions: int) -> Callable[..., Any]:
-        def kind(array: Any, *numbers: Any) -> Any:
-            fits = isinstance(array, types.Array) and array.ndim == cut_dimensions and array.layout == "C"
-            return result_kind(array, dimensions) if fits else None
-
-        return kind
-
-    @type_callable(slice_view)
-    def type_slice(context: Any) -> Any:
-        kind = typed(1, 1)
-        return lambda array, begin, end: kind(array)
-
-    @lower_builtin(slice_view, types.Array, types.Integer, types.Integer)
-    def lower_slice(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        begin, end = (context.cast(builder, args[n], sig.args[n], INDEX) for n in (1, 2))
-        data = builder.gep(_unpack(context, builder, sig, args).data, [begin], inbounds=True)
-        return build(context, builder, sig.return_type, data, [builder.sub(end, begin)])
-
-    @type_callable(matrix_view)
-    def type_matrix(context: Any) -> Any:
-        kind = typed(3, 2)
-        return lambda array, n: kind(array)
-
-    @lower_builtin(matrix_view, types.Array, types.Integer)
-    def lower_matrix(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        array = _unpack(context, builder, sig, args)
-        n = context.cast(builder, args[1], sig.args[1], INDEX)
-        _, rows, columns = cgutils.unpack_tuple(builder, array.shape)
-        data = builder.gep(array.data, [builder.mul(n, builder.mul(rows, columns))], inbounds=True)
-        return build(context, builder, sig.return_type, data, [rows, columns])
-
-    @type_callable(column_view)
-    def type_columns(context: Any) -> Any:
-        kind = typed(2, 2)
-        return lambda array, begin: kind(array)
-
-    @lower_builtin(column_view, types.Array, types.Integer)
-    def lower_columns(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        array = _unpack(context, builder, sig, args)
-        begin = context.cast(builder, args[1], sig.args[1], INDEX)
-        data = builder.gep(array.data, [begin], inbounds=True)
-        return build(context, builder, sig.return_type, data, cgutils.unpack_tuple(builder, array.shape))
-
-    @type_callable(row_view)
-    def type_rows(context: Any) -> Any:
-        kind = typed(2, 2)
-        return lambda array, begin: kind(array)
-
-    @lower_builtin(row_view, types.Array, types.Integer)
-    def lower_rows(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        array = _unpack(context, builder, sig, args)
-        begin = context.cast(builder, args[1], sig.args[1], INDEX)
-        rows, columns = cgutils.unpack_tuple(builder, array.shape)
-        data = builder.gep(array.data, [builder.mul(begin, columns)], inbounds=True)
-        return build(context, builder, sig.return_type, data, [rows, columns])
+@intrinsic
+def slice_view(array: Any, begin: Any, end: Any) -> Any:
+    """Return items begin:end of a contiguous one-dimensional array."""
+    return _cut(array, 1, 1, (begin, end), lambda builder, shape, begin, end: (begin, [builder.sub(end, begin)]))
 
 
-if in_use(Trick.ARRAY_VIEWS, lambda: issubclass(models.StructModel, models.DataModel)):
-    _let_kernels_cut(_as_view, _build_view)
-else:
-    _let_kernels_cut(_as_array, _build_array)
+@intrinsic
+def matrix_view(array: Any, n: Any) -> Any:
+    """Return matrix n of a contiguous three-dimensional array."""
+
+    def locate(builder: Any, shape: Any, n: Any) -> Any:
+        return builder.mul(n, builder.mul(shape[1], shape[2])), list(shape[1:])
+
+    return _cut(array, 3, 2, (n,), locate)
+
+
+@intrinsic
+def column_view(array: Any, begin: Any) -> Any:
+    """Return the columns of a contiguous two-dimensional array from `begin` on. Rows of the view reach beyond the end
+    of the array's rows."""
+    return _cut(array, 2, 2, (begin,), lambda builder, shape, begin: (begin, list(shape)))
+
+
+@intrinsic
+def row_view(array: Any, begin: Any) -> Any:
+    """Return the rows of a contiguous two-dimensional array from `begin` on. The view does not know how many there
+    are."""
+    return _cut(array, 2, 2, (begin,), lambda builder, shape, begin: (builder.mul(begin, shape[1]), list(shape)))

@@ -2,158 +2,120 @@
 and numbers that two threads share. In compiled code only."""
 
 import sys
-from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
 from numba.core import cgutils, types
-from numba.extending import lower_builtin, type_callable
 
 from engine.compiler.array_view import INDEX, ArrayView1D
+from engine.compiler.intrinsic import intrinsic
 
 WORD = ir.IntType(64)
 BYTE = ir.IntType(8)
 
 
-def int64_view(address: int, size: int) -> Any:
-    """Return a view of 64-bit integers at an address."""
-    raise TypeError("int64_view is for compiled code")
+def _view(dtype: types.Type, address: Any, size: Any) -> Any:
+    """Return the signature and the code of a view of numbers of a type."""
 
-
-def float64_view(address: int, size: int) -> Any:
-    """Return a view of double-precision numbers at an address."""
-    raise TypeError("float64_view is for compiled code")
-
-
-def float32_view(address: int, size: int) -> Any:
-    """Return a view of single-precision numbers at an address."""
-    raise TypeError("float32_view is for compiled code")
-
-
-def load_acquire(numbers: Any, i: int) -> int:
-    """Return number i of a view that another thread writes. All that it wrote before is visible afterwards
-    (acquire)."""
-    raise TypeError("load_acquire is for compiled code")
-
-
-def store_release(numbers: Any, i: int, value: int) -> None:
-    """Set number i of a view that another thread reads. All that was written before is visible there (release)."""
-    raise TypeError("store_release is for compiled code")
-
-
-def atomic_add(numbers: Any, i: int, change: int) -> int:
-    """Add to number i of a view that several threads change, and return its old value. All threads see such changes in
-    one order."""
-    raise TypeError("atomic_add is for compiled code")
-
-
-def atomic_exchange(numbers: Any, i: int, value: int) -> int:
-    """Set number i of a view that several threads change, and return its old value. All threads see such changes in one
-    order."""
-    raise TypeError("atomic_exchange is for compiled code")
-
-
-def call_address(function: int, numbers: Any) -> None:
-    """Call the function at an address with the integers or addresses in a tuple."""
-    raise TypeError("call_address is for compiled code")
-
-
-def monotonic_seconds() -> float:
-    """Return the seconds since an arbitrary start. They never go back."""
-    raise TypeError("monotonic_seconds is for compiled code")
-
-
-def _memory(function: Callable[..., Any], dtype: types.Type) -> None:
-    """Let a function return a view of numbers of a type."""
-
-    @type_callable(function)
-    def kind(context: Any) -> Any:
-        return lambda address, size: ArrayView1D(dtype)
-
-    @lower_builtin(function, types.Any, types.Integer)
-    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    def view(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         made = cgutils.create_struct_proxy(sig.return_type)(context, builder)
         pointer = context.get_data_type(dtype).as_pointer()
-        address = args[0]
-        made.data = (
-            builder.inttoptr(address, pointer)
-            if isinstance(address.type, ir.IntType)
-            else builder.bitcast(address, pointer)
-        )
+        is_integer = isinstance(args[0].type, ir.IntType)
+        made.data = builder.inttoptr(args[0], pointer) if is_integer else builder.bitcast(args[0], pointer)
         made.size = context.cast(builder, args[1], sig.args[1], INDEX)
         return made._getvalue()
 
+    return ArrayView1D(dtype)(address, size), view
 
-_memory(int64_view, types.int64)
-_memory(float64_view, types.float64)
-_memory(float32_view, types.float32)
+
+@intrinsic
+def int64_view(address: Any, size: Any) -> Any:
+    """Return a view of 64-bit integers at an address."""
+    return _view(types.int64, address, size)
+
+
+@intrinsic
+def float64_view(address: Any, size: Any) -> Any:
+    """Return a view of double-precision numbers at an address."""
+    return _view(types.float64, address, size)
+
+
+@intrinsic
+def float32_view(address: Any, size: Any) -> Any:
+    """Return a view of single-precision numbers at an address."""
+    return _view(types.float32, address, size)
 
 
 def _at(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    """Return the address of number args[1] of an array or a view."""
     vector = cgutils.create_struct_proxy(sig.args[0])(context, builder, args[0])
     return builder.gep(vector.data, [context.cast(builder, args[1], sig.args[1], INDEX)])
 
 
-@type_callable(load_acquire)
-def _type_load(context: Any) -> Any:
-    return lambda numbers, i: types.int64
+@intrinsic
+def load_acquire(numbers: Any, i: Any) -> Any:
+    """Return number i of an array that another thread writes. All that it wrote before is visible afterwards
+    (acquire)."""
+    return types.int64(numbers, i), lambda context, builder, sig, args: builder.load_atomic(
+        _at(context, builder, sig, args), "acquire", 8
+    )
 
 
-@lower_builtin(load_acquire, ArrayView1D, types.Any)
-@lower_builtin(load_acquire, types.Array, types.Any)
-def _load(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    return builder.load_atomic(_at(context, builder, sig, args), "acquire", 8)
+@intrinsic
+def store_release(numbers: Any, i: Any, value: Any) -> Any:
+    """Set number i of an array that another thread reads. All that was written before is visible there (release)."""
+
+    def store(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        new = context.cast(builder, args[2], sig.args[2], types.int64)
+        builder.store_atomic(new, _at(context, builder, sig, args), "release", 8)
+        return context.get_dummy_value()
+
+    return types.none(numbers, i, value), store
 
 
-@type_callable(store_release)
-def _type_store(context: Any) -> Any:
-    return lambda numbers, i, value: types.none
+def _change(operation: str, numbers: Any, i: Any, value: Any) -> Any:
+    """Return the signature and the code of a change of a shared number by an operation of LLVM."""
+
+    def change(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        new = context.cast(builder, args[2], sig.args[2], types.int64)
+        return builder.atomic_rmw(operation, _at(context, builder, sig, args), new, "seq_cst")
+
+    return types.int64(numbers, i, value), change
 
 
-@lower_builtin(store_release, ArrayView1D, types.Any, types.Integer)
-@lower_builtin(store_release, types.Array, types.Any, types.Integer)
-def _store(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    value = context.cast(builder, args[2], sig.args[2], types.int64)
-    builder.store_atomic(value, _at(context, builder, sig, args), "release", 8)
-    return context.get_dummy_value()
+@intrinsic
+def atomic_add(numbers: Any, i: Any, change: Any) -> Any:
+    """Add to number i of an array that several threads change, and return its old value. All threads see such changes
+    in one order."""
+    return _change("add", numbers, i, change)
 
 
-def _let_change(function: Callable[..., Any], operation: str) -> None:
-    """Let compiled code change a shared number by an operation of LLVM."""
-
-    @type_callable(function)
-    def kind(context: Any) -> Any:
-        return lambda numbers, i, value: types.int64
-
-    @lower_builtin(function, ArrayView1D, types.Any, types.Integer)
-    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        value = context.cast(builder, args[2], sig.args[2], types.int64)
-        return builder.atomic_rmw(operation, _at(context, builder, sig, args), value, "seq_cst")
+@intrinsic
+def atomic_exchange(numbers: Any, i: Any, value: Any) -> Any:
+    """Set number i of an array that several threads change, and return its old value. All threads see such changes in
+    one order."""
+    return _change("xchg", numbers, i, value)
 
 
-_let_change(atomic_add, "add")
-_let_change(atomic_exchange, "xchg")
+@intrinsic
+def call_address(function: Any, numbers: Any) -> Any:
+    """Call the function at an address with the integers or addresses in a tuple."""
+
+    def call(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        given = cgutils.unpack_tuple(builder, args[1])
+        kind = ir.FunctionType(ir.VoidType(), [number.type for number in given]).as_pointer()
+        builder.call(builder.inttoptr(args[0], kind), given)
+        return context.get_dummy_value()
+
+    return types.none(function, numbers), call
 
 
-@type_callable(call_address)
-def _type_call(context: Any) -> Any:
-    return lambda function, numbers: types.none
+@intrinsic
+def monotonic_seconds() -> Any:
+    """Return the seconds since an arbitrary start. They never go back."""
+    return types.float64(), _seconds
 
 
-@lower_builtin(call_address, types.Integer, types.BaseTuple)
-def _call(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    numbers = cgutils.unpack_tuple(builder, args[1])
-    kind = ir.FunctionType(ir.VoidType(), [n.type for n in numbers]).as_pointer()
-    builder.call(builder.inttoptr(args[0], kind), numbers)
-    return context.get_dummy_value()
-
-
-@type_callable(monotonic_seconds)
-def _type_seconds(context: Any) -> Any:
-    return lambda: types.float64
-
-
-@lower_builtin(monotonic_seconds)
 def _seconds(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     room = cgutils.alloca_once(builder, ir.ArrayType(WORD, 2))
     pointer = builder.bitcast(room, BYTE.as_pointer())

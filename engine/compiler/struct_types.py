@@ -5,8 +5,9 @@ from typing import Any
 from llvmlite import ir
 from numba import typeof
 from numba.core import types
-from numba.extending import NativeValue, lower_builtin, models, register_model, type_callable, typeof_impl, unbox
+from numba.extending import NativeValue, models, register_model, typeof_impl, unbox
 
+from engine.compiler.intrinsic import intrinsic
 from engine.compiler.struct_handle import StructHandle
 
 
@@ -37,33 +38,21 @@ def _unbox(kind: StructHandleType, held: Any, c: Any) -> NativeValue:
     return NativeValue(native)
 
 
+@intrinsic
 def load_struct(held: Any) -> Any:
-    """Return the tuple that a handle points to; in compiled code only."""
-    raise TypeError("load_struct is for compiled code")
+    """Return the tuple that a handle points to."""
+    return held.dtype(held), lambda context, builder, sig, args: _load(context, builder, held.dtype, args[0])
 
 
-@type_callable(load_struct)
-def _type_load(context: Any) -> Any:
-    return lambda held: held.dtype if isinstance(held, StructHandleType) else None
+@intrinsic
+def load_struct_like(value: Any, address: Any) -> Any:
+    """Return the tuple at an address, of the type of another tuple."""
+
+    def load(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return _load(context, builder, value, builder.inttoptr(args[1], ir.IntType(8).as_pointer()))
+
+    return value(value, address), load
 
 
-@lower_builtin(load_struct, StructHandleType)
-def _load(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    kind = sig.return_type
-    return context.unpack_value(builder, kind, builder.bitcast(args[0], context.get_data_type(kind).as_pointer()))
-
-
-def load_struct_like(value: Any, address: int) -> Any:
-    """Return the tuple at an address, of the type of another tuple; in compiled code only."""
-    raise TypeError("load_struct_like is for compiled code")
-
-
-@type_callable(load_struct_like)
-def _type_load_like(context: Any) -> Any:
-    return lambda value, address: value
-
-
-@lower_builtin(load_struct_like, types.BaseTuple, types.Integer)
-def _load_like(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    kind = sig.return_type
-    return context.unpack_value(builder, kind, builder.inttoptr(args[1], context.get_data_type(kind).as_pointer()))
+def _load(context: Any, builder: Any, kind: Any, address: Any) -> Any:
+    return context.unpack_value(builder, kind, builder.bitcast(address, context.get_data_type(kind).as_pointer()))

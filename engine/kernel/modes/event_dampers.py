@@ -2,8 +2,10 @@
 modes' loss, which costs nothing, and of a sample in stages by themselves."""
 
 import math
+from typing import Any
 
 from engine.compiler.decorators import inline, noinline
+from engine.compiler.overloads import overload_by_source
 from engine.kernel.data.enums import DampedModes, EnergyTotal, EventCursor, EventKind
 from engine.kernel.data.model import ModalLoss, StepCoefficients
 from engine.kernel.modes.mode_step import apply_loss_all, forget_drift
@@ -53,10 +55,18 @@ def step_with_dampers(h, loss, events, state):
     decay, dissipation = loss.decay_factor, loss.dissipation_factor
     if is_damping(events, state):
         decay, dissipation = state.damped_decay_factor, state.damped_dissipation_factor
-    damped = ModalLoss(decay, dissipation)
-    return StepCoefficients(
-        h.kick, h.drift, h.spring_kick, h.weight_kick, damped, h.drag, h.connection, h.contact, h.force
-    )
+    return with_loss(h, ModalLoss(decay, dissipation))
+
+
+def with_loss(h: Any, loss: Any) -> Any:
+    """Return the coefficients of a step with another loss at its ends; in compiled code only."""
+    raise TypeError("with_loss is for compiled code")
+
+
+LOSS_REPLACED = ", ".join("loss" if name == "loss" else f"h.{name}" for name in StepCoefficients._fields)
+overload_by_source(
+    with_loss, lambda h, loss: (f"StepCoefficients({LOSS_REPLACED})", {"StepCoefficients": StepCoefficients})
+)
 
 
 @noinline

@@ -22,7 +22,7 @@ def solve_all(law, s, g, compliance, out, count, how):
 def worst_case_solves(alpha: float, size: int) -> tuple:
     """Compressions and steps over 1e-9..1 m of either sign, B·kc over 1e-12..1e15; solved."""
     rng = np.random.default_rng(1)
-    law = laws.select_law(np.array([1.0]), np.array([alpha]))
+    law = laws.select_law(np.array([alpha]))(np.array([1.0 / (alpha + 1)]), np.array([alpha]))
     s, g = (10 ** rng.uniform(-9, 0, size) * rng.choice([-1, 1], size) for _ in range(2))
     compliance = 10 ** rng.uniform(-12, 15, size)
     out, count, how = np.zeros((size, 3)), np.zeros(size, np.int64), np.zeros(size, np.int64)

@@ -151,7 +151,7 @@ def cases() -> list[Case]:
     ]
 
 
-def tables_of(model: Model, width: int) -> dict[str, np.ndarray]:
+def tables_of(model: Model, state: State, width: int) -> dict[str, np.ndarray]:
     """The tables of a scene, padded: those of its modes, and how its contact and its pickup see them."""
     modes, contact, pickups, h = model.step.kick.size, model.contact, model.pickups, model.step
 
@@ -182,7 +182,7 @@ def tables_of(model: Model, width: int) -> dict[str, np.ndarray]:
         with np.errstate(divide="ignore"):  # how far a mode moves the contact in a PIECE, per unit of its speed
             tables["room"] = np.abs(tables["shape"]) * np.minimum(PIECE / model.samplerate, 2 / np.sqrt(stiffness))
         tables["scalars"] = np.array(
-            [contact.nominal_barrier[0], h.contact.compliance[0], contact.law.potential_coefficient[0]]
+            [contact.nominal_barrier[0], h.contact.compliance[0], state.potential_coefficient[0]]
         )
     return tables
 
@@ -199,7 +199,7 @@ class Written:
     def __init__(self, case: Case, folder: Path, model: Model, state: State) -> None:
         self.modes = state.p.size
         self.width = -(-self.modes // LANES) * LANES if self.modes > 1 else 1
-        tables = tables_of(model, self.width)
+        tables = tables_of(model, state, self.width)
         self.tables = aligned(np.concatenate([tables[name] for name in case.tables.split()]))
         spare = np.zeros(self.width - self.modes)
         contact = [state.compression, np.zeros(1)]  # and what rounding left

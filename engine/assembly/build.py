@@ -35,7 +35,7 @@ from engine.assembly.step_coefficients import ModeCoefficients, all_factors, con
 from engine.bodies.body import ModalBody
 from engine.faults import BuildError, Fault
 from engine.kernel.data.enums import EventKind, Quantity
-from engine.kernel.data.laws import select_law
+from engine.kernel.data.laws import NO_NUMBERS, select_law
 from engine.kernel.data.model import Contact, ContactBasis, Drive, ExternalForce, FreeMasses, ModalLoss, Model, Pickups
 from engine.kernel.data.state import State
 from engine.output_files import error_reason
@@ -215,16 +215,15 @@ def _contact(
     if not layout.contact_points:
         return None
     scene = layout.scene
-    stiffness = nominal_stiffness(layout)
     exponents = np.array([scene.contact[k].exponent for k, _ in layout.contact_points])
     changed = any(isinstance(e, ChangeEvent) and e.exponent is not None for e in scene.event)
     others = [b for _, b in layout.contact_rows]
     return Contact(
-        law=select_law(stiffness, exponents, variable_exponents or changed),
+        law=select_law(exponents, variable_exponents or changed)(NO_NUMBERS, NO_NUMBERS),
         rows=mode_shape_rows([layout.row(a) for a, _ in layout.contact_rows]),
         other_rows=mode_shape_rows([layout.row(b) for b in others]) if any(b.body for b in others) else None,
         basis=_contact_basis(layout, modes, samplerate),
-        nominal_stiffness=stiffness,
+        nominal_stiffness=nominal_stiffness(layout),
         nominal_barrier=np.array([layout.offset(k, point) for k, point in layout.contact_points]),
         tolerance=accuracy.tolerance,
         max_rounds=accuracy.iterations,

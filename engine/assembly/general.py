@@ -14,7 +14,7 @@ import numpy as np
 
 from engine.assembly.initial_state import allocate_scratch, item_counts
 from engine.kernel.data.axes import MODAL, Axis, Items, fields_of
-from engine.kernel.data.laws import Power
+from engine.kernel.data.laws import NO_NUMBERS, Power
 from engine.kernel.data.model import Model, Refinement
 from engine.kernel.data.state import RefinementState, State
 
@@ -53,7 +53,7 @@ def fill_record(record: Any, value: Any, filling: Filling) -> Any:
         if field.record in KEPT_ABSENT and given is None:
             values[field.name] = None
         elif field.name == "law":
-            values[field.name] = Power(*(given or np.zeros((2, filling.counts[Axis.CONTACT]))))
+            values[field.name] = Power(NO_NUMBERS, NO_NUMBERS)
         elif field.record is not None:
             inner = filling._replace(row_axis=field.row_axis or filling.row_axis)
             if field.name == "stages":

@@ -20,8 +20,9 @@ def initial_state(layout: Layout, model: Model) -> State:
     given: dict[str, np.ndarray] = {}
     if contact is not None:
         closed = [point.stiffness > 0.0 for _, point in layout.contact_points]
-        given["potential_coefficient"] = np.where(closed, contact.law.potential_coefficient, 0.0)
-        given["exponent"] = contact.law.exponent.copy()
+        exponent = np.array([layout.scene.contact[k].exponent for k, _ in layout.contact_points])
+        given["exponent"] = exponent
+        given["potential_coefficient"] = np.where(closed, contact.nominal_stiffness / (exponent + 1), 0.0)
         given["barrier"] = contact.nominal_barrier.copy()
         given["compression"] = _initial_compressions(layout, q) - given["barrier"]
     coupling = model.step.contact is not None and model.step.contact.coupling is not None

@@ -61,7 +61,7 @@ def test_forces_are_on_their_laws_and_move_the_bodies(alpha, loss):
         stiffness = 10 ** rng.uniform(5, 11)
         s = 10 ** rng.uniform(-8, -5) * (rng.uniform(-1.5, 0.5) - x**2 + 0.05 * rng.normal(size=contacts))
         g = 10 ** rng.uniform(-8, -5) * (rng.normal() + 0.3 * rng.normal() * x)
-        law = select_law(np.full(contacts, stiffness), np.full(contacts, alpha))
+        law = select_law(np.array([alpha]))(np.full(contacts, stiffness / (alpha + 1)), np.full(contacts, alpha))
         rates = np.full(contacts, loss) if loss else None
         evaluations, force, eta = solved(law, rates, u, s, g)
         assert 0 < evaluations <= 40, trial

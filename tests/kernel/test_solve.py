@@ -19,7 +19,7 @@ def gradient(law, s, b):
 @pytest.mark.parametrize("alpha", EXPONENTS)
 def test_gradient_of_the_potential(alpha):
     """(V(b) - V(s))/(b - s) to 2e-15, however close or far s and b."""
-    law = laws.select_law(np.array([alpha + 1.0]), np.array([alpha]))
+    law = laws.select_law(np.array([alpha]))(np.array([1.0]), np.array([alpha]))
     rng = np.random.default_rng(2)
     with mpmath.workdps(60):
         for _ in range(200):

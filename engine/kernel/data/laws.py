@@ -92,9 +92,12 @@ class Cubic(Law):
 SPECIAL_LAWS = (Linear, Hertz, Quadratic, Felt, Cubic)
 
 
-def select_law(stiffness: np.ndarray, exponent: np.ndarray, general: bool = False) -> Law:
-    """Return the most special law that holds all the given contacts; the most general if exponents are to change."""
+NO_NUMBERS = np.zeros(0)
+
+
+def select_law(exponent: np.ndarray, general: bool = False) -> type[Law]:
+    """Return the most special law that holds contacts with the given exponents; the most general if these are to
+    change."""
     shared = set(exponent.tolist())
     of_exponent: dict[float, type[Law]] = {law.ALPHA: law for law in SPECIAL_LAWS}
-    kind = of_exponent.get(shared.pop(), Power) if len(shared) == 1 and not general else Power
-    return kind(stiffness / (exponent + 1), exponent)
+    return of_exponent.get(shared.pop(), Power) if len(shared) == 1 and not general else Power

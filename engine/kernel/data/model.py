@@ -188,7 +188,7 @@ class ContactBasis(NamedTuple):
 class Contact(NamedTuple):
     """Contacts: the law of each, and where it is on the bodies that it joins."""
 
-    law: Law  # in a kernel, with the stiffness and the exponents of the State
+    law: Law  # its type; in a kernel, with the numbers of the State
     rows: Annotated[ModeShapeRows, Axis.CONTACT]  # of the body that touches
     other_rows: Annotated[ModeShapeRows, Axis.CONTACT] | None  # of the body it touches, empty for a barrier
     basis: ContactBasis | None

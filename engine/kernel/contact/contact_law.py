@@ -164,10 +164,10 @@ def discrete_gradient(law, k, s, b, eta):
         second = two * (1.0 / 3.0 - c * (1.0 / 12.0 - d / 60.0))
         third = two * (alpha - 2.0) / b * 0.25
     else:
-        over = 1.0 / eta
-        first = (end - phi) * over
-        second = (one - 2.0 * first) * over
-        third = (two - 3.0 * second) * over
+        per_length = 1.0 / eta
+        first = (end - phi) * per_length
+        second = (one - 2.0 * first) * per_length
+        third = (two - 3.0 * second) * per_length
     return phi, first, second, third
 
 

@@ -161,24 +161,24 @@ def project_onto_laws(problem, n):
     s, g, target, rho = vectors[Row.START], vectors[Row.FREE_MOVE], vectors[Row.TARGET], vectors[Row.RHO]
     f, move = vectors[Row.ACTIVE_FORCE], vectors[Row.ACTIVE_STEP]
     close, slope = vectors[Row.ACTIVE_END], vectors[Row.SLOPE]
-    left = vectors[Row.RESIDUAL]
+    residual = vectors[Row.RESIDUAL]
     count, how = 0, SolveStatus.FREE
     for i in range(n):
         move[i], close[i], f[i], slope[i], count, how = solve_scalar_apart(
             problem.law, contacts[i], s[i], target[i], rho[i], problem.tolerance
         )
     worst, sizes = 0.0, vectors[Row.WORK]
-    multiply_compliance(compliance, n, f, left)
+    multiply_compliance(compliance, n, f, residual)
     sum_sizes(compliance, n, f, sizes)
     for i in range(n):
-        linear_move, size = g[i] - left[i], sizes[i]
-        left[i] = linear_move - move[i]
+        linear_move, size = g[i] - residual[i], sizes[i]
+        residual[i] = linear_move - move[i]
         if f[i] == 0.0 and s[i] <= 0.0 and s[i] + linear_move <= 0.0:
             move[i] = linear_move  # free, and remains so: its end is where the others leave it
             close[i] = s[i] + linear_move
-            left[i] = 0.0
-        worst = max(worst, abs(left[i]) / (1e-15 * (abs(g[i]) + size) + 1e-300))
-        if not math.isfinite(left[i]):
+            residual[i] = 0.0
+        worst = max(worst, abs(residual[i]) / (1e-15 * (abs(g[i]) + size) + 1e-300))
+        if not math.isfinite(residual[i]):
             return np.inf, count, SolveStatus.FAILED
     return worst, count, how
 
@@ -192,17 +192,17 @@ def line_search(problem, n):
     s, g = vectors[Row.START], vectors[Row.FREE_MOVE]
     f, off = vectors[Row.GUESS], vectors[Row.ACTIVE_FORCE]
     slope = vectors[Row.SLOPE]
-    left, step = vectors[Row.RESIDUAL], vectors[Row.NEWTON_STEP]
+    residual, step = vectors[Row.RESIDUAL], vectors[Row.NEWTON_STEP]
     after, eta = vectors[Row.FURTHER_MOVE], vectors[Row.ACTIVE_STEP]
-    multiply_compliance(compliance, n, f, left)
+    multiply_compliance(compliance, n, f, residual)
     for i in range(n):
-        eta[i] = g[i] - left[i]
+        eta[i] = g[i] - residual[i]
         off[i], slope[i] = contact_response(problem.law, contacts[i], s[i], eta[i])
         off[i] -= f[i]
     # Newton: (I + J B) d = φ - f, that is d = (φ - f) - J B (φ - f) + …
-    multiply_compliance(compliance, n, off, left)
+    multiply_compliance(compliance, n, off, residual)
     for i in range(n):
-        left[i] = -left[i]
+        residual[i] = -residual[i]
     newton_step(scratch, n)
     for i in range(n):
         step[i] += off[i]
@@ -271,11 +271,11 @@ def try_extrapolate(problem, n):
     scratch = problem.scratch
     vectors, compliance, contacts = scratch.vectors, scratch.active_compliance, scratch.active
     s, f, eta, end = vectors[Row.START], vectors[Row.ACTIVE_FORCE], vectors[Row.ACTIVE_STEP], vectors[Row.ACTIVE_END]
-    slope, left = vectors[Row.SLOPE], vectors[Row.RESIDUAL]
+    slope, residual = vectors[Row.SLOPE], vectors[Row.RESIDUAL]
     step, after = vectors[Row.NEWTON_STEP], vectors[Row.FURTHER_MOVE]
     multiply_compliance(compliance, n, step, after)
     for i in range(n):
-        after[i] = left[i] - after[i]
+        after[i] = residual[i] - after[i]
     first = 0.0
     for i in range(n):
         k = contacts[i]
@@ -296,16 +296,16 @@ def try_extrapolate(problem, n):
                 k = contacts[i]
                 estimate = ForceEstimate(eta[i], end[i], f[i], slope[i])
                 bend[i] = second_order_change(problem.law, k, s[i], estimate, after[i])
-        multiply_compliance(compliance, n, bend, left)
+        multiply_compliance(compliance, n, bend, residual)
         for i in range(n):
-            left[i] = -left[i]
-        substitute(problem.scratch, n, left, more)
+            residual[i] = -residual[i]
+        substitute(problem.scratch, n, residual, more)
         for i in range(n):
             more[i] += bend[i]
             step[i] += more[i]
-        multiply_compliance(compliance, n, more, left)
+        multiply_compliance(compliance, n, more, residual)
         for i in range(n):
-            after[i] -= left[i]
+            after[i] -= residual[i]
     for i in range(n):
         f[i] += step[i]
         eta[i] += after[i]

@@ -73,19 +73,19 @@ def take_newton_step(problem, n):
     """Do a round of Newton's method. Returns the largest relative error of the forces after it; infinite if a contact
     may not persist."""
     scratch = problem.scratch
-    vectors, near, contacts = scratch.vectors, scratch.active_compliance, scratch.active
+    vectors, compliance, contacts = scratch.vectors, scratch.active_compliance, scratch.active
     s, g, start_force = vectors[Row.START], vectors[Row.FREE_MOVE], vectors[Row.START_FORCE]
     f, eta, slope = vectors[Row.ACTIVE_FORCE], vectors[Row.ACTIVE_STEP], vectors[Row.SLOPE]
-    left, step, worst = vectors[Row.RESIDUAL], vectors[Row.NEWTON_STEP], 0.0
+    residual, step, worst = vectors[Row.RESIDUAL], vectors[Row.NEWTON_STEP], 0.0
     for i in range(n):
         alpha, rate = exponent(problem.law.elastic, contacts[i]), loss_rate_of(problem.law, contacts[i])
         f[i], slope[i] = persistent_response(start_force[i], alpha, rate, s[i], eta[i])
-    multiply_compliance(near, n, f, left)
+    multiply_compliance(compliance, n, f, residual)
     for i in range(n):
-        left[i] = (g[i] - left[i]) - eta[i]
+        residual[i] = (g[i] - residual[i]) - eta[i]
     newton_step(scratch, n)
     for i in range(n):
-        k, move = contacts[i], step[i] / slope[i]  # left - B·step would cancel where B·slope is large
+        k, move = contacts[i], step[i] / slope[i]  # residual - B·step would cancel where B·slope is large
         if not (f[i] + step[i] > 0.0 and persists(loss_rate_of(problem.law, k), s[i], eta[i] + move)):
             return math.inf
         estimate = ForceEstimate(eta[i], s[i] + eta[i], f[i], slope[i])

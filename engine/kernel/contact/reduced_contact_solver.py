@@ -105,10 +105,10 @@ def smooth_response(law, unit, rate, s, eta):
     size = where_positive(eta, eta, 0.0 - eta)
     at_end = (alpha + 1.0) * power(law, INT64_0, end)
     is_short = where_positive(1e-8 * end - size, stays, 0.0)  # or the difference below would cancel
-    over = 1.0 / where_positive(is_short, end, where_positive(size - TINY, eta, TINY))
+    per_length = 1.0 / where_positive(is_short, end, where_positive(size - TINY, eta, TINY))
     mean = power_difference_quotient(law, INT64_0, start, end, size)
-    phi = where_positive(start + end, where_positive(stays, mean, mean * ((end - start) * over)), 0.0)
-    slope = where_positive(is_short, (0.5 * alpha) * at_end, at_end - phi) * over
+    phi = where_positive(start + end, where_positive(stays, mean, mean * ((end - start) * per_length)), 0.0)
+    slope = where_positive(is_short, (0.5 * alpha) * at_end, at_end - phi) * per_length
     slope = where_positive(start + end, slope, 0.0)
     w = 1.0 + rate * eta
     return where_positive(w, unit * phi * w, 0.0), where_positive(w, unit * (slope * w + phi * rate), 0.0)

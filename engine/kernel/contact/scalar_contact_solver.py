@@ -60,9 +60,9 @@ def solve_separation(law, k, s, g, rate, elastic):
     else:
         b = 2.0 * (s * free_end - elastic * (1.0 - rate * s)) / (total + width)
     mean = law.potential_coefficient[k] * s * power(law, k, s) / -eta
-    # 1 + rate·η, which is a root of w² - (1 + left + fade)·w + left, without cancellation
-    left, fade = 1.0 + rate * g, 1.0 + rate * rate * elastic
-    w = 2.0 * left / (left + fade + rate * width)
+    # 1 + rate·η, which is a root of w² - (1 + lossy_move + lossy_force)·w + lossy_move, without cancellation
+    lossy_move, lossy_force = 1.0 + rate * g, 1.0 + rate * rate * elastic
+    w = 2.0 * lossy_move / (lossy_move + lossy_force + rate * width)
     return eta, b, mean * w, mean / -eta
 
 
@@ -79,12 +79,12 @@ def solve_linear(law, k, s, g, scale):
         eta = b - s
         force = unit * b * (b / eta)
         return eta, b, force, (2.0 * unit * b - force) / eta
-    over = 1.0 / c
-    eta = (g - 2.0 * scale * s) * over
-    b = (free_end - scale * s) * over
+    per_c = 1.0 / c
+    eta = (g - 2.0 * scale * s) * per_c
+    b = (free_end - scale * s) * per_c
     # c is rounded alike at every step, which would feed the motion (3e-17 of its energy a step)
-    eta += ((g - eta) - scale * (2.0 * s + eta)) * over
-    b += ((free_end - b) - scale * (s + b)) * over
+    eta += ((g - eta) - scale * (2.0 * s + eta)) * per_c
+    b += ((free_end - b) - scale * (s + b)) * per_c
     return eta, b, unit * (2.0 * s + eta), unit
 
 
@@ -95,11 +95,11 @@ def solve_quadratic(law, k, s, g, scale):
 
     The quotient of x³ over [s, b] is s² + sb + b², so the contact equation is quadratic.
     """
-    over = (s + g) - scale * s * s  # > 0, or the step would separate
+    constant = (s + g) - scale * s * s  # > 0, or the step would separate
     c = 1.0 + scale * s
-    width = math.sqrt(c * c + 4.0 * scale * over)
+    width = math.sqrt(c * c + 4.0 * scale * constant)
     eta = 2.0 * (g - 3.0 * scale * s * s) / (c + 2.0 * scale * s + width)
-    b = 2.0 * over / (c + width)
+    b = 2.0 * constant / (c + width)
     return eta, b, law.potential_coefficient[k] * (s * s + b * (s + b)), law.potential_coefficient[k] * (s + 2.0 * b)
 
 
@@ -113,14 +113,14 @@ def initial_guess(law, k, s, g, scale):
         free = free_end / scale
         if not free < 1e150:
             return free_end
-        near, far = inverse_power(law, k, free), root_of_potential(law, k, -s * free)
-        b, whole = (near, free_end * near) if near >= far else (far, -s * free_end)
+        weak, stiff = inverse_power(law, k, free), root_of_potential(law, k, -s * free)
+        b, whole = (weak, free_end * weak) if weak >= stiff else (stiff, -s * free_end)
         if b >= free_end:
             return free_end
         residual = whole - (free_end - b) * (b - s)
-        tilt = n * whole / b - (free_end + s - 2.0 * b)
-        bottom = 2.0 * tilt * tilt - residual * (n * alpha * whole / (b * b) + 2.0)
-        step = -2.0 * residual * tilt / bottom if bottom > 0.0 else -residual / tilt
+        slope = n * whole / b - (free_end + s - 2.0 * b)
+        bottom = 2.0 * slope * slope - residual * (n * alpha * whole / (b * b) + 2.0)
+        step = -2.0 * residual * slope / bottom if bottom > 0.0 else -residual / slope
         return min(free_end, max(b + step, 0.5 * b))
     kappa = n * scale * power(law, k, s) / s
     away = (g / s - kappa) / (1.0 + 0.5 * alpha * kappa)  # Newton from b = s
@@ -130,9 +130,9 @@ def initial_guess(law, k, s, g, scale):
     if away > 0.0:  # loading
         q = inverse_power(law, k, t / kappa)
         return min(free_end, s * min(min(t, 1.0 + away), min(2.0 * q - 1.0, inverse_power(law, k, n) * q)))
-    over = n * t - kappa  # unloading
+    excess = n * t - kappa  # unloading
     mid = n + alpha * t
-    return s * 2.0 * over / (mid + math.sqrt(max(0.0, mid * mid - 4.0 * alpha * over)))
+    return s * 2.0 * excess / (mid + math.sqrt(max(0.0, mid * mid - 4.0 * alpha * excess)))
 
 
 @inline

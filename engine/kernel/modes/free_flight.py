@@ -5,7 +5,7 @@ modes move once. What a pickup hears is a sum over modes of tables of FLIGHT_PAR
 them: vectors run over time, and a mode costs two multiply-adds for eight samples.
 
 Samples that are due in another block wait in FreeFlightState.pickup_values, so that blocks of any size give the same
-bits. The motion at the begin of a flight is kept: where something acts before its end, the island goes back to it, and
+bits. The motion at the begin of a flight is saved: where something acts before its end, the island goes back to it, and
 single steps take it to that frame. So an event that was known beforehand, and one that was not, give the same.
 """
 
@@ -48,19 +48,19 @@ PARTS = FLIGHT_FRAMES // FLIGHT_PART
 
 
 @inline
-def advance_modes(flight, kept, q, p):
+def advance_modes(flight, saved, q, p):
     """Take all modes to the end of a flight, and keep their motion at its begin; but for what weight adds to p."""
-    fold_lanes(fly_mode, (flight, kept, q, p), p.shape[0], (splat(0.0),))
+    fold_lanes(fly_mode, (flight, saved, q, p), p.shape[0], (splat(0.0),))
 
 
 @inline
 def fly_mode(of, m, sums):
     """Take mode m to the end of a flight, and keep its motion at its begin."""
-    flight, kept, q, p = of
+    flight, saved, q, p = of
     motion, low = flight.motion, flight.motion_low
     x, y = number_at(q, m), number_at(p, m)
-    put_number(kept.q, m, x)
-    put_number(kept.p, m, y)
+    put_number(saved.q, m, x)
+    put_number(saved.p, m, y)
     rest = add_fall(flight.weight, m, number_at(low.qq, m) * x + number_at(low.qp, m) * y)
     put_number(q, m, number_at(motion.qq, m) * x + (number_at(motion.qp, m) * y + rest))
     rest = number_at(low.pq, m) * x + number_at(low.pp, m) * y
@@ -153,20 +153,20 @@ def add_mode_outputs(tables, row, parts, first, count, output):
 @inline
 def find_outputs(flight, pickups, state):
     """Find the values of each pickup in all samples of a flight."""
-    rows, kept = pickups.rows, state.flight
+    rows, saved = pickups.rows, state.flight
     for n in range(pickups.quantity.shape[0]):
-        begin_output(flight.weight, n, kept.pickup_values[n])
+        begin_output(flight.weight, n, saved.pickup_values[n])
     for begin in range(0, state.p.shape[0], FLIGHT_MODES):
         end, has_parts = min(begin + FLIGHT_MODES, state.p.shape[0]), False
         for n in range(pickups.quantity.shape[0]):
             first, last = max(begin, rows.mode_begin[n]), min(end, rows.mode_end[n])
             if first < last and pickups.quantity[n] != Quantity.CONTACT_FORCE:
                 if not has_parts:
-                    find_parts(flight.part, begin, end - begin, state.q, state.p, kept.parts)
+                    find_parts(flight.part, begin, end - begin, state.q, state.p, saved.parts)
                     has_parts = True
                 row = rows.offset[n] + (first - rows.mode_begin[n])
                 add_mode_outputs(
-                    flight.pickup_tables, row, kept.parts, first - begin, last - first, kept.pickup_values[n]
+                    flight.pickup_tables, row, saved.parts, first - begin, last - first, saved.pickup_values[n]
                 )
 
 
@@ -175,36 +175,36 @@ def find_outputs(flight, pickups, state):
 
 @inline
 def begin_flight(model, state, measures_energy, frame):
-    """Take an island from the begin of a flight to its end; values of pickups and energies meanwhile are kept."""
-    flight, kept = model.flight, state.flight
+    """Take an island from the begin of a flight to its end; values of pickups and energies meanwhile are saved."""
+    flight, saved = model.flight, state.flight
     find_outputs(flight, model.pickups, state)
-    kept.frame[FlightFrame.SAVED] = frame
-    for column in range(kept.energy_totals.shape[0]):
-        kept.energy_totals[column] = state.energy_totals[column]
+    saved.frame[FlightFrame.SAVED] = frame
+    for column in range(saved.energy_totals.shape[0]):
+        saved.energy_totals[column] = state.energy_totals[column]
     if measures_energy:
-        measure_flight(model, state, kept)
+        measure_flight(model, state, saved)
     forget_drift(state)
-    advance_modes(flight, kept, state.q, state.p)
-    push_by_weight(flight.weight, state.kick_compensation, kept, state.p)
+    advance_modes(flight, saved, state.q, state.p)
+    push_by_weight(flight.weight, state.kick_compensation, saved, state.p)
 
 
 @inline
-def measure_flight(model, state, kept):
+def measure_flight(model, state, saved):
     """Keep the energies of an island at the begin of a flight, and count what it loses in it. Its contacts are open,
     and hold none."""
     energy, absolute, lost = flight_energies(model, state)
     spent = state.energy_totals[EnergyTotal.DISSIPATED] - state.energy_totals[EnergyTotal.SUPPLIED]
-    kept.ledger[Ledger.BALANCE], kept.ledger[Ledger.ABSOLUTE] = energy + spent, absolute
+    saved.ledger[Ledger.BALANCE], saved.ledger[Ledger.ABSOLUTE] = energy + spent, absolute
     accumulate(state.energy_totals, EnergyTotal.DISSIPATED, lost)
 
 
 @noinline
-def step_saved_motion(h, kept, frame):
+def step_saved_motion(h, saved, frame):
     """Take the saved motion to a frame, by single steps."""
-    while kept.frame[FlightFrame.SAVED] < frame:
-        lost = free_step(h, motion_of(kept))
-        accumulate(kept.energy_totals, EnergyTotal.DISSIPATED, lost)
-        kept.frame[FlightFrame.SAVED] += 1
+    while saved.frame[FlightFrame.SAVED] < frame:
+        lost = free_step(h, motion_of(saved))
+        accumulate(saved.energy_totals, EnergyTotal.DISSIPATED, lost)
+        saved.frame[FlightFrame.SAVED] += 1
 
 
 @inline
@@ -217,11 +217,11 @@ def exchange(a, b):
 @inline
 def exchange_motion(state):
     """Put the saved motion in the place of that at the end of the flight, or back."""
-    kept = state.flight
-    exchange(state.q, kept.q)
-    exchange(state.p, kept.p)
-    exchange(state.kick_compensation, kept.kick_compensation)
-    exchange(state.energy_totals, kept.energy_totals)
+    saved = state.flight
+    exchange(state.q, saved.q)
+    exchange(state.p, saved.p)
+    exchange(state.kick_compensation, saved.kick_compensation)
+    exchange(state.energy_totals, saved.energy_totals)
 
 
 @inline

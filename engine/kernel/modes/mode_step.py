@@ -31,19 +31,19 @@ DENORMAL_LIMIT = 1e-290  # √kg·m, √kg·m/s
 
 @inline
 def apply_loss(loss, m, p):
-    """Take the loss of mode m from its momentum. Returns the momentum left, and the energy lost."""
+    """Take the loss of mode m from its momentum. Return the damped momentum, and the energy lost."""
     if loss is None:
         return p, zero_like(p)
-    left = number_at(loss.decay_factor, m) * p
-    return left, energy_of_loss(loss.dissipation_factor, m, p, left)
+    damped = number_at(loss.decay_factor, m) * p
+    return damped, energy_of_loss(loss.dissipation_factor, m, p, damped)
 
 
 @inline
-def energy_of_loss(dissipation_factor, m, p, left):
+def energy_of_loss(dissipation_factor, m, p, damped):
     """Return the energy that a loss takes from momentum p of mode m, J. Without a factor, return twice that energy,
-    from the momentum left: this reads one array less, and saves one product for each mode."""
+    from the damped momentum: this reads one array less, and saves one product for each mode."""
     if dissipation_factor is None:
-        return (p - left) * (p + left)
+        return (p - damped) * (p + damped)
     return number_at(dissipation_factor, m) * p * p
 
 
@@ -150,8 +150,8 @@ def add_free_step(of, m, sums):
     h, motion = of
     q = number_at(motion.q, m)
     half, lost_first = begin_step_mode(h, motion.compensation, m, q, number_at(motion.p, m))
-    moved, left, lost_later = end_step_mode(h, None, motion.compensation, m, q, half)
-    put_motion(motion, m, moved, left)
+    moved, momentum, lost_later = end_step_mode(h, None, motion.compensation, m, q, half)
+    put_motion(motion, m, moved, momentum)
     return (sums[0] + (lost_first + lost_later),)
 
 
@@ -165,9 +165,9 @@ def free_step(h, motion):
 def add_loss(of, m, sums):
     """Take the loss of mode m from its momentum, and add the energy lost, and the size of its change, to the sums."""
     (loss, p), before = of, number_at(of[1], m)
-    left, lost = apply_loss(loss, m, before)
-    put_number(p, m, left)
-    return sums[0] + lost, sums[1] + magnitude(before - left)
+    damped, lost = apply_loss(loss, m, before)
+    put_number(p, m, damped)
+    return sums[0] + lost, sums[1] + magnitude(before - damped)
 
 
 @inline

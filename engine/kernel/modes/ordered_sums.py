@@ -34,11 +34,11 @@ def fold(add, of, count, sums):
     whole = lanes_of(count)
     for m in range(INT64_0, whole, LANES):
         sums = add(of, EightFrom(m), sums)
-    left = count - whole
-    if left > 1:
-        sums = add(of, FewFrom(whole, left), sums)
+    remaining = count - whole
+    if remaining > 1:
+        sums = add(of, FewFrom(whole, remaining), sums)
     totals = lane_sum(sums)
-    if left == 1:
+    if remaining == 1:
         totals = add(of, whole, totals)
     return totals
 

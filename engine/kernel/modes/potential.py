@@ -143,11 +143,11 @@ def add_fall(weight, m, rest):
 
 
 @inline
-def push_by_weight(weight, compensation, kept, p):
+def push_by_weight(weight, compensation, saved, p):
     """Add what weight gives p over a flight. As `kick_by_weight`, it carries what rounding leaves of the push."""
     if weight is not None:
         for m in range(p.shape[0]):
-            kept.kick_compensation[m] = compensation[m]
+            saved.kick_compensation[m] = compensation[m]
             push = weight.p[m] + (weight.p_low[m] - compensation[m])
             moved = p[m] + push
             compensation[m] = (moved - p[m]) - push

@@ -171,15 +171,15 @@ def forget_finished(events, state, frame):
     """Move events that go on to the end of those that have begun, so that no step looks at those that are over: a
     damper may stay down while thousands of other events come and go."""
     cursor = state.event_cursor
-    first, kept = cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT]
-    for j in range(kept - 1, first - 1, -1):
+    first, running = cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT]
+    for j in range(running - 1, first - 1, -1):
         if events.end[j] > frame:
-            kept -= 1
-            if kept != j:
-                move_event(events, j, kept)
-                state.glide_start[kept] = state.glide_start[j]
-    if cursor[EventCursor.FIRST_ACTIVE] != kept:
-        cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.DAMPED] = kept, DampedModes.UNKNOWN
+            running -= 1
+            if running != j:
+                move_event(events, j, running)
+                state.glide_start[running] = state.glide_start[j]
+    if cursor[EventCursor.FIRST_ACTIVE] != running:
+        cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.DAMPED] = running, DampedModes.UNKNOWN
 
 
 @inline

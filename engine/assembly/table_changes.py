@@ -22,7 +22,7 @@ from engine.patch.live_ranges import LiveRange, live_range
 from engine.patch.scene import Scene
 from engine.patch.tables import ChangeEvent
 
-STEP_SECONDS = 0.005  # the shortest step in which tables glide …
+TABLE_STEP_SECONDS = 0.005  # the shortest step in which tables glide …
 LEVEL_STEP_SECONDS = 0.0005  # … and levels of pickups …
 MAX_STEPS = 64  # … and how many steps there are at most
 
@@ -112,7 +112,7 @@ class TableChanges:
         budget: seconds; if the tables of all steps took longer, there are fewer steps
         """
         only_levels = all(new.path.is_level for new in values)
-        shortest = LEVEL_STEP_SECONDS if only_levels else STEP_SECONDS
+        shortest = LEVEL_STEP_SECONDS if only_levels else TABLE_STEP_SECONDS
         number = max(1, min(MAX_STEPS, math.ceil(seconds / shortest)))
         if only_levels:
             glide = self._glide(values, number)

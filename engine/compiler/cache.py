@@ -83,8 +83,8 @@ def _prune(present: Path) -> None:
     try:
         size = cache_files.limit()
     except ValueError as error:
-        warn_once(f"{error}; {cache_files.LIMIT:g} MB is used")
-        size = cache_files.LIMIT * 1e6
+        warn_once(f"{error}; {cache_files.DEFAULT_MEGABYTES:g} MB is used")
+        size = cache_files.DEFAULT_MEGABYTES * 1e6
     cache_files.prune(present, size)
 
 

@@ -19,12 +19,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 SOURCES = 4  # how many sources have kernels; the folders of older ones are deleted
-LIMIT = 500.0  # MB, if the environment does not set another
+DEFAULT_MEGABYTES = 500.0  # MB, if the environment does not set another
 KERNEL = ".nbc"
-PART = ".tmp"  # a file that is being written
+PART_SUFFIX = ".tmp"  # a file that is being written
 ABANDONED = 3600.0  # s, after which a file that is being written belongs to a process that has died
 FOLDER = re.compile("[0-9a-f]{16}(-[0-9a-f]{8})?")  # sources, processor
-OURS = re.compile(rf"\.(nbc|nbi)(\.tmp\.\w+)?$|{re.escape(PART)}$")  # .nbi: earlier versions of this engine
+OURS = re.compile(rf"\.(nbc|nbi)(\.tmp\.\w+)?$|{re.escape(PART_SUFFIX)}$")  # .nbi: earlier versions of this engine
 DIGEST = hashlib.sha256().digest_size
 OPEN = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
 
@@ -141,7 +141,7 @@ def write(path: Path, content: bytes) -> None:
 
 def _write(path: Path, content: bytes) -> None:
     _private(path.parent, shared=True)
-    number, part = tempfile.mkstemp(suffix=PART, dir=path.parent)
+    number, part = tempfile.mkstemp(suffix=PART_SUFFIX, dir=path.parent)
     try:
         with open(number, "wb") as file:
             file.write(hashlib.sha256(content).digest())
@@ -199,13 +199,13 @@ def _files(part: Path) -> Iterator[File]:
 
 def limit() -> float:
     """Return the size limit of the cache, bytes. Raises ValueError."""
-    text = os.environ.get("FDH_CACHE_LIMIT", "") or LIMIT
+    text = os.environ.get("FDH_CACHE_LIMIT", "") or DEFAULT_MEGABYTES
     try:
         size = float(text)
     except ValueError:
         size = -1.0
     if not size >= 0.0:
-        raise ValueError(f'FDH_CACHE_LIMIT: "{text}" is not a number of MB; such as {LIMIT:g}')
+        raise ValueError(f'FDH_CACHE_LIMIT: "{text}" is not a number of MB; such as {DEFAULT_MEGABYTES:g}')
     return size * 1e6
 
 
@@ -237,7 +237,7 @@ def _shrink(base: Path, room: float) -> None:
     now = time.time()
     for file in sorted(files(base), key=lambda file: file.used, reverse=True):
         room -= file.size
-        if room < 0 or (file.path.name.endswith(PART) and now - file.used > ABANDONED):
+        if room < 0 or (file.path.name.endswith(PART_SUFFIX) and now - file.used > ABANDONED):
             delete(file.path)
 
 

@@ -17,7 +17,7 @@ from engine.patch.live_parameters import current_path
 from engine.patch.scene import Scene
 from engine.wording import to_one_line
 
-STEP_SECONDS = 0.005  # between two steps of a control, at least …
+CONTROL_STEP_SECONDS = 0.005  # between two steps of a control, at least …
 MAX_STEP_SECONDS = 0.05  # … and how long the sound takes for one at most
 MAX_UNKNOWN, MAX_ADDRESS_CHARACTERS = 100, 60  # addresses that are counted; and shown of each
 CLOSE = 1e-4  # of the way: what is nearer has arrived
@@ -49,7 +49,7 @@ class Controls:
         """Act on another player, as that of an edited patch."""
         with self._lock:
             self.scene, self.player = scene, player
-            self._polled = player.frame / player.samplerate - STEP_SECONDS
+            self._polled = player.frame / player.samplerate - CONTROL_STEP_SECONDS
             self._courses: dict[tuple[int, tuple[str, ...]], Course] = {}
             self._direct: dict[str, float] = {}
             self._addresses = {"/" + path.replace(".", "/"): path for path in player.live_parameters}
@@ -100,7 +100,7 @@ class Controls:
         """Make the steps that are due."""
         now = self.player.frame / self.player.samplerate
         passed = min(MAX_STEP_SECONDS, now - self._polled)
-        if passed < STEP_SECONDS:
+        if passed < CONTROL_STEP_SECONDS:
             return
         self._polled = now
         with self._lock:

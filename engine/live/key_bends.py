@@ -8,7 +8,7 @@ from engine.live.midi_notes import Note
 from engine.live.mpe import ALL, ChannelBends, NoteChannels
 
 PITCH_KEYS = {"frequency": 1, "tension": 2}  # of a body: the first that it has goes with this power of the ratio
-STEP_SECONDS = 0.01  # between two steps of a bend in a score
+BEND_STEP_SECONDS = 0.01  # between two steps of a bend in a score
 
 
 class BentParameter(NamedTuple):
@@ -61,11 +61,11 @@ def bend_events(bends: KeyBends, notes: Sequence[Note]) -> list[dict[str, Any]]:
     for note in notes:
         bends.follow(note)
         if note.kind in ("bend", "on"):
-            steps[round(note.seconds / STEP_SECONDS)] = bends.values()
+            steps[round(note.seconds / BEND_STEP_SECONDS)] = bends.values()
     events = []
     for step, values in steps.items():
         events += [
-            {"kind": "change", "time": step * STEP_SECONDS, "parameter": path, "value": value}
+            {"kind": "change", "time": step * BEND_STEP_SECONDS, "parameter": path, "value": value}
             for path, value in values.items()
             if value != before[path]
         ]

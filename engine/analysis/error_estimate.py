@@ -18,7 +18,7 @@ from engine.patch.accuracy import MAX_SUBSTEPS, Accuracy
 from engine.patch.scene import Scene
 
 TRUST_LIMIT = 0.1  # of the largest sample so far: a motion that is farther off than that is another one
-RMS_WINDOW_SECONDS = 0.005  # s
+COMPARED_SECONDS = 0.005  # s
 FINER_SUBSTEPS = {2: 4, 4: 3, 6: 3}  # times the substeps, by order; a rigid joint may need an odd number at 4 and 6
 SHARED_ERROR = (
     "the estimate does not include one error of orders 4 and 6, which apply loss only at the ends of a sample: about "
@@ -109,7 +109,7 @@ def _render_finer(
 def trusted_frames(audio: np.ndarray, fine: np.ndarray, samplerate: float) -> int:
     """The number of frames before the first window in which two renderings differ by more than TRUST_LIMIT of the
     largest sample so far. audio, fine: [frames, channels]"""
-    size, largest = max(1, round(RMS_WINDOW_SECONDS * samplerate)), 0.0
+    size, largest = max(1, round(COMPARED_SECONDS * samplerate)), 0.0
     for begin in range(0, len(fine), size):
         window = slice(begin, begin + size)
         largest = max(largest, float(np.abs(fine[window]).max(initial=0.0)))

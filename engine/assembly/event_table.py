@@ -12,33 +12,29 @@ from engine.kernel.data.model import Events
 from engine.patch.frames import nearest_frame
 from engine.patch.tables import ChangeEvent, DampEvent, Event, StrikeEvent
 
-EventRow = tuple[
-    int, int, int, int, int, int, float, float
-]  # island, start, end, kind, target_begin, target_end, value, value2
+EventRow = tuple[int, int, int, int, int, int, float, float]  # island, and the columns of Events, the kind third
 
 
 def event_table(
     layout: Layout, stiffness: np.ndarray, samplerate: float, capacity: int = 0
 ) -> tuple[Events | None, np.ndarray]:
-    """Return the events of a layout, or None without any, and the position of the first event of each island.
+    """Return the events of a layout, or None without any, and the number of events of each island.
 
     stiffness: of each contact point, N/m^α; events give multiples of it
     capacity:  number of free slots on each island for further events
     """
+    islands = range(len(layout.islands.bodies))
     rows = [row for event in layout.scene.event for row in event_rows(layout, event, stiffness, samplerate)]
-    rows += [
-        (n, UNUSED_SLOT, UNUSED_SLOT, EventKind.DAMP, 0, 0, 1.0, 0.0)
-        for n in range(max(layout.island_of_body) + 1)
-        for _ in range(capacity)
-    ]
+    unused = UNUSED_SLOT, UNUSED_SLOT, EventKind.DAMP, 0, 0, 1.0, 0.0
+    rows += [(n, *unused) for n in islands for _ in range(capacity)]
     rows.sort(key=lambda row: row[:2])
-    begin = np.searchsorted([row[0] for row in rows], np.arange(max(layout.island_of_body) + 2))
+    counts = np.bincount(np.array([row[0] for row in rows], np.int64), minlength=len(islands))
     if not rows:
-        return None, begin
+        return None, counts
     columns: list[Any] = list(zip(*rows, strict=True))
     start, end, kind, target_begin, target_end = (np.array(c, dtype=np.int64) for c in columns[1:6])
     value, value2 = np.array(columns[6]), np.array(columns[7])
-    return Events(kind, start, end, target_begin, target_end, value, value2), begin
+    return Events(kind, start, end, target_begin, target_end, value, value2), counts
 
 
 def event_rows(layout: Layout, event: Event, stiffness: np.ndarray, samplerate: float) -> list[EventRow]:
@@ -48,77 +44,67 @@ def event_rows(layout: Layout, event: Event, stiffness: np.ndarray, samplerate: 
         return [_strike(layout, event, samplerate)]
     if isinstance(event, DampEvent):
         return [_damp(layout, event, samplerate)]
+    if isinstance(event, ChangeEvent) and event.connection is not None:
+        return _change_connection(layout, event, samplerate)
     if isinstance(event, ChangeEvent) and event.parameter is None:
-        of_connection = event.connection is not None
-        return (
-            _change_connection(layout, event, samplerate)
-            if of_connection
-            else _change(layout, event, stiffness, samplerate)
-        )
+        return _change_contact(layout, event, stiffness, samplerate)
     return []
 
 
 def _strike(layout: Layout, event: StrikeEvent, samplerate: float) -> EventRow:
     number = layout.body_index[event.body]
     hammer: Any = layout.scene.body[number]
-    start, mode = nearest_frame(event.time, samplerate), layout.local_modes(number).start
+    start, modes, root = nearest_frame(event.time, samplerate), layout.modes.in_island[number], math.sqrt(hammer.mass)
     displacement = hammer.displacement if event.displacement is None else event.displacement
-    root = math.sqrt(hammer.mass)
-    return (
-        layout.island_of_body[number],
-        start,
-        start + 1,
-        EventKind.STRIKE,
-        mode,
-        mode + 1,
-        displacement * root,
-        event.velocity * root,
-    )
+    values = displacement * root, event.velocity * root
+    return layout.islands.of_body[number], start, start + 1, EventKind.STRIKE, modes.start, modes.stop, *values
 
 
 def _damp(layout: Layout, event: DampEvent, samplerate: float) -> EventRow:
     number = layout.body_index[event.body]
-    modes, start = layout.local_modes(number), nearest_frame(event.time, samplerate)
+    modes, start = layout.modes.in_island[number], nearest_frame(event.time, samplerate)
     end = NO_END if event.duration is None else nearest_frame(event.time + event.duration, samplerate)
     # a decay rate σ takes the share 1 - exp(-2σh) of the energy; of a vibration, half is kinetic
     keep = math.exp(-2 * event.sigma / samplerate)
-    return layout.island_of_body[number], start, end, EventKind.DAMP, modes.start, modes.stop, keep, 0.0
+    return layout.islands.of_body[number], start, end, EventKind.DAMP, modes.start, modes.stop, keep, 0.0
 
 
-def _change(layout: Layout, event: ChangeEvent, stiffness: np.ndarray, samplerate: float) -> list[EventRow]:
-    scene = layout.scene
-    k = next(k for k, c in enumerate(scene.contact) if c.name == event.contact)
-    contact = scene.contact[k]
-    slots = [slot for slot, (number, _) in enumerate(layout.contact_points) if number == k]
+def _frames(event: ChangeEvent, samplerate: float) -> tuple[int, int]:
+    """Return the step in which a change begins, and the step after its last."""
+    start = nearest_frame(event.time, samplerate)
+    return start, max(start + 1, nearest_frame(event.time + event.duration, samplerate))
+
+
+def _change_contact(layout: Layout, event: ChangeEvent, stiffness: np.ndarray, samplerate: float) -> list[EventRow]:
+    """Return the rows of a change of a contact."""
+    k, contact = next((k, c) for k, c in enumerate(layout.scene.contact) if c.name == event.contact)
+    slots = [slot for slot, (number, _) in enumerate(layout.islands.contact_points) if number == k]
     if not slots:
         return []
-    island = layout.island_of_body[layout.body_index[contact.body]]
-    offset = int(layout.islands.contact[island])
-    first, last = slots[0] - offset, slots[-1] + 1 - offset
-    start = nearest_frame(event.time, samplerate)
-    end = max(start + 1, nearest_frame(event.time + event.duration, samplerate))
-    rows: list[EventRow] = []
+    island = layout.islands.of_body[layout.body_index[contact.body]]
+    offset = int(layout.islands.contact_begins[island])
+    values: list[tuple[EventKind, float]] = []
     if event.stiffness is not None:
         count = contact.bridge.points if contact.bridge is not None else 1
-        ratio = event.stiffness / count / stiffness[slots[0]]
-        rows.append((island, start, end, EventKind.STIFFNESS, first, last, ratio, 0.0))
+        values.append((EventKind.STIFFNESS, event.stiffness / count / stiffness[slots[0]]))
     if event.exponent is not None:
-        rows.append((island, start, end, EventKind.EXPONENT, first, last, event.exponent, 0.0))
+        values.append((EventKind.EXPONENT, event.exponent))
     moved = event.gap if contact.on is not None else event.barrier
     if moved is not None:
         sign = 1.0 if contact.on is not None or contact.side == "above" else -1.0
-        top = contact.bridge.height if contact.bridge is not None else layout.contact_points[slots[0]][1].offset
-        rows.append((island, start, end, EventKind.BARRIER, first, last, sign * (moved - top), 0.0))
-    return rows
+        point = layout.islands.contact_points[slots[0]][1]
+        top = contact.bridge.height if contact.bridge is not None else point.offset
+        values.append((EventKind.BARRIER, sign * (moved - top)))
+    place = island, *_frames(event, samplerate)
+    return [(*place, kind, slots[0] - offset, slots[-1] + 1 - offset, value, 0.0) for kind, value in values]
 
 
 def _change_connection(layout: Layout, event: ChangeEvent, samplerate: float) -> list[EventRow]:
     """Return the rows of a change of a spring, which has one coordinate."""
-    start, rows = nearest_frame(event.time, samplerate), list[EventRow]()
-    end = max(start + 1, nearest_frame(event.time + event.duration, samplerate))
-    for n, coordinates in enumerate(layout.coordinates):
+    rows, connections = list[EventRow](), layout.scene.connection
+    for n, coordinates in enumerate(layout.islands.coordinates):
         for i, item in enumerate(coordinates.items):
-            if item.connection is None or layout.scene.connection[item.connection].name != event.connection:
+            if item.connection is None or connections[item.connection].name != event.connection:
                 continue
             stiffness = None if event.stiffness is None else stiffness_beside(item.excess, event.stiffness)
             for kind, value in (
@@ -127,5 +113,5 @@ def _change_connection(layout: Layout, event: ChangeEvent, samplerate: float) ->
                 (EventKind.CONNECTION_REST, event.rest),
             ):
                 if value is not None:
-                    rows.append((n, start, end, kind, i, i + 1, value, 0.0))
+                    rows.append((n, *_frames(event, samplerate), kind, i, i + 1, value, 0.0))
     return rows

@@ -9,7 +9,7 @@ import numpy as np
 from engine.assembly.connection_coordinates import count_supports
 from engine.assembly.contact_points import count_points
 from engine.assembly.external_forces import count_steps
-from engine.assembly.layout import Layout
+from engine.assembly.islands import Islands
 from engine.bodies import Body, String
 from engine.bodies.body import ModalBody, TooManyModes, UnfitBody
 from engine.faults import BuildError, Fault
@@ -155,11 +155,11 @@ def _check_shapes(path: str, shapes: int) -> None:
         raise BuildError(Fault(path, f"{message}; use fewer modes, contacts, forces or pickups"))
 
 
-def check_islands(layout: Layout) -> None:
+def check_islands(scene: Scene, islands: Islands) -> None:
     """Raise BuildError if an island has more contact points than can be solved together."""
-    scene, contacts, modes = layout.scene, np.diff(layout.islands.contact), np.diff(layout.islands.mode)
+    contacts, modes = np.diff(islands.contact_begins), islands.mode_counts
     n = int(np.argmax(contacts))
-    names = [b.name for b in scene.body if layout.island_of_body[layout.body_index[b.name]] == n]
+    names = [scene.body[b].name for b in islands.bodies[n]]
     message = f"{contacts[n]} contact points join {', '.join(names[:4])}{' …' if len(names) > 4 else ''}"
     if contacts[n] > MAX_ISLAND_CONTACTS:
         raise BuildError(Fault("contact", f"{message}; an island may have {MAX_ISLAND_CONTACTS}"))

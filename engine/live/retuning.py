@@ -92,9 +92,9 @@ def tuning_copies(target: tuple[Model, Layout], source: tuple[Model, Layout], vo
 def _pairs(target: tuple[Model, Layout], source: tuple[Model, Layout], voice: int) -> Iterator[Arrays]:
     """Arrays to write and arrays to read."""
     (poly, poly_layout), (single, layout) = target, source
-    bodies, islands = len(layout.scene.body), max(layout.island_of_body) + 1
+    bodies, islands = len(layout.scene.body), len(layout.islands.bodies)
     for b in range(bodies):
-        yield from _mode_pairs(poly, single, poly_layout.global_modes(voice * bodies + b), layout.global_modes(b))
+        yield from _mode_pairs(poly, single, poly_layout.modes.of_body[voice * bodies + b], layout.modes.of_body[b])
         yield from _connection_pairs(target, source, voice * bodies + b, b)
     for i in range(islands):
         n = voice * islands + i
@@ -233,7 +233,7 @@ def _entries_of(model: Model, layout: Layout, b: int) -> dict[int, tuple[int, in
     """The first entry of a body in the rows of connections, and for how many there is room, by coordinate."""
     found: dict[int, tuple[int, int]] = {}
     if model.connection is not None:
-        for r, part in enumerate(layout.connection_parts):
+        for r, part in enumerate(layout.points.connection_parts):
             if b in part.pieces:
                 first, room = part.pieces[b]
                 found[part.coordinate] = int(model.connection.rows.offset[r]) + first, room

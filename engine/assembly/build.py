@@ -37,7 +37,6 @@ from engine.kernel.data.enums import EventKind, Quantity
 from engine.kernel.data.laws import select_law
 from engine.kernel.data.model import Contact, ContactBasis, Drive, ExternalForce, FreeMasses, Model, Pickups
 from engine.kernel.data.state import State
-from engine.output_files import error_reason
 from engine.patch.accuracy import Accuracy
 from engine.patch.scene import Scene
 from engine.patch.tables import ChangeEvent, Force, PluckEvent
@@ -162,15 +161,14 @@ def trace_points(layout: Layout) -> list[BodyPoint]:
     scene, points = layout.scene, dict[str, BodyPoint]()
     for pickup in scene.pickup:
         everywhere = pickup.quantity == "pressure" and pickup.at is None
-        if pickup.quantity not in ("force", "end_force") and not everywhere and pickup.body not in points:
-            points[pickup.body] = layout.point_of(pickup)
+        if pickup.quantity not in ("force", "end_force") and not everywhere:
+            points.setdefault(pickup.body, layout.point_of(pickup))
     for k, contact_point in layout.islands.contact_points:
         for side in contact_sides(scene.contact[k], contact_point):
             if side.body is not None:
                 points.setdefault(side.body, side._replace(factor=1.0))
     for force in layout.islands.forces:
-        if force.body not in points:
-            points[force.body] = layout.point_of(force)
+        points.setdefault(force.body, layout.point_of(force))
     return [points.get(scene.body[b].name, NOWHERE) for b in layout.islands.body_order]
 
 
@@ -210,17 +208,17 @@ def _contact(
 
 def _contact_basis(layout: Layout, modes: ModeCoefficients, step_rate: float) -> ContactBasis | None:
     """Return the bases of the contacts of islands that have one; None if no island has."""
-    bases = find_bases(layout, modes, all_factors(layout, modes, step_rate))
-    if not bases:
+    if not any(shapes.rank for shapes in layout.points.contact_shapes):
         return None
+    bases = find_bases(layout, modes, all_factors(layout, modes, step_rate))
     ranks = [layout.points.contact_shapes[n].rank for n in bases]
     is_first = [layout.points.contact_shapes[n].basis_use is BasisUse.FIRST for n in bases]
     sizes = np.array([entry_counts(len(basis.at_contacts)) for basis in bases.values()])
     begins = np.repeat(np.cumsum(sizes, axis=0) - sizes, ranks, axis=0)
     return ContactBasis(
         rows=mode_shape_rows(basis_rows(layout, bases)),
-        at_contacts_begin=begins[:, 0].copy(),
-        products_begin=begins[:, 1].copy(),
+        at_contacts_begin=begins[:, 0],
+        products_begin=begins[:, 1],
         is_first=np.repeat(np.array(is_first, np.int64), ranks),
     )
 
@@ -253,10 +251,9 @@ def _force_table(scene: Scene, force: Force | PluckEvent | DriveForce, samplerat
         return ForceTable(0, np.zeros(0), 0.0)
     try:
         return force_table(force, samplerate, seconds)
-    except (OSError, RuntimeError, TypeError, ValueError) as error:  # it was there when the patch was read
-        path = f"force[{scene.force.index(force)}].file"  # type: ignore[arg-type]
-        message = f"cannot be read as audio ({error_reason(error)}); give a WAV, FLAC or OGG file"
-        raise BuildError(Fault(path, message)) from None
+    except (OSError, RuntimeError, TypeError, ValueError) as error:
+        number = scene.force.index(force)  # type: ignore[arg-type]
+        raise limits.unreadable_file(f"force[{number}]", error) from None
 
 
 def _pickups(layout: Layout) -> Pickups:
@@ -282,9 +279,10 @@ def _find_pushes(layout: Layout, heard: HeardPoint) -> Iterator[tuple[int, float
     islands = layout.islands
     island = islands.of_body[layout.body_index[heard.pickup.body]]
     inside = slice(*islands.contact_begins[island : island + 2])
-    for slot, (k, point) in enumerate(islands.contact_points[inside]):
+    is_force = heard.quantity == Quantity.CONTACT_FORCE
+    for slot, (k, point) in enumerate(islands.contact_points[inside] if is_force else ()):
         for side in contact_sides(layout.scene.contact[k], point):
-            if heard.quantity == Quantity.CONTACT_FORCE and side.body == heard.pickup.body:
+            if side.body == heard.pickup.body:
                 yield slot, -side.factor
 
 

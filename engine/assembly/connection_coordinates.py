@@ -131,12 +131,6 @@ def _norm(parts: dict[int, np.ndarray]) -> float:
     return float(np.sqrt(sum(float(np.sum(values**2)) for values in parts.values())))
 
 
-def count_supports(body: Any) -> int:
-    """Count the positions at which supports hold a body."""
-    supports = body.support if isinstance(body, DistributedBody) else []
-    return sum(len(body.split_positions(support.at)) for support in supports)
-
-
 def _of_supports(system: ModalSystem) -> Iterator[Coordinate]:
     """Yield the coordinates of supports, which are springs and dampers to the ground."""
     for b, (body, modal) in enumerate(zip(system.scene.body, system.modal_bodies, strict=True)):

@@ -9,13 +9,7 @@ from typing import Any
 import numpy as np
 
 from engine.assembly.connections import all_factors, connection_coefficients
-from engine.assembly.contact_points import (
-    BasisOfIsland,
-    BasisUse,
-    entries_by_row,
-    find_basis,
-    products_by_contact,
-)
+from engine.assembly.contact_points import BasisOfIsland, BasisUse, entries_by_row, find_basis, products_by_contact
 from engine.assembly.coordinates import IslandFactors
 from engine.assembly.double_double import two_product
 from engine.assembly.layout import Layout

@@ -3,7 +3,6 @@
 import numpy as np
 
 from engine.assembly.build import build
-from engine.assembly.contact_reach import dense_rows
 from engine.kernel.data.enums import StepKind
 from engine.offline.simulation import Simulation
 
@@ -13,7 +12,7 @@ SAMPLERATE = 44_100
 def step_map(scene, samplerate=SAMPLERATE, **accuracy):
     """The linear map [2 modes, 2 modes] of (q, p) that one sample is: the kernel's own, column by column."""
     model, state, layout = build(scene, samplerate, scene.accuracy.replace(silence=-np.inf, **accuracy))
-    rows, modes = dense_rows(layout, 0), state.q.size
+    rows, modes = layout.points.coordinate_rows[0], state.q.size
     simulation, audio = Simulation(model, state, kernel="general"), np.zeros((1, 1))
     columns = []
     for i in range(2 * modes):
@@ -39,8 +38,8 @@ def engine_poles(scene, samplerate=SAMPLERATE, **accuracy):
 def exact_poles(scene, samplerate=SAMPLERATE):
     """Poles of q'' + 2σq' + ω²q = -Rᵀ(K·R·q + C·R·q'), R the rows of the connections."""
     _, _, layout = build(scene, samplerate, scene.accuracy.replace(scheme="fdh"))  # its rows are those of the bodies
-    omega, sigma = layout.concatenate_modes("omega"), layout.concatenate_modes("sigma")
-    rows, items = dense_rows(layout, 0), layout.coordinates[0]
+    omega, sigma = layout.modes.omega, layout.modes.sigma
+    rows, items = layout.points.coordinate_rows[0], layout.islands.coordinates[0]
     stiffness = items.coupling + np.diag([item.stiffness for item in items.items])
     damping = np.diag([item.damping for item in items.items])
     return state_space_poles(omega, sigma, rows, stiffness, damping, np.array([i.is_rigid for i in items.items]))

@@ -6,7 +6,7 @@ import numpy as np
 
 import engine
 from engine.assembly.build import build
-from engine.assembly.contact_points import BodyPoint
+from engine.assembly.contact_points import BodyPoint, offset
 from engine.assembly.layout import Layout
 from engine.problems.library import NAMES
 from engine.problems.problem import Problem
@@ -25,16 +25,14 @@ def ruler_scene(name: str) -> engine.Scene:
 def as_problem(scene: engine.Scene, samplerate: float = SAMPLERATE) -> Problem:
     """The modes and contacts of a scene. What springs join is given in its modes of vibration, without loss."""
     layout = build(scene, samplerate).layout
-    island = layout.islands
-    assert island.mode.size == 2, "all bodies of a scene of the ruler can touch"
+    assert len(layout.islands.bodies) == 1, "all bodies of a scene of the ruler can touch"
     # those of the bodies, in the order of the scene
-    modes = np.concatenate([np.arange(*layout.global_modes(b).indices(1 << 30)) for b in range(len(scene.body))])
-    omega, sigma = layout.concatenate_modes("omega")[modes], layout.concatenate_modes("sigma")[modes]
-    q, p = layout.concatenate_modes("q")[modes], layout.concatenate_modes("p")[modes]
-    weight = -scene.gravity * layout.concatenate_modes("gravity_participation")[modes]
-    rows = [layout.dense_mode_shape(a, 0) + layout.dense_mode_shape(b, 0) for a, b in layout.contact_rows]
-    pickup = layout.dense_mode_shape(_heard(layout), 0)[modes]
-    shapes = np.array(rows)[:, modes]
+    modes = np.concatenate([np.arange(m.start, m.stop) for m in layout.modes.of_body])
+    arrays = layout.modes
+    omega, sigma, q, p, weight = (a[modes] for a in (arrays.omega, arrays.sigma, arrays.q, arrays.p, arrays.weight))
+    (heard,) = layout.points.pickups
+    pickup = heard.row.over_island(layout.modes.omega.size)[modes]
+    shapes = layout.points.contact_shapes[0].phi[:, modes]
     springs = [(_spring(layout, connection)[modes], connection.stiffness) for connection in scene.connection]
     if springs:
         assert not sigma.any()
@@ -49,7 +47,7 @@ def as_problem(scene: engine.Scene, samplerate: float = SAMPLERATE) -> Problem:
             vectors.T @ pickup,
             shapes @ vectors,
         )
-    numbers = [k for k, _ in layout.contact_points]
+    numbers = [k for k, _ in layout.islands.contact_points]
     return Problem(
         title=scene.title or "",
         samplerate=float(samplerate),
@@ -60,22 +58,16 @@ def as_problem(scene: engine.Scene, samplerate: float = SAMPLERATE) -> Problem:
         q=q,
         p=p,
         shapes=shapes,
-        barrier=np.array([layout.offset(k, point) for k, point in layout.contact_points]),
-        stiffness=np.array([point.stiffness for _, point in layout.contact_points]),
+        barrier=np.array([offset(scene.contact[k], point) for k, point in layout.islands.contact_points]),
+        stiffness=np.array([point.stiffness for _, point in layout.islands.contact_points]),
         exponent=np.array([scene.contact[k].exponent for k in numbers]),
         loss=np.array([scene.contact[k].loss for k in numbers]),
         pickup=pickup,
     )
 
 
-def _heard(layout: Layout) -> BodyPoint:
-    """Where the one pickup of a scene is."""
-    (heard,) = layout.heard_points
-    return heard.point
-
-
 def _spring(layout: Layout, connection: object) -> np.ndarray:
     """How the modes stretch a spring, 1/√kg."""
-    here = layout.dense_mode_shape(BodyPoint(connection.body, connection.at, 1.0), 0)
-    there = layout.dense_mode_shape(BodyPoint(connection.on, connection.on_at, -1.0), 0)
+    sides = BodyPoint(connection.body, connection.at, 1.0), BodyPoint(connection.on, connection.on_at, -1.0)
+    here, there = (layout.row(side).over_island(layout.modes.omega.size) for side in sides)
     return here + there

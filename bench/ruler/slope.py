@@ -35,7 +35,7 @@ def engine_ends(order: int, substeps: int, stiffness: float) -> np.ndarray:
     accuracy = Accuracy(order=order, substeps=substeps, silence=-np.inf)
     model, state, layout = build(engine.Scene.model_validate(parts), RATE, accuracy)
     Simulation(model, state).render_block(np.zeros((FRAMES, 1)))
-    return state.q[np.argsort(layout.body_order)]  # of 1 kg each
+    return state.q[np.argsort(layout.islands.body_order)]  # of 1 kg each
 
 
 def ends_of(simulate: Callable[[Problem, int], Trajectory], stiffness: float) -> np.ndarray:

@@ -93,7 +93,7 @@ def finer_settings(used: Accuracy) -> list[Accuracy]:
 def _has_loss(scene: Scene, rendering: Rendering, used: Accuracy) -> bool:
     """True if any mode of a scene decays."""
     layout = build(scene, rendering.samplerate * used.oversample, used, seconds=0.0).layout
-    return bool(layout.concatenate_modes("sigma").any())
+    return bool(layout.modes.sigma.any())
 
 
 def _render_finer(

@@ -133,20 +133,20 @@ def _measure_costs(
 def _profile_island(layout: Layout, model: Model, state: State, n: int, mean: float, worst: float) -> IslandProfile:
     """The profile of island n. mean, worst: its time, ns per sample"""
     frames = max(1, int(state.frame[n]))
-    bodies = layout.bodies_of_island(n)
+    bodies = layout.islands.bodies[n]
     modal = [layout.modal_bodies[b] for b in bodies]
     contacts = int(model.islands.contact[n + 1] - model.islands.contact[n])
     touching, asleep = state.contact_samples[n] / frames, state.sleep[n, Sleep.SAMPLES_SLEPT] / frames
     return IslandProfile(
         bodies=[layout.scene.body[b].name for b in bodies],
-        modes=int(layout.mode_counts[n]),
+        modes=int(layout.islands.mode_counts[n]),
         modes_dropped=sum(_modes_dropped(layout, b) for b in bodies),
         modes_residual=sum(body.residual for body in modal),
         contacts=contacts,
         solver=SOLVER_NAMES.get(contacts, "vector"),
         energy=float(sum(np.sum(body.p**2 + (body.omega * body.q) ** 2) / 2 for body in modal)),
         activity=Activity(float(1 - touching - asleep), float(touching), float(asleep)),
-        ns_expected=float(estimate_cost(layout.mode_counts, np.diff(layout.islands.contact))[n]),
+        ns_expected=float(estimate_cost(layout.islands.mode_counts, np.diff(layout.islands.contact_begins))[n]),
         ns_mean=float(mean),
         ns_busiest=float(worst),
     )
@@ -161,7 +161,7 @@ def _modes_dropped(layout: Layout, number: int) -> int:
 
 def _contacts_left_out(layout: Layout) -> list[str]:
     """Contacts that were not built, each with the reason."""
-    built = {k for k, _ in layout.contact_points}
+    built = {k for k, _ in layout.islands.contact_points}
     names = []
     for k, contact in enumerate(layout.scene.contact):
         if k not in built:

@@ -65,7 +65,7 @@ def string_shape(scene: Scene, rendering: "Rendering") -> StringShape | None:
         return None
     number, onset = found
     model, state, layout = build(scene, rate, Accuracy.model_validate(stats.accuracy), stats.seconds)
-    body, modes = layout.modal_bodies[number], layout.global_modes(number)
+    body, modes = layout.modal_bodies[number], layout.modes.of_body[number]
     places = np.linspace(0.0, 1.0, PLACES)
     shapes = np.array([body.shape(place) for place in places]).T  # [modes, places]
     vibrating = body.omega[body.omega > 0.0]
@@ -77,7 +77,7 @@ def string_shape(scene: Scene, rendering: "Rendering") -> StringShape | None:
     simulation, q = Simulation(model, state, kernel=stats.kernel), np.zeros((count, modes.stop - modes.start))
     audio = np.zeros((max(begin, step), scene.channels))
     simulation.render_block(audio[:begin])
-    trace, flight = allocate_trace(model, 1), state.flight.frame[layout.island_of_body[number]]
+    trace, flight = allocate_trace(model, 1), state.flight.frame[layout.islands.of_body[number]]
     for row, frame in enumerate(range(begin, begin + count * step, step)):
         q[row] = state.q[modes]
         simulation.render_block(audio[:1], trace)

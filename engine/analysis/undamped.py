@@ -26,7 +26,7 @@ def undamped_modes(layout: Layout) -> dict[str, int]:
 
 def _reached_by_loss(layout: Layout) -> list[bool]:
     """True for each body that connections join to one with loss, or to a damper."""
-    items = [item for coordinates in layout.coordinates for item in coordinates.items]
+    items = [item for coordinates in layout.islands.coordinates for item in coordinates.items]
     pairs = [(first, other) for item in items for first, *others in [list(item.parts)] for other in others]
     component = connected_components(len(layout.scene.body), pairs)
     lossy = {component[b] for b, modal in enumerate(layout.modal_bodies) if np.any(modal.sigma > 0.0)}
@@ -36,6 +36,6 @@ def _reached_by_loss(layout: Layout) -> list[bool]:
 
 def _connected_modes(layout: Layout, body: int) -> np.ndarray:
     """True for each mode of a body that connections move [modes]."""
-    items = layout.coordinates[layout.island_of_body[body]].items
+    items = layout.islands.coordinates[layout.islands.of_body[body]].items
     rows = [item.parts[body] for item in items if body in item.parts]
     return np.any(np.array(rows) != 0.0, axis=0) if rows else np.zeros(layout.modal_bodies[body].omega.size, np.bool_)

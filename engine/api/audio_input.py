@@ -57,11 +57,10 @@ class InputForce:
     def __init__(self, player: "Player", source: AudioInput) -> None:
         layout, force = player.layout, player.model.force
         assert force is not None
-        number = next(n for n, f in enumerate(layout.forces) if f is player.scene.force[-1])
+        self.place = next(n for n, f in enumerate(layout.islands.forces) if f is player.scene.force[-1])
         assert isinstance(player.scene.force[-1], PulseForce)
-        self.place = layout.force_order.index(number)
         self.newtons, self._last = source.newtons, 0.0
-        self._player, self._island = player, int(layout.island_of_body[layout.body_index[source.body]])
+        self._player, self._island = player, int(layout.islands.of_body[layout.body_index[source.body]])
         self._table = force.table[force.table_begin[self.place] : force.table_end[self.place]]
         self._table[:] = 0.0
         force.start[self.place] = UNUSED_SLOT

@@ -28,10 +28,20 @@ def to_single_precision(value: Any) -> Any:
     """Return a copy of a record with modes of single precision; contacts and energies stay double."""
 
     def convert(array: np.ndarray, items: Items) -> np.ndarray:
-        single = items.axis in MODAL and array.dtype == np.float64 and not items.is_double
-        return array.astype(np.float32) if single else array
+        return array.astype(np.float32) if may_be_single(items) else array
 
     return map_arrays(convert, value)
+
+
+def may_be_single(items: Items) -> bool:
+    """True for arrays that may be of single precision."""
+    return items.axis in MODAL and items.dtype == np.float64 and not items.is_double
+
+
+def array_shape(items: Items, counts: Mapping[Axis, int]) -> tuple[int, ...]:
+    """Return the shape of an array. counts: number of items of each axis"""
+    size = counts[items.axis] + items.extra
+    return (size, items.columns) if items.columns else (size,)
 
 
 def allocate(record: Any, counts: Mapping[Axis, int], **given: Any) -> Any:
@@ -42,7 +52,5 @@ def allocate(record: Any, counts: Mapping[Axis, int], **given: Any) -> Any:
     values = dict(given)
     for field in fields_of(record):
         if field.name not in values and field.items is not None:
-            size = counts[field.items.axis] + field.items.extra
-            shape = (size, field.items.columns) if field.items.columns else size
-            values[field.name] = np.zeros(shape, field.items.dtype)
+            values[field.name] = np.zeros(array_shape(field.items, counts), field.items.dtype)
     return record(**values)

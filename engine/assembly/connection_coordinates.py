@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from engine.assembly.coordinates import Coordinate, Coordinates, compensate_springs
+from engine.assembly.modal_system import ModalSystem
 from engine.bodies import AirBox, String
 from engine.bodies.air import BULK_MODULUS
 from engine.bodies.body import ModalBody
@@ -37,10 +38,11 @@ SMALLEST_SINGULAR_VALUE = 1e-5  # of the largest: beyond, a share of 1e-10 of th
 REDUNDANT = 1e-9  # of a rigid joint: what is left of it beside others, below which they hold it already
 
 
-def connected_pairs(scene: Scene, numbers: dict[str, int]) -> list[tuple[int, int]]:
+def connected_pairs(system: ModalSystem) -> list[tuple[int, int]]:
     """Return the pairs of bodies that connections join, as numbers."""
-    used = used_connections(scene)
-    return [(numbers[c.body], numbers[c.on]) for k, c in enumerate(scene.connection) if k in used and c.on is not None]
+    used, numbers = used_connections(system.scene), system.body_index
+    joined = [c for k, c in enumerate(system.scene.connection) if k in used]
+    return [(numbers[c.body], numbers[c.on]) for c in joined if c.on is not None]
 
 
 def used_connections(scene: Scene) -> set[int]:
@@ -60,55 +62,46 @@ def changed_connections(scene: Scene) -> set[str | None]:
     return {e.connection for e in scene.event if isinstance(e, ChangeEvent) and e.connection is not None}
 
 
-def find_coordinates(
-    scene: Scene,
-    bodies: Sequence[ModalBody],
-    numbers: dict[str, int],
-    island_of: Sequence[int],
-    step: float | None,
-) -> list[Coordinates]:
+def find_coordinates(system: ModalSystem, island_of: Sequence[int], step: float | None) -> list[Coordinates]:
     """Return the coordinates of each island.
 
-    bodies, numbers: modes of the scene's bodies, and their numbers by name
-    island_of:       the island of each body
-    step:            length of the steps for which springs are compensated, s; None: they are not
+    island_of: the island of each body
+    step:      length of the steps for which springs are compensated, s; None: they are not
     """
     count = max(island_of) + 1
-    items: list[list[Coordinate]] = [[] for _ in range(count)]
-    for coordinate in [*_of_supports(scene, bodies), *_of_springs(scene, bodies, numbers)]:
-        items[island_of[next(iter(coordinate.parts))]].append(coordinate)
-    ends = _StringEnds(scene, bodies, numbers)
-    of_islands = []
-    air: list[list[tuple[list[Coordinate], np.ndarray]]] = [[] for _ in range(count)]
-    for group in air_coordinates(scene, bodies, numbers):
-        air[island_of[next(iter(group[0][0].parts))]].append(group)
-    for n in range(count):
-        kept = _drop_redundant(items[n])
-        groups = [(kept, np.zeros((len(kept), len(kept)))), *air[n], ends.of_island(n, island_of)]
-        coordinates = Coordinates([item for group, _ in groups for item in group], _block_diagonal(groups))
-        springs = any(item.stiffness or item.damping or item.is_rigid for item in coordinates.items)
-        if step is not None and springs:
-            coordinates = _compensated(scene, bodies, coordinates, step)
-        of_islands.append(coordinates)
-    return of_islands
+    springs: list[list[Coordinate]] = [[] for _ in range(count)]
+    groups: list[list[Coordinates]] = [[] for _ in range(count)]
+    for item in [*_of_supports(system), *_of_springs(system)]:
+        springs[island_of[next(iter(item.parts))]].append(item)
+    for group in [*air_coordinates(system), *_string_ends(system, island_of)]:
+        groups[island_of[next(iter(group.items[0].parts))]].append(group)
+    found = [_join([_uncoupled(_drop_redundant(items)), *more]) for items, more in zip(springs, groups, strict=True)]
+    return found if step is None else [_compensated(system, coordinates, step) for coordinates in found]
 
 
-def _block_diagonal(groups: Sequence[tuple[list[Coordinate], np.ndarray]]) -> np.ndarray:
-    """Return the stiffness matrix of all groups; coordinates are coupled only within their group."""
-    size, begin = sum(len(items) for items, _ in groups), 0
-    coupling = np.zeros((size, size))
-    for items, inner in groups:
-        end = begin + len(items)
-        coupling[begin:end, begin:end] = inner
+def _uncoupled(items: list[Coordinate]) -> Coordinates:
+    """Return coordinates that no stiffness couples."""
+    return Coordinates(items, np.zeros((len(items), len(items))))
+
+
+def _join(groups: Sequence[Coordinates]) -> Coordinates:
+    """Return all coordinates of groups; they are coupled only within their group."""
+    joined, begin = _uncoupled([item for group in groups for item in group.items]), 0
+    for group in groups:
+        end = begin + len(group.items)
+        joined.coupling[begin:end, begin:end] = group.coupling
         begin = end
-    return coupling
+    return joined
 
 
-def _compensated(scene: Scene, bodies: Sequence[ModalBody], coordinates: Coordinates, step: float) -> Coordinates:
+def _compensated(system: ModalSystem, coordinates: Coordinates, step: float) -> Coordinates:
     """Return coordinates whose springs give the right frequencies. Connections that have a name may change."""
+    if not any(item.stiffness or item.damping or item.is_rigid for item in coordinates.items):
+        return coordinates
+    scene = system.scene
 
     def omega_of(body: int) -> np.ndarray:
-        return np.zeros(1) if scene.body[body].IS_LUMPED else bodies[body].omega
+        return np.zeros(1) if scene.body[body].IS_LUMPED else system.modal_bodies[body].omega
 
     numbers = [item.connection for item in coordinates.items]
     named = [n is not None and scene.connection[n].name is not None for n in numbers]
@@ -138,22 +131,15 @@ def _norm(parts: dict[int, np.ndarray]) -> float:
     return float(np.sqrt(sum(float(np.sum(values**2)) for values in parts.values())))
 
 
-def count_supports(body: Any) -> int:
-    """Count the positions at which supports hold a body."""
-    supports = body.support if isinstance(body, DistributedBody) else []
-    return sum(len(body.split_positions(support.at)) for support in supports)
-
-
-def _of_supports(scene: Scene, bodies: Sequence[ModalBody]) -> Iterator[Coordinate]:
+def _of_supports(system: ModalSystem) -> Iterator[Coordinate]:
     """Yield the coordinates of supports, which are springs and dampers to the ground."""
-    for b, body in enumerate(scene.body):
+    for b, (body, modal) in enumerate(zip(system.scene.body, system.modal_bodies, strict=True)):
         for j, support in enumerate(body.support if isinstance(body, DistributedBody) else ()):
-            places = body.split_positions(support.at)
             if support.stiffness or support.damping_coefficient:
-                for row in _independent_rows(np.array([bodies[b].shape(place) for place in places])):
-                    yield Coordinate(
-                        f"body[{b}].support[{j}]", None, {b: row}, support.stiffness, support.damping_coefficient
-                    )
+                shapes = np.array([modal.shape(place) for place in body.split_positions(support.at)])
+                for row in _independent_rows(shapes):
+                    path, damping = f"body[{b}].support[{j}]", support.damping_coefficient
+                    yield Coordinate(path, None, {b: row}, support.stiffness, damping)
 
 
 def _independent_rows(rows: np.ndarray) -> np.ndarray:
@@ -164,156 +150,122 @@ def _independent_rows(rows: np.ndarray) -> np.ndarray:
     return np.asarray(singular[kept, None] * shapes[kept])
 
 
-def _of_springs(scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int]) -> Iterator[Coordinate]:
+def _of_springs(system: ModalSystem) -> Iterator[Coordinate]:
     """Yield the coordinates of springs, dampers and rigid joints."""
-    used = used_connections(scene)
-    for k, c in enumerate(scene.connection):
+    used = used_connections(system.scene)
+    for k, c in enumerate(system.scene.connection):
         if k in used and isinstance(c, SpringConnection):
-            parts = {numbers[c.body]: _shape(scene, bodies, numbers[c.body], c.at)}
+            parts = {system.body_index[c.body]: system.shape(c.body, c.at)}
             if c.on is not None:
-                on = numbers[c.on]
-                parts[on] = parts.get(on, 0.0) - _shape(scene, bodies, on, c.on_at)
+                on = system.body_index[c.on]
+                parts[on] = parts.get(on, 0.0) - system.shape(c.on, c.on_at)
             yield Coordinate(f"connection[{k}]", k, parts, c.stiffness, c.damping_coefficient, c.rest, c.rigid)
 
 
-def _shape(scene: Scene, bodies: Sequence[ModalBody], number: int, at: Any) -> np.ndarray:
-    """Return the mode shapes of a body at the one position that a key gives."""
-    return bodies[number].shape(scene.body[number].split_positions(at)[0])
-
-
-class _StringEnds:
-    """Ends of strings that can move, by the point of the body that carries them."""
-
-    def __init__(self, scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int]) -> None:
-        self.scene, self.bodies = scene, bodies
-        # by body and place: numbers of connection and string, which end, and the place
-        self.points: dict[tuple[int, str], list[tuple[int, int, float, Any]]] = {}
-        for k, c in enumerate(scene.connection):
-            if isinstance(c, EndConnection) and not c.one_way:
-                point = numbers[c.on], repr(c.on_at)
-                self.points.setdefault(point, []).append((k, numbers[c.body], c.at, c.on_at))
-
-    def of_island(self, island: int, island_of: Sequence[int]) -> tuple[list[Coordinate], np.ndarray]:
-        """Return two coordinates of each point of an island, w and y, and their stiffness matrix."""
-        points = [(on, ends) for (on, _), ends in self.points.items() if island_of[on] == island]
-        items: list[Coordinate] = []
+def _string_ends(system: ModalSystem, island_of: Sequence[int]) -> Iterator[Coordinates]:
+    """Yield the coordinates of the ends of strings that can move: of each island, two for each point that carries ends,
+    w and y."""
+    islands: dict[int, dict[tuple[str, str], list[tuple[int, EndConnection]]]] = {}  # ends by the point
+    for k, c in enumerate(system.scene.connection):
+        if isinstance(c, EndConnection) and not c.one_way:
+            points = islands.setdefault(island_of[system.body_index[c.on]], {})
+            points.setdefault((c.on, repr(c.on_at)), []).append((k, c))
+    for points in islands.values():
         coupling = np.zeros((2 * len(points), 2 * len(points)))
-        ends_of: dict[int, list[tuple[int, float]]] = {}  # of a string: the coordinate y, and which end
-        for n, (_, ends) in enumerate(points):
-            for _, string, end, _ in ends:
-                ends_of.setdefault(string, []).append((2 * n + 1, end))
+        ends_of: dict[str, list[tuple[int, float]]] = {}  # of a string: the coordinate y, and which end
+        for y, ends in zip(range(1, len(coupling), 2), points.values(), strict=True):
+            for _, c in ends:
+                ends_of.setdefault(c.body, []).append((y, c.at))
         for string, moving in ends_of.items():
             for i, a in moving:
                 for j, b in moving:
-                    coupling[i, j] += end_stiffness(self.scene.body[string], self.bodies[string], a, b)
-        for n, (on, ends) in enumerate(points):
-            k, stiffness = ends[0][0], coupling[2 * n + 1, 2 * n + 1]
+                    coupling[i, j] += end_stiffness(system, string, a, b)
+        items: list[Coordinate] = []
+        for y, ends in zip(range(1, len(coupling), 2), points.values(), strict=True):
             rows: dict[int, Any] = {}
-            for _, string, end, _ in ends:
-                rows[string] = rows.get(string, 0.0) + self._row(string, end) / stiffness
-            shape = _shape(self.scene, self.bodies, on, ends[0][3])
-            items += [Coordinate(f"connection[{k}]", k, rows), Coordinate(f"connection[{k}]", k, {on: shape})]
-            coupling[2 * n, 2 * n + 1] = coupling[2 * n + 1, 2 * n] = stiffness
-        return items, coupling
+            for _, c in ends:
+                number = system.body_index[c.body]
+                rows[number] = rows.get(number, 0.0) + end_row(system, c.body, c.at) / coupling[y, y]
+            k, c = ends[0]
+            shape = {system.body_index[c.on]: system.shape(c.on, c.on_at)}
+            items += [Coordinate(f"connection[{k}]", k, parts) for parts in (rows, shape)]
+            coupling[y - 1, y] = coupling[y, y - 1] = coupling[y, y]
+        yield Coordinates(items, coupling)
 
-    def _row(self, string: int, end: float) -> np.ndarray:
-        return end_row(self.scene.body[string], self.bodies[string], end)
 
-
-def end_row(string: Any, modal: ModalBody, end: float) -> np.ndarray:
+def end_row(system: ModalSystem, name: str, end: float) -> np.ndarray:
     """Return String.end_row with zeros for residual and silent modes, which do not move the end [modes], N/(√kg·m)."""
+    string, modal = system.scene.body[system.body_index[name]], system.modal_bodies[system.body_index[name]]
     assert isinstance(string, String)
-    count = modal.omega.size - modal.residual - modal.silent
-    return np.pad(string.end_row(modal.omega[:count], end), (0, modal.residual + modal.silent))
+    more = modal.residual + modal.silent
+    return np.pad(string.end_row(modal.omega[: modal.omega.size - more], end), (0, more))
 
 
-def end_stiffness(string: Any, modal: ModalBody, a: float, b: float) -> float:
+def end_stiffness(system: ModalSystem, name: str, a: float, b: float) -> float:
     """Return the stiffness in V between two ends a and b of a string, or of one end with itself, N/m: Σ cₙ·cₙ ± T/L."""
+    string, omega = system.scene.body[system.body_index[name]], system.modal_bodies[system.body_index[name]].omega
+    assert isinstance(string, String)
     tension = float(string.tension_and_bending()[0] / string.length)
-    product = float(np.sum(end_row(string, modal, a) * end_row(string, modal, b) / modal.omega**2))
+    product = float(np.sum(end_row(system, name, a) * end_row(system, name, b) / omega**2))
     return product + (tension if a == b else -tension)
 
 
-def end_force_parts(
-    scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int], name: str, end: float
-) -> list[tuple[int, np.ndarray]]:
+def end_force_parts(system: ModalSystem, name: str, end: float) -> list[tuple[str, np.ndarray]]:
     """Return the force of a string on its end (0 or 1), -∂V/∂y, as rows over the modes of the string and of the bodies
-    that carry its ends [(number of the body, row [modes], N/(√kg·m))]."""
-    string = scene.body[numbers[name]]
-    modal = bodies[numbers[name]]
-    parts = [(numbers[name], -end_row(string, modal, end))]
-    for c in scene.connection:
+    that carry its ends [(name of the body, row [modes], N/(√kg·m))]."""
+    parts = [(name, -end_row(system, name, end))]
+    for c in system.scene.connection:
         if isinstance(c, EndConnection) and c.body == name and not c.one_way:
-            on = numbers[c.on]
-            parts.append((on, -end_stiffness(string, modal, end, c.at) * _shape(scene, bodies, on, c.on_at)))
+            parts.append((c.on, -end_stiffness(system, name, end, c.at) * system.shape(c.on, c.on_at)))
     return parts
 
 
-def air_coordinates(
-    scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int]
-) -> list[tuple[list[Coordinate], np.ndarray]]:
-    """Return the coordinates of air and their stiffness matrix, in groups that are not coupled to each other.
-
-    bodies, numbers: modes of the scene's bodies, and their numbers by name
-    """
-    groups = []
+def air_coordinates(system: ModalSystem) -> Iterator[Coordinates]:
+    """Yield the coordinates of air, in groups that are not coupled to each other."""
     walls: dict[int, list[tuple[int, AirConnection]]] = {}
-    for k, c in enumerate(scene.connection):
-        if not isinstance(c, AirConnection):
-            continue
-        on = None if c.on is None else numbers[c.on]
-        if on is not None and isinstance(scene.body[on], AirBox):
-            walls.setdefault(on, []).append((k, c))
-        else:
-            groups.append(([_closed_volume(scene, bodies, numbers, k, c)], np.zeros((1, 1))))
+    for k, c in enumerate(system.scene.connection):
+        if isinstance(c, AirConnection):
+            on = None if c.on is None else system.body_index[c.on]
+            if on is not None and isinstance(system.scene.body[on], AirBox):
+                walls.setdefault(on, []).append((k, c))
+            else:
+                yield _uncoupled([_closed_volume(system, k, c)])
     for box, connections in walls.items():
-        groups += _box(scene, bodies, numbers, box, connections)
-    return groups
+        yield from _box(system, box, connections)
 
 
-def _closed_volume(
-    scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int], k: int, c: AirConnection
-) -> Coordinate:
+def _closed_volume(system: ModalSystem, k: int, c: AirConnection) -> Coordinate:
     """Return the coordinate of uniform pressure between two sheets, or behind one: the mean displacement."""
-    number = numbers[c.body]
-    sheet = _sheet(scene, number)
-    parts = {number: sheet.volume_row(bodies[number]) / sheet.area()}
+    sheet, modal = _sheet(system, c.body)
+    area, parts = sheet.area(), {system.body_index[c.body]: sheet.volume_row(modal) / sheet.area()}
     if c.on is not None:
-        on = numbers[c.on]
-        parts[on] = -_sheet(scene, on).volume_row(bodies[on]) / sheet.area()
-    return Coordinate(f"connection[{k}]", k, parts, BULK_MODULUS * sheet.area() ** 2 / (c.volume or 1.0))
+        other, modal = _sheet(system, c.on)
+        parts[system.body_index[c.on]] = -other.volume_row(modal) / area
+    return Coordinate(f"connection[{k}]", k, parts, BULK_MODULUS * area**2 / (c.volume or 1.0))
 
 
-def _box(
-    scene: Scene,
-    bodies: Sequence[ModalBody],
-    numbers: dict[str, int],
-    number: int,
-    connections: list[tuple[int, AirConnection]],
-) -> list[tuple[list[Coordinate], np.ndarray]]:
-    """Return the coordinates of the air in a box. A standing wave has two: its own part ω·a, and the part y of its
+def _box(system: ModalSystem, number: int, connections: list[tuple[int, AirConnection]]) -> Iterator[Coordinates]:
+    """Yield the coordinates of the air in a box. A standing wave has two: its own part ω·a, and the part y of its
     walls. Uniform pressure has both if the box has a hole, else only the part of the walls."""
-    box, modal = scene.body[number], bodies[number]
+    box, modal = system.scene.body[number], system.modal_bodies[number]
     assert isinstance(box, AirBox)
     k, plug = connections[0][0], int(box.hole is not None)
     rows: list[dict[int, np.ndarray]] = [{} for _ in range(modal.omega.size - plug + 1)]
     for _, c in connections:
-        wall = numbers[c.body]
-        for wave, row in enumerate(_wall_rows(box, modal, _sheet(scene, wall), bodies[wall], c.wall or "top")):
+        wall = system.body_index[c.body]
+        for wave, row in enumerate(_wall_rows(box, modal, *_sheet(system, c.body), c.wall or "top")):
             rows[wave][wall] = rows[wave].get(wall, 0.0) + row
     scale = BULK_MODULUS * (box.size[0] * box.size[1]) ** 2 / box.volume()  # N/m: coordinates are lengths
-    groups = []
     for wave, parts in enumerate(rows):
         walls = Coordinate(f"connection[{k}]", k, {b: row / np.sqrt(scale) for b, row in parts.items()})
-        row = np.zeros(modal.omega.size)
         mode = wave - 1 + plug  # of uniform pressure: the plug of the hole
         if mode < 0:
-            groups.append(([walls._replace(stiffness=scale)], np.zeros((1, 1))))
+            yield _uncoupled([walls._replace(stiffness=scale)])
             continue
+        row = np.zeros(modal.omega.size)
         row[mode] = modal.omega[mode] / np.sqrt(scale)
         air = Coordinate(f"connection[{k}]", k, {number: row})
-        groups.append(([air, walls], scale * np.array([[0.0, 1.0], [1.0, 1.0]])))
-    return groups
+        yield Coordinates([air, walls], scale * np.array([[0.0, 1.0], [1.0, 1.0]]))
 
 
 def _wall_rows(box: AirBox, modal: ModalBody, sheet: FlatSheet, wall: ModalBody, side: str) -> np.ndarray:
@@ -324,7 +276,8 @@ def _wall_rows(box: AirBox, modal: ModalBody, sheet: FlatSheet, wall: ModalBody,
     return np.asarray((1.0 if side == "top" else -1.0) * pressure.T @ wall.shape(places))
 
 
-def _sheet(scene: Scene, number: int) -> FlatSheet:
-    sheet = scene.body[number]
+def _sheet(system: ModalSystem, name: str) -> tuple[FlatSheet, ModalBody]:
+    """Return a sheet and its modes."""
+    sheet = system.scene.body[system.body_index[name]]
     assert isinstance(sheet, FlatSheet)
-    return sheet
+    return sheet, system.modal_bodies[system.body_index[name]]

@@ -36,6 +36,10 @@ class Coordinates(NamedTuple):
     items: list[Coordinate]
     coupling: np.ndarray  # [items, items], N/m: stiffness between coordinates
 
+    def stiffness(self) -> np.ndarray:
+        """Return the stiffness matrix, that of the springs included [items, items], N/m."""
+        return np.asarray(self.coupling + np.diag([item.stiffness for item in self.items]))
+
 
 class IslandFactors(NamedTuple):
     """Factors of the connections of an island in a step."""
@@ -43,8 +47,7 @@ class IslandFactors(NamedTuple):
     compliance: np.ndarray  # B [coordinates, coordinates]
     per_extension: np.ndarray  # X
     per_move: np.ndarray  # Y
-    kicks: np.ndarray  # t·rows [coordinates, modes]
-    drifts: np.ndarray  # v·rows
+    drifts: np.ndarray  # v·rows [coordinates, modes]
 
     def reduce(self, shapes: np.ndarray, kick: np.ndarray, matrix: np.ndarray) -> np.ndarray:
         """Return the compliance [rows, rows] of points with the given mode shapes while connections act. `matrix` is
@@ -57,17 +60,27 @@ class IslandFactors(NamedTuple):
         return np.asarray(self.drifts @ (shapes * kick).T)
 
 
-def find_factors(coordinates: Coordinates, compliance: np.ndarray, step_rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return X and Y of f = X·s + Y·g. They solve (1 + D·B)·f = K·s + D·g with D = K/2 + R/h, and (B·f)ᵢ = (g + s)ᵢ
-    where rigid."""
+def find_factors(
+    coordinates: Coordinates, rows: np.ndarray, kick: np.ndarray, drift: np.ndarray, step_rate: float
+) -> IslandFactors:
+    """Return the factors of the connections of an island, X and Y of f = X·s + Y·g. They solve (1 + D·B)·f = K·s + D·g
+    with D = K/2 + R/h, and (B·f)ᵢ = (g + s)ᵢ where rigid.
+
+    rows:        of the coordinates [coordinates, modes]
+    kick, drift: t and v of the modes of the island, s
+    step_rate:   one over the length of the step, 1/s; 0 if dampers act outside it
+    """
     items, unit = coordinates.items, np.eye(len(coordinates.items))
+    kicks, drifts = rows * kick, rows * drift
+    compliance = kicks @ drifts.T
     rigid = np.array([item.is_rigid for item in items])
     held = np.where(rigid, 1 / np.where(rigid, np.diag(compliance), 1.0), 0.0)
     per_extension = coordinates.coupling + np.diag([item.stiffness for item in items] + held)
     damping = np.diag([item.damping * step_rate for item in items])
     per_move = np.where(rigid[:, None], np.diag(held), per_extension / 2 + damping)
     matrix = np.where(rigid[:, None], 0.0, unit) + per_move @ compliance
-    return np.linalg.solve(matrix, per_extension), np.linalg.solve(matrix, per_move)
+    x, y = np.linalg.solve(matrix, per_extension), np.linalg.solve(matrix, per_move)
+    return IslandFactors(compliance, x, y, drifts)
 
 
 MAX_GAIN = 2.2  # γ² of 14 kHz at 44.1 kHz; higher modes have almost the same effect at all audible frequencies

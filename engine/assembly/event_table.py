@@ -29,21 +29,21 @@ class EventRow(NamedTuple):
 def event_table(
     layout: Layout, stiffness: np.ndarray, samplerate: float, capacity: int = 0
 ) -> tuple[Events | None, np.ndarray]:
-    """Return the events of a layout, or None without any, and the position of the first event of each island.
+    """Return the events of a layout, or None without any, and the number of events of each island.
 
     stiffness: of each contact point, N/m^α; events give multiples of it
     capacity:  number of free slots on each island for further events
     """
+    islands = range(len(layout.islands.bodies))
     rows = [row for event in layout.scene.event for row in event_rows(layout, event, stiffness, samplerate)]
-    islands = range(max(layout.island_of_body) + 1)
     rows += [EventRow(EventKind.DAMP, n, 0, 0, UNUSED_SLOT, 0, 1.0) for n in islands for _ in range(capacity)]
-    rows.sort(key=lambda row: (row.island, row.start, row.start + row.length))
-    begin = np.searchsorted([row.island for row in rows], np.arange(len(islands) + 1))
+    rows.sort(key=lambda row: (row.island, row.start))
+    counts = np.bincount(np.array([row.island for row in rows], np.int64), minlength=len(islands))
     if not rows:
-        return None, begin
+        return None, counts
     kind, _, target_begin, target_end, start, length = np.array([row[:6] for row in rows], np.int64).T.copy()
-    value, value2 = np.array([row[6:] for row in rows]).T.copy()
-    return Events(kind, start, start + length, target_begin, target_end, value, value2), begin
+    value, value2 = np.array([row[6:] for row in rows], float).T.copy()
+    return Events(kind, start, start + length, target_begin, target_end, value, value2), counts
 
 
 def event_rows(layout: Layout, event: Event, stiffness: np.ndarray, samplerate: float) -> list[EventRow]:
@@ -53,69 +53,70 @@ def event_rows(layout: Layout, event: Event, stiffness: np.ndarray, samplerate: 
         return [_strike(layout, event, samplerate)]
     if isinstance(event, DampEvent):
         return [_damp(layout, event, samplerate)]
+    if isinstance(event, ChangeEvent) and event.connection is not None:
+        return _change_connection(layout, event, samplerate)
     if isinstance(event, ChangeEvent) and event.parameter is None:
-        of_connection = event.connection is not None
-        return (
-            _change_connection(layout, event, samplerate)
-            if of_connection
-            else _change(layout, event, stiffness, samplerate)
-        )
+        return _change_contact(layout, event, stiffness, samplerate)
     return []
 
 
 def _strike(layout: Layout, event: StrikeEvent, samplerate: float) -> EventRow:
     number = layout.body_index[event.body]
     hammer: Any = layout.scene.body[number]
-    start, mode = nearest_frame(event.time, samplerate), layout.local_modes(number).start
+    start, modes, root = nearest_frame(event.time, samplerate), layout.modes.in_island[number], math.sqrt(hammer.mass)
     displacement = hammer.displacement if event.displacement is None else event.displacement
-    root = math.sqrt(hammer.mass)
-    island, position, momentum = layout.island_of_body[number], displacement * root, event.velocity * root
-    return EventRow(EventKind.STRIKE, island, mode, mode + 1, start, 1, position, momentum)
+    island, position, momentum = layout.islands.of_body[number], displacement * root, event.velocity * root
+    return EventRow(EventKind.STRIKE, island, modes.start, modes.stop, start, 1, position, momentum)
 
 
 def _damp(layout: Layout, event: DampEvent, samplerate: float) -> EventRow:
     number = layout.body_index[event.body]
-    modes, start = layout.local_modes(number), nearest_frame(event.time, samplerate)
+    modes, start = layout.modes.in_island[number], nearest_frame(event.time, samplerate)
     end = NO_END if event.duration is None else nearest_frame(event.time + event.duration, samplerate)
     # a decay rate σ takes the share 1 - exp(-2σh) of the energy; of a vibration, half is kinetic
     keep = math.exp(-2 * event.sigma / samplerate)
-    island = layout.island_of_body[number]
+    island = layout.islands.of_body[number]
     return EventRow(EventKind.DAMP, island, modes.start, modes.stop, start, end - start, keep)
 
 
-def _change(layout: Layout, event: ChangeEvent, stiffness: np.ndarray, samplerate: float) -> list[EventRow]:
-    scene = layout.scene
-    k = next(k for k, c in enumerate(scene.contact) if c.name == event.contact)
-    contact = scene.contact[k]
-    slots = [slot for slot, (number, _) in enumerate(layout.contact_points) if number == k]
+def _frames(event: ChangeEvent, samplerate: float) -> tuple[int, int]:
+    """Return the step in which a change begins, and how many steps it takes."""
+    start = nearest_frame(event.time, samplerate)
+    return start, max(1, nearest_frame(event.time + event.duration, samplerate) - start)
+
+
+def _change_contact(layout: Layout, event: ChangeEvent, stiffness: np.ndarray, samplerate: float) -> list[EventRow]:
+    """Return the rows of a change of a contact."""
+    k, contact = next((k, c) for k, c in enumerate(layout.scene.contact) if c.name == event.contact)
+    slots = [slot for slot, (number, _) in enumerate(layout.islands.contact_points) if number == k]
     if not slots:
         return []
-    island = layout.island_of_body[layout.body_index[contact.body]]
-    offset = int(layout.islands.contact[island])
+    island = layout.islands.of_body[layout.body_index[contact.body]]
+    offset = int(layout.islands.contact_begins[island])
     first, last = slots[0] - offset, slots[-1] + 1 - offset
-    start = nearest_frame(event.time, samplerate)
-    length = max(1, nearest_frame(event.time + event.duration, samplerate) - start)
-    values: dict[int, float] = {}
+    values: list[tuple[EventKind, float]] = []
     if event.stiffness is not None:
         count = contact.bridge.points if contact.bridge is not None else 1
-        values[EventKind.STIFFNESS] = event.stiffness / count / stiffness[slots[0]]
+        values.append((EventKind.STIFFNESS, event.stiffness / count / stiffness[slots[0]]))
     if event.exponent is not None:
-        values[EventKind.EXPONENT] = event.exponent
+        values.append((EventKind.EXPONENT, event.exponent))
     moved = event.gap if contact.on is not None else event.barrier
     if moved is not None:
         sign = 1.0 if contact.on is not None or contact.side == "above" else -1.0
-        top = contact.bridge.height if contact.bridge is not None else layout.contact_points[slots[0]][1].offset
-        values[EventKind.BARRIER] = sign * (moved - top)
-    return [EventRow(kind, island, first, last, start, length, value) for kind, value in values.items()]
+        point = layout.islands.contact_points[slots[0]][1]
+        top = contact.bridge.height if contact.bridge is not None else point.offset
+        values.append((EventKind.BARRIER, sign * (moved - top)))
+    start, length = _frames(event, samplerate)
+    return [EventRow(kind, island, first, last, start, length, value) for kind, value in values]
 
 
 def _change_connection(layout: Layout, event: ChangeEvent, samplerate: float) -> list[EventRow]:
     """Return the rows of a change of a spring, which has one coordinate."""
-    start, rows = nearest_frame(event.time, samplerate), list[EventRow]()
-    length = max(1, nearest_frame(event.time + event.duration, samplerate) - start)
-    for n, coordinates in enumerate(layout.coordinates):
+    (start, length), rows = _frames(event, samplerate), list[EventRow]()
+    connections = layout.scene.connection
+    for n, coordinates in enumerate(layout.islands.coordinates):
         for i, item in enumerate(coordinates.items):
-            if item.connection is None or layout.scene.connection[item.connection].name != event.connection:
+            if item.connection is None or connections[item.connection].name != event.connection:
                 continue
             stiffness = None if event.stiffness is None else stiffness_beside(item.excess, event.stiffness)
             for kind, value in (

@@ -6,13 +6,12 @@ kicks and drift. The powers of S are found by squaring, in twice the precision o
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from engine.assembly.double_double import Pair, add, as_pair, multiply
-from engine.assembly.layout import ShapeRow
 from engine.assembly.mode_shape_rows import place_entries
+from engine.assembly.pickup_points import HeardPoint
 from engine.kernel.data.enums import FLIGHT_FRAMES, FLIGHT_PART, Quantity
 from engine.kernel.data.model import (
     FlightLoss,
@@ -28,28 +27,11 @@ Row = list[Pair]  # of a linear map of (q, p, w), each entry [modes]
 Q, P, W = 0, 1, 2
 
 
-class PickupRow(NamedTuple):
-    """Mode shapes at a pickup, and the quantity of its signal."""
-
-    row: ShapeRow
-    quantity: Quantity
-
-    @property
-    def modes(self) -> slice:
-        """Modes that the pickup depends on, as a slice of all modes."""
-        return slice(self.row.mode_begin_of_all, self.row.mode_begin_of_all + self.row.phi.size)
-
-    @property
-    def map_row(self) -> int:
-        """Row of the map that gives the pickup's signal: Q for a displacement, else P."""
-        return Q if self.quantity is Quantity.DISPLACEMENT else P
-
-
 def build_free_flight(
     step: StepCoefficients,
     omega: np.ndarray,
     weight: np.ndarray | None,
-    pickups: Sequence[PickupRow],
+    pickups: Sequence[HeardPoint],
     samplerate: float,
 ) -> FreeFlight:
     """Return the tables of free flight for a step.
@@ -147,18 +129,23 @@ def flight_weight(whole: list[Row], lost: np.ndarray, weight: np.ndarray, pickup
     )
 
 
-def pickup_values_of_weight(single: list[Row], weight: np.ndarray, pickups: Sequence[PickupRow]) -> np.ndarray:
+def map_row(pickup: HeardPoint) -> int:
+    """Return the row of a map that gives the signal of a pickup: Q for a displacement, else P."""
+    return Q if pickup.quantity is Quantity.DISPLACEMENT else P
+
+
+def pickup_values_of_weight(single: list[Row], weight: np.ndarray, pickups: Sequence[HeardPoint]) -> np.ndarray:
     """Return the pickup signals of bodies that fall from rest [pickups, FLIGHT_FRAMES]."""
     table, step = np.zeros((len(pickups), FLIGHT_FRAMES)), as_array(single)
     fallen = np.zeros((2, weight.size))
     for frame in range(FLIGHT_FRAMES):
         for n, pickup in enumerate(pickups):
-            table[n, frame] = pickup.row.phi @ fallen[pickup.map_row, pickup.modes]
+            table[n, frame] = pickup.row.phi @ fallen[map_row(pickup), pickup.row.modes]
         fallen = np.einsum("ijm,jm->im", step[:W, :W], fallen) + step[:W, W] * weight
     return table
 
 
-def pickup_tables(step: np.ndarray, pickups: Sequence[PickupRow]) -> np.ndarray:
+def pickup_tables(step: np.ndarray, pickups: Sequence[HeardPoint]) -> np.ndarray:
     """Return the signal of each mode at a pickup in each frame of a part of a flight, per displacement and per momentum
     at its start."""
     power, powers = np.repeat(np.eye(2)[:, :, None], step.shape[2], axis=2), []
@@ -168,6 +155,6 @@ def pickup_tables(step: np.ndarray, pickups: Sequence[PickupRow]) -> np.ndarray:
     frames = np.array(powers)  # [frame, row, column, mode]
     values = []
     for pickup in pickups:
-        per_q, per_p = (frames[:, pickup.map_row, column, pickup.modes].T for column in (Q, P))
+        per_q, per_p = (frames[:, map_row(pickup), column, pickup.row.modes].T for column in (Q, P))
         values.append(pickup.row.phi[:, None] * np.hstack([per_q, per_p]))
     return place_entries([pickup.row for pickup in pickups], values)

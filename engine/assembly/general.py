@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from engine.assembly.array_memory import array_shape, may_be_single
 from engine.assembly.initial_state import allocate_scratch, item_counts
-from engine.kernel.data.axes import MODAL, Axis, Items, fields_of
+from engine.kernel.data.axes import Axis, Items, fields_of
 from engine.kernel.data.laws import NO_NUMBERS, Power
 from engine.kernel.data.model import Model, Refinement
 from engine.kernel.data.state import RefinementState, State
@@ -68,10 +69,8 @@ def fill_record(record: Any, value: Any, filling: Filling) -> Any:
 
 def neutral_array(items: Items, filling: Filling) -> np.ndarray:
     """Return an array of items that do nothing."""
-    axis = filling.row_axis if items.axis is Axis.ROW and filling.row_axis is not None else items.axis
-    items = replace(items, axis=axis)
-    single = axis in MODAL and items.dtype == np.float64 and not items.is_double
-    shape = (filling.counts[axis] + items.extra, *((items.columns,) if items.columns else ()))
-    if filling.stages:
-        shape = (filling.stages, *shape)
-    return np.full(shape, items.neutral, filling.modal_dtype if single else items.dtype)
+    if items.axis is Axis.ROW and filling.row_axis is not None:
+        items = replace(items, axis=filling.row_axis)
+    stages = (filling.stages,) if filling.stages else ()
+    dtype = filling.modal_dtype if may_be_single(items) else items.dtype
+    return np.full((*stages, *array_shape(items, filling.counts)), items.neutral, dtype)

@@ -1,11 +1,11 @@
 """The state of a scene at time 0."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from engine.assembly.array_memory import allocate
 from engine.assembly.connections import lowest_energies
-from engine.assembly.contact_points import BodyPoint
-from engine.assembly.contact_reach import dense_rows
 from engine.assembly.layout import Layout
 from engine.kernel.data.axes import Axis
 from engine.kernel.data.enums import COLUMNS, DRIVE_FRAMES, LANES, Row
@@ -16,25 +16,25 @@ from engine.kernel.data.state import ConnectionState, FreeFlightState, NearConta
 def initial_state(layout: Layout, model: Model) -> State:
     """Return the state at time 0: bodies in the positions of the patch, and contacts and connections that follow from
     them."""
-    counts, q, contact = item_counts(model), layout.concatenate_modes("q"), model.contact
+    counts, modes, contact = item_counts(model), layout.modes, model.contact
     given: dict[str, np.ndarray] = {}
     if contact is not None:
-        closed = [point.stiffness > 0.0 for _, point in layout.contact_points]
-        exponent = np.array([layout.scene.contact[k].exponent for k, _ in layout.contact_points])
+        closed = [point.stiffness > 0.0 for _, point in layout.islands.contact_points]
+        exponent = np.array([layout.scene.contact[k].exponent for k, _ in layout.islands.contact_points])
         given["exponent"] = exponent
         given["potential_coefficient"] = np.where(closed, contact.nominal_stiffness / (exponent + 1), 0.0)
         given["barrier"] = contact.nominal_barrier.copy()
-        given["compression"] = _initial_compressions(layout, q) - given["barrier"]
+        given["compression"] = _initial_compressions(layout) - given["barrier"]
     coupling = model.step.contact is not None and model.step.contact.coupling is not None
     largest = int(np.diff(model.islands.contact).max())
     state: State = allocate(
         State,
         counts,
-        q=q,
-        p=layout.concatenate_modes("p"),
-        previous_velocity=np.array([_initial_velocity(layout, heard.point) for heard in layout.heard_points]),
+        q=modes.q,
+        p=modes.p,
+        previous_velocity=np.array([heard.row.phi @ modes.p[heard.row.modes] for heard in layout.points.pickups]),
         drive=np.zeros((counts[Axis.DRIVE], DRIVE_FRAMES)) if model.drive is not None else None,
-        connection=_initial_connections(layout, counts, q) if model.connection is not None else None,
+        connection=_initial_connections(layout, counts) if model.connection is not None else None,
         scratch=allocate_scratch(counts[Axis.PARTITION], largest) if coupling else None,
         refinement=allocate(RefinementState, counts) if model.refinement is not None else None,
         flight=allocate(FreeFlightState, counts),
@@ -43,20 +43,13 @@ def initial_state(layout: Layout, model: Model) -> State:
     return state
 
 
-def _initial_velocity(layout: Layout, point: BodyPoint) -> float:
-    """Return the velocity of a point at time 0, m/s."""
-    if point.body is None:
-        return 0.0
-    return float(layout.mode_shape(point) @ layout.modal_bodies[layout.body_index[point.body]].p)
-
-
-def _initial_connections(layout: Layout, counts: dict[Axis, int], q: np.ndarray) -> ConnectionState:
+def _initial_connections(layout: Layout, counts: dict[Axis, int]) -> ConnectionState:
     """Return the state of connections at time 0: their values in the patch, and the extensions that follow from the
     positions of bodies."""
-    items = [item for coordinates in layout.coordinates for item in coordinates.items]
-    rest, extension = np.array([item.rest for item in items]), []
-    for n in range(len(layout.coordinates)):
-        extension += list(dense_rows(layout, n) @ q[layout.islands.mode[n] : layout.islands.mode[n + 1]])
+    items = [item for coordinates in layout.islands.coordinates for item in coordinates.items]
+    rest, of_islands = np.array([item.rest for item in items]), layout.modes.of_island
+    rows = zip(layout.points.coordinate_rows, of_islands, strict=True)
+    extension = np.concatenate([of_island @ layout.modes.q[inside] for of_island, inside in rows])
     rigid = np.array([item.is_rigid for item in items])
     state: ConnectionState = allocate(
         ConnectionState,
@@ -64,7 +57,7 @@ def _initial_connections(layout: Layout, counts: dict[Axis, int], q: np.ndarray)
         stiffness=np.array([item.stiffness for item in items]),
         damping=np.array([item.damping for item in items]),
         rest=rest,
-        extension=np.where(rigid, 0.0, np.array(extension) - rest),
+        extension=np.where(rigid, 0.0, extension - rest),
         lowest_energy=lowest_energies(layout),
         near=allocate(NearContacts, counts),
     )
@@ -89,11 +82,11 @@ def allocate_scratch(partitions: int, contacts: int) -> Scratch:
     return Scratch(vectors, *matrices, *np.zeros((3, partitions, contacts), np.int64))
 
 
-def _initial_compressions(layout: Layout, q: np.ndarray) -> np.ndarray:
+def _initial_compressions(layout: Layout) -> np.ndarray:
     """Return the projected displacement of each contact, before its barrier is subtracted [contacts], m."""
-    mode, compression = layout.islands.mode, np.zeros(len(layout.contact_points))
-    for slot, (a, b) in enumerate(layout.contact_rows):
-        island = int(np.searchsorted(layout.islands.contact, slot, side="right")) - 1
-        inside = q[mode[island] : mode[island + 1]]
-        compression[slot] = layout.dense_mode_shape(a, island) @ inside + layout.dense_mode_shape(b, island) @ inside
-    return compression
+    compressions, begins = [], layout.islands.contact_begins
+    for inside, (first, last) in zip(layout.modes.of_island, pairwise(begins), strict=True):
+        q = layout.modes.q[inside]
+        for a, b in layout.points.contacts[first:last]:
+            compressions.append(a.over_island(q.size) @ q + b.over_island(q.size) @ q)
+    return np.array(compressions)

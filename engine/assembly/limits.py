@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from engine.assembly.connection_coordinates import count_supports
 from engine.assembly.contact_points import count_points
 from engine.assembly.external_forces import count_steps
-from engine.assembly.layout import Layout
+from engine.assembly.islands import Islands
 from engine.bodies import Body, String
 from engine.bodies.body import ModalBody, TooManyModes, UnfitBody
+from engine.bodies.distributed import DistributedBody
 from engine.faults import BuildError, Fault
 from engine.output_files import error_reason
 from engine.patch.scene import Scene
@@ -42,11 +42,8 @@ def build_modal_bodies(scene: Scene, samplerate: float, scheme: str) -> list[Mod
         bodies.append(modal)
         total += modal.omega.size
         if total > MAX_SCENE_MODES:
-            faults.append(
-                Fault(
-                    path, f"with this one, the bodies have more than {MAX_SCENE_MODES} modes; use fewer modes or bodies"
-                )
-            )
+            message = f"with this one, the bodies have more than {MAX_SCENE_MODES} modes; use fewer modes or bodies"
+            faults.append(Fault(path, message))
             break
     if faults:
         raise BuildError(*faults)
@@ -95,30 +92,35 @@ def _explain_unfit(body: Body, modal: ModalBody, samplerate: float, scheme: str)
 
 def check_sizes(scene: Scene, modal_bodies: list[ModalBody]) -> None:
     """Raise BuildError if contacts, connections, forces and pickups need more memory than is allowed."""
-    modes = {body.name: modal.omega.size for body, modal in zip(scene.body, modal_bodies, strict=True)}
     points = shapes = 0
     for k, contact in enumerate(scene.contact):
-        count = count_points(contact)
-        points += count
-        shapes += count * (modes[contact.body] + (modes[contact.on] if contact.on is not None else 0))
+        points += count_points(contact)
         if points > MAX_SCENE_CONTACT_POINTS:
-            raise BuildError(
-                Fault(
-                    f"contact[{k}]",
-                    f"with this one, there are more than {MAX_SCENE_CONTACT_POINTS} contact points; use fewer",
-                )
-            )
-        _check_shapes(f"contact[{k}]", shapes)
+            message = f"with this one, there are more than {MAX_SCENE_CONTACT_POINTS} contact points; use fewer"
+            raise BuildError(Fault(f"contact[{k}]", message))
+    modes: dict[str | None, int] = {None: 0}
+    modes |= {body.name: modal.omega.size for body, modal in zip(scene.body, modal_bodies, strict=True)}
+    for path, name, count in _places(scene):
+        shapes += count * modes[name]
+        if shapes > MAX_SHAPES:
+            message = f"with this one, the scene needs more than {MAX_SHAPES} mode-shape values (modes × points)"
+            raise BuildError(Fault(path, f"{message}; use fewer modes, contacts, forces or pickups"))
+
+
+def _places(scene: Scene) -> Iterator[tuple[str, str | None, int]]:
+    """Yield the bodies on which something acts, and at how many points: path of what acts, name of the body (None for
+    the ground), points."""
+    for k, contact in enumerate(scene.contact):
+        for name in (contact.body, contact.on):
+            yield f"contact[{k}]", name, count_points(contact)
     for k, connection in enumerate(scene.connection):
-        shapes += modes[connection.body] + (modes[connection.on] if connection.on is not None else 0)
-        _check_shapes(f"connection[{k}]", shapes)
+        for name in (connection.body, connection.on):
+            yield f"connection[{k}]", name, 1
     for b, body in enumerate(scene.body):
-        shapes += modes[body.name] * count_supports(body)
-        _check_shapes(f"body[{b}]", shapes)
-    pickups = [(f"pickup[{i}]", pickup.body) for i, pickup in enumerate(scene.pickup)]
-    for path, name in [*pickups, *((path, force.body) for path, force in _external_forces(scene))]:
-        shapes += modes[name]
-        _check_shapes(path, shapes)
+        supports = body.support if isinstance(body, DistributedBody) else []
+        yield f"body[{b}]", body.name, sum(len(body.split_positions(support.at)) for support in supports)
+    yield from ((f"pickup[{i}]", pickup.body, 1) for i, pickup in enumerate(scene.pickup))
+    yield from ((path, force.body, 1) for path, force in _external_forces(scene))
 
 
 def check_forces(scene: Scene, samplerate: float, seconds: float) -> None:
@@ -129,7 +131,10 @@ def check_forces(scene: Scene, samplerate: float, seconds: float) -> None:
             message = f"{force.frequency:g} Hz is not below half of the sample rate; give less than {samplerate / 2:g}"
             raise BuildError(Fault(f"{path}.frequency", message))
     for path, force in _external_forces(scene):
-        steps += _count_steps(path, force, samplerate, seconds)
+        try:
+            steps += count_steps(force, samplerate, seconds)
+        except (OSError, RuntimeError, TypeError) as error:
+            raise unreadable_file(path, error) from None
         if steps > MAX_FORCE_STEPS:
             message = f"with this one, the forces last more than {MAX_FORCE_STEPS / samplerate:.0f} s in total"
             raise BuildError(Fault(path, f"{message}; give fewer seconds, or shorter forces"))
@@ -141,25 +146,17 @@ def _external_forces(scene: Scene) -> Iterator[tuple[str, Force | PluckEvent]]:
     yield from ((f"event[{i}]", event) for i, event in enumerate(scene.event) if isinstance(event, PluckEvent))
 
 
-def _count_steps(path: str, force: Force | PluckEvent, samplerate: float, seconds: float) -> float:
-    try:
-        return count_steps(force, samplerate, seconds)
-    except (OSError, RuntimeError, TypeError) as error:  # its file was there when the patch was read
-        message = f"cannot be read as audio ({error_reason(error)}); give a WAV, FLAC or OGG file"
-        raise BuildError(Fault(f"{path}.file", message)) from None
+def unreadable_file(path: str, error: Exception) -> BuildError:
+    """Return the fault of a force whose file was there when the patch was read. path: of the force"""
+    message = f"cannot be read as audio ({error_reason(error)}); give a WAV, FLAC or OGG file"
+    return BuildError(Fault(f"{path}.file", message))
 
 
-def _check_shapes(path: str, shapes: int) -> None:
-    if shapes > MAX_SHAPES:
-        message = f"with this one, the scene needs more than {MAX_SHAPES} mode-shape values (modes × points)"
-        raise BuildError(Fault(path, f"{message}; use fewer modes, contacts, forces or pickups"))
-
-
-def check_islands(layout: Layout) -> None:
+def check_islands(scene: Scene, islands: Islands) -> None:
     """Raise BuildError if an island has more contact points than can be solved together."""
-    scene, contacts, modes = layout.scene, np.diff(layout.islands.contact), np.diff(layout.islands.mode)
+    contacts, modes = np.diff(islands.contact_begins), islands.mode_counts
     n = int(np.argmax(contacts))
-    names = [b.name for b in scene.body if layout.island_of_body[layout.body_index[b.name]] == n]
+    names = [scene.body[b].name for b in islands.bodies[n]]
     message = f"{contacts[n]} contact points join {', '.join(names[:4])}{' …' if len(names) > 4 else ''}"
     if contacts[n] > MAX_ISLAND_CONTACTS:
         raise BuildError(Fault("contact", f"{message}; an island may have {MAX_ISLAND_CONTACTS}"))

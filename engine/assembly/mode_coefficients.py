@@ -1,16 +1,26 @@
 """Coefficients of a step of each mode: kick t and drift v (engine.kernel.modes.mode_step), and the factors of loss."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from engine.assembly.modes import Modes
+from engine.faults import BuildError, Fault
 from engine.kernel.data.model import ModalLoss
 from engine.patch.accuracy import Accuracy
 
 HEAVY_DAMPING = 0.05  # σh, from which loss in the drift is worth its time
-MAX_DAMPING_BACKWARDS = (
-    0.15  # σh, beyond which loss apart from the core is too coarse, and steps back in time are refused
-)
+MAX_DAMPING_BACKWARDS = 0.15  # σh: beyond, loss apart from the core is too coarse, and steps back in time are refused
+
+
+class ModeCoefficients(NamedTuple):
+    """Coefficients of a step of each mode, without contact."""
+
+    kick: np.ndarray  # t [modes], s
+    drift: np.ndarray  # v [modes], s
+    loss: ModalLoss | None  # at either end
+    drag: ModalLoss | None  # in the drift
 
 
 def midpoint_coefficients(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
@@ -143,3 +153,38 @@ def stage_coefficients(
 
 
 SCHEMES = {"exact": exact_coefficients, "fdh": midpoint_coefficients}
+
+
+def mode_coefficients(modes: Modes, samplerate: float, accuracy: Accuracy, has_dampers: bool) -> ModeCoefficients:
+    """Return the coefficients of a step of a sample. Raises BuildError if damping is too heavy for steps back in time.
+
+    has_dampers: True if events may damp modes in steps of a whole sample: their loss is a part of the modes'
+                 (engine.kernel.modes.event_dampers)
+    """
+    omega, sigma, h = modes.omega, modes.sigma, 1.0 / samplerate
+    if accuracy.order > 2 and sigma.max(initial=0.0) * h > MAX_DAMPING_BACKWARDS:
+        message = f"order {accuracy.order} has steps back in time, in which heavy damping would create energy"
+        limit = f"allows decay rates up to {MAX_DAMPING_BACKWARDS * samplerate:.4g} 1/s ({sigma.max():.4g} here)"
+        raise BuildError(Fault("accuracy.order", f"{message}, and {limit}; use order = 2 with substeps"))
+    damped = loses_in_drift(omega, sigma, h, accuracy)
+    kick, drift = np.empty((2, omega.size))
+    kick[~damped], drift[~damped] = SCHEMES[accuracy.scheme](omega[~damped], sigma[~damped], h)
+    coefficients = add_loss(kick, drift, modes, damped, h)
+    return coefficients if sigma.any() or has_dampers else coefficients._replace(loss=None)
+
+
+def add_loss(
+    kick: np.ndarray, drift: np.ndarray, modes: Modes, damped: np.ndarray, h: float, length: float = 1.0
+) -> ModeCoefficients:
+    """Return the coefficients of a step with loss, whose length is a share of a sample of h seconds.
+
+    kick, drift: without loss in the drift [modes], s; those of damped modes are overwritten
+    damped:      True for modes that also lose in the drift [modes]
+    """
+    decay = np.exp(-modes.sigma * length * h)
+    if not damped.any():
+        return ModeCoefficients(kick, drift, end_loss(decay), None)
+    drag, dragged = np.ones(decay.size), np.zeros(decay.size)
+    values = damped_coefficients(modes.omega[damped], modes.sigma[damped], length * h)
+    kick[damped], drift[damped], decay[damped], drag[damped], dragged[damped] = values
+    return ModeCoefficients(kick, drift, end_loss(decay), ModalLoss(drag, dragged))

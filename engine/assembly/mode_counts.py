@@ -34,9 +34,8 @@ def fit_modes(
     fitted: list[ModalBody] = []
     for i, (body, other) in enumerate(zip(with_residual_modes(scene, cut, samplerate), like, strict=True)):
         if body.residual != other.residual:
-            raise BuildError(
-                Fault(f"body[{i}]", "this change needs other modes than those that sound; stop and start again")
-            )
+            message = "this change needs other modes than those that sound; stop and start again"
+            raise BuildError(Fault(f"body[{i}]", message))
         fitted.append(_with_silent_modes(body, other.omega.size - body.omega.size))
     return fitted
 
@@ -86,36 +85,26 @@ def with_residual_modes(scene: Scene, bodies: Sequence[ModalBody], samplerate: f
     ]
 
 
-def residual_compliance(
-    body: DistributedBody, modal: ModalBody, places: Sequence[object]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return two static compliances between positions of a body [places, places], m/N: of the modes that are not built,
-    and of those that are. The second is without modes so slow that they act as masses on a contact."""
-    shapes = np.array([modal.shape(place) for place in places])
-    moving = modal.omega > 2 * math.pi * SLOW
-    built = shapes[:, moving] / modal.omega[moving]
-    beyond = body.modes_beyond(float(np.max(modal.omega)))
-    if beyond is None:
-        return np.zeros((len(places), len(places))), built @ built.T
-    left_out = np.array([beyond.shape(place) for place in places]) / beyond.omega
-    return left_out @ left_out.T, built @ built.T
-
-
 def _with_residual(body: DistributedBody, modal: ModalBody, places: list[object], samplerate: float) -> ModalBody:
     """Return the modes of a body with its residual modes, whose shapes are combinations of static deflections."""
     if body.residual is None and len(places) > MAX_POINTS:
         return modal
-    compliance, built = residual_compliance(body, modal, places)
-    share = np.diag(compliance) / np.maximum(np.diag(compliance) + np.diag(built), 1e-300)
+    beyond = body.modes_beyond(float(np.max(modal.omega)))
+    if beyond is None:
+        return modal
+    shapes_beyond = np.array([beyond.shape(place) for place in places])
+    left_out = shapes_beyond / beyond.omega
+    moving = modal.omega > 2 * math.pi * SLOW  # slower modes act as masses on a contact
+    built = np.array([modal.shape(place) for place in places])[:, moving] / modal.omega[moving]
+    compliance = left_out @ left_out.T  # static, between places [places, places], m/N
+    share = np.diag(compliance) / np.maximum(np.diag(compliance) + np.diag(built @ built.T), 1e-300)
     if not np.max(share) > (MIN_SHARE if body.residual is None else 0.0):
         return modal
     value, vector = np.linalg.eigh(compliance)
     kept = value > MIN_PART * value[-1]
     omega = 2 * math.pi * FREQUENCY_SHARE * samplerate
     mixture = omega * vector[:, kept] / np.sqrt(value[kept])  # Φ = ω·C_r(x, places)·V·Λ^(-1/2)
-    beyond = body.modes_beyond(float(np.max(modal.omega)))
-    assert beyond is not None
-    at_places = np.array([beyond.shape(place) for place in places]) / beyond.omega**2
+    at_places = shapes_beyond / beyond.omega**2
 
     def shape(position: object) -> np.ndarray:
         row = beyond.shape(position) @ at_places.T @ mixture

@@ -1,13 +1,36 @@
 """Mode shapes at points, as rows for the kernels (engine.kernel.data.model.ModeShapeRows)."""
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from engine.assembly.layout import ShapeRow
 from engine.kernel.data.model import ModeShapeRows, RowCoefficients
 
 SIMD_WIDTH = 8  # modes that the processor takes at once
+
+
+class ShapeRow(NamedTuple):
+    """Mode shapes of consecutive modes at a point."""
+
+    mode_begin: int  # counted from the first of their island
+    mode_begin_of_all: int  # counted from the first of all
+    phi: np.ndarray  # [modes], 1/√kg
+
+    @property
+    def modes(self) -> slice:
+        """Modes of the row, counted from the first of all."""
+        return slice(self.mode_begin_of_all, self.mode_begin_of_all + self.phi.size)
+
+    def over_island(self, size: int) -> np.ndarray:
+        """Return the mode shapes over all modes of an island; they are zero for other bodies [size], 1/√kg."""
+        phi = np.zeros(size)
+        phi[self.mode_begin : self.mode_begin + self.phi.size] = self.phi
+        return phi
+
+    def cut_from(self, phi: np.ndarray) -> "ShapeRow":
+        """Return the row with its part of the given mode shapes [modes of the island]."""
+        return self._replace(phi=phi[self.mode_begin : self.mode_begin + self.phi.size])
 
 
 def mode_shape_rows(rows: Sequence[ShapeRow]) -> ModeShapeRows:
@@ -23,10 +46,9 @@ def mode_shape_rows(rows: Sequence[ShapeRow]) -> ModeShapeRows:
 
 def row_coefficients(rows: Sequence[ShapeRow], kick: np.ndarray, drift: np.ndarray) -> RowCoefficients:
     """Return t·Φ and v·Φ for rows. kick, drift: t and v [modes], s."""
-    modes = [slice(row.mode_begin_of_all, row.mode_begin_of_all + row.phi.size) for row in rows]
     return RowCoefficients(
-        kick_phi=place_entries(rows, [row.phi * kick[m] for row, m in zip(rows, modes, strict=True)]),
-        drift_phi=place_entries(rows, [row.phi * drift[m] for row, m in zip(rows, modes, strict=True)]),
+        kick_phi=place_entries(rows, [row.phi * kick[row.modes] for row in rows]),
+        drift_phi=place_entries(rows, [row.phi * drift[row.modes] for row in rows]),
     )
 
 

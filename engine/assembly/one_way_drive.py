@@ -1,8 +1,8 @@
 """One-way drive: the points of bodies that ends of strings push, and the order in which islands must run."""
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from engine.assembly.modal_system import ModalSystem
 from engine.faults import BuildError, Fault
 from engine.patch.scene import Scene
 from engine.patch.tables import EndConnection
@@ -24,6 +24,7 @@ class Drive(NamedTuple):
     string: str
     end: float  # 0 or 1
     body: str
+    at: Any  # position on the body
     point: int  # number of the point that it drives
 
 
@@ -35,7 +36,7 @@ def find_drives(scene: Scene) -> list[Drive]:
     for k, c in enumerate(scene.connection):
         if isinstance(c, EndConnection) and c.one_way:
             point = numbers.setdefault((c.on, repr(c.on_at)), len(numbers))
-            drives.append(Drive(k, c.body, c.at, c.on, point))
+            drives.append(Drive(k, c.body, c.at, c.on, c.on_at, point))
     return drives
 
 
@@ -44,21 +45,20 @@ def drive_forces(scene: Scene) -> list[DriveForce]:
     numbers."""
     forces: dict[int, DriveForce] = {}
     for drive in find_drives(scene):
-        connection = scene.connection[drive.connection]
-        forces.setdefault(drive.point, DriveForce(drive.body, getattr(connection, "on_at", None), 1.0, drive.point))
+        forces.setdefault(drive.point, DriveForce(drive.body, drive.at, 1.0, drive.point))
     return list(forces.values())
 
 
-def order_islands(scene: Scene, island_of: Sequence[int], numbers: dict[str, int]) -> list[int]:
+def order_islands(system: ModalSystem, island_of: list[int]) -> list[int]:
     """Renumber the islands so that those whose strings drive others come first. Return the island of each body.
 
-    island_of: islands of the bodies before that; numbers: of the bodies by name
+    island_of: islands of the bodies before that
     Raises BuildError if an island drives itself, directly or through others.
     """
-    drives = find_drives(scene)
+    drives, index = find_drives(system.scene), system.body_index
     if not drives:
-        return list(island_of)
-    pairs = [(island_of[numbers[d.string]], island_of[numbers[d.body]]) for d in drives]
+        return island_of
+    pairs = [(island_of[index[d.string]], island_of[index[d.body]]) for d in drives]
     depth = [0] * (max(island_of) + 1)
     for _ in range(len(depth)):
         for before, after in pairs:

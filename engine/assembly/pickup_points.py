@@ -1,19 +1,21 @@
 """Points of pickups: each pickup has one or several points on bodies, with a quantity, a channel and a gain."""
 
 import math
-from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from engine.assembly.connection_coordinates import end_force_parts
 from engine.assembly.contact_points import NOWHERE, BodyPoint
+from engine.assembly.islands import Islands
+from engine.assembly.modal_system import ModalSystem
+from engine.assembly.mode_shape_rows import ShapeRow
+from engine.assembly.modes import Modes, find_row
 from engine.assembly.one_way_drive import find_drives
 from engine.bodies.air import AIR_DENSITY, AirBody
 from engine.bodies.body import ModalBody
 from engine.bodies.sheet import FlatSheet
 from engine.kernel.data.enums import Quantity
-from engine.patch.scene import Scene
 from engine.patch.tables import Pickup
 
 QUANTITIES = {
@@ -39,24 +41,23 @@ class HeardPoint(NamedTuple):
     """One term of a pickup's signal."""
 
     pickup: Pickup | DrivePickup
-    point: BodyPoint
+    row: ShapeRow
     quantity: Quantity
     channel: int  # from 0; -1 - n: it drives point n
     gain: float
 
 
-def drive_pickups(scene: Scene) -> list[DrivePickup]:
-    """Return the pickups of the forces by which strings drive bodies."""
-    return [DrivePickup(drive.string, drive.end, drive.point) for drive in find_drives(scene)]
-
-
-def heard_points(
-    scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int], pickup: Pickup | DrivePickup
-) -> Iterator[HeardPoint]:
-    """Yield the terms of a pickup's signal. bodies, numbers: modes of the scene's bodies, and their numbers by name"""
-    for point in _points(scene, bodies, numbers, pickup):
-        for channel, gain in channel_gains(pickup):
-            yield HeardPoint(pickup, point, QUANTITIES[pickup.quantity or "velocity"], channel, gain)
+def heard_points(system: ModalSystem, islands: Islands, modes: Modes) -> list[HeardPoint]:
+    """Return the terms of the signals of all pickups, and of the forces by which strings drive bodies, by island."""
+    pickups: list[Pickup | DrivePickup] = list(system.scene.pickup)
+    pickups += [DrivePickup(drive.string, drive.end, drive.point) for drive in find_drives(system.scene)]
+    pickups.sort(key=lambda pickup: islands.of_body[system.body_index[pickup.body]])
+    return [
+        HeardPoint(pickup, row, QUANTITIES[pickup.quantity or "velocity"], channel, gain)
+        for pickup in pickups
+        for row in [find_row(system, modes, point) for point in _points(system, pickup)]
+        for channel, gain in channel_gains(pickup)
+    ]
 
 
 def channel_gains(pickup: Pickup | DrivePickup) -> list[tuple[int, float]]:
@@ -69,17 +70,15 @@ def channel_gains(pickup: Pickup | DrivePickup) -> list[tuple[int, float]]:
     return [(0, pickup.gain * math.cos(angle)), (1, pickup.gain * math.sin(angle))]
 
 
-def _points(
-    scene: Scene, bodies: Sequence[ModalBody], numbers: dict[str, int], pickup: Pickup | DrivePickup
-) -> list[BodyPoint]:
+def _points(system: ModalSystem, pickup: Pickup | DrivePickup) -> list[BodyPoint]:
     """Return the points of a pickup; NOWHERE if its signal is all contact forces of its body."""
     if pickup.quantity == "force":
         return [NOWHERE]
     if pickup.quantity == "end_force":
-        parts = end_force_parts(scene, bodies, numbers, pickup.body, pickup.at)
-        return [BodyPoint(scene.body[number].name, None, 1.0, row) for number, row in parts]
+        return [BodyPoint(name, None, 1.0, row) for name, row in end_force_parts(system, pickup.body, pickup.at)]
     assert isinstance(pickup, Pickup)
-    body, modal = scene.body[numbers[pickup.body]], bodies[numbers[pickup.body]]
+    number = system.body_index[pickup.body]
+    body, modal = system.scene.body[number], system.modal_bodies[number]
     places = body.split_positions(pickup.at)
     if pickup.quantity == "pressure":
         assert isinstance(body, FlatSheet | AirBody)

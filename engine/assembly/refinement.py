@@ -3,10 +3,17 @@
 import numpy as np
 
 from engine.assembly.layout import Layout
-from engine.assembly.mode_coefficients import damped_coefficients, end_loss, loses_in_drift, stage_coefficients
-from engine.assembly.step_coefficients import ModeCoefficients, stack, step_coefficients
-from engine.kernel.data.model import ContactLoss, ModalLoss, Refinement
+from engine.assembly.mode_coefficients import (
+    ModeCoefficients,
+    add_loss,
+    end_loss,
+    loses_in_drift,
+    stage_coefficients,
+)
+from engine.assembly.step_coefficients import stack, step_coefficients
+from engine.kernel.data.model import ContactLoss, Refinement, StepCoefficients
 from engine.patch.accuracy import Accuracy, stage_lengths
+from engine.patch.tables import ChangeEvent
 
 MAX_LOSS_IN_STEP = 0.5  # μ·f·W·h/2, of contact loss between stages: beyond, a step of order 2 is no less accurate
 
@@ -19,43 +26,29 @@ def build_refinement(
     kick:   t of each mode in a whole step, s
     finest: the accuracy of the Refinement whose kernel this one is for, if that is another
     """
-    if not layout.contact_points and not layout.connection_parts:
+    if not layout.points.contacts and not layout.points.connection_parts:
         return None
     lengths = stage_lengths(accuracy)
     kinds = sorted(set(lengths))
-    omega, sigma = layout.concatenate_modes("omega"), layout.concatenate_modes("sigma")
-    h = 1.0 / samplerate
+    omega, sigma, h = layout.modes.omega, layout.modes.sigma, 1.0 / samplerate
     is_high, has_high_kernel = accuracy.order > 2, (finest or accuracy).order > 2
     contact_loss = _contact_loss(layout, h / accuracy.substeps, is_high) if has_high_kernel else None
     loses_between = contact_loss is not None and is_high
     if loses_between:
         kinds = sorted({*kinds, 1 / accuracy.substeps})
-    damped = loses_in_drift(omega, sigma, h, finest or accuracy)
-    loses_in_stages = sigma.any() and not has_high_kernel
-    modes = [
-        _damped_stage(kick, omega, sigma, accuracy.scheme, length, h, damped)
-        if loses_in_stages
-        else ModeCoefficients(*stage_coefficients(kick, omega, accuracy.scheme, length), None, None)
-        for length in kinds
-    ]
+    damped, stages = loses_in_drift(omega, sigma, h, finest or accuracy), list[StepCoefficients]()
+    for length in kinds:
+        modes = ModeCoefficients(*stage_coefficients(kick, omega, accuracy.scheme, length), None, None)
+        if sigma.any() and not has_high_kernel:
+            modes = add_loss(modes.kick, modes.drift, layout.modes, damped, h, length)
+        loses_at_contacts = not loses_between or length == 1 / accuracy.substeps
+        stages.append(step_coefficients(layout, modes, samplerate, length, not is_high, loses_at_contacts))
+    has_end_damping = has_high_kernel and _is_damped(layout)
+    connections = sum(len(coordinates.items) for coordinates in layout.islands.coordinates)
     return Refinement(
-        stages=stack(
-            [
-                step_coefficients(
-                    layout,
-                    m,
-                    samplerate,
-                    length,
-                    is_damped=accuracy.order == 2,
-                    loses_at_contacts=not loses_between or length == 1 / accuracy.substeps,
-                )
-                for m, length in zip(modes, kinds, strict=True)
-            ]
-        ),
+        stages=stack(stages),
         end_loss=end_loss(np.exp(-sigma * h)) if sigma.any() and has_high_kernel else None,
-        end_damping=np.full(int(layout.islands.connection[-1]), h / 2 if is_high else 0.0)
-        if has_high_kernel and layout.is_damped
-        else None,
+        end_damping=np.full(connections, h / 2 if is_high else 0.0) if has_end_damping else None,
         contact_loss=contact_loss,
         sequence=np.array([kinds.index(length) for length in lengths]),
         loss_before=h * loss_times(accuracy),
@@ -69,8 +62,15 @@ def build_refinement(
         chord_deviation=np.where(
             omega > 0.0, np.minimum(omega * (omega + 2 * sigma) * h**2 / 8, 2.0), sigma * h**2 / 4
         ),
-        gravity_deviation=np.abs(layout.weights()) * h**2 / 8 * (1 + 64 * h * sigma),
+        gravity_deviation=np.abs(layout.modes.weight) * h**2 / 8 * (1 + 64 * h * sigma),
     )
+
+
+def _is_damped(layout: Layout) -> bool:
+    """True if connections have dampers, or may get them."""
+    changed = any(isinstance(e, ChangeEvent) and e.damping_coefficient for e in layout.scene.event)
+    items = [item for coordinates in layout.islands.coordinates for item in coordinates.items]
+    return changed or any(layout.islands.is_variable) or any(item.damping for item in items)
 
 
 def loss_times(accuracy: Accuracy) -> np.ndarray:
@@ -91,25 +91,9 @@ def loss_times(accuracy: Accuracy) -> np.ndarray:
 def _contact_loss(layout: Layout, step: float, acts: bool) -> ContactLoss | None:
     """Return the contact loss between stages, which is 0 if `acts` is False; None if no contact has loss. step: length
     of a substep, s"""
-    loss = np.array([layout.scene.contact[k].loss for k, _ in layout.contact_points])
+    loss = np.array([layout.scene.contact[k].loss for k, _ in layout.islands.contact_points])
     if not loss.any():
         return None
-    shapes = [layout.island_contact_shapes(n) for n in range(layout.islands.contact.size - 1)]  # both sides together
-    mobility = np.concatenate([np.sum(phi**2, axis=1) for phi in shapes])
+    mobility = np.concatenate([np.sum(shapes.phi**2, axis=1) for shapes in layout.points.contact_shapes])
     loss[(mobility == 0.0) | (not acts)] = 0.0
     return ContactLoss(loss, mobility, loss * mobility * step / (2 * MAX_LOSS_IN_STEP))
-
-
-def _damped_stage(
-    kick: np.ndarray, omega: np.ndarray, sigma: np.ndarray, scheme: str, length: float, h: float, damped: np.ndarray
-) -> ModeCoefficients:
-    """Return the coefficients of modes in a stage with loss, whose length is a share of a sample of h seconds. The
-    modes in `damped` also lose in the drift."""
-    kicks, drifts = stage_coefficients(kick, omega, scheme, length)
-    decay = np.exp(-sigma * length * h)
-    if not damped.any():
-        return ModeCoefficients(kicks, drifts, end_loss(decay), None)
-    drag, dragged = np.ones(omega.size), np.zeros(omega.size)
-    values = damped_coefficients(omega[damped], sigma[damped], length * h)
-    kicks[damped], drifts[damped], decay[damped], drag[damped], dragged[damped] = values
-    return ModeCoefficients(kicks, drifts, end_loss(decay), ModalLoss(drag, dragged))

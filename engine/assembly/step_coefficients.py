@@ -4,21 +4,22 @@ the compliance of contacts: the displacement at the contacts of an island per ne
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from engine.assembly.connections import connection_coefficients, island_factors
-from engine.assembly.contact_points import BasisUse, entries_by_row, find_basis, products_by_contact
+from engine.assembly.connections import all_factors, connection_coefficients
+from engine.assembly.contact_points import BasisOfIsland, BasisUse, entries_by_row, find_basis, products_by_contact
 from engine.assembly.coordinates import IslandFactors
 from engine.assembly.double_double import two_product
-from engine.assembly.layout import Layout, ShapeRow
-from engine.assembly.mode_shape_rows import row_coefficients
-from engine.kernel.data.model import BasisCoefficients, ContactCoefficients, ModalLoss, StepCoefficients
+from engine.assembly.layout import Layout
+from engine.assembly.mode_coefficients import ModeCoefficients
+from engine.assembly.mode_shape_rows import ShapeRow, row_coefficients
+from engine.kernel.data.model import BasisCoefficients, ContactCoefficients, StepCoefficients
 
 
 def contact_compliance(
-    layout: Layout, kick: np.ndarray, drift: np.ndarray, factors: list[IslandFactors | None]
+    layout: Layout, modes: ModeCoefficients, factors: Sequence[IslandFactors | None]
 ) -> tuple[list[np.ndarray], np.ndarray]:
     """Return the contact compliance matrix B = Φ diag(e) Φᵀ of each island, with e = v·t, and the rounding errors of
     its diagonal. B is the displacement at contact i per newton at contact j over one step, m/N. An error is what
@@ -26,33 +27,20 @@ def contact_compliance(
 
     Where contacts are solved in the space of a basis, the basis holds these errors, and they are 0 here.
 
-    kick, drift: t and v of each mode, s
-    factors:     of the connections of each island, which reduce the displacement at contacts
+    factors: of the connections of each island, which reduce the displacement at contacts
     """
-    islands = layout.islands
-    matrices, low, uses = [], [], layout.basis_uses
-    for n in range(islands.mode.size - 1):
-        modes = slice(islands.mode[n], islands.mode[n + 1])
-        shapes, connected = layout.island_contact_shapes(n), factors[n]
-        kicks, drifts = shapes * kick[modes], shapes * drift[modes]
+    matrices, low = [], []
+    for shapes, inside, connected in zip(layout.points.contact_shapes, layout.modes.of_island, factors, strict=True):
+        kick = modes.kick[inside]
+        kicks, drifts = shapes.phi * kick, shapes.phi * modes.drift[inside]
         matrix = kicks @ drifts.T
-        for k in range(len(shapes)):
+        for k in range(len(matrix)):
             product, error = two_product(kicks[k], drifts[k])
             matrix[k, k] = math.fsum([*product, *error])
-            low.append(0.0 if uses[n] is BasisUse.FIRST else math.fsum([*product, *error, -matrix[k, k]]))
-        if connected is not None:
-            matrix = connected.reduce(shapes, kick[modes], matrix)
-        matrices.append(matrix)
+            is_in_basis = shapes.basis_use is BasisUse.FIRST
+            low.append(0.0 if is_in_basis else math.fsum([*product, *error, -matrix[k, k]]))
+        matrices.append(matrix if connected is None else connected.reduce(shapes.phi, kick, matrix))
     return matrices, np.array(low)
-
-
-class ModeCoefficients(NamedTuple):
-    """Coefficients of a step of each mode, without contact."""
-
-    kick: np.ndarray  # t [modes], s
-    drift: np.ndarray  # v [modes], s
-    loss: ModalLoss | None  # at either end
-    drag: ModalLoss | None  # in the drift
 
 
 def step_coefficients(
@@ -60,7 +48,6 @@ def step_coefficients(
     modes: ModeCoefficients,
     samplerate: float,
     length: float = 1.0,
-    *,
     is_damped: bool = True,
     loses_at_contacts: bool = True,
 ) -> StepCoefficients:
@@ -70,102 +57,82 @@ def step_coefficients(
     is_damped: True if dampers of connections act in the step
     loses_at_contacts: True if contact loss acts in the step
     """
-    step_rate = samplerate / length if is_damped else 0.0
-    omega, weights = layout.concatenate_modes("omega"), layout.weights()
-    forced = [layout.row(point) for point in layout.force_points]
+    omega, weight, forces = layout.modes.omega, layout.modes.weight, layout.points.forces
+    step_rate, loss_rate = samplerate / length if is_damped else 0.0, samplerate / length * loses_at_contacts
+    factors = all_factors(layout, modes, step_rate)
     return StepCoefficients(
         kick=modes.kick,
         drift=modes.drift,
         spring_kick=modes.kick * omega**2 if omega.any() else None,
-        weight_kick=modes.kick * weights if weights.any() else None,
+        weight_kick=modes.kick * weight if weight.any() else None,
         loss=modes.loss,
         drag=modes.drag,
-        connection=connection_coefficients(layout, modes.kick, modes.drift, step_rate),
-        contact=contact_coefficients(layout, modes, samplerate / length * loses_at_contacts, step_rate)
-        if layout.contact_points
-        else None,
-        force=row_coefficients(forced, modes.kick, modes.drift) if forced else None,
+        connection=connection_coefficients(layout, modes, factors, step_rate),
+        contact=contact_coefficients(layout, modes, factors, loss_rate) if layout.points.contacts else None,
+        force=row_coefficients(forces, modes.kick, modes.drift) if forces else None,
     )
 
 
-def contact_coefficients(layout: Layout, modes: ModeCoefficients, rate: float, step_rate: float) -> ContactCoefficients:
+def contact_coefficients(
+    layout: Layout, modes: ModeCoefficients, factors: Sequence[IslandFactors | None], rate: float
+) -> ContactCoefficients:
     """Return the coefficients of the contacts of a layout, which must have some.
 
-    rate:      one over the length of the step, 1/s; 0 if contact loss acts outside it
-    step_rate: the same for dampers of connections; 0 if they act outside it
+    factors: of the connections of each island
+    rate:    one over the length of the step, 1/s; 0 if contact loss acts outside it
     """
-    factors = all_factors(layout, modes, step_rate)
-    matrices, low = contact_compliance(layout, modes.kick, modes.drift, factors)
-    loss = np.array([layout.scene.contact[k].loss for k, _ in layout.contact_points])
-    ours = [layout.row(a) for a, _ in layout.contact_rows]
-    theirs = [layout.row(b) for _, b in layout.contact_rows]
-    joined = any(row.phi.size for row in theirs)
+    matrices, low = contact_compliance(layout, modes, factors)
+    loss = np.array([layout.scene.contact[k].loss for k, _ in layout.islands.contact_points])
+    ours, theirs = zip(*layout.points.contacts, strict=True)
+    bases = find_bases(layout, modes, factors)
     return ContactCoefficients(
         rows=row_coefficients(ours, modes.kick, modes.drift),
-        other_rows=row_coefficients(theirs, modes.kick, modes.drift) if joined else None,
+        other_rows=row_coefficients(theirs, modes.kick, modes.drift) if any(row.phi.size for row in theirs) else None,
         compliance=np.concatenate([np.diag(m) for m in matrices]),
         compliance_low=low,
         loss_rate=loss * rate if loss.any() else None,
         coupling=np.concatenate([m.ravel() for m in matrices]) if any(m.size > 1 for m in matrices) else None,
         only_kick_phi=_kicks_by_only_contacts(layout, modes),
-        basis=_basis_coefficients(layout, modes, factors),
+        basis=_basis_coefficients(layout, modes, bases) if bases else None,
     )
 
 
-def all_factors(layout: Layout, modes: ModeCoefficients, step_rate: float) -> list[IslandFactors | None]:
-    """Return the factors of the connections of each island; None for an island without any."""
-    spans = [slice(*layout.islands.mode[n : n + 2]) for n in range(layout.islands.mode.size - 1)]
-    return [island_factors(layout, n, modes.kick[m], modes.drift[m], step_rate) for n, m in enumerate(spans)]
-
-
-class BasisTables(NamedTuple):
-    """Bases of the contacts of all islands, in the layout of the kernels."""
-
-    rows: list[ShapeRow]
-    at_contacts: list[np.ndarray]  # of each island that has one
-    products: list[np.ndarray]
-    ranks: list[int]
-
-
-def contact_basis_tables(
+def find_bases(
     layout: Layout, modes: ModeCoefficients, factors: Sequence[IslandFactors | None]
-) -> BasisTables:
-    """Return the bases of the contacts of all islands that have one."""
-    begins, tables = layout.islands.mode, BasisTables([], [], [], [])
-    for n, (phi, rank) in enumerate(layout.contact_shapes):
-        if rank:
-            inside = slice(begins[n], begins[n + 1])
-            basis = find_basis(phi, rank, modes.kick[inside], modes.drift[inside], factors[n])
-            tables.rows.extend(ShapeRow(0, int(begins[n]), shape) for shape in basis.shapes)
-            tables.at_contacts.append(entries_by_row(basis))
-            tables.products.append(products_by_contact(basis))
-            tables.ranks.append(rank)
-    return tables
+) -> dict[int, BasisOfIsland]:
+    """Return the bases of the contacts of the islands that have one, by the number of the island."""
+    bases = {}
+    for n, (shapes, inside) in enumerate(zip(layout.points.contact_shapes, layout.modes.of_island, strict=True)):
+        if shapes.rank:
+            kick, drift = modes.kick[inside], modes.drift[inside]
+            bases[n] = find_basis(shapes.basis_phi, shapes.rank, kick, drift, factors[n])
+    return bases
 
 
-def _basis_coefficients(
-    layout: Layout, modes: ModeCoefficients, factors: Sequence[IslandFactors | None]
-) -> BasisCoefficients | None:
-    """Return the step coefficients of the rows of all bases; None without any."""
-    tables = contact_basis_tables(layout, modes, factors)
-    if not tables.rows:
-        return None
-    rows = row_coefficients(tables.rows, modes.kick, modes.drift)
-    return BasisCoefficients(rows, np.concatenate(tables.at_contacts), np.concatenate(tables.products))
+def basis_rows(layout: Layout, bases: dict[int, BasisOfIsland]) -> list[ShapeRow]:
+    """Return the rows of all bases."""
+    begins = {n: layout.modes.of_island[n].start for n in bases}
+    return [ShapeRow(0, begins[n], shape) for n, basis in bases.items() for shape in basis.shapes]
+
+
+def _basis_coefficients(layout: Layout, modes: ModeCoefficients, bases: dict[int, BasisOfIsland]) -> BasisCoefficients:
+    """Return the step coefficients of the rows of all bases."""
+    return BasisCoefficients(
+        rows=row_coefficients(basis_rows(layout, bases), modes.kick, modes.drift),
+        at_contacts=np.concatenate([entries_by_row(basis) for basis in bases.values()]),
+        products=np.concatenate([products_by_contact(basis) for basis in bases.values()]),
+    )
 
 
 def _kicks_by_only_contacts(layout: Layout, modes: ModeCoefficients) -> np.ndarray | None:
     """Return t·Φ of the modes of islands with one contact and no connection, and zeros elsewhere [modes]; None if there
     is no such island."""
-    islands = layout.islands
-    has_one = (np.diff(islands.contact) == 1) & (np.diff(islands.connection) == 0)
-    if not has_one.any():
-        return None
-    phi = np.zeros(modes.kick.size)
-    for n in np.flatnonzero(has_one).tolist():
-        for side in layout.contact_rows[islands.contact[n]]:
-            phi[islands.mode[n] : islands.mode[n + 1]] += layout.dense_mode_shape(side, n)
-    return modes.kick * phi
+    phi, found = np.zeros(modes.kick.size), False
+    for n, inside in enumerate(layout.modes.of_island):
+        shapes = layout.points.contact_shapes[n].phi
+        if len(shapes) == 1 and not layout.islands.coordinates[n].items:
+            phi[inside], found = shapes[0], True
+    return modes.kick * phi if found else None
 
 
 def stack(records: Sequence[Any]) -> Any:

@@ -181,7 +181,7 @@ class TableChanges:
         """Return pairs of arrays for the gains of a pickup on its channels: to write to, and to read from."""
         gains, pairs = dict(channel_gains(scene.pickup[path.number])), list[tuple[np.ndarray, np.ndarray]]()
         original = self._layout.scene.pickup[path.number]
-        for n, heard in enumerate(self._layout.heard_points):
+        for n, heard in enumerate(self._layout.points.pickups):
             if heard.pickup is original:
                 new = np.array([gains[heard.channel]])
                 pairs += [(model.pickups.gain[n : n + 1], new) for model in self._targets[:1]]
@@ -191,10 +191,10 @@ class TableChanges:
         """Return the first island whose energy the parameters change, and the number of islands up to the last."""
         layout, scene = self._layout, self._scene
         if any(path.section == "" for path in paths):
-            return 0, max(layout.island_of_body) + 1
+            return 0, len(layout.islands.bodies)
         tables = [(path, getattr(scene, path.section)[path.number]) for path in paths]
         names = [table.name if path.section == "body" else table.body for path, table in tables]
-        islands = [layout.island_of_body[layout.body_index[name]] for name in names]
+        islands = [layout.islands.of_body[layout.body_index[name]] for name in names]
         only_levels = all(path.is_level for path in paths)
         return min(islands), 0 if only_levels else max(islands) - min(islands) + 1
 

@@ -183,7 +183,7 @@ class Player:
         if body is None:
             for name in self.strikers:
                 self.strike(name, velocity, displacement, frame)
-            for name in dict.fromkeys(f.body for f in self.layout.forces if isinstance(f, PluckForce)):
+            for name in dict.fromkeys(f.body for f in self.layout.islands.forces if isinstance(f, PluckForce)):
                 self.pluck(name, frame=frame)
             return
         if not isinstance(self._body(body), Mass | Oscillator):
@@ -205,20 +205,20 @@ class Player:
         if not chosen:
             raise KeyError(f"no force plucks {body}; the plucked bodies are {', '.join(self.plucked) or 'none'}")
         self.lift(body, frame)
-        island = self.layout.island_of_body[self.layout.body_index[body]]
+        island = self.layout.islands.of_body[self.layout.body_index[body]]
         for j in chosen:
             self._queue.put(["pluck", j], EventRow(EventKind.PLUCK, island, j, j + 1, frame, 1, scale))
 
     def _brief_forces(self) -> list[tuple[int, Any]]:
         """The forces that are over after a while, by their place in the model."""
-        forces = [(j, self.layout.forces[number]) for j, number in enumerate(self.layout.force_order)]
+        forces = enumerate(self.layout.islands.forces)
         return [(j, force) for j, force in forces if not isinstance(force, LastingForce)]
 
     def lift(self, body: str, frame: int = 0) -> None:
         """Lift the dampers of a body; one that is to come down for good, by the score, stays up."""
         self._body(body)
         number = self.layout.body_index[body]
-        modes, island = self.layout.local_modes(number), self.layout.island_of_body[number]
+        modes, island = self.layout.modes.in_island[number], self.layout.islands.of_body[number]
         self._queue.put(["lift", body], EventRow(EventKind.LIFT, island, modes.start, modes.stop, frame, 1))
 
     def damp(

@@ -208,7 +208,7 @@ class VoiceAllocator:
         """Weights of the modes [modes]: 1 for modes of bodies with a pickup, 0 for others."""
         layout, weights = self.player.layout, np.zeros(self.player.state.p.size)
         for pickup in self.player.scene.pickup:
-            weights[layout.global_modes(layout.body_index[pickup.body])] = 1.0
+            weights[layout.modes.of_body[layout.body_index[pickup.body]]] = 1.0
         return weights
 
     def _samples(self, damper: tuple[float, float]) -> int:

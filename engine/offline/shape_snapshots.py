@@ -125,11 +125,11 @@ def wide_points(
     by_body, bodies = {shape.body: shape for shape in shapes}, trace_points(layout)
     points, columns, own = list[BodyPoint](), dict[str, list[int]](), list[int]()
     begins = [0]
-    for island in range(layout.islands.body.size - 1):
-        for place in range(layout.islands.body[island], layout.islands.body[island + 1]):
+    for of_island in layout.islands.bodies:
+        for place in range(len(own), len(own) + len(of_island)):
             own.append(len(points))
             points.append(bodies[place])
-            if shape := by_body.get(layout.scene.body[layout.body_order[place]].name):
+            if shape := by_body.get(layout.scene.body[layout.islands.body_order[place]].name):
                 inside: list[Any] = shape.positions[shape.is_inside].tolist()
                 columns[shape.body] = list(range(len(points), len(points) + len(inside)))
                 points += [BodyPoint(shape.body, position, 1.0) for position in inside]

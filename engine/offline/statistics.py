@@ -127,10 +127,10 @@ def simulation_statistics(simulation: Simulation) -> SimulationStatistics:
 
 def island_statistics(layout: Layout) -> IslandStatistics:
     """Count the islands, and describe the largest."""
-    modes = layout.mode_counts
-    largest = int(np.argmax(modes * (1 + np.diff(layout.islands.contact))))
-    names = [b.name for b in layout.scene.body if layout.island_of_body[layout.body_index[b.name]] == largest]
-    contacts = int(np.diff(layout.islands.contact)[largest])
+    modes = layout.islands.mode_counts
+    largest = int(np.argmax(modes * (1 + np.diff(layout.islands.contact_begins))))
+    names = [layout.scene.body[b].name for b in layout.islands.bodies[largest]]
+    contacts = int(np.diff(layout.islands.contact_begins)[largest])
     return IslandStatistics(modes.size, LargestIsland(names, int(modes[largest]), contacts))
 
 

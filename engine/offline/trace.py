@@ -83,11 +83,11 @@ def trace_rows(trace: Trace, begin: int, end: int) -> Trace:
 def name_columns(trace: Trace, layout: Layout, samplerate: int) -> TraceArrays:
     """The arrays of a trace by their public names, columns in the order of the patch; and what each column is."""
     frames = trace.iterations.size
-    body = np.argsort(layout.body_order)
+    body = np.argsort(layout.islands.body_order)
     begin = column_begins(layout)
     total = begin[-1]
     compression, force = np.full((frames, total), np.nan), np.zeros((frames, total))  # NaN: not built
-    for place, (k, _) in enumerate(layout.contact_points):
+    for place, (k, _) in enumerate(layout.islands.contact_points):
         compression[:, begin[k]], force[:, begin[k]] = trace.compression[:, place], trace.force[:, place]
         begin[k] += 1
     labels = column_labels(layout)

@@ -188,7 +188,7 @@ def describe_speed(factor: float) -> str:
 
 def explain_slowness(islands: Any, factor: float) -> str:
     """Why a scene runs at a factor of real time below 1, and what would help: cost grows with the modes, and with the
-    square of the points of contact (engine.assembly.layout).
+    square of the points of contact (engine.assembly.subsystems).
 
     islands: as engine.offline.statistics.island_statistics gives them, or a dict of the same
     """

@@ -101,4 +101,4 @@ def measured_motion(scene: engine.Scene, seconds: float, samplerate: int = 44_10
     audio, trace = np.zeros((frames, scene.channels)), allocate_trace(model, frames)
     output = block_output(audio, np.zeros((len(Ledger), 0)), False, trace)
     render_measured(StructHandle(model), StructHandle(state), StructHandle(output), frames)
-    return Motion(audio, trace, np.array(layout.body_order))
+    return Motion(audio, trace, np.array(layout.islands.body_order))

@@ -89,7 +89,8 @@ def test_motion_is_that_of_the_other_solve(exponent, loss, order, substeps, monk
     contact = scene.contact[0].model_copy(update={"loss": loss})
     scene = scene.model_copy(update={"contact": [contact]})
     found = engine.render(scene, seconds=0.06, trace=True, order=order, substeps=substeps)
-    assert build(scene, 44_100.0).layout.basis_uses == [contact_points.BasisUse.FIRST]
+    (shapes,) = build(scene, 44_100.0).layout.points.contact_shapes
+    assert shapes.basis_use is contact_points.BasisUse.FIRST
     monkeypatch.setattr(contact_points, "MIN_CONTACTS", 1000)
     other = engine.render(scene, seconds=0.06, trace=True, iterations=1000, order=order, substeps=substeps)
     assert found.stats.energy.error_max <= 1e-12
@@ -123,7 +124,8 @@ def test_two_bodies_that_touch_at_many_points():
             "pickup": [{"body": "string", "at": 0.1}],
         }
     )
-    assert build(scene, 44_100.0).layout.basis_uses == [contact_points.BasisUse.FIRST]
+    (shapes,) = build(scene, 44_100.0).layout.points.contact_shapes
+    assert shapes.basis_use is contact_points.BasisUse.FIRST
     rendering = engine.render(scene, seconds=0.3, trace=True)
     assert np.count_nonzero(rendering.trace["force"].any(axis=1)) > 100
     assert rendering.stats.energy.error_max <= 1e-12

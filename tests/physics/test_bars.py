@@ -74,7 +74,7 @@ def test_the_partials_of_a_struck_bar_are_those_of_a_free_one():
     model, state, layout = build(told, 88_200, told.accuracy.replace(substeps=4))
     Simulation(model, state).render_block(np.zeros((1764, 1)))
     body = layout.modal_bodies[0]
-    phi, omega, bar = body.shape(0.4), body.omega, layout.local_modes(0)
+    phi, omega, bar = body.shape(0.4), body.omega, layout.modes.in_island[0]
     n = omega.size
 
     def slope(t, y):

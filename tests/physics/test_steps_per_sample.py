@@ -13,7 +13,6 @@ import engine
 from bench.ruler.loss import motion_error
 from bench.ruler.problems import SAMPLERATE
 from engine.assembly.build import build
-from engine.assembly.contact_reach import dense_rows
 from engine.faults import BuildError
 
 FRAMES = 1000
@@ -45,7 +44,7 @@ def two_bodies(sigma=0.0, other_sigma=0.0, bodies=(), **keys):
 def constrained_system(scene, sigma):
     """K, C, push and what is heard of y'' + C·y' + K·y = push·f with q = N·y, N what the joint leaves free."""
     _, _, layout = build(scene, SAMPLERATE, scene.accuracy)
-    omega, free = layout.concatenate_modes("omega"), null_space(dense_rows(layout, 0))
+    omega, free = layout.modes.omega, null_space(layout.points.coordinate_rows[0])
     k, c = (free.T @ np.diag(of) @ free for of in (omega**2, 2 * np.asarray(sigma)))
     return k, c, free.T @ [*SHAPES["a"][1], 0.0, 0.0], free.T @ [0.0, 0.0, *SHAPES["b"][1]]
 

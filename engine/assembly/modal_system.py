@@ -1,0 +1,44 @@
+"""A scene with its bodies as modes."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from engine.assembly.contact_points import BodyPoint, ContactPoint, contact_points
+from engine.bodies.body import ModalBody
+from engine.patch.scene import Scene
+from engine.patch.tables import Contact
+
+
+@dataclass(frozen=True)
+class ModalSystem:
+    """A scene with its bodies as modes."""
+
+    scene: Scene
+    modal_bodies: list[ModalBody]
+    body_index: dict[str, int]  # the number of each body, by its name
+
+    def shape(self, name: str, at: Any) -> np.ndarray:
+        """Return the mode shapes of a body at the one position that a key gives [modes], 1/√kg."""
+        number = self.body_index[name]
+        return self.modal_bodies[number].shape(self.scene.body[number].split_positions(at)[0])
+
+    def shape_at(self, point: BodyPoint) -> np.ndarray:
+        """Return the mode shapes of a body at a point, times the factor of the point [modes], 1/√kg; empty without a
+        body."""
+        if point.body is None:
+            return np.empty(0)
+        if point.phi is not None:
+            return point.phi
+        return point.factor * self.modal_bodies[self.body_index[point.body]].shape(point.position)
+
+    def points_of(self, contact: Contact) -> list[ContactPoint]:
+        """Return the points of a contact."""
+        on = None if contact.on is None else self.scene.body[self.body_index[contact.on]]
+        return contact_points(contact, self.scene.body[self.body_index[contact.body]], on)
+
+    def point_of(self, table: Any) -> BodyPoint:
+        """Return the point of a body at which a force or a pickup acts."""
+        body = self.scene.body[self.body_index[table.body]]
+        return BodyPoint(table.body, body.split_positions(table.at)[0], 1.0)

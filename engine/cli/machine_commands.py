@@ -14,25 +14,16 @@ from engine.wording import json_safe
 
 def add_machine_commands(commands: "arguments.Commands") -> None:
     """Add the commands of this file and their options."""
-    summary = "list the audio output devices"
-    devices = commands.add_parser("devices", help=summary, description=f"{summary.capitalize()}.")
-    devices.set_defaults(run=list_devices)
-
+    arguments.add_command(commands, "devices", list_devices, "list the audio output devices")
     summary = "show where compiled kernels are stored, and their size"
-    cache = commands.add_parser("cache", help=summary, description=f"{summary.capitalize()}.")
+    cache = arguments.add_command(commands, "cache", cache_command, summary)
     cache.add_argument("--clear", action="store_true", help="delete them; later renders compile what they need again")
     arguments.add_json(cache, "the result")
-    cache.set_defaults(run=cache_command)
-
-    recover = commands.add_parser(
-        "recover",
-        help="recover interrupted recordings",
-        description="Recover interrupted recordings as playable files, and delete other unfinished files that are older"
-        " than a week.",
-    )
+    summary = "recover interrupted recordings"
+    text = f"{summary.capitalize()} as playable files, and delete other unfinished files that are older than a week."
+    recover = arguments.add_command(commands, "recover", recover_recordings, summary, description=text)
     folder_help = "folder of the recordings (default: this folder)"
     recover.add_argument("folder", metavar="FOLDER", nargs="?", default=".", help=folder_help)
-    recover.set_defaults(run=recover_recordings)
 
 
 def list_devices(args: argparse.Namespace) -> int:

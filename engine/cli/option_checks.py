@@ -27,8 +27,6 @@ MIDI_CHANNELS = 16
 MAX_LATENCY = 10.0  # s
 MIDI_ENDINGS = (".mid", ".midi")
 
-NumericOptions = dict[str, float | None]  # those of a command that are numbers, or not given
-
 # of a file to be written: what it is called, and the endings of its name
 FILE_KINDS = {
     "--report": ("page", (".html", ".htm")),
@@ -38,50 +36,60 @@ FILE_KINDS = {
 FILE_KINDS["--event-log"] = ("log", (".json",))
 
 
-def numeric_options(args: argparse.Namespace) -> tuple[NumericOptions, list[Fault]]:
-    """The numbers among the options of a command, and what is wrong with the values of all of them."""
+def read_options(args: argparse.Namespace) -> list[Fault]:
+    """Turn the values of options into numbers, in place, and put those of accuracy together as `args.accuracy`. Returns
+    what is wrong with any of them; those then stay texts."""
+    faults = _read_numbers(args)
+    options = vars(args)
+    if (text := options.get("target_error")) is not None:
+        try:
+            parse_error_target(text)
+        except ValueError:
+            remedy = "give a ratio such as 1e-4, or decibels such as 0.1dB"
+            faults.append(Fault("--target-error", f'"{text}" is not an error; {remedy}'))
+    if (text := options.get("voices")) is not None:
+        if text.isdecimal() and 1 <= int(text) <= MAX_VOICES:
+            args.voices = int(text)
+        else:
+            faults.append(Fault("--voices", f'"{text}" is not a number of voices; give 1 to {MAX_VOICES}'))
+    for name in ("plot", "report"):
+        if options.get(name) is not None and find_spec("matplotlib") is None:
+            faults.append(Fault(f"--{name}", "needs matplotlib; run uv sync --extra plot, or pip install matplotlib"))
+    args.accuracy = accuracy_options(args)
+    return faults + check_plot_style(args) + check_accuracy_options(args)
+
+
+def _read_numbers(args: argparse.Namespace) -> list[Fault]:
+    """Turn lengths, rate, gain and cores into numbers, in place; list their faults."""
     from engine.patch.scene_tables import SAMPLE_RATE_RANGE
     from engine.patch.tables import MAX_SECONDS
 
     ranges = {"seconds": (0.0, MAX_SECONDS, "s"), "samplerate": (*SAMPLE_RATE_RANGE, "Hz")}
     ranges |= {"hold": ranges["seconds"]}
     ranges |= {"gain": (-400.0, 400.0, "dB"), "cores": (1, 1024, "cores")}
-    options = vars(args)
-    numbers: NumericOptions = {}
     faults: list[Fault] = []
     for name, (low, high, unit) in ranges.items():
-        text = options.get(name)
+        if (text := vars(args).get(name)) is None:
+            continue
         range_text = f"give {'more than 0, at most' if low == 0 else f'{low:g} to'} {high:g} {unit}"
         try:
-            number = None if text is None else float(text)
+            number = float(text)
         except ValueError:
             faults.append(Fault(f"--{name}", f'"{text}" is not a number; {range_text}'))
             continue
-        if number is not None and (not low <= number <= high or number == low == 0):
+        is_whole = name in ("samplerate", "cores")
+        if not low <= number <= high or number == low == 0:
             faults.append(Fault(f"--{name}", f"{text} is out of range; {range_text}"))
-        elif name in ("samplerate", "cores") and number is not None and number != int(number):
+        elif is_whole and number != int(number):
             faults.append(Fault(f"--{name}", f"{text} is not a whole number; {range_text}"))
-        numbers[name] = number
-    if (text := options.get("target_error")) is not None:
-        try:
-            parse_error_target(text)
-        except ValueError:
-            faults.append(
-                Fault(
-                    "--target-error", f'"{text}" is not an error; give a ratio such as 1e-4, or decibels such as 0.1dB'
-                )
-            )
-    if (text := options.get("voices")) is not None and not (text.isdecimal() and 1 <= int(text) <= MAX_VOICES):
-        faults.append(Fault("--voices", f'"{text}" is not a number of voices; give 1 to {MAX_VOICES}'))
-    for name in ("plot", "report"):
-        if options.get(name) is not None and find_spec("matplotlib") is None:
-            faults.append(Fault(f"--{name}", "needs matplotlib; run uv sync --extra plot, or pip install matplotlib"))
-    return numbers, faults + check_plot_style(args) + check_accuracy_options(args)
+        else:
+            setattr(args, name, int(number) if is_whole else number)
+    return faults
 
 
-def samplerate_of(numbers: NumericOptions) -> int:
+def samplerate_of(args: argparse.Namespace) -> int:
     """The sample rate to render at, Hz."""
-    return int(numbers["samplerate"] or DEFAULT_SAMPLERATE)
+    return int(args.samplerate or DEFAULT_SAMPLERATE)
 
 
 def voice_count(args: argparse.Namespace) -> int:
@@ -106,7 +114,7 @@ def check_accuracy_options(args: argparse.Namespace) -> list[Fault]:
     from engine.patch.accuracy import Accuracy
     from engine.patch.error_messages import describe_value_error
 
-    options = {name: value for name, value in accuracy_options(args).items() if value is not None}
+    options = {name: value for name, value in args.accuracy.items() if value is not None}
     messages = {name: describe_value_error(Accuracy, name, value) for name, value in options.items()}
     return [Fault(f"--{name}", message) for name, message in messages.items() if message]
 
@@ -130,13 +138,13 @@ def check_plot_style(args: argparse.Namespace) -> list[Fault]:
     return [] if args.plot is not None else [Fault("--plot-style", "requires --plot; give that too")]
 
 
-def excerpt_of(args: argparse.Namespace, seconds: float | None) -> "Excerpt":
-    """Return the excerpt of a MIDI file that the options choose. seconds: its length; None for all of it"""
+def excerpt_of(args: argparse.Namespace) -> "Excerpt":
+    """Return the excerpt of a MIDI file that the options choose."""
     from engine.live.midi_parts import Excerpt
 
     channels = frozenset(int(channel) for channel in (args.channels or "").split(",") if channel)
     tracks = tuple(track.strip() for track in (args.tracks or "").split(",") if track)
-    return Excerpt(channels, tracks, seconds=seconds)
+    return Excerpt(channels, tracks, seconds=args.seconds)
 
 
 def check_parts(args: argparse.Namespace) -> list[Fault]:

@@ -11,15 +11,7 @@ from engine.cli.messages import (
     require_scene,
     write_file,
 )
-from engine.cli.option_checks import (
-    check_paths,
-    check_rate_and_channels,
-    plot_path,
-    read_options,
-    report_path,
-    samplerate_of,
-    sound_path,
-)
+from engine.cli.option_checks import check_rate_and_channels, read_options, read_paths, samplerate_of
 from engine.faults import Fault
 from engine.output_files import check_audio_format
 
@@ -49,31 +41,31 @@ def accuracy_command(args: argparse.Namespace) -> int:
 
     scene, faults = read_patch(args.patch)
     option_faults = read_options(args)
-    sound, plot = None if args.report is None else sound_path(args), plot_path(args)
-    option_faults += check_paths({"--output": sound, "--plot": plot, "--report": report_path(args)})
-    if sound is not None:
-        option_faults += check_audio_format(sound, None, "--output")
+    has_sound = args.report is not None
+    option_faults += read_paths(args, *(["--output"] if has_sound else []), "--plot", "--report")
+    if has_sound:
+        option_faults += check_audio_format(args.output, None, "--output")
         if scene is not None and not option_faults:
-            option_faults += check_rate_and_channels("--output", sound, samplerate_of(args), scene.channels)
+            option_faults += check_rate_and_channels("--output", args.output, samplerate_of(args), scene.channels)
     elif args.output is not None:
         option_faults.append(Fault("--output", "requires --report; give that too"))
     scene = require_scene(scene, faults + option_faults)
     stats, companions = {"patch": args.patch}, list[str]()
     with memory_errors_explained("give fewer --seconds"):
         study = rendering.run_work_precision(scene, args.seconds, args)
-        if sound is not None:
+        if has_sound:
             outputs = rendering.render_from_arguments(scene, args, study)
             stats, companions = outputs.stats, outputs.write()
             print_messages(outputs.warnings)
-        elif plot is not None:
-            write_file(plot, lambda path: rendering.plot_comparison(study, path, args))
+        elif args.plot is not None:
+            write_file(args.plot, lambda path: rendering.plot_comparison(study, path, args))
 
     def print_text() -> None:
         console.print_work_precision(study)
-        if sound is not None:
+        if has_sound:
             console.print_summary(stats, companions)
-        elif plot is not None:
-            print(plot)
+        elif args.plot is not None:
+            print(args.plot)
 
     print_result(args.json, stats | {"price": study.as_dict()}, print_text)
     return 0

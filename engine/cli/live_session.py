@@ -158,7 +158,7 @@ class Session:
     def play(self) -> tuple[str, int]:
         """Play to the end, and keep what is to be kept; returns how it ended, and the exit code."""
         args = self.args
-        log = absolute_path(Path(args.event_log)) if args.event_log else None
+        log = absolute_path(args.event_log) if args.event_log else None
         with catch_signals() as interrupted:
             with (
                 open_recording(args, self.first) as recording,
@@ -275,7 +275,7 @@ def open_recording(args: argparse.Namespace, player: Player) -> Iterator[Recordi
     if args.record is None:
         yield NoRecording()
         return
-    target = Path(args.record)
+    target = args.record
     if message := explain_unsupported_format(target, player.samplerate, player.channels):
         raise audio_device.DeviceError(f"--record: {message}")
     if leftovers := recovery.describe_leftovers(target.parent):
@@ -313,7 +313,7 @@ def print_live_text(now: MeterReading, played: dict[str, str], args: argparse.Na
         if now[key]:
             print(f"{now[key]} {message}")
     for target in (args.record, args.event_log):
-        if target and Path(target).exists():
+        if target and target.exists():
             print(target)
 
 

@@ -32,8 +32,9 @@ FILE_KINDS = {
     "--report": ("page", (".html", ".htm")),
     "--plot": ("picture", PICTURE_ENDINGS),
     "--trace": ("trace", (".npz",)),
+    "--event-log": ("log", (".json",)),
 }
-FILE_KINDS["--event-log"] = ("log", (".json",))
+DEFAULT_ENDINGS = {"--report": ".html", "--plot": ".png"}  # of files that are called like the sound
 
 
 def read_options(args: argparse.Namespace) -> list[Fault]:
@@ -171,48 +172,45 @@ def check_kernel(args: argparse.Namespace) -> list[Fault]:
     return []
 
 
-def sound_path(args: argparse.Namespace) -> Path:
-    """The sound file to write: as an option names it, or named like the patch, in this folder; of a MIDI file,
-    like the file and the patch."""
-    if args.output:
-        return Path(args.output)
+def default_sound(args: argparse.Namespace) -> Path:
+    """The name of a sound file that no option names: like the patch, in this folder; of a MIDI file, like the file and
+    the patch."""
     options = vars(args)
     tune = [Path(options["midi"]).stem] if options.get("midi") else []
     return Path(f"{'_'.join([*tune, 'mix' if options.get('play') else Path(args.patch).stem])}.wav")
 
 
-def plot_path(args: argparse.Namespace) -> Path | None:
-    """The picture to write, if an option names one."""
-    return None if args.plot is None else Path(args.plot) if args.plot else sound_path(args).with_suffix(".png")
+def read_paths(args: argparse.Namespace, *options: str) -> list[Fault]:
+    """Turn the names of files to be written into paths, in place; list their faults. The sound always has a name, and
+    a picture or a page that is given without one is called like the sound."""
+    named = {option: option.strip("-").replace("-", "_") for option in options}
+    if "--output" in options:
+        args.output = Path(args.output) if args.output else default_sound(args)
+    for option, name in named.items():
+        text = getattr(args, name)
+        if text == "" and option in DEFAULT_ENDINGS:
+            setattr(args, name, Path(args.output or default_sound(args)).with_suffix(DEFAULT_ENDINGS[option]))
+        else:
+            setattr(args, name, Path(text) if text else None)
+    paths = {option: path for option, name in named.items() if (path := getattr(args, name)) is not None}
+    return [fault for option in paths for fault in check_path(option, paths)]
 
 
-def report_path(args: argparse.Namespace) -> Path | None:
-    """The page to write, if an option names one."""
-    return None if args.report is None else Path(args.report) if args.report else sound_path(args).with_suffix(".html")
-
-
-def optional_path(text: str | None) -> Path | None:
-    """A path, if one is given."""
-    return Path(text) if text else None
-
-
-def check_paths(targets: dict[str, Path | None]) -> list[Fault]:
-    """List the faults of the files to be written, by the options that name them; None is not written."""
-    faults: list[Fault] = []
-    paths = {option: path for option, path in targets.items() if path is not None}
-    for name, path in paths.items():
-        noun, endings = FILE_KINDS.get(name, ("", ()))
-        if endings and path.suffix.lower() not in endings:
-            faults.append(Fault(name, f'"{path.name}" is not the name of a {noun}; end it in {join_with_or(endings)}'))
-        elif not is_folder(path.parent):
-            faults.append(Fault(name, f"no such folder: {path.parent}; make it, or write elsewhere"))
-        elif is_folder(path):
-            faults.append(Fault(name, f"{path} is a folder; give the name of a file, such as {path / 'sound.wav'}"))
-        elif not is_writable_folder(path.parent):
-            where = "the folder you are in" if path.parent == Path() else path.parent
-            faults.append(Fault(name, f"{where} cannot be written to; write elsewhere: {name} FOLDER/{path.name}"))
-        if sum(absolute_path(path) == absolute_path(other) for other in paths.values()) > 1:
-            faults.append(Fault(name, f"{path} would be written twice; give two different names"))
+def check_path(option: str, paths: dict[str, Path]) -> list[Fault]:
+    """List the faults of a file to be written. paths: of all files, by their options"""
+    faults, path = list[Fault](), paths[option]
+    noun, endings = FILE_KINDS.get(option, ("", ()))
+    if endings and path.suffix.lower() not in endings:
+        faults.append(Fault(option, f'"{path.name}" is not the name of a {noun}; end it in {join_with_or(endings)}'))
+    elif not is_folder(path.parent):
+        faults.append(Fault(option, f"no such folder: {path.parent}; make it, or write elsewhere"))
+    elif is_folder(path):
+        faults.append(Fault(option, f"{path} is a folder; give the name of a file, such as {path / 'sound.wav'}"))
+    elif not is_writable_folder(path.parent):
+        where = "the folder you are in" if path.parent == Path() else path.parent
+        faults.append(Fault(option, f"{where} cannot be written to; write elsewhere: {option} FOLDER/{path.name}"))
+    if sum(absolute_path(path) == absolute_path(other) for other in paths.values()) > 1:
+        faults.append(Fault(option, f"{path} would be written twice; give two different names"))
     return faults
 
 

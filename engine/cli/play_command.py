@@ -8,11 +8,10 @@ from engine.cli.messages import CommandError, read_patch, require_scene
 from engine.cli.option_checks import (
     check_kernel,
     check_parts,
-    check_paths,
     check_rate_and_channels,
-    optional_path,
     parse_latency,
     read_options,
+    read_paths,
 )
 from engine.faults import Fault
 from engine.live.osc import parse_address
@@ -56,12 +55,11 @@ def live_command(args: argparse.Namespace) -> int:
     """Play a patch; returns the exit code."""
     scene, faults = read_patch(args.patch)
     option_faults = read_options(args)
-    record = optional_path(args.record)
-    option_faults += check_paths({"--record": record, "--event-log": optional_path(args.event_log)})
-    option_faults += check_audio_format(record or Path("none.wav"), args.subtype, "--record")
-    if scene is not None and not option_faults and record is not None and args.samplerate is not None:
+    option_faults += read_paths(args, "--record", "--event-log")
+    option_faults += check_audio_format(args.record or Path("none.wav"), args.subtype, "--record")
+    if scene is not None and not option_faults and args.record is not None and args.samplerate is not None:
         channels = scene.channels  # without a rate, it is the device's own
-        option_faults += check_rate_and_channels("--record", record, args.samplerate, channels)
+        option_faults += check_rate_and_channels("--record", args.record, args.samplerate, channels)
     scene = require_scene(scene, faults + option_faults + read_play_options(args) + check_kernel(args))
 
     from engine.cli import live_session

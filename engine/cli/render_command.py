@@ -20,16 +20,12 @@ from engine.cli.notes import PARTS_REMEDY, add_score, play_notes
 from engine.cli.option_checks import (
     check_kernel,
     check_parts,
-    check_paths,
     check_rate_and_channels,
     excerpt_of,
-    optional_path,
-    plot_path,
     read_options,
-    report_path,
+    read_paths,
     samplerate_of,
     scene_of_key,
-    sound_path,
     voice_count,
 )
 from engine.cli.progress import progress_feedback
@@ -78,10 +74,8 @@ def render_command(args: argparse.Namespace) -> int:
     """Render a patch as the options say; returns the exit code."""
     scene, faults = read_patch(args.patch)
     option_faults = read_options(args)
-    output = sound_path(args)
-    targets = {"--output": output, "--trace": optional_path(args.trace)}
-    option_faults += check_paths(targets | {"--plot": plot_path(args), "--report": report_path(args)})
-    option_faults += check_audio_format(output, args.subtype, "--output")
+    option_faults += read_paths(args, "--output", "--trace", "--plot", "--report")
+    option_faults += check_audio_format(args.output, args.subtype, "--output")
     scene, note_faults = scene_of_key(scene, args)
     if args.trace_shapes and args.trace is None:
         option_faults.append(Fault("--trace-shapes", "requires --trace; give that too, with the name of a file"))
@@ -90,7 +84,7 @@ def render_command(args: argparse.Namespace) -> int:
     option_faults += assignment_faults
     if scene is not None and not option_faults:
         channels = max(scene.channels, *(each.scene.channels for each in assignments), 0)
-        option_faults += check_rate_and_channels("--output", output, samplerate_of(args), channels)
+        option_faults += check_rate_and_channels("--output", args.output, samplerate_of(args), channels)
     scene = require_scene(scene, faults + option_faults)
     if not args.midi:
         return scene_command(scene, args)

@@ -10,10 +10,7 @@ from typing import TYPE_CHECKING, Any
 from engine.cli.messages import describe_bodies, write_file
 from engine.cli.option_checks import (
     parse_error_target,
-    plot_path,
-    report_path,
     samplerate_of,
-    sound_path,
 )
 from engine.cli.progress import Progress, progress_feedback
 from engine.output_files import save_trace, to_utf8_text, write_text
@@ -55,7 +52,7 @@ def bring_to_level(
     """
     from engine.api.sound_file import SoundFile
 
-    file = SoundFile(sound_path(args), args.subtype, args.gain)
+    file = SoundFile(args.output, args.subtype, args.gain)
     sound = file.bring_to_level(audio, samplerate_of(args), is_silent)
     return sound, {"patch": args.patch} | sound.statistics
 
@@ -68,6 +65,24 @@ def render_scene(scene: "Scene", args: argparse.Namespace, progress: Progress, *
     return render(scene, args.seconds, samplerate_of(args), **settings)
 
 
+def render_with_answers(scene: "Scene", args: argparse.Namespace) -> "tuple[Rendering, dict[str, Any]]":
+    """Render a scene. Returns the rendering, and the answers to --target-error and --error-estimate by the names of
+    `--json`."""
+    from engine.analysis.error_estimate import estimate_error
+
+    accuracy, answers = dict[str, Any](), dict[str, Any]()
+    if args.target_error is not None:
+        accuracy, answers["chosen"] = cheapest_setting(scene, args)
+    trace = any(given is not None for given in (args.trace, args.plot, args.report))
+    with progress_feedback("rendering", describe_bodies(scene)) as progress:
+        rendering = render_scene(scene, args, progress, trace=trace, trace_shapes=bool(args.trace_shapes), **accuracy)
+    if args.error_estimate and not math.isclose(rendering.stats.peak, 0.0):
+        with progress_feedback("estimating the error") as progress:
+            estimate = estimate_error(scene, rendering, progress, cores=rendering.stats.cores, kernel=args.kernel)
+        answers["error_estimate"] = estimate.as_dict()
+    return rendering, answers
+
+
 def render_from_arguments(
     scene: "Scene", args: argparse.Namespace, comparison: "WorkPrecisionStudy | None" = None
 ) -> Outputs:
@@ -75,21 +90,10 @@ def render_from_arguments(
 
     comparison: what accuracy costs, for the page
     """
-    from engine.analysis.error_estimate import estimate_error
     from engine.analysis.string_shape import string_shape
 
     text = "" if args.report is None else Path(args.patch).read_text("utf-8-sig")  # as it is rendered
-    accuracy, chosen = dict[str, Any](), dict[str, Any]()
-    if args.target_error is not None:
-        accuracy, chosen = cheapest_setting(scene, args)
-    trace = any(given is not None for given in (args.trace, args.plot, args.report))
-    with progress_feedback("rendering", describe_bodies(scene)) as progress:
-        rendering = render_scene(scene, args, progress, trace=trace, trace_shapes=bool(args.trace_shapes), **accuracy)
-    answers: dict[str, Any] = {"chosen": chosen} if chosen else {}
-    if args.error_estimate and not math.isclose(rendering.stats.peak, 0.0):
-        with progress_feedback("estimating the error") as progress:
-            estimate = estimate_error(scene, rendering, progress, cores=rendering.stats.cores, kernel=args.kernel)
-        answers["error_estimate"] = estimate.as_dict()
+    rendering, answers = render_with_answers(scene, args)
     silence = rendering.silence
     sound, written = bring_to_level(args, rendering.audio, silence is not None)
     stats = rendering.stats.as_dict() | written | {"silent": silence} | answers
@@ -111,16 +115,16 @@ def render_from_arguments(
 
     files: dict[Path, Callable[[Path], object]] = {sound.file.path: lambda path: sound.write()}
     if args.trace is not None:
-        files[Path(args.trace)] = lambda path: save_trace(path, rendering.trace or {})
-    if (picture := plot_path(args)) is not None:
-        files[picture] = draw
-    if (page := report_path(args)) is not None:
+        files[args.trace] = lambda path: save_trace(path, rendering.trace or {})
+    if args.plot is not None:
+        files[args.plot] = draw
+    if args.report is not None:
         from engine.report.html import compose_page
 
         profile = measure_profile(scene, rendering)
         with progress_feedback("drawing the page"):
             shown = compose_page(title, text, rendering, sound.audio, stats, profile, comparison, shape)
-        files[page] = lambda path: write_text(path, to_utf8_text(shown))
+        files[args.report] = lambda path: write_text(path, to_utf8_text(shown))
     return Outputs(stats, warnings, files)
 
 

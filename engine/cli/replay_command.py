@@ -5,7 +5,7 @@ from pathlib import Path
 
 from engine.cli import arguments
 from engine.cli.messages import InputError, print_result, write_file
-from engine.cli.option_checks import check_paths, check_rate_and_channels
+from engine.cli.option_checks import check_rate_and_channels, read_paths
 from engine.cli.progress import progress_feedback
 from engine.output_files import check_audio_format, error_reason, save_audio
 
@@ -27,12 +27,12 @@ def replay_command(args: argparse.Namespace) -> int:
     from engine.faults import Fault
     from engine.live.replay import read_log, replay
 
-    output = Path(args.output or f"{Path(args.log).stem}_replay.wav")
-    faults = check_paths({"--output": output}) + check_audio_format(output, args.subtype, "--output")
+    args.output = args.output or f"{Path(args.log).stem}_replay.wav"
+    faults = read_paths(args, "--output") + check_audio_format(args.output, args.subtype, "--output")
     try:
         log = read_log(Path(args.log))
         channels = log.made().channels
-        faults += check_rate_and_channels("--output", output, log.samplerate, channels)
+        faults += check_rate_and_channels("--output", args.output, log.samplerate, channels)
         if not faults:
             with progress_feedback("replaying") as progress:
                 audio = replay(log, progress)
@@ -41,7 +41,7 @@ def replay_command(args: argparse.Namespace) -> int:
         faults.append(Fault("", f"cannot be read as a log ({reason}); give one that play --event-log wrote", args.log))
     if faults:
         raise InputError(faults)
-    write_file(output, lambda path: save_audio(path, audio, log.samplerate, args.subtype))
-    stats = {"output": str(output), "samplerate": log.samplerate, "seconds": len(audio) / log.samplerate}
-    print_result(args.json, stats, lambda: print(output))
+    write_file(args.output, lambda path: save_audio(path, audio, log.samplerate, args.subtype))
+    stats = {"output": str(args.output), "samplerate": log.samplerate, "seconds": len(audio) / log.samplerate}
+    print_result(args.json, stats, lambda: print(args.output))
     return 0

@@ -10,13 +10,11 @@ from engine.cli.arguments import patch_file
 from engine.cli.messages import (
     CommandError,
     describe_leading_silence,
-    memory_errors_explained,
     print_messages,
     print_result,
     read_patch,
-    write_file,
 )
-from engine.cli.notes import PARTS_REMEDY, PlayedNotes, play_notes
+from engine.cli.notes import PARTS_REMEDY, PlayedNotes, note_errors_explained, play_notes
 from engine.cli.option_checks import MIDI_CHANNELS, excerpt_of
 from engine.cli.progress import progress_feedback
 from engine.faults import Fault
@@ -32,14 +30,27 @@ MAX_LEVEL = 200.0  # dB, either way
 PLAY_HELP = "give CHANNEL=PATCH, such as 2=guitar,10=snare; t3=PATCH or NAME=PATCH for a track"
 
 
+@dataclass
+class MixedPatch:
+    """A patch and the parts that it plays."""
+
+    patch: str
+    scene: "Scene"
+    level: float = 0.0  # dB
+    parts: "set[PartKey]" = field(default_factory=set)
+
+    @property
+    def name(self) -> str:
+        """The name of the patch."""
+        return Path(self.patch).stem
+
+
 @dataclass(frozen=True)
 class Assignment:
     """A channel or track of a MIDI file, and the patch that plays it."""
 
     chosen: str  # number of a channel; t and the number of a track; or the name of one
-    patch: str
-    level: float  # dB
-    scene: "Scene"
+    mixed: MixedPatch
 
     def has(self, part: "Part") -> bool:
         """True if a part is of that channel or track."""
@@ -47,21 +58,6 @@ class Assignment:
             return part.channel == int(self.chosen)
         track = self.chosen[1:]
         return part.is_on_track(track if self.chosen[:1] == "t" and track.isdecimal() else self.chosen)
-
-
-@dataclass
-class MixedPatch:
-    """A patch and the parts that it plays."""
-
-    patch: str
-    scene: "Scene"
-    level: float  # dB
-    parts: "set[PartKey]" = field(default_factory=set)
-
-    @property
-    def name(self) -> str:
-        """The name of the patch."""
-        return Path(self.patch).stem
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +90,7 @@ def read_assignments(args: argparse.Namespace) -> tuple[list[Assignment], list[F
                 scenes[path], patch_faults = read_patch(path)
                 faults += patch_faults
             if (scene := scenes[path]) is not None:
-                assignments.append(Assignment(chosen, path, level, scene))
+                assignments.append(Assignment(chosen, MixedPatch(path, scene, level)))
     return assignments, faults
 
 
@@ -109,24 +105,18 @@ def split_level(text: str) -> tuple[str, float]:
 
 def mix_command(scene: "Scene", assignments: list[Assignment], args: argparse.Namespace) -> int:
     """Render the parts of a MIDI file by several patches, and write their mix; returns the exit code."""
-    from engine.cli.rendering import bring_to_level
-    from engine.live.midi_notes import MidiError
+    from engine.cli.rendering import write_sound
     from engine.report.console import print_mix_summary
 
-    try:
-        with memory_errors_explained("give fewer --seconds or --voices"):
-            patches, excerpt = assign_parts(scene, assignments, args)
-            played = [one for mixed in patches if (one := play_parts(mixed, excerpt, args)) is not None]
-            if not played:
-                raise MidiError("no patch has a note to play; give other channels, tracks or patches")
-            sound, stats = bring_to_level(args, mix_sounds(played))
-    except MidiError as error:
-        raise CommandError(error, 2) from error
-    write_file(sound.file.path, lambda path: sound.write())
-    print_messages(sound.warnings)
+    with note_errors_explained():
+        patches, excerpt = assign_parts(scene, assignments, args)
+        played = [one for mixed in patches if (one := play_parts(mixed, excerpt, args)) is not None]
+        if not played:
+            raise CommandError("no patch has a note to play; give other channels, tracks or patches", 2)
+        stats = write_sound(args, mix_sounds(played))
     reasons = [f"{one.mixed.name}: {reason}" for one in played for reason in one.notes.reasons]
     stats |= {"trusted": not reasons, "reasons": reasons}
-    stats["parts"] = [describe_part(one, sound.gain + 20 * math.log10(one.factor)) for one in played]
+    stats["parts"] = [describe_part(one, stats["gain_db"] + 20 * math.log10(one.factor)) for one in played]
     print_result(args.json, stats, lambda: print_mix_summary(stats))
     return 0
 
@@ -156,12 +146,12 @@ def assign_parts(
 
     _, parts = read_parts(Path(args.midi), scene.midi)
     excerpt = excerpt_of(args)
-    patches = {(args.patch, 0.0): MixedPatch(args.patch, scene, 0.0)}
+    patches = {(args.patch, 0.0): MixedPatch(args.patch, scene)}
     for assignment in assignments:
         chosen = {part.key for part in parts if assignment.has(part)}
         if not chosen:
             raise MidiError(f"{args.midi} has no notes on {assignment.chosen}; its parts are {list_parts(parts)}")
-        mixed = MixedPatch(assignment.patch, assignment.scene, assignment.level)
+        mixed = assignment.mixed
         patches.setdefault((mixed.patch, mixed.level), mixed).parts.update(chosen)
     given = set().union(*(mixed.parts for mixed in patches.values()))
     takes_drums = drum_keys(scene.instrument) is not None

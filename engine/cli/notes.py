@@ -1,11 +1,20 @@
 """Notes of a MIDI file as sound: played by the keys of an instrument, or by the voices of another patch."""
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from engine.cli.messages import CHOOSE_PARTS, describe_leftover, describe_midi_file, describe_unknown_drums
+from engine.cli.messages import (
+    CHOOSE_PARTS,
+    CommandError,
+    describe_leftover,
+    describe_midi_file,
+    describe_unknown_drums,
+    memory_errors_explained,
+)
 from engine.cli.option_checks import excerpt_of, samplerate_of, voice_count
 from engine.cli.progress import Progress
 from engine.cli.rendering import render_scene
@@ -33,6 +42,18 @@ class PlayedNotes:
     reasons: list[str]  # not to trust it
     remarks: list[str]  # on what was not played
     played: dict[str, str]  # the notes that voices played, by the body that sounds
+
+
+@contextmanager
+def note_errors_explained() -> Iterator[None]:
+    """Within it, a MidiError and a MemoryError become CommandErrors."""
+    from engine.live.midi_notes import MidiError
+
+    try:
+        with memory_errors_explained("give fewer --seconds or --voices"):
+            yield
+    except MidiError as error:
+        raise CommandError(error, 2) from error
 
 
 def add_score(scene: "Scene", args: argparse.Namespace, remedy: str = CHOOSE_PARTS) -> "tuple[Scene, list[str]]":

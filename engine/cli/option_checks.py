@@ -4,9 +4,10 @@ The parser leaves every value as text; it would stop at the first fault.
 """
 
 import argparse
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from engine import audio_formats
 from engine.cli.arguments import ACCURACY_OPTIONS, VOICES
@@ -56,8 +57,7 @@ def read_options(args: argparse.Namespace) -> list[Fault]:
     for name in ("plot", "report"):
         if options.get(name) is not None and find_spec("matplotlib") is None:
             faults.append(Fault(f"--{name}", "needs matplotlib; run uv sync --extra plot, or pip install matplotlib"))
-    args.accuracy = accuracy_options(args)
-    return faults + check_plot_style(args) + check_accuracy_options(args)
+    return faults + check_plot_style(args) + _read_accuracy(args)
 
 
 def _read_numbers(args: argparse.Namespace) -> list[Fault]:
@@ -98,26 +98,22 @@ def voice_count(args: argparse.Namespace) -> int:
     return int(args.voices or VOICES)
 
 
-def accuracy_options(args: argparse.Namespace) -> dict[str, Any]:
-    """The accuracy options, as numbers where possible; None leaves a setting to the patch."""
-    options: dict[str, Any] = {}
-    for name, kind in ACCURACY_OPTIONS.items():
-        text = vars(args).get(name)
-        try:
-            options[name] = None if text is None else kind(text)
-        except ValueError:
-            options[name] = text
-    return options
-
-
-def check_accuracy_options(args: argparse.Namespace) -> list[Fault]:
-    """List the faults of the accuracy options."""
+def _read_accuracy(args: argparse.Namespace) -> list[Fault]:
+    """Put the options of accuracy together as `args.accuracy`, as numbers where possible; None leaves a setting to the
+    patch. Returns their faults."""
     from engine.patch.accuracy import Accuracy
     from engine.patch.error_messages import describe_value_error
 
-    options = {name: value for name, value in args.accuracy.items() if value is not None}
-    messages = {name: describe_value_error(Accuracy, name, value) for name, value in options.items()}
-    return [Fault(f"--{name}", message) for name, message in messages.items() if message]
+    args.accuracy, faults = {}, list[Fault]()
+    for name, kind in ACCURACY_OPTIONS.items():
+        value = vars(args).get(name)
+        if value is not None:
+            with suppress(ValueError):
+                value = kind(value)
+            if message := describe_value_error(Accuracy, name, value):
+                faults.append(Fault(f"--{name}", message))
+        args.accuracy[name] = value
+    return faults
 
 
 def parse_error_target(text: str) -> tuple[float, bool]:

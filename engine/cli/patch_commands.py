@@ -5,7 +5,6 @@ import difflib
 import json
 import os
 import sys
-from collections.abc import Sized
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -59,13 +58,8 @@ def check_patches(args: argparse.Namespace) -> int:
             faults, notes = check_build(path, scene)
         faulty = faulty or bool(faults)
         if scene is not None and not faults:
-            parts: dict[str, Sized] = {
-                "bodies": scene.body,
-                "contacts": scene.contact,
-                "forces": scene.force,
-                "pickups": scene.pickup,
-            }
-            summary = ", ".join(f"{name} {len(tables)}" for name, tables in parts.items())
+            names = {"bodies": "body", "contacts": "contact", "forces": "force", "pickups": "pickup"}
+            summary = ", ".join(f"{name} {len(getattr(scene, section))}" for name, section in names.items())
             print(f"{to_one_line(path, LONGEST_PATH)}: valid; {summary}")
             for note in notes:
                 print(f"  {note}")

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 
 from engine.cli import arguments
 from engine.cli.messages import (
-    CommandError,
     describe_bodies,
     describe_midi_file,
     memory_errors_explained,
@@ -13,10 +12,9 @@ from engine.cli.messages import (
     print_result,
     read_patch,
     require_scene,
-    write_file,
 )
 from engine.cli.mix_command import mix_command, read_assignments
-from engine.cli.notes import PARTS_REMEDY, add_score, play_notes
+from engine.cli.notes import PARTS_REMEDY, add_score, note_errors_explained, play_notes
 from engine.cli.option_checks import (
     check_kernel,
     check_parts,
@@ -83,7 +81,7 @@ def render_command(args: argparse.Namespace) -> int:
     assignments, assignment_faults = read_assignments(args)
     option_faults += assignment_faults
     if scene is not None and not option_faults:
-        channels = max(scene.channels, *(each.scene.channels for each in assignments), 0)
+        channels = max(scene.channels, *(each.mixed.scene.channels for each in assignments), 0)
         option_faults += check_rate_and_channels("--output", args.output, samplerate_of(args), channels)
     scene = require_scene(scene, faults + option_faults)
     if not args.midi:
@@ -123,33 +121,23 @@ def scene_command(scene: "Scene", args: argparse.Namespace) -> int:
 
 def instrument_command(scene: "Scene", args: argparse.Namespace) -> int:
     """Render an instrument that plays a MIDI file; returns the exit code."""
-    from engine.live.midi_notes import MidiError
-
-    try:
-        with progress_feedback("reading the notes"):
-            scene, lines = add_score(scene, args, PARTS_REMEDY)
-    except MidiError as error:
-        raise CommandError(error, 2) from error
+    with note_errors_explained(), progress_feedback("reading the notes"):
+        scene, lines = add_score(scene, args, PARTS_REMEDY)
     print_messages(lines)
     return scene_command(scene, args)
 
 
 def midi_command(scene: "Scene", args: argparse.Namespace) -> int:
     """Render the notes of a MIDI file; returns the exit code."""
-    from engine.cli.rendering import bring_to_level
-    from engine.live.midi_notes import MidiError
+    from engine.cli.rendering import write_sound
     from engine.report.console import print_notes_summary
 
     voices = voice_count(args)
-    try:
-        with memory_errors_explained("give fewer --seconds or --voices"):
-            with progress_feedback("rendering", f"{voices} voices of {describe_bodies(scene)}") as progress:
-                notes = play_notes(scene, excerpt_of(args), args, progress)
-            sound, stats = bring_to_level(args, notes.audio)
-    except MidiError as error:
-        raise CommandError(error, 2) from error
-    write_file(sound.file.path, lambda path: sound.write())
-    print_messages(sound.warnings + describe_midi_file(args.midi, notes.file, PARTS_REMEDY) + notes.remarks)
+    with note_errors_explained():
+        with progress_feedback("rendering", f"{voices} voices of {describe_bodies(scene)}") as progress:
+            notes = play_notes(scene, excerpt_of(args), args, progress)
+        stats = write_sound(args, notes.audio)
+    print_messages(describe_midi_file(args.midi, notes.file, PARTS_REMEDY) + notes.remarks)
     stats |= {"live": notes.readings.as_dict(), "notes": notes.played}
     stats |= {"trusted": not notes.reasons, "reasons": notes.reasons}
     stats |= {name: notes.readings[name] for name in ("real_time_factor", "kernel")}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from engine.cli.messages import describe_bodies, write_file
+from engine.cli.messages import describe_bodies, print_messages, write_file
 from engine.cli.option_checks import (
     parse_error_target,
     samplerate_of,
@@ -55,6 +55,15 @@ def bring_to_level(
     file = SoundFile(args.output, args.subtype, args.gain)
     sound = file.bring_to_level(audio, samplerate_of(args), is_silent)
     return sound, {"patch": args.patch} | sound.statistics
+
+
+def write_sound(args: argparse.Namespace, audio: "np.ndarray") -> dict[str, Any]:
+    """Write a sound to the file that the options name, and print what there is to say of it; return its statistics.
+    Raises CommandError. audio: [frames, channels], SI units"""
+    sound, stats = bring_to_level(args, audio)
+    write_file(sound.file.path, lambda path: sound.write())
+    print_messages(sound.warnings)
+    return stats
 
 
 def render_scene(scene: "Scene", args: argparse.Namespace, progress: Progress, **settings: Any) -> "Rendering":

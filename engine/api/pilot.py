@@ -27,16 +27,16 @@ class Pilot:
 
     make:        makes a player at a gain of 1, which nothing ends
     block:       frames at a time
-    sound:       seconds of the scene that are played at most
-    time:        seconds that a run takes at most
-    plays_keys:  an instrument waits for notes: its level is that of its middle key, as loud as can be. What waits
-                 otherwise is struck at once
+    sound_limit: seconds of the scene that are played at most
+    time_limit:  seconds that a run takes at most
+    plays_keys:  the scene is an instrument that waits for notes: its level is that of its middle key, as loud as can
+                 be. What waits otherwise is struck at once
     """
 
     make: Callable[[], Player]
     block: int
-    sound: float
-    time: float = math.inf
+    sound_limit: float
+    time_limit: float = math.inf
     plays_keys: bool = False
 
     @cached_property
@@ -75,8 +75,8 @@ class Pilot:
             player.strike()
         rate = player.samplerate
         out, costs, spent, played = np.zeros((self.block, player.channels), np.float32), list[float](), 0.0, 0
-        limit, started = frame_count(min(self.sound, player.scene.seconds), rate), time.perf_counter()
-        while player.frame < limit and time.perf_counter() - started < self.time and len(costs) < most:
+        limit, started = frame_count(min(self.sound_limit, player.scene.seconds), rate), time.perf_counter()
+        while player.frame < limit and time.perf_counter() - started < self.time_limit and len(costs) < most:
             begin = time.perf_counter()
             player.render_into(out)
             spent, played = spent + time.perf_counter() - begin, played + self.block

@@ -92,7 +92,7 @@ class PlayerFactory:
         """A player at a good level. Raises MidiError, BuildError; CommandError if the scene is too slow."""
         args, seconds = self.args, self.args.seconds
         many: dict[str, Any] = {"cores": args.cores or os.cpu_count() or 1, "kernel": args.kernel}
-        is_waiting = scene.instrument is not None and self.is_played_live
+        is_waiting = bool(scene.instrument) and self.is_played_live
         if is_waiting:
             many["waiting"] = True
         elif not scene.instrument and (args.midi or args.voices is not None) and midi.has_notes(scene, args.midi or ""):
@@ -102,16 +102,22 @@ class PlayerFactory:
             seconds = math.inf
         make = partial(Player, scene, self.samplerate, math.inf, **many)
         pilot = Pilot(make, args.block_size, MAX_PILOT_SECONDS, pilot_seconds, plays_keys=is_waiting)
-        with progress_feedback("measuring the speed", describe_bodies(scene)):
+        gain = self.find_gain(pilot, describe_bodies(scene))
+        del pilot  # and its player, before another one needs the memory
+        return Player(scene, self.samplerate, seconds, gain, **many)
+
+    def find_gain(self, pilot: Pilot, size: str) -> float:
+        """The gain that an option or a test run gives, a factor. Raises CommandError if the scene is too slow. size: of
+        the scene, in words"""
+        with progress_feedback("measuring the speed", size):
             speed = pilot.speed
-        if speed < 1.0 and not args.ignore_speed:
+        if speed < 1.0 and not self.args.ignore_speed:
             remedy = explain_slowness(island_statistics(pilot.player.layout), speed)
             raise CommandError(
                 f"TOO SLOW for real time: {speed:.2f} × in the worst case; {remedy}; or give a lower --samplerate, or"
                 " --ignore-speed"
             )
-        factor = pilot.gain if args.gain is None else 10 ** (args.gain / 20)
-        return Player(scene, self.samplerate, seconds, factor, **many)
+        return pilot.gain if self.args.gain is None else float(10 ** (self.args.gain / 20))
 
     def make_quickly(self, scene: Scene) -> Player:
         """Make a player with a shorter test run, as for an edited patch."""

@@ -6,7 +6,6 @@ from pathlib import Path
 from engine.cli import arguments
 from engine.cli.messages import CommandError, print_result
 from engine.output_files import atomic_write, error_reason
-from engine.report.console import print_table
 
 
 def add_score_command(commands: "arguments.Commands") -> None:
@@ -24,6 +23,7 @@ def add_score_command(commands: "arguments.Commands") -> None:
 def score_command(args: argparse.Namespace) -> int:
     """List the problems, write one, or score a trajectory; returns the exit code."""
     from engine import problems
+    from engine.report.console import print_table
 
     if fault := explain_output(args):
         raise CommandError(f"--output: {fault}", 2)

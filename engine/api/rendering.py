@@ -3,7 +3,6 @@
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from html import escape
 from io import BytesIO
 from pathlib import Path
@@ -60,9 +59,9 @@ class Rendering(RenderedArrays):
         parts += ["trace of every sample"] if self.trace is not None else []
         return f"<Rendering: {', '.join(parts)}{'' if self.stats.trusted else '; NOT TO BE TRUSTED'}>"
 
-    @cached_property
+    @property
     def silence(self) -> str | None:
-        """Why nothing is to be heard, and what would make it sound; None if something is."""
+        """The reason why a rendering is silent, and what would make it sound; None if it is not silent."""
         stats = self.stats
         return explain_silence(self.scene, stats.seconds, stats.samplerate, stats.peak, stats)
 

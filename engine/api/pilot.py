@@ -23,7 +23,7 @@ RETRIES = 2  # of a scene that seems too heavy
 
 @dataclass(frozen=True)
 class Pilot:
-    """Test runs of the players of a scene, none of which is heard.
+    """Test runs of the players of a scene, which give no output.
 
     make:        makes a player at a gain of 1, which nothing ends
     block:       frames at a time

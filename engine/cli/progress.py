@@ -41,7 +41,7 @@ def progress_feedback(task: str, size: str = "") -> Iterator["Progress"]:
 
 
 class Progress:
-    """How far a task is. A thread shows it, from PROGRESS_DELAY on, whatever the main thread is busy with."""
+    """Progress of a task. A thread shows it, from PROGRESS_DELAY on, whatever the main thread is busy with."""
 
     def __init__(self, task: str, size: str = "") -> None:
         self.task, self.size, self.begin = task, size, time.perf_counter()

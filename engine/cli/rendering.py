@@ -29,7 +29,7 @@ CHOSEN_SETTING_KEYS = ("setting", "error", "bands_db", "ns_per_sample")
 
 @dataclass(frozen=True)
 class Outputs:
-    """What comes of a rendering: all that is to be printed and written."""
+    """Results of a rendering: all that is to be printed and written."""
 
     stats: dict[str, Any]  # as `--json` prints them: of the rendering, and of the file
     warnings: list[str]

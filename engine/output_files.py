@@ -92,6 +92,12 @@ def save_trace(output: Path, trace: Mapping[str, object]) -> None:
         np.savez(file, **trace)  # type: ignore[arg-type]
 
 
+def write_text(output: Path, text: str) -> None:
+    """Write a text to a file, as UTF-8. Raises OSError."""
+    with atomic_write(output) as path:
+        path.write_text(text, "utf-8")
+
+
 def to_utf8_text(text: str) -> str:
     """The text with U+FFFD for what UTF-8 cannot hold: names of files may be any bytes."""
     return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")

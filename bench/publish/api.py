@@ -49,7 +49,7 @@ NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "Scene": ("engine", ("parameters", "replace", "channels")),
     "Parameter": ("engine.patch.parameters", ()),
     "render": ("engine", ()),
-    "Rendering": ("engine", ("contacts", "plot", "save")),
+    "Rendering": ("engine", ("contacts", "silence", "plot", "save")),
     "TraceArrays": ("engine.offline.trace", ()),
     "ContactSummary": ("engine.analysis.contact_summaries", ()),
     "estimate_error": ("engine", ()),

@@ -13,7 +13,7 @@ from engine.analysis.metrics import relative_rms_error
 from engine.assembly.build import build
 from engine.faults import BuildError
 from engine.offline.record import Record
-from engine.offline.render import Rendering, render
+from engine.offline.render import RenderedArrays, render_arrays
 from engine.patch.accuracy import MAX_SUBSTEPS, Accuracy
 from engine.patch.scene import Scene
 
@@ -49,7 +49,7 @@ class ErrorEstimate(Record):
 
 
 def estimate_error(
-    scene: Scene, rendering: Rendering, progress: Callable[[float], None] | None = None, **settings: Any
+    scene: Scene, rendering: RenderedArrays, progress: Callable[[float], None] | None = None, **settings: Any
 ) -> ErrorEstimate:
     """Estimate the error of a rendering of a scene by a second one, several times finer.
 
@@ -90,7 +90,7 @@ def finer_settings(used: Accuracy) -> list[Accuracy]:
     return [finer, used.replace(order=2, substeps=MAX_SUBSTEPS, **exact)]
 
 
-def _has_loss(scene: Scene, rendering: Rendering, used: Accuracy) -> bool:
+def _has_loss(scene: Scene, rendering: RenderedArrays, used: Accuracy) -> bool:
     """True if any mode of a scene decays."""
     layout = build(scene, rendering.samplerate * used.oversample, used, seconds=0.0).layout
     return bool(layout.modes.sigma.any())
@@ -98,12 +98,12 @@ def _has_loss(scene: Scene, rendering: Rendering, used: Accuracy) -> bool:
 
 def _render_finer(
     scene: Scene, used: Accuracy, seconds: float, samplerate: int, progress: Any, settings: dict[str, Any]
-) -> Rendering:
+) -> RenderedArrays:
     """The rendering at the first of the finer settings that the scene can be built at."""
     first, second = finer_settings(used)
     with contextlib.suppress(BuildError):  # damping is too strong for steps back in time
-        return render(scene, seconds, samplerate, progress=progress, **settings, **first.model_dump())
-    return render(scene, seconds, samplerate, progress=progress, **settings, **second.model_dump())
+        return render_arrays(scene, seconds, samplerate, progress=progress, **settings, **first.model_dump())
+    return render_arrays(scene, seconds, samplerate, progress=progress, **settings, **second.model_dump())
 
 
 def trusted_frames(audio: np.ndarray, fine: np.ndarray, samplerate: float) -> int:

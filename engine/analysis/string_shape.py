@@ -17,7 +17,7 @@ from engine.patch.frames import frame_count
 from engine.patch.scene import Scene
 
 if TYPE_CHECKING:
-    from engine.offline.render import Rendering
+    from engine.offline.render import RenderedArrays
 
 PERIODS = 2.0  # of the lowest mode that are shown
 MAX_TIMES = 400  # shapes
@@ -38,7 +38,7 @@ class StringShape:
     displacement: np.ndarray  # [times, places], m
 
 
-def first_moving_string(scene: Scene, rendering: "Rendering") -> tuple[int, int] | None:
+def first_moving_string(scene: Scene, rendering: "RenderedArrays") -> tuple[int, int] | None:
     """The number of the string that moves first, of those that move at least a tenth as far as any, and the sample of
     the trace at which it swings; without strings, the same of the bars with a pickup. None if there is none."""
     heard = {pickup.body for pickup in scene.pickup}
@@ -55,7 +55,7 @@ def first_moving_string(scene: Scene, rendering: "Rendering") -> tuple[int, int]
     return lines[int(moving[onsets.argmin()])], int(onsets.min())
 
 
-def string_shape(scene: Scene, rendering: "Rendering") -> StringShape | None:
+def string_shape(scene: Scene, rendering: "RenderedArrays") -> StringShape | None:
     """The shape of the string or bar that moves first in a rendering with a trace, over two periods of its lowest mode.
     The scene is computed again up to there. None if there is no such body, or it moves later than MAX_BEGIN."""
     found = first_moving_string(scene, rendering)

@@ -2,16 +2,16 @@
 
 import math
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from engine.analysis.silence import is_inaudible
 from engine.api.audio_input import AudioInput, InputForce, as_samples, with_input_force
+from engine.api.pilot import Pilot
 from engine.argument_checks import checked_integer
 from engine.live import audio_device, player
 from engine.live.audio_memory import RENDERED_AT_ONCE
-from engine.live.shared_memory import Gauge
 from engine.patch.frames import frame_count
 from engine.patch.scene import Scene, check_scene
 
@@ -80,9 +80,11 @@ class Player(player.Player):
             )
         if input is not None and options.get("voices"):
             raise ValueError("a player of voices takes no audio input; leave out voices, or the input")
-        level = pilot_gain(scene, samplerate, options) if gain is None else gain
+        if gain is None:
+            make = partial(player.Player, scene, samplerate, math.inf, **options)
+            gain = Pilot(make, frame_count(min(PILOT_SECONDS, scene.seconds), samplerate), PILOT_SECONDS).gain
         played = scene if input is None else with_input_force(scene, input, samplerate)
-        super().__init__(played, samplerate, seconds, level, **options)
+        super().__init__(played, samplerate, seconds, gain, **options)
         if input is not None:
             self._input = InputForce(self, input)
 
@@ -176,14 +178,3 @@ class Player(player.Player):
 
     def __exit__(self, *error: object) -> None:
         self.close()
-
-
-def pilot_gain(scene: Scene, samplerate: int, options: dict[str, Any]) -> float:
-    """The gain at which the first seconds of a scene reach half of full scale; 1 for silence."""
-    pilot = player.Player(scene, samplerate, math.inf, 1.0, **options)
-    if pilot.waiting:
-        pilot.strike()
-    frames = frame_count(min(PILOT_SECONDS, scene.seconds), samplerate)
-    pilot.render_into(np.zeros((frames, pilot.channels), np.float32))
-    peak = float(pilot.gauges[Gauge.PEAK])
-    return 1.0 if peak == 0.0 or is_inaudible(scene) else player.HEADROOM / peak

@@ -10,12 +10,13 @@ from typing import Any, cast
 
 import numpy as np
 
-import engine.offline.render as offline
 from engine.analysis.contact_summaries import ContactSummaries
 from engine.analysis.silence import explain_silence
+from engine.api.sound_file import SoundFile
 from engine.argument_checks import checked_integer, checked_number
+from engine.offline.render import RenderedArrays, render_arrays
 from engine.offline.trace import TraceArrays, contact_names
-from engine.output_files import apply_gain, atomic_write, check_audio_format, count_clipped, save_audio, save_trace
+from engine.output_files import apply_gain, atomic_write, check_audio_format, save_trace
 from engine.patch.accuracy import Accuracy
 from engine.patch.error_messages import suggestion
 from engine.patch.scene import Scene, check_scene
@@ -30,7 +31,7 @@ NO_MATPLOTLIB = 'to draw needs matplotlib; pip install "fdh-engine[plot]", or uv
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Rendering(offline.Rendering):
+class Rendering(RenderedArrays):
     """A rendered scene.
 
     audio:      float64 [frames, channels], in the SI units of the pickups; never normalised
@@ -57,6 +58,12 @@ class Rendering(offline.Rendering):
         parts += [f"peak {self.stats.peak:.3g}", f"energy error {self.stats.energy.error_max:.1e}"]
         parts += ["trace of every sample"] if self.trace is not None else []
         return f"<Rendering: {', '.join(parts)}{'' if self.stats.trusted else '; NOT TO BE TRUSTED'}>"
+
+    @property
+    def silence(self) -> str | None:
+        """The reason why a rendering is silent, and what would make it sound; None if it is not silent."""
+        stats = self.stats
+        return explain_silence(self.scene, stats.seconds, stats.samplerate, stats.peak, stats)
 
     @property
     def contacts(self) -> ContactSummaries:
@@ -140,17 +147,18 @@ class Rendering(offline.Rendering):
             others = f" for the sound, in .npz for the trace, or in {join_with_or(PICTURE_ENDINGS)} for the picture"
             messages = [fault.message.replace("--subtype ", "subtype ") for fault in faults]
             raise ValueError("; ".join(m + others if m.endswith("end it in .wav") else m for m in messages))
-        audio, applied = self._at_level(None if gain is None else checked_number("gain", gain), subtype)
-        if cut := count_clipped(path, audio, applied, subtype):
+        file = SoundFile(path, subtype, None if gain is None else checked_number("gain", gain))
+        sound = file.bring_to_level(self.audio, self.samplerate, self.silence is not None)
+        if cut := sound.clipping:
             remedy = f"gain={cut.safe_gain:.1f} fits"
             warnings.warn(
                 f"{path}: {cut.count} of {cut.total} samples are beyond ±1 and clipped; {remedy}", stacklevel=2
             )
         try:
-            save_audio(path, audio, self.samplerate, subtype)
+            sound.write()
         except RuntimeError as error:
             raise ValueError(f"{path}: {error}") from None
-        return applied
+        return sound.gain
 
     def _repr_html_(self) -> str:
         """Return the HTML that a notebook shows: a player of the first minute, the main numbers, and a picture."""
@@ -160,8 +168,8 @@ class Rendering(offline.Rendering):
         from engine.report.html import data_uri, encode_for_browser
 
         shown = self.audio[: round(SHOWN_SECONDS * self.samplerate)]
-        audio, _ = self._at_level(None, None)
-        data, mime_type = encode_for_browser(audio[: len(shown)], self.samplerate)
+        audio, _ = apply_gain(shown, 0.0 if self.silence else self.stats.peak, None)
+        data, mime_type = encode_for_browser(audio, self.samplerate)
         yield f"<p><strong>{escape(self.scene.title)}</strong> {escape(repr(self)[1:-1])}</p>"
         yield f'<audio controls src="{data_uri(data, mime_type)}"></audio>'
         if len(shown) < len(self.audio):
@@ -174,12 +182,6 @@ class Rendering(offline.Rendering):
         except ImportError:
             return
         yield f'<img alt="waveform and spectrogram" src="{data_uri(png, "image/png")}">'
-
-    def _at_level(self, gain: float | None, subtype: str | None) -> tuple[np.ndarray, float]:
-        """The audio with a gain, dB; None: normalised, but for what is silence."""
-        stats = self.stats
-        silent = explain_silence(self.scene, stats.seconds, stats.samplerate, stats.peak, stats)
-        return apply_gain(self.audio, 0.0 if silent else stats.peak, gain, subtype)
 
     def _checked_panels(self, panels: tuple[str, ...]) -> tuple[str, ...]:
         """The panels to draw. Raises ValueError."""
@@ -255,8 +257,8 @@ def render(
     given = None if seconds is None else checked_number("seconds", seconds)
     rate = checked_integer("samplerate", samplerate)
     used_cores = None if cores is None else checked_integer("cores", cores)
-    rendering = offline.render(scene, given, rate, bool(trace), used_cores, progress, kernel, trace_shapes, **accuracy)
-    return Rendering(**vars(rendering), scene=scene)
+    arrays = render_arrays(scene, given, rate, bool(trace), used_cores, progress, kernel, trace_shapes, **accuracy)
+    return Rendering(**vars(arrays), scene=scene)
 
 
 def check_accuracy_names(accuracy: Mapping[str, Any], caller: str) -> None:

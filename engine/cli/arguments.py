@@ -2,7 +2,7 @@
 
 import argparse
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -17,6 +17,32 @@ MAX_USAGE_CHARACTERS = 400  # characters of a message
 VOICES = 8  # notes at a time, unless told otherwise
 ACCURACY_OPTIONS = {"scheme": str, "order": int, "substeps": int, "tolerance": float, "oversample": int}
 ACCURACY_OPTIONS |= {"precision": str}
+# options that several commands have: what stands for the value, and the help
+SHARED_OPTIONS = {
+    "--scheme": ("NAME", "exact: linear motion is exact; fdh: the finite differences of the paper"),
+    "--order": ("N", "order of accuracy: 2, 4 or 6"),
+    "--substeps": ("N", "steps per sample where contact is possible"),
+    "--tolerance": ("T", "relative tolerance of the contact solve"),
+    "--oversample": ("N", "compute everything at N times the sample rate, then decimate"),
+    "--precision": ("TYPE", "precision of the modes: float64 or float32"),
+    "--seconds": ("S", "length in seconds (default: that of the patch)"),
+    "--samplerate": ("HZ", "sample rate in Hz (default: 44100)"),
+    "--subtype": ("TYPE", f"sample format: {', '.join(SUBTYPES)} (default: FLOAT)"),
+    "--gain": ("DB", f"gain in dB, applied to SI units (default: normalise to {NORMALISED_PEAK_DBFS:g} dBFS)"),
+    "--cores": ("N", "number of processor cores to use (default: all; the samples do not depend on it)"),
+    "--kernel": (
+        "NAME",
+        "special: compiled for this scene; general: for any scene; auto (default): whichever is ready",
+    ),
+    "--channels": ("1,2", "play these MIDI channels of a file, from 1 to 16 (default: all but 10, which are drums)"),
+    "--tracks": ("0,3", "play these tracks of a MIDI file, by number from 0, or by name (default: all)"),
+    "--plot-style": (
+        "NAME",
+        "screen (default), or paper: as wide as a column of a journal, 86 mm, with letters of 8 points",
+    ),
+    "--voices": ("N", f"maximum number of notes at a time, with --midi (default: {VOICES})"),
+    "--velocity": ("V", "MIDI velocity of --key, 1 to 127 (default: 80)"),
+}
 # options that became commands
 MOVED = {
     "--explain": "inspect PATCH",
@@ -110,64 +136,37 @@ def patch_file(text: str) -> str:
     return text if path == Path(text) else str(path)
 
 
+def add_command(
+    commands: "Commands", name: str, run: Callable[[argparse.Namespace], int], summary: str, **settings: Any
+) -> CommandParser:
+    """Add a command, and return its parser.
+
+    run:      carries the command out, and returns the exit code
+    settings: of the parser, such as its description, which otherwise is the summary
+    """
+    parser = commands.add_parser(name, **{"help": summary, "description": f"{summary.capitalize()}."} | settings)
+    parser.set_defaults(run=run)
+    return parser
+
+
 def add_patch(parser: CommandParser, **settings: Any) -> None:
     """Add the patch: what every command that needs one takes."""
     help_text = "a TOML file, or the name of a shipped patch, such as tanpura"
     parser.add_argument("patch", metavar="PATCH", type=patch_file, help=help_text, **settings)
 
 
-def add_length_and_rate(parser: CommandParser, rate: str = "44100") -> None:
-    """Add length and sample rate."""
-    parser.add_argument("--seconds", metavar="S", help="length in seconds (default: that of the patch)")
-    parser.add_argument("--samplerate", metavar="HZ", help=f"sample rate in Hz (default: {rate})")
-
-
-def add_sound_format(parser: CommandParser) -> None:
-    """Add the sample format of the file to be written."""
-    parser.add_argument("--subtype", metavar="TYPE", help=f"sample format: {', '.join(SUBTYPES)} (default: FLOAT)")
-
-
-def add_gain(parser: CommandParser) -> None:
-    """Add the gain of the sound."""
-    parser.add_argument(
-        "--gain",
-        metavar="DB",
-        help=f"gain in dB, applied to SI units (default: normalise to {NORMALISED_PEAK_DBFS:g} dBFS)",
-    )
-
-
-def add_cores(parser: CommandParser) -> None:
-    """Add how many processor cores may be used."""
-    help_text = "number of processor cores to use (default: all; the samples do not depend on it)"
-    parser.add_argument("--cores", metavar="N", help=help_text)
-
-
-def add_kernel(parser: CommandParser) -> None:
-    """Add which kernel runs."""
-    help_text = "special: compiled for this scene; general: for any scene; auto (default): whichever is ready"
-    parser.add_argument("--kernel", metavar="NAME", help=help_text)
-
-
-def add_voices(parser: CommandParser, sources: str = "--midi") -> None:
-    """Add the number of voices, for notes. sources: the options that notes come from"""
-    text = f"maximum number of notes at a time, with {sources} (default: {VOICES})"
-    parser.add_argument("--voices", metavar="N", help=text)
-
-
-def add_parts(parser: CommandParser) -> None:
-    """Add which parts of a MIDI file are played."""
-    help_text = "play these MIDI channels of a file, from 1 to 16 (default: all but 10, which are drums)"
-    parser.add_argument("--channels", metavar="1,2", help=help_text)
-    help_text = "play these tracks of a MIDI file, by number from 0, or by name (default: all)"
-    parser.add_argument("--tracks", metavar="0,3", help=help_text)
+def add_options(parser: argparse._ActionsContainer, *options: str | tuple[str, str, str]) -> None:
+    """Add options that take a value: names of SHARED_OPTIONS, or names with what stands for the value and the help."""
+    for option in options:
+        name, metavar, help_text = (option, *SHARED_OPTIONS[option]) if isinstance(option, str) else option
+        parser.add_argument(name, metavar=metavar, help=help_text)
 
 
 def add_plot(parser: CommandParser, contents: str) -> None:
     """Add a picture, of something."""
     help_text = f"plot {contents}, as .png, .pdf or .svg (default: a .png next to the sound file)"
     parser.add_argument("--plot", metavar="OUT.png", nargs="?", const="", help=help_text)
-    help_text = "screen (default), or paper: as wide as a column of a journal, 86 mm, with letters of 8 points"
-    parser.add_argument("--plot-style", metavar="NAME", help=help_text)
+    add_options(parser, "--plot-style")
 
 
 def add_report(parser: CommandParser, contents: str) -> None:
@@ -181,26 +180,7 @@ def add_json(parser: CommandParser, contents: str = "the statistics") -> None:
     parser.add_argument("--json", action="store_true", help=f"print {contents} as one JSON object")
 
 
-def add_verbose(parser: CommandParser) -> None:
-    """Add the switch to all that a rendering has to tell."""
-    text = "also print iterations, energies and effects (--json prints everything)"
-    parser.add_argument("--verbose", action="store_true", help=text)
-
-
 def add_accuracy_options(parser: CommandParser) -> None:
     """Add the options that take the place of [accuracy] in a patch."""
     group = parser.add_argument_group("accuracy (default: the [accuracy] table of the patch)")
-    group.add_argument(
-        "--scheme", metavar="NAME", help="exact: linear motion is exact; fdh: the finite differences of the paper"
-    )
-    group.add_argument("--order", metavar="N", help="order of accuracy: 2, 4 or 6")
-    group.add_argument("--substeps", metavar="N", help="steps per sample where contact is possible")
-    group.add_argument("--tolerance", metavar="T", help="relative tolerance of the contact solve")
-    group.add_argument("--oversample", metavar="N", help="compute everything at N times the sample rate, then decimate")
-    group.add_argument("--precision", metavar="TYPE", help="precision of the modes: float64 or float32")
-
-
-def add_key(parser: CommandParser, help_text: str) -> None:
-    """Add the key of an instrument, and how fast it is pressed."""
-    parser.add_argument("--key", metavar="KEY", help=help_text)
-    parser.add_argument("--velocity", metavar="V", help="MIDI velocity of --key, 1 to 127 (default: 80)")
+    add_options(group, *(f"--{name}" for name in ACCURACY_OPTIONS))

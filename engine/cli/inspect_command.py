@@ -1,14 +1,12 @@
 """The command `inspect`: what a patch is built of, what is left out, and what each part costs."""
 
 import argparse
-import json
 from typing import TYPE_CHECKING
 
 from engine.cli import arguments
-from engine.cli.messages import print_error, print_faults, read_patch
-from engine.cli.option_checks import accuracy_options, numeric_options, samplerate_of, scene_of_key
+from engine.cli.messages import memory_errors_explained, print_result, read_patch, require_scene
+from engine.cli.option_checks import read_options, samplerate_of, scene_of_key
 from engine.cli.progress import progress_feedback
-from engine.wording import json_safe
 
 if TYPE_CHECKING:
     from engine.patch.scene import Scene
@@ -19,13 +17,13 @@ def add_inspect_command(commands: "arguments.Commands") -> None:
     summary = "show the coupled subsystems and effects of a scene, and their costs"
     description = f"{summary.capitalize()}. No file is written. An island is a coupled subsystem: bodies that are"
     description += " joined, directly or through others, by contacts and connections, and are solved together."
-    parser = commands.add_parser("inspect", help=summary, description=description)
+    parser = arguments.add_command(commands, "inspect", profile_command, summary, description=description)
     arguments.add_patch(parser)
-    arguments.add_length_and_rate(parser)
+    arguments.add_options(parser, "--seconds", "--samplerate")
     arguments.add_accuracy_options(parser)
-    arguments.add_key(parser, "instead, print every number of one key of an instrument")
+    key = "--key", "KEY", "instead, print every number of one key of an instrument"
+    arguments.add_options(parser, key, "--velocity")
     arguments.add_json(parser, "the result")
-    parser.set_defaults(run=profile_command)
 
 
 def profile_command(args: argparse.Namespace) -> int:
@@ -34,25 +32,16 @@ def profile_command(args: argparse.Namespace) -> int:
     from engine.report import console
 
     scene, faults = read_patch(args.patch)
-    numbers, option_faults = numeric_options(args)
+    option_faults = read_options(args)
     _, key_faults = scene_of_key(scene, args)
-    faults += option_faults + key_faults
-    if scene is None or faults:
-        print_faults(faults)
-        return 2
+    scene = require_scene(scene, faults + option_faults + key_faults)
     if args.key is not None:
         return print_key(scene, args)
-    seconds = numbers["seconds"] or scene.seconds
-    try:
-        with progress_feedback("measuring costs") as progress:
-            profile = profile_scene(scene, seconds, samplerate_of(numbers), progress, **accuracy_options(args))
-    except MemoryError:
-        print_error("there is not enough memory for so many samples; give fewer --seconds")
-        return 1
-    if args.json:
-        print(json.dumps({"patch": args.patch, "seconds": seconds, "explain": json_safe(profile.as_dict())}))
-    else:
-        console.print_profile(profile, seconds)
+    seconds = args.seconds or scene.seconds
+    with memory_errors_explained("give fewer --seconds"), progress_feedback("measuring costs") as progress:
+        profile = profile_scene(scene, seconds, samplerate_of(args), progress, **args.accuracy)
+    values = {"patch": args.patch, "seconds": seconds, "explain": profile.as_dict()}
+    print_result(args.json, values, lambda: console.print_profile(profile, seconds))
     return 0
 
 
@@ -64,8 +53,5 @@ def print_key(scene: "Scene", args: argparse.Namespace) -> int:
 
     document = scene.instrument or {}
     listing = list_key(document, parse_key_of(document, args.key), int(args.velocity or DEFAULT_VELOCITY))
-    if args.json:
-        print(json.dumps({"patch": args.patch} | json_safe(listing)))
-    else:
-        print("\n".join(format_listing(listing)))
+    print_result(args.json, {"patch": args.patch} | listing, lambda: print("\n".join(format_listing(listing))))
     return 0

@@ -4,10 +4,10 @@ import argparse
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 
+from engine.cli.option_checks import excerpt_of
 from engine.live import midi
 from engine.live.controls import Controls
 from engine.live.key_allocator import KeyAllocator
-from engine.live.midi_parts import Excerpt
 from engine.live.osc import OscServer, parse_address
 from engine.live.osc_commands import OscCommands
 from engine.live.player import Player
@@ -71,11 +71,9 @@ class Inputs:
         return [*self._osc.remarks(), *self._commands.remarks()]
 
 
-def open_inputs(
-    args: argparse.Namespace, allocator: midi.Allocator | None, controls: Controls, excerpt: Excerpt
-) -> Inputs:
-    """Open the inputs that the options name. excerpt: of a MIDI file. Raises MidiError, OscError."""
-    notes = midi.open_source(args.midi, allocator, controls, excerpt) if args.midi else None
+def open_inputs(args: argparse.Namespace, allocator: midi.Allocator | None, controls: Controls) -> Inputs:
+    """Open the inputs that the options name. Raises MidiError, OscError."""
+    notes = midi.open_source(args.midi, allocator, controls, excerpt_of(args)) if args.midi else None
     commands = OscCommands(controls, allocator)
     osc = None if args.osc is None else OscServer(parse_address(args.osc), commands.receive, commands.notices.add)
     bends = [allocator.poll] if isinstance(allocator, KeyAllocator) else []

@@ -1,38 +1,27 @@
 """Commands about this machine: devices that can be played on, compiled kernels, recordings that were broken off."""
 
 import argparse
-import json
 import os
 import sys
 from pathlib import Path
 
 from engine.cli import arguments
-from engine.cli.messages import print_error, print_faults
+from engine.cli.messages import CommandError, InputError, print_result
 from engine.faults import Fault
-from engine.wording import json_safe
 
 
 def add_machine_commands(commands: "arguments.Commands") -> None:
     """Add the commands of this file and their options."""
-    summary = "list the audio output devices"
-    devices = commands.add_parser("devices", help=summary, description=f"{summary.capitalize()}.")
-    devices.set_defaults(run=list_devices)
-
+    arguments.add_command(commands, "devices", list_devices, "list the audio output devices")
     summary = "show where compiled kernels are stored, and their size"
-    cache = commands.add_parser("cache", help=summary, description=f"{summary.capitalize()}.")
+    cache = arguments.add_command(commands, "cache", cache_command, summary)
     cache.add_argument("--clear", action="store_true", help="delete them; later renders compile what they need again")
     arguments.add_json(cache, "the result")
-    cache.set_defaults(run=cache_command)
-
-    recover = commands.add_parser(
-        "recover",
-        help="recover interrupted recordings",
-        description="Recover interrupted recordings as playable files, and delete other unfinished files that are older"
-        " than a week.",
-    )
+    summary = "recover interrupted recordings"
+    text = f"{summary.capitalize()} as playable files, and delete other unfinished files that are older than a week."
+    recover = arguments.add_command(commands, "recover", recover_recordings, summary, description=text)
     folder_help = "folder of the recordings (default: this folder)"
     recover.add_argument("folder", metavar="FOLDER", nargs="?", default=".", help=folder_help)
-    recover.set_defaults(run=recover_recordings)
 
 
 def list_devices(args: argparse.Namespace) -> int:
@@ -42,8 +31,7 @@ def list_devices(args: argparse.Namespace) -> int:
     try:
         devices = output_devices()
     except DeviceError as error:
-        print_error(error)
-        return 1
+        raise CommandError(error) from error
     for number, name, channels, rate in devices:
         print(f"{number:>3}  {name}: {channels} channels, {rate} Hz")
     if not devices:
@@ -59,28 +47,20 @@ def cache_command(args: argparse.Namespace) -> int:
         limit = cache_files.limit()
         base = cache_files.folder()
     except ValueError as error:
-        print_error(error)
-        return 2
+        raise CommandError(error, 2) from error
     except OSError as error:
-        print_error(f"compiled kernels are not stored ({error})")
-        return 1
+        raise CommandError(f"compiled kernels are not stored ({error})") from error
     before = cache_files.files(base)
     left = cache_files.clear(base) if args.clear else before
     kernels, size = cache_files.count(left)
     deleted = cache_files.count(before)[0] - kernels
     report = {"folder": str(base), "kernels": kernels, "bytes": size, "limit_bytes": limit, "deleted": deleted}
     report |= {"compiling": background.is_compiling(), "background": background.is_allowed()}
-    if args.json:
-        print(json.dumps(json_safe(report)))
-    elif args.clear:
-        print(f"{base}: {deleted} kernels deleted")
-    else:
-        print(f"{base}: {kernels} kernels, {size / 1e6:.1f} MB; at most {limit / 1e6:g} MB")
-        if report["compiling"]:
-            print("a kernel is being compiled in the background")
+    text = f"{base}: {kernels} kernels, {size / 1e6:.1f} MB; at most {limit / 1e6:g} MB"
+    text += "\na kernel is being compiled in the background" if report["compiling"] else ""
+    print_result(args.json, report, lambda: print(f"{base}: {deleted} kernels deleted" if args.clear else text))
     if args.clear and left:
-        print_error(f"{len(left)} files in {base} cannot be deleted")
-        return 1
+        raise CommandError(f"{len(left)} files in {base} cannot be deleted")
     return 0
 
 
@@ -92,8 +72,7 @@ def recover_recordings(args: argparse.Namespace) -> int:
 
     folder, count = Path(args.folder), 0
     if not folder.is_dir():
-        print_faults([Fault("FOLDER", f"no such folder: {folder}")])
-        return 2
+        raise InputError([Fault("FOLDER", f"no such folder: {folder}")])
     try:
         leftovers = recovery.find_leftovers(folder)
         for path, name in leftovers:
@@ -103,8 +82,7 @@ def recover_recordings(args: argparse.Namespace) -> int:
                 count += 1
                 print(f"{target}: {frames} frames, recovered from {path.name}")
     except OSError as error:
-        print_error(f"cannot recover {folder} ({error_reason(error)})")
-        return 1
+        raise CommandError(f"cannot recover {folder} ({error_reason(error)})") from error
     deleted = recovery.delete_unusable([(path, name) for path, name in leftovers if path.exists()])
     if deleted:
         print(f"{deleted} other unfinished files, older than a week, deleted")

@@ -14,7 +14,13 @@ from engine.cli.accuracy_command import add_accuracy_command
 from engine.cli.arguments import CommandParser, Parser
 from engine.cli.inspect_command import add_inspect_command
 from engine.cli.machine_commands import add_machine_commands
-from engine.cli.messages import patch_warnings_as_notes, print_error, print_faults
+from engine.cli.messages import (
+    CommandError,
+    InputError,
+    patch_warnings_as_notes,
+    print_error,
+    print_faults,
+)
 from engine.cli.patch_commands import add_patch_commands
 from engine.cli.play_command import add_play_command
 from engine.cli.render_command import add_render_command
@@ -76,6 +82,12 @@ def main(words: list[str] | None = None) -> int:
         with patch_warnings_as_notes():
             code: int = args.run(args)
         return code
+    except CommandError as failure:
+        print_error(failure)
+        return failure.code
+    except InputError as error:
+        print_faults(error.faults)
+        return 2
     except BuildError as error:
         from engine.patch.reader import locate_build_faults
 

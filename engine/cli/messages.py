@@ -1,25 +1,76 @@
 """Messages of the command line: one line each, on standard error, with the name of the program."""
 
+import json
 import sys
 import warnings
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from engine.faults import Fault, PatchError, PatchWarning
-from engine.wording import program_name
+from engine.output_files import error_reason
+from engine.wording import json_safe, program_name
 
 if TYPE_CHECKING:
     from engine.live.midi_files import MidiNotes
     from engine.patch.scene import Scene
 
+CHOOSE_PARTS = "choose parts with --channels or --tracks"  # of a MIDI file
 SHORTEST_SILENCE = 0.05  # s, that a note to the user is worth
 BODIES_OF_KIND = {  # one and several, where they are not the kind and the kind with an s
     "mass": ("mass", "masses"),
     "air": ("air volume", "air volumes"),
     "modes": ("measured body", "measured bodies"),
 }
+
+
+class CommandError(Exception):
+    """A command fails: the message is printed, and the program ends with the code."""
+
+    def __init__(self, message: object, code: int = 1) -> None:
+        super().__init__(str(message))
+        self.code = code
+
+
+class InputError(Exception):
+    """The input of a command has faults: these are printed, and the program ends with 2."""
+
+    def __init__(self, faults: list[Fault]) -> None:
+        super().__init__(faults)
+        self.faults = faults
+
+
+@contextmanager
+def memory_errors_explained(remedy: str) -> Iterator[None]:
+    """Within it, a MemoryError becomes a CommandError. remedy: what would need less memory"""
+    try:
+        yield
+    except MemoryError:
+        raise CommandError(f"there is not enough memory for so many samples; {remedy}") from None
+
+
+def write_file(path: Path, write: Callable[[Path], object]) -> None:
+    """Let a function write a file. Raises CommandError, which says which file could not be written, and why."""
+    try:
+        write(path)
+    except (OSError, RuntimeError) as error:
+        raise CommandError(f"cannot write {path} ({error_reason(error)})") from error
+
+
+def print_result(as_json: bool, values: Any, print_text: Callable[[], object]) -> None:
+    """Print the result of a command: values as JSON, or a text."""
+    if as_json:
+        print(json.dumps(json_safe(values)))
+    else:
+        print_text()
+
+
+def print_messages(lines: Iterable[str]) -> None:
+    """Print lines on standard error."""
+    for line in lines:
+        print(line, file=sys.stderr)
 
 
 def print_error(message: object) -> None:
@@ -29,8 +80,7 @@ def print_error(message: object) -> None:
 
 def print_faults(faults: Iterable[Fault]) -> None:
     """Print one line for each fault."""
-    for fault in faults:
-        print(fault, file=sys.stderr)
+    print_messages(map(str, faults))
 
 
 @contextmanager
@@ -62,6 +112,13 @@ def read_patch(path: str) -> "tuple[Scene | None, list[Fault]]":
         return None, error.faults
 
 
+def require_scene(scene: "Scene | None", faults: list[Fault]) -> "Scene":
+    """Return a scene that was read without faults. Raises InputError if there are some."""
+    if scene is None or faults:
+        raise InputError(faults)
+    return scene
+
+
 def describe_bodies(scene: "Scene") -> str:
     """Count the bodies of each kind in words, the most frequent kind first, such as 226 strings and 2 plates."""
     counts = Counter(body.kind for body in scene.body).most_common()
@@ -88,9 +145,7 @@ def describe_leftover(unknown_keys: list[str], ignored: dict[str, int], stolen: 
     return lines
 
 
-def describe_midi_file(
-    path: str, file: "MidiNotes", remedy: str = "choose parts with --channels or --tracks"
-) -> list[str]:
+def describe_midi_file(path: str, file: "MidiNotes", remedy: str = CHOOSE_PARTS) -> list[str]:
     """Describe the part of a MIDI file that is played, a line for each thing that a user may not expect.
 
     remedy: how other parts would be played

@@ -1,41 +1,24 @@
 """The command `render` with `--play`: each part of a MIDI file is played by a patch, and all are mixed to one sound."""
 
 import argparse
-import json
 import math
-import sys
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from engine.cli.arguments import patch_file
 from engine.cli.messages import (
+    CommandError,
     describe_leading_silence,
-    describe_leftover,
-    describe_unknown_drums,
-    print_error,
+    print_messages,
+    print_result,
     read_patch,
 )
-from engine.cli.option_checks import (
-    MIDI_CHANNELS,
-    NumericOptions,
-    accuracy_options,
-    excerpt_of,
-    samplerate_of,
-    sound_path,
-    voice_count,
-)
+from engine.cli.notes import PARTS_REMEDY, PlayedNotes, note_errors_explained, play_notes
+from engine.cli.option_checks import MIDI_CHANNELS, excerpt_of
 from engine.cli.progress import progress_feedback
 from engine.faults import Fault
-from engine.output_files import (
-    SILENT_PEAK,
-    apply_gain,
-    count_clipped,
-    describe_lowered_gain,
-    error_reason,
-    save_audio,
-)
-from engine.wording import json_safe
+from engine.output_files import SILENT_PEAK
 
 if TYPE_CHECKING:
     import numpy as np
@@ -43,9 +26,23 @@ if TYPE_CHECKING:
     from engine.live.midi_parts import Excerpt, Part, PartKey
     from engine.patch.scene import Scene
 
-PARTS_REMEDY = "choose parts with --channels or --tracks, or give channels to other patches with --play"
 MAX_LEVEL = 200.0  # dB, either way
 PLAY_HELP = "give CHANNEL=PATCH, such as 2=guitar,10=snare; t3=PATCH or NAME=PATCH for a track"
+
+
+@dataclass
+class MixedPatch:
+    """A patch and the parts that it plays."""
+
+    patch: str
+    scene: "Scene"
+    level: float = 0.0  # dB
+    parts: "set[PartKey]" = field(default_factory=set)
+
+    @property
+    def name(self) -> str:
+        """The name of the patch."""
+        return Path(self.patch).stem
 
 
 @dataclass(frozen=True)
@@ -53,9 +50,7 @@ class Assignment:
     """A channel or track of a MIDI file, and the patch that plays it."""
 
     chosen: str  # number of a channel; t and the number of a track; or the name of one
-    patch: str
-    level: float  # dB
-    scene: "Scene"
+    mixed: MixedPatch
 
     def has(self, part: "Part") -> bool:
         """True if a part is of that channel or track."""
@@ -65,32 +60,13 @@ class Assignment:
         return part.is_on_track(track if self.chosen[:1] == "t" and track.isdecimal() else self.chosen)
 
 
-@dataclass
-class MixedPatch:
-    """A patch and the parts that it plays."""
-
-    patch: str
-    scene: "Scene"
-    level: float  # dB
-    parts: "set[PartKey]" = field(default_factory=set)
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MixedSound:
     """The sound of a patch in a mix."""
 
     mixed: MixedPatch
-    audio: "np.ndarray"  # SI units, [frames, channels]
-    real_time_factor: float
-    kernel: str
-    energy_error: float
-    reasons: list[str]  # not to trust it
-    remarks: list[str]
-
-    @property
-    def name(self) -> str:
-        """That of the patch."""
-        return Path(self.mixed.patch).stem
+    notes: PlayedNotes
+    factor: float  # in the mix, on SI units
 
 
 def read_assignments(args: argparse.Namespace) -> tuple[list[Assignment], list[Fault]]:
@@ -114,7 +90,7 @@ def read_assignments(args: argparse.Namespace) -> tuple[list[Assignment], list[F
                 scenes[path], patch_faults = read_patch(path)
                 faults += patch_faults
             if (scene := scenes[path]) is not None:
-                assignments.append(Assignment(chosen, path, level, scene))
+                assignments.append(Assignment(chosen, MixedPatch(path, scene, level)))
     return assignments, faults
 
 
@@ -127,58 +103,39 @@ def split_level(text: str) -> tuple[str, float]:
         return text, 0.0
 
 
-def mix_command(
-    scene: "Scene", assignments: list[Assignment], numbers: NumericOptions, args: argparse.Namespace
-) -> int:
+def mix_command(scene: "Scene", assignments: list[Assignment], args: argparse.Namespace) -> int:
     """Render the parts of a MIDI file by several patches, and write their mix; returns the exit code."""
-    from engine.live.midi_notes import MidiError
+    from engine.cli.rendering import write_sound
+    from engine.report.console import print_mix_summary
 
-    rate, output = samplerate_of(numbers), sound_path(args)
-    try:
-        patches, excerpt = assign_parts(scene, assignments, numbers, args)
-        sounds = [play_parts(mixed, excerpt, numbers, args) for mixed in patches]
-        if not (played := [sound for sound in sounds if sound is not None]):
-            raise MidiError("no patch has a note to play; give other channels, tracks or patches")
-        mix, factors = mix_parts(played, is_balanced=numbers["gain"] is None)
-        mix, gain = apply_gain(mix, float(abs(mix).max()), numbers["gain"], args.subtype)
-        save_audio(output, mix, rate, args.subtype)
-        cut = count_clipped(output, mix, gain, args.subtype)
-    except MidiError as error:
-        print_error(error)
-        return 2
-    except MemoryError:
-        print_error("there is not enough memory for so many samples; give fewer --seconds or --voices")
-        return 1
-    except (OSError, RuntimeError) as error:
-        print_error(f"cannot write {output} ({error_reason(error)})")
-        return 1
-    for line in [*([f"{output}: {cut}"] if cut else []), *describe_lowered_gain(output, gain, numbers["gain"])]:
-        print(line, file=sys.stderr)
-    reasons = [f"{part.name}: {reason}" for part in played for reason in part.reasons]
-    stats = {"patch": args.patch, "output": str(output), "seconds": len(mix) / rate, "samplerate": rate}
-    stats |= {"channels": mix.shape[1], "peak": float(abs(mix).max()), "gain_db": gain}
-    stats |= {"clipped": cut.count if cut else 0, "trusted": not reasons, "reasons": reasons}
-    stats["parts"] = [
-        describe_part(part, gain + 20 * math.log10(factor)) for part, factor in zip(played, factors, strict=True)
-    ]
-    if args.json:
-        print(json.dumps(json_safe(stats)))
-    else:
-        from engine.report.console import print_mix_summary
-
-        print_mix_summary(stats)
+    with note_errors_explained():
+        patches, excerpt = assign_parts(scene, assignments, args)
+        played = [one for mixed in patches if (one := play_parts(mixed, excerpt, args)) is not None]
+        if not played:
+            raise CommandError("no patch has a note to play; give other channels, tracks or patches", 2)
+        stats = write_sound(args, mix_sounds(played))
+    reasons = [f"{one.mixed.name}: {reason}" for one in played for reason in one.notes.reasons]
+    stats |= {"trusted": not reasons, "reasons": reasons}
+    stats["parts"] = [describe_part(one, stats["gain_db"] + 20 * math.log10(one.factor)) for one in played]
+    print_result(args.json, stats, lambda: print_mix_summary(stats))
     return 0
 
 
-def describe_part(part: MixedSound, gain: float) -> dict[str, Any]:
+def describe_part(sound: MixedSound, gain: float) -> dict[str, Any]:
     """A patch in a mix, as `--json` prints it. gain: in the mix, dB on SI units"""
-    described = {"patch": part.mixed.patch, "gain_db": gain, "real_time_factor": part.real_time_factor}
-    described |= {"kernel": part.kernel, "energy_error": part.energy_error}
-    return described | {"parts": [{"track": track, "channel": channel} for track, channel in sorted(part.mixed.parts)]}
+    readings = sound.notes.readings
+    return {
+        "patch": sound.mixed.patch,
+        "gain_db": gain,
+        "real_time_factor": readings.real_time_factor,
+        "kernel": readings.kernel,
+        "energy_error": sound.notes.energy_error,
+        "parts": [{"track": track, "channel": channel} for track, channel in sorted(sound.mixed.parts)],
+    }
 
 
 def assign_parts(
-    scene: "Scene", assignments: list[Assignment], numbers: NumericOptions, args: argparse.Namespace
+    scene: "Scene", assignments: list[Assignment], args: argparse.Namespace
 ) -> "tuple[list[MixedPatch], Excerpt]":
     """The patches that play, each with its parts; and the excerpt of the file that all of them play. What no option
     gives to another patch is for PATCH. Raises MidiError."""
@@ -188,13 +145,13 @@ def assign_parts(
     from engine.live.midi_parts import list_parts
 
     _, parts = read_parts(Path(args.midi), scene.midi)
-    excerpt = excerpt_of(args, numbers["seconds"])
-    patches = {(args.patch, 0.0): MixedPatch(args.patch, scene, 0.0)}
+    excerpt = excerpt_of(args)
+    patches = {(args.patch, 0.0): MixedPatch(args.patch, scene)}
     for assignment in assignments:
         chosen = {part.key for part in parts if assignment.has(part)}
         if not chosen:
             raise MidiError(f"{args.midi} has no notes on {assignment.chosen}; its parts are {list_parts(parts)}")
-        mixed = MixedPatch(assignment.patch, assignment.scene, assignment.level)
+        mixed = assignment.mixed
         patches.setdefault((mixed.patch, mixed.level), mixed).parts.update(chosen)
     given = set().union(*(mixed.parts for mixed in patches.values()))
     takes_drums = drum_keys(scene.instrument) is not None
@@ -208,97 +165,49 @@ def assign_parts(
     patches[args.patch, 0.0].parts.update(part.key for part in rest)
     if left_out:
         count = sum(part.notes for part in left_out)
-        print(f"{args.midi}: {count} notes were left out: {list_parts(left_out)}; {PARTS_REMEDY}", file=sys.stderr)
+        print_messages([f"{args.midi}: {count} notes were left out: {list_parts(left_out)}; {PARTS_REMEDY}"])
     played = set().union(*(mixed.parts for mixed in patches.values()))
     begin = min(part.begin for part in parts if part.key in played)
-    for line in describe_leading_silence(args.midi, begin):
-        print(line, file=sys.stderr)
+    print_messages(describe_leading_silence(args.midi, begin))
     return [mixed for mixed in patches.values() if mixed.parts], replace(excerpt, begin=begin)
 
 
-def play_parts(
-    mixed: MixedPatch, excerpt: "Excerpt", numbers: NumericOptions, args: argparse.Namespace
-) -> MixedSound | None:
+def play_parts(mixed: MixedPatch, excerpt: "Excerpt", args: argparse.Namespace) -> MixedSound | None:
     """Render what a patch plays, and print what of it is not played; None if that is all. Raises MidiError, BuildError,
     MemoryError."""
     from engine.live.midi_notes import MidiError, NothingToPlay
 
-    excerpt = replace(excerpt, parts=frozenset(mixed.parts))
     try:
-        with progress_feedback(f"rendering {Path(mixed.patch).stem}") as progress:
-            render = play_on_keyboard if mixed.scene.instrument else play_on_voices
-            played = render(mixed, excerpt, numbers, args, progress)
+        with progress_feedback(f"rendering {mixed.name}") as progress:
+            notes = play_notes(mixed.scene, replace(excerpt, parts=frozenset(mixed.parts)), args, progress)
     except NothingToPlay as error:
-        print(f"{Path(mixed.patch).stem}: {error}", file=sys.stderr)
+        print_messages([f"{mixed.name}: {error}"])
         return None
     except MidiError as error:
-        raise MidiError(f"{Path(mixed.patch).stem}: {error}") from None
-    for line in played.remarks:
-        print(f"{played.name}: {line}", file=sys.stderr)
-    return played
+        raise MidiError(f"{mixed.name}: {error}") from None
+    print_messages(f"{mixed.name}: {line}" for line in notes.remarks)
+    return MixedSound(mixed, notes, mix_factor(notes.audio, mixed.level, is_balanced=args.gain is None))
 
 
-def play_on_keyboard(
-    mixed: MixedPatch, excerpt: "Excerpt", numbers: NumericOptions, args: argparse.Namespace, progress: Any
-) -> MixedSound:
-    """The parts of an instrument."""
-    from engine.live.instrument_notes import scene_of_file
-    from engine.offline.render import render
-
-    played = scene_of_file(mixed.scene, Path(args.midi), excerpt)
-    rendering = render(
-        played.scene,
-        seconds=numbers["seconds"],
-        samplerate=samplerate_of(numbers),
-        cores=None if numbers["cores"] is None else int(numbers["cores"]),
-        progress=progress,
-        kernel=args.kernel,
-        **accuracy_options(args),
-    )
-    stats = rendering.stats
-    remarks = [
-        *describe_unknown_drums(played.file),
-        *describe_leftover(played.refused, played.ignored),
-        *stats.warnings,
-    ]
-    speed, error = stats.real_time_factor, stats.energy.error_max
-    return MixedSound(mixed, rendering.audio, speed, stats.kernel, error, stats.reasons, remarks)
-
-
-def play_on_voices(
-    mixed: MixedPatch, excerpt: "Excerpt", numbers: NumericOptions, args: argparse.Namespace, progress: Any
-) -> MixedSound:
-    """The parts of a patch without a keyboard."""
-    from engine.assembly.limits import build_modal_bodies
-    from engine.live.midi import render_notes
-    from engine.offline.trust import explain_doubts
-
-    rate, scene = samplerate_of(numbers), mixed.scene
-    scene = scene.model_copy(update={"accuracy": scene.accuracy.replace(**accuracy_options(args))})
-    build_modal_bodies(scene, rate, scene.accuracy.scheme)
-    played = render_notes(scene, args.midi, rate, numbers["seconds"], voice_count(args), progress, excerpt)
-    reading = played.player.meter()
-    reasons = explain_doubts(reading.newton, reading.energy_error, not reading.not_finite)
-    remarks = describe_leftover([], played.keys.ignored, played.keys.stolen, played.keys.refused)
-    speed, error = reading.real_time_factor, reading.energy_error
-    return MixedSound(mixed, played.audio, speed, reading.kernel, error, reasons, remarks)
-
-
-def mix_parts(played: list[MixedSound], is_balanced: bool) -> "tuple[np.ndarray, list[float]]":
-    """The sum of all sounds, the shorter ones followed by silence, [frames, channels]; and the factor of each. A mono
-    sound is on the first two channels.
+def mix_factor(audio: "np.ndarray", level: float, is_balanced: bool) -> float:
+    """The factor of a sound in a mix. level: dB
 
     is_balanced: bring all to the same peak before their levels apply, as SI units of different pickups do not compare;
                  or else leave them in SI units
     """
+    peak, factor = float(abs(audio).max()), math.pow(10.0, level / 20.0)
+    return factor / peak if is_balanced and peak > SILENT_PEAK else factor
+
+
+def mix_sounds(played: list[MixedSound]) -> "np.ndarray":
+    """The sum of all sounds, the shorter ones followed by silence, [frames, channels]. A mono sound is on the first two
+    channels."""
     import numpy as np
 
-    channels = max(part.audio.shape[1] for part in played)
-    mix, factors = np.zeros((max(len(part.audio) for part in played), channels)), list[float]()
-    for part in played:
-        peak = float(np.abs(part.audio).max())
-        level = 10.0 ** (part.mixed.level / 20.0)
-        factors.append(level / peak if is_balanced and peak > SILENT_PEAK else level)
-        width = min(channels, 2) if part.audio.shape[1] == 1 else part.audio.shape[1]
-        mix[: len(part.audio), :width] += part.audio * factors[-1]
-    return mix, factors
+    channels = max(one.notes.audio.shape[1] for one in played)
+    mix = np.zeros((max(len(one.notes.audio) for one in played), channels))
+    for one in played:
+        audio = one.notes.audio
+        width = min(channels, 2) if audio.shape[1] == 1 else audio.shape[1]
+        mix[: len(audio), :width] += audio * one.factor
+    return mix

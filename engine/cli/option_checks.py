@@ -4,9 +4,10 @@ The parser leaves every value as text; it would stop at the first fault.
 """
 
 import argparse
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from engine import audio_formats
 from engine.cli.arguments import ACCURACY_OPTIONS, VOICES
@@ -27,61 +28,69 @@ MIDI_CHANNELS = 16
 MAX_LATENCY = 10.0  # s
 MIDI_ENDINGS = (".mid", ".midi")
 
-NumericOptions = dict[str, float | None]  # those of a command that are numbers, or not given
-
 # of a file to be written: what it is called, and the endings of its name
 FILE_KINDS = {
     "--report": ("page", (".html", ".htm")),
     "--plot": ("picture", PICTURE_ENDINGS),
     "--trace": ("trace", (".npz",)),
+    "--event-log": ("log", (".json",)),
 }
-FILE_KINDS["--event-log"] = ("log", (".json",))
+DEFAULT_ENDINGS = {"--report": ".html", "--plot": ".png"}  # of files that are called like the sound
 
 
-def numeric_options(args: argparse.Namespace) -> tuple[NumericOptions, list[Fault]]:
-    """The numbers among the options of a command, and what is wrong with the values of all of them."""
+def read_options(args: argparse.Namespace) -> list[Fault]:
+    """Turn the values of options into numbers, in place, and put those of accuracy together as `args.accuracy`. Returns
+    what is wrong with any of them; those then stay texts."""
+    faults = _read_numbers(args)
+    options = vars(args)
+    if (text := options.get("target_error")) is not None:
+        try:
+            parse_error_target(text)
+        except ValueError:
+            remedy = "give a ratio such as 1e-4, or decibels such as 0.1dB"
+            faults.append(Fault("--target-error", f'"{text}" is not an error; {remedy}'))
+    if (text := options.get("voices")) is not None:
+        if text.isdecimal() and 1 <= int(text) <= MAX_VOICES:
+            args.voices = int(text)
+        else:
+            faults.append(Fault("--voices", f'"{text}" is not a number of voices; give 1 to {MAX_VOICES}'))
+    for name in ("plot", "report"):
+        if options.get(name) is not None and find_spec("matplotlib") is None:
+            faults.append(Fault(f"--{name}", "needs matplotlib; run uv sync --extra plot, or pip install matplotlib"))
+    return faults + check_plot_style(args) + _read_accuracy(args)
+
+
+def _read_numbers(args: argparse.Namespace) -> list[Fault]:
+    """Turn lengths, rate, gain and cores into numbers, in place; list their faults."""
     from engine.patch.scene_tables import SAMPLE_RATE_RANGE
     from engine.patch.tables import MAX_SECONDS
 
     ranges = {"seconds": (0.0, MAX_SECONDS, "s"), "samplerate": (*SAMPLE_RATE_RANGE, "Hz")}
     ranges |= {"hold": ranges["seconds"]}
     ranges |= {"gain": (-400.0, 400.0, "dB"), "cores": (1, 1024, "cores")}
-    options = vars(args)
-    numbers: NumericOptions = {}
     faults: list[Fault] = []
     for name, (low, high, unit) in ranges.items():
-        text = options.get(name)
+        if (text := vars(args).get(name)) is None:
+            continue
         range_text = f"give {'more than 0, at most' if low == 0 else f'{low:g} to'} {high:g} {unit}"
         try:
-            number = None if text is None else float(text)
+            number = float(text)
         except ValueError:
             faults.append(Fault(f"--{name}", f'"{text}" is not a number; {range_text}'))
             continue
-        if number is not None and (not low <= number <= high or number == low == 0):
+        is_whole = name in ("samplerate", "cores")
+        if not low <= number <= high or number == low == 0:
             faults.append(Fault(f"--{name}", f"{text} is out of range; {range_text}"))
-        elif name in ("samplerate", "cores") and number is not None and number != int(number):
+        elif is_whole and number != int(number):
             faults.append(Fault(f"--{name}", f"{text} is not a whole number; {range_text}"))
-        numbers[name] = number
-    if (text := options.get("target_error")) is not None:
-        try:
-            parse_error_target(text)
-        except ValueError:
-            faults.append(
-                Fault(
-                    "--target-error", f'"{text}" is not an error; give a ratio such as 1e-4, or decibels such as 0.1dB'
-                )
-            )
-    if (text := options.get("voices")) is not None and not (text.isdecimal() and 1 <= int(text) <= MAX_VOICES):
-        faults.append(Fault("--voices", f'"{text}" is not a number of voices; give 1 to {MAX_VOICES}'))
-    for name in ("plot", "report"):
-        if options.get(name) is not None and find_spec("matplotlib") is None:
-            faults.append(Fault(f"--{name}", "needs matplotlib; run uv sync --extra plot, or pip install matplotlib"))
-    return numbers, faults + check_plot_style(args) + check_accuracy_options(args)
+        else:
+            setattr(args, name, int(number) if is_whole else number)
+    return faults
 
 
-def samplerate_of(numbers: NumericOptions) -> int:
+def samplerate_of(args: argparse.Namespace) -> int:
     """The sample rate to render at, Hz."""
-    return int(numbers["samplerate"] or DEFAULT_SAMPLERATE)
+    return int(args.samplerate or DEFAULT_SAMPLERATE)
 
 
 def voice_count(args: argparse.Namespace) -> int:
@@ -89,26 +98,22 @@ def voice_count(args: argparse.Namespace) -> int:
     return int(args.voices or VOICES)
 
 
-def accuracy_options(args: argparse.Namespace) -> dict[str, Any]:
-    """The accuracy options, as numbers where possible; None leaves a setting to the patch."""
-    options: dict[str, Any] = {}
-    for name, kind in ACCURACY_OPTIONS.items():
-        text = vars(args).get(name)
-        try:
-            options[name] = None if text is None else kind(text)
-        except ValueError:
-            options[name] = text
-    return options
-
-
-def check_accuracy_options(args: argparse.Namespace) -> list[Fault]:
-    """List the faults of the accuracy options."""
+def _read_accuracy(args: argparse.Namespace) -> list[Fault]:
+    """Put the options of accuracy together as `args.accuracy`, as numbers where possible; None leaves a setting to the
+    patch. Returns their faults."""
     from engine.patch.accuracy import Accuracy
     from engine.patch.error_messages import describe_value_error
 
-    options = {name: value for name, value in accuracy_options(args).items() if value is not None}
-    messages = {name: describe_value_error(Accuracy, name, value) for name, value in options.items()}
-    return [Fault(f"--{name}", message) for name, message in messages.items() if message]
+    args.accuracy, faults = {}, list[Fault]()
+    for name, kind in ACCURACY_OPTIONS.items():
+        value = vars(args).get(name)
+        if value is not None:
+            with suppress(ValueError):
+                value = kind(value)
+            if message := describe_value_error(Accuracy, name, value):
+                faults.append(Fault(f"--{name}", message))
+        args.accuracy[name] = value
+    return faults
 
 
 def parse_error_target(text: str) -> tuple[float, bool]:
@@ -130,13 +135,13 @@ def check_plot_style(args: argparse.Namespace) -> list[Fault]:
     return [] if args.plot is not None else [Fault("--plot-style", "requires --plot; give that too")]
 
 
-def excerpt_of(args: argparse.Namespace, seconds: float | None) -> "Excerpt":
-    """Return the excerpt of a MIDI file that the options choose. seconds: its length; None for all of it"""
+def excerpt_of(args: argparse.Namespace) -> "Excerpt":
+    """Return the excerpt of a MIDI file that the options choose."""
     from engine.live.midi_parts import Excerpt
 
     channels = frozenset(int(channel) for channel in (args.channels or "").split(",") if channel)
     tracks = tuple(track.strip() for track in (args.tracks or "").split(",") if track)
-    return Excerpt(channels, tracks, seconds=seconds)
+    return Excerpt(channels, tracks, seconds=args.seconds)
 
 
 def check_parts(args: argparse.Namespace) -> list[Fault]:
@@ -163,48 +168,45 @@ def check_kernel(args: argparse.Namespace) -> list[Fault]:
     return []
 
 
-def sound_path(args: argparse.Namespace) -> Path:
-    """The sound file to write: as an option names it, or named like the patch, in this folder; of a MIDI file,
-    like the file and the patch."""
-    if args.output:
-        return Path(args.output)
+def default_sound(args: argparse.Namespace) -> Path:
+    """The name of a sound file that no option names: like the patch, in this folder; of a MIDI file, like the file and
+    the patch."""
     options = vars(args)
     tune = [Path(options["midi"]).stem] if options.get("midi") else []
     return Path(f"{'_'.join([*tune, 'mix' if options.get('play') else Path(args.patch).stem])}.wav")
 
 
-def plot_path(args: argparse.Namespace) -> Path | None:
-    """The picture to write, if an option names one."""
-    return None if args.plot is None else Path(args.plot) if args.plot else sound_path(args).with_suffix(".png")
+def read_paths(args: argparse.Namespace, *options: str) -> list[Fault]:
+    """Turn the names of files to be written into paths, in place; list their faults. The sound always has a name, and
+    a picture or a page that is given without one is called like the sound."""
+    named = {option: option.strip("-").replace("-", "_") for option in options}
+    if "--output" in options:
+        args.output = Path(args.output) if args.output else default_sound(args)
+    for option, name in named.items():
+        text = getattr(args, name)
+        if text == "" and option in DEFAULT_ENDINGS:
+            setattr(args, name, Path(args.output or default_sound(args)).with_suffix(DEFAULT_ENDINGS[option]))
+        else:
+            setattr(args, name, Path(text) if text else None)
+    paths = {option: path for option, name in named.items() if (path := getattr(args, name)) is not None}
+    return [fault for option in paths for fault in check_path(option, paths)]
 
 
-def report_path(args: argparse.Namespace) -> Path | None:
-    """The page to write, if an option names one."""
-    return None if args.report is None else Path(args.report) if args.report else sound_path(args).with_suffix(".html")
-
-
-def optional_path(text: str | None) -> Path | None:
-    """A path, if one is given."""
-    return Path(text) if text else None
-
-
-def check_paths(targets: dict[str, Path | None]) -> list[Fault]:
-    """List the faults of the files to be written, by the options that name them; None is not written."""
-    faults: list[Fault] = []
-    paths = {option: path for option, path in targets.items() if path is not None}
-    for name, path in paths.items():
-        noun, endings = FILE_KINDS.get(name, ("", ()))
-        if endings and path.suffix.lower() not in endings:
-            faults.append(Fault(name, f'"{path.name}" is not the name of a {noun}; end it in {join_with_or(endings)}'))
-        elif not is_folder(path.parent):
-            faults.append(Fault(name, f"no such folder: {path.parent}; make it, or write elsewhere"))
-        elif is_folder(path):
-            faults.append(Fault(name, f"{path} is a folder; give the name of a file, such as {path / 'sound.wav'}"))
-        elif not is_writable_folder(path.parent):
-            where = "the folder you are in" if path.parent == Path() else path.parent
-            faults.append(Fault(name, f"{where} cannot be written to; write elsewhere: {name} FOLDER/{path.name}"))
-        if sum(absolute_path(path) == absolute_path(other) for other in paths.values()) > 1:
-            faults.append(Fault(name, f"{path} would be written twice; give two different names"))
+def check_path(option: str, paths: dict[str, Path]) -> list[Fault]:
+    """List the faults of a file to be written. paths: of all files, by their options"""
+    faults, path = list[Fault](), paths[option]
+    noun, endings = FILE_KINDS.get(option, ("", ()))
+    if endings and path.suffix.lower() not in endings:
+        faults.append(Fault(option, f'"{path.name}" is not the name of a {noun}; end it in {join_with_or(endings)}'))
+    elif not is_folder(path.parent):
+        faults.append(Fault(option, f"no such folder: {path.parent}; make it, or write elsewhere"))
+    elif is_folder(path):
+        faults.append(Fault(option, f"{path} is a folder; give the name of a file, such as {path / 'sound.wav'}"))
+    elif not is_writable_folder(path.parent):
+        where = "the folder you are in" if path.parent == Path() else path.parent
+        faults.append(Fault(option, f"{where} cannot be written to; write elsewhere: {option} FOLDER/{path.name}"))
+    if sum(absolute_path(path) == absolute_path(other) for other in paths.values()) > 1:
+        faults.append(Fault(option, f"{path} would be written twice; give two different names"))
     return faults
 
 

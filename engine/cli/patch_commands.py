@@ -5,17 +5,16 @@ import difflib
 import json
 import os
 import sys
-from collections.abc import Sized
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from engine.cli import arguments
-from engine.cli.messages import print_error, print_faults, read_patch
+from engine.cli.messages import CommandError, InputError, print_faults, print_result, read_patch, require_scene
 from engine.cli.option_checks import DEFAULT_SAMPLERATE
 from engine.faults import BuildError, Fault
 from engine.files import SHIPPED_PATCHES, is_folder, path_exists
-from engine.wording import json_safe, program_name, to_one_line
+from engine.wording import program_name, to_one_line
 
 if TYPE_CHECKING:
     from engine.patch.scene import Scene
@@ -28,39 +27,25 @@ LONGEST_PATH = 400  # characters of one in a message
 
 def add_patch_commands(commands: "arguments.Commands") -> None:
     """Add the commands of this file and their options."""
-    summary = "validate patches without rendering"
-    check = commands.add_parser("check", help=summary, description=f"{summary.capitalize()}.")
+    check = arguments.add_command(commands, "check", check_patches, "validate patches without rendering")
     arguments.add_patch(check, nargs="+")
-    check.set_defaults(run=check_patches)
-
     summary = "list the numbers of a patch and their paths"
-    params = commands.add_parser("params", help=summary, description=f"{summary.capitalize()}.")
+    params = arguments.add_command(commands, "params", print_parameters, summary)
     arguments.add_patch(params)
     arguments.add_json(params, "them")
-    params.set_defaults(run=print_parameters)
-
     templates = read_templates()
-    summary = "start a patch from a template"
     listed = "\n".join(f"  {name:<8} {text.splitlines()[0].lstrip('# ')}" for name, text in templates.items())
-    new = commands.add_parser(
-        "new",
-        help=summary,
-        description=f"{summary.capitalize()}.",
-        epilog=f"templates:\n{listed}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    formatted = {"epilog": f"templates:\n{listed}", "formatter_class": argparse.RawDescriptionHelpFormatter}
+    new = arguments.add_command(commands, "new", start_patch, "start a patch from a template", **formatted)
     new.add_argument("name", metavar="NAME", help="name of the patch; the file is NAME.toml")
-    new.add_argument("--like", metavar="TEMPLATE", help=f"{', '.join(templates)} (default: {FIRST_TEMPLATE})")
-    new.set_defaults(run=start_patch)
-
-    summary = "Print the JSON Schema of patches, with which editors complete and check keys."
-    schema = commands.add_parser("schema", help="print the JSON Schema of patches, for editors", description=summary)
-    schema.set_defaults(run=print_schema)
-    summary = "Print a description of every patch key as Markdown (docs/patches.md)."
-    reference = commands.add_parser(
-        "reference", help="print a description of every patch key, as Markdown", description=summary
-    )
-    reference.set_defaults(run=print_reference)
+    like_help = f"{', '.join(templates)} (default: {FIRST_TEMPLATE})"
+    arguments.add_options(new, ("--like", "TEMPLATE", like_help))
+    text = "Print the JSON Schema of patches, with which editors complete and check keys."
+    summary = "print the JSON Schema of patches, for editors"
+    arguments.add_command(commands, "schema", print_schema, summary, description=text)
+    text = "Print a description of every patch key as Markdown (docs/patches.md)."
+    summary = "print a description of every patch key, as Markdown"
+    arguments.add_command(commands, "reference", print_reference, summary, description=text)
 
 
 def check_patches(args: argparse.Namespace) -> int:
@@ -73,13 +58,8 @@ def check_patches(args: argparse.Namespace) -> int:
             faults, notes = check_build(path, scene)
         faulty = faulty or bool(faults)
         if scene is not None and not faults:
-            parts: dict[str, Sized] = {
-                "bodies": scene.body,
-                "contacts": scene.contact,
-                "forces": scene.force,
-                "pickups": scene.pickup,
-            }
-            summary = ", ".join(f"{name} {len(tables)}" for name, tables in parts.items())
+            names = {"bodies": "body", "contacts": "contact", "forces": "force", "pickups": "pickup"}
+            summary = ", ".join(f"{name} {len(getattr(scene, section))}" for name, section in names.items())
             print(f"{to_one_line(path, LONGEST_PATH)}: valid; {summary}")
             for note in notes:
                 print(f"  {note}")
@@ -129,23 +109,18 @@ def print_parameters(args: argparse.Namespace) -> int:
     from engine.patch.parameters import list_parameters
     from engine.report.console import print_table
 
-    scene, faults = read_patch(args.patch)
-    if scene is None:
-        print_faults(faults)
-        return 2
+    scene = require_scene(*read_patch(args.patch))
     parameters = list_parameters(scene)
-    if args.json:
-        print(json.dumps(json_safe({"patch": args.patch, "params": [asdict(p) for p in parameters]})))
-        return 0
     rows: list[tuple[str, ...]] = [("path", "value", "unit", "range", "live", "meaning")]
     rows += [(p.path, format_number(p.value), p.unit, p.range, "live" if p.live else "", p.meaning) for p in parameters]
-    print_table(rows)
+    values = {"patch": args.patch, "params": [asdict(p) for p in parameters]}
+    print_result(args.json, values, lambda: print_table(rows))
     return 0
 
 
 def start_patch(args: argparse.Namespace) -> int:
     """Start a patch from a template; returns the exit code."""
-    from engine.output_files import atomic_write, error_reason
+    from engine.output_files import error_reason, write_text
 
     templates = read_templates()
     like, path = args.like or FIRST_TEMPLATE, Path(args.name)
@@ -163,14 +138,12 @@ def start_patch(args: argparse.Namespace) -> int:
     elif not is_folder(path.parent):
         faults.append(Fault("", f"no such folder: {path.parent}; make it, or write elsewhere", str(path)))
     if faults:
-        print_faults(faults)
-        return 2
+        raise InputError(faults)
     try:
-        with atomic_write(path) as part:
-            part.write_text(schema_directive(path) + templates[like], "utf-8")
+        write_text(path, schema_directive(path) + templates[like])
     except OSError as error:
-        print_error(f"cannot write {to_one_line(str(path), LONGEST_PATH)} ({error_reason(error)})")
-        return 1
+        message = f"cannot write {to_one_line(str(path), LONGEST_PATH)} ({error_reason(error)})"
+        raise CommandError(message) from error
     print(
         f"{path}: written from the template {like}"
         + ("" if args.like else f"; other templates for --like: {other_templates(templates, like)}")

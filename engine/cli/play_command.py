@@ -4,17 +4,14 @@ import argparse
 from pathlib import Path
 
 from engine.cli import arguments
-from engine.cli.messages import print_error, print_faults, read_patch
+from engine.cli.messages import CommandError, read_patch, require_scene
 from engine.cli.option_checks import (
-    accuracy_options,
     check_kernel,
     check_parts,
-    check_paths,
     check_rate_and_channels,
-    numeric_options,
-    optional_path,
     parse_latency,
-    samplerate_of,
+    read_options,
+    read_paths,
 )
 from engine.faults import Fault
 from engine.live.osc import parse_address
@@ -28,76 +25,64 @@ CALLBACKS = "compiled", "python"
 def add_play_command(commands: "arguments.Commands") -> None:
     """Add `play` and its options."""
     text = "Play a patch live; Ctrl-C or q ends it."
-    parser = commands.add_parser("play", help="play a patch live", description=text)
+    parser = arguments.add_command(commands, "play", live_command, "play a patch live", description=text)
     arguments.add_patch(parser)
-    parser.add_argument(
-        "--device", metavar="NAME", help="number of the output device, or part of its name (see the command devices)"
-    )
+    text = "number of the output device, or part of its name (see the command devices)"
+    arguments.add_options(parser, ("--device", "NAME", text))
     text = "frames per audio block (default: %(default)s)"
     parser.add_argument("--block-size", metavar="N", default=BLOCK_SIZE, help=text)
-    parser.add_argument("--latency", metavar="L", help="low, high, or seconds (default: that of the device)")
-    arguments.add_length_and_rate(parser, "that of the device")
-    arguments.add_gain(parser)
-    arguments.add_cores(parser)
-    arguments.add_kernel(parser)
-    parser.add_argument("--midi", metavar="PORT|FILE", help="play the notes of a MIDI file, or of a MIDI port")
-    arguments.add_parts(parser)
-    arguments.add_voices(parser, "--midi or --osc")
+    latency = "--latency", "L", "low, high, or seconds (default: that of the device)"
+    rate = "--samplerate", "HZ", "sample rate in Hz (default: that of the device)"
+    midi = "--midi", "PORT|FILE", "play the notes of a MIDI file, or of a MIDI port"
+    voices = "--voices", "N", f"maximum number of notes at a time, with --midi or --osc (default: {arguments.VOICES})"
+    arguments.add_options(parser, latency, "--seconds", rate, "--gain", "--cores", "--kernel", midi)
     text = "receive Open Sound Control on this UDP port; only from this machine unless HOST is given"
-    parser.add_argument("--osc", metavar="[HOST:]PORT", help=text)
+    arguments.add_options(parser, "--channels", "--tracks", voices, ("--osc", "[HOST:]PORT", text))
     parser.add_argument("--watch", action="store_true", help="reload the patch whenever it is saved")
-    parser.add_argument("--record", metavar="OUT.wav", help="also record the sound to this file")
-    arguments.add_sound_format(parser)
-    parser.add_argument(
-        "--event-log", metavar="LOG.json", help="also write a log of all events, for the command replay"
-    )
+    record = "--record", "OUT.wav", "also record the sound to this file"
+    log = "--event-log", "LOG.json", "also write a log of all events, for the command replay"
+    arguments.add_options(parser, record, "--subtype", log)
     text = "play even if the patch is too slow for real time"
     parser.add_argument("--ignore-speed", action="store_true", help=text)
     text = "compiled (default), or python, for comparison"
     parser.add_argument("--callback", metavar="KIND", default=CALLBACKS[0], help=text)
     arguments.add_accuracy_options(parser)
     arguments.add_json(parser)
-    parser.set_defaults(run=live_command)
     parser.instead = dict.fromkeys(("-o", "--output"), "--record OUT.wav records the sound")
 
 
 def live_command(args: argparse.Namespace) -> int:
     """Play a patch; returns the exit code."""
-
     scene, faults = read_patch(args.patch)
-    numbers, option_faults = numeric_options(args)
-    record = optional_path(args.record)
-    option_faults += check_paths({"--record": record, "--event-log": optional_path(args.event_log)})
-    option_faults += check_audio_format(record or Path("none.wav"), args.subtype, "--record")
-    if scene is not None and not option_faults and record is not None and args.samplerate is not None:
+    option_faults = read_options(args)
+    option_faults += read_paths(args, "--record", "--event-log")
+    option_faults += check_audio_format(args.record or Path("none.wav"), args.subtype, "--record")
+    if scene is not None and not option_faults and args.record is not None and args.samplerate is not None:
         channels = scene.channels  # without a rate, it is the device's own
-        option_faults += check_rate_and_channels("--record", record, samplerate_of(numbers), channels)
-    faults += option_faults + check_play_options(args) + check_kernel(args)
-    if scene is None or faults:
-        print_faults(faults)
-        return 2
+        option_faults += check_rate_and_channels("--record", args.record, args.samplerate, channels)
+    scene = require_scene(scene, faults + option_faults + read_play_options(args) + check_kernel(args))
 
     from engine.cli import live_session
     from engine.live.audio_device import DeviceError
 
     try:
-        return live_session.play_patch(args, scene, numbers["gain"], accuracy_options(args))
+        return live_session.play_patch(args, scene)
     except DeviceError as error:
-        print_error(error)
-        return 1
+        raise CommandError(error) from error
     except OSError as error:
-        print_error(f"cannot write the recording ({error_reason(error)})")
-        return 1
+        raise CommandError(f"cannot write the recording ({error_reason(error)})") from error
 
 
-def check_play_options(args: argparse.Namespace) -> list[Fault]:
-    """List the faults of the options of live sound."""
+def read_play_options(args: argparse.Namespace) -> list[Fault]:
+    """Turn the block size and the latency into numbers, in place; list the faults of all options of live sound."""
     faults: list[Fault] = []
-    if not args.block_size.isdecimal() or not 1 <= int(args.block_size) <= MAX_BLOCK_SIZE:
+    if args.block_size.isdecimal() and 1 <= int(args.block_size) <= MAX_BLOCK_SIZE:
+        args.block_size = int(args.block_size)
+    else:
         what = f'"{args.block_size}" is not a block size; give 1 to {MAX_BLOCK_SIZE} frames'
         faults.append(Fault("--block-size", what))
     try:
-        parse_latency(args.latency)
+        args.latency = parse_latency(args.latency)
     except ValueError:
         faults.append(Fault("--latency", f'"{args.latency}" is not a latency; give low, high, or seconds'))
     if args.callback not in CALLBACKS:

@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import Any, Protocol
+from typing import Any
 
 PROGRESS_DELAY = 1.5  # s, after which progress is shown
 LINE_INTERVAL = 10.0  # s, between two lines where there is no terminal
@@ -17,73 +17,60 @@ LONG = 10.0  # s that a task will take, from which on that is printed first …
 MEASURED = 0.5  # s, … as soon as its speed was measured for so long
 
 
-class Progress(Protocol):
-    """The function to call with how far a task is."""
-
-    def __call__(self, share: float, phase: str = "", left: float | None = None) -> None:
-        """Take note of the share that is done, of what is done now, and of the seconds that the rest will take, where
-        they are not to be found from the share."""
-
-
 @contextmanager
-def progress_feedback(task: str, size: str = "") -> Iterator[Progress]:
-    """Tell the user on standard error what takes so long. Yields the function to call with the share done, which also
-    raises KeyboardInterrupt where a callback of the compiler's has lost one.
+def progress_feedback(task: str, size: str = "") -> Iterator["Progress"]:
+    """Tell the user on standard error what takes so long. Yields what is to be called with the share done.
 
     task: what is done, such as "rendering"
     size: what makes it long, if anything does, and has to be built first, such as "226 strings and 2 plates"
     """
-    display = ProgressDisplay(task, size)
-    interrupted: list[int] = []
-
-    def interrupt(number: int, frame: Any) -> None:
-        interrupted.append(number)
-        raise KeyboardInterrupt
-
-    before = None
+    progress, before = Progress(task, size), None
     if threading.current_thread() is threading.main_thread():
-        before = signal.signal(signal.SIGINT, interrupt)
-
-    def progress(share: float, phase: str = "", left: float | None = None) -> None:
-        if interrupted:  # while compiling, and lost in a callback of the compiler's
-            raise KeyboardInterrupt
-        display.update(share, phase, left)
-
-    display.thread.start()
+        before = signal.signal(signal.SIGINT, progress.interrupt)
+    progress.thread.start()
     try:
         yield progress
     except Exception:
-        if interrupted:  # the compiler stumbled over it
+        if progress.is_interrupted:  # the compiler stumbled over it
             raise KeyboardInterrupt from None
         raise
     finally:
         if before is not None:
             signal.signal(signal.SIGINT, before)
-        display.end()
+        progress.end()
 
 
-class ProgressDisplay:
-    """A thread that shows how far a task is, from PROGRESS_DELAY on, whatever the main thread is busy with."""
+class Progress:
+    """Progress of a task. A thread shows it, from PROGRESS_DELAY on, whatever the main thread is busy with."""
 
     def __init__(self, task: str, size: str = "") -> None:
         self.task, self.size, self.begin = task, size, time.perf_counter()
         self.share: float | None = None  # of the task that is done; None before anything is known of it
         self.phase = ""
-        self.first: tuple[float, float] | None = None  # time and share at the first update
-        self.end_expected: float | None = None  # time, if the last update said
+        self.first: tuple[float, float] | None = None  # time and share at the first call
+        self.end_expected: float | None = None  # time, if the last call said
         self.is_announced = False  # how long it will take
+        self.is_interrupted = False  # by Ctrl-C
         self.over = threading.Event()
         self.has_terminal = threading.current_thread() is threading.main_thread()  # of another, a meter may be there
         self.thread = threading.Thread(target=self._show, daemon=True)
 
-    def update(self, share: float, phase: str = "", left: float | None = None) -> None:
-        """Take note of the share that is done, of what is done now, and of the seconds that the rest will take, if
-        they are known."""
+    def __call__(self, share: float, phase: str = "", left: float | None = None) -> None:
+        """Take note of the share that is done, of what is done now, and of the seconds that the rest will take, where
+        they are not to be found from the share. Raises KeyboardInterrupt where a callback of the compiler's has lost
+        one."""
+        if self.is_interrupted:
+            raise KeyboardInterrupt
         now = time.perf_counter()
         if self.first is None:
             self.first = now, share
         self.share, self.phase = share, phase
         self.end_expected = None if left is None else now + left
+
+    def interrupt(self, number: int, frame: Any) -> None:
+        """Handle Ctrl-C."""
+        self.is_interrupted = True
+        raise KeyboardInterrupt
 
     def end(self) -> None:
         """Remove what is shown."""
@@ -159,13 +146,14 @@ class ProgressDisplay:
     def _show_bar(self) -> None:
         """Show a bar, unless the task is nearly done."""
         from rich.console import Console
-        from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+        from rich.progress import BarColumn, TaskProgressColumn, TextColumn
+        from rich.progress import Progress as ProgressBar
 
         if self.share is not None and self.share > NEARLY_DONE:
             return
         rest = TextColumn("{task.fields[rest]}")
         columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), rest
-        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        with ProgressBar(*columns, console=Console(stderr=True), transient=True) as bar:
             number = bar.add_task(self.stage(), total=None, rest="")
             while not self.over.wait(BAR_INTERVAL):
                 if line := self.announcement():

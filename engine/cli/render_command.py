@@ -1,48 +1,34 @@
 """The command `render`: a patch becomes a sound file, as it is or played by the notes of a MIDI file."""
 
 import argparse
-import json
-import sys
 from typing import TYPE_CHECKING
 
 from engine.cli import arguments
 from engine.cli.messages import (
     describe_bodies,
-    describe_leftover,
     describe_midi_file,
-    print_error,
-    print_faults,
+    memory_errors_explained,
+    print_messages,
+    print_result,
     read_patch,
+    require_scene,
 )
-from engine.cli.mix_command import PARTS_REMEDY, mix_command, read_assignments
+from engine.cli.mix_command import mix_command, read_assignments
+from engine.cli.notes import PARTS_REMEDY, add_score, note_errors_explained, play_notes
 from engine.cli.option_checks import (
-    NumericOptions,
-    accuracy_options,
     check_kernel,
     check_parts,
-    check_paths,
     check_rate_and_channels,
     excerpt_of,
-    numeric_options,
-    optional_path,
-    plot_path,
-    report_path,
+    read_options,
+    read_paths,
     samplerate_of,
     scene_of_key,
-    sound_path,
     voice_count,
 )
 from engine.cli.progress import progress_feedback
 from engine.faults import Fault
-from engine.output_files import (
-    apply_gain,
-    check_audio_format,
-    count_clipped,
-    describe_lowered_gain,
-    error_reason,
-    save_audio,
-)
-from engine.wording import json_safe
+from engine.output_files import check_audio_format
 
 if TYPE_CHECKING:
     from engine.patch.scene import Scene
@@ -55,30 +41,22 @@ NOT_OF_NOTES = NOT_OF_MIXES | {"--cores": "cores"}
 
 def add_render_command(commands: "arguments.Commands") -> None:
     """Add `render` and its options."""
-    parser = commands.add_parser(
-        "render", help="render a patch to a sound file", description="Render a patch to a sound file."
-    )
+    parser = arguments.add_command(commands, "render", render_command, "render a patch to a sound file")
     arguments.add_patch(parser)
     help_text = "sound file to write (default: PATCH.wav in this folder, or TUNE_PATCH.wav with --midi)"
     parser.add_argument("-o", "--output", metavar="OUT.wav", help=help_text)
-    arguments.add_length_and_rate(parser)
-    arguments.add_sound_format(parser)
-    arguments.add_gain(parser)
-    arguments.add_cores(parser)
-    arguments.add_kernel(parser)
+    arguments.add_options(parser, "--seconds", "--samplerate", "--subtype", "--gain", "--cores", "--kernel")
     arguments.add_accuracy_options(parser)
     help_text = "choose the cheapest setting with a smaller error: 1e-4, or 0.1dB in any band"
-    parser.add_argument("--target-error", metavar="E", help=help_text)
+    arguments.add_options(parser, ("--target-error", "E", help_text))
     help_text = "estimate the error of the motion with a second, several times finer rendering"
     parser.add_argument("--error-estimate", action="store_true", default=None, help=help_text)
-    parser.add_argument("--midi", metavar="FILE.mid", help="play the notes of a MIDI file")
-    arguments.add_parts(parser)
+    midi = "--midi", "FILE.mid", "play the notes of a MIDI file"
     help_text = "with --midi: give channels or tracks to other patches, and mix; PATCH plays the rest (see the guide)"
-    parser.add_argument("--play", metavar="2=guitar,10=snare", help=help_text)
-    arguments.add_key(parser, "play one note of an instrument, such as C4 or F#3")
-    arguments.add_voices(parser)
-    help_text = "also write the displacements, forces and energies of every sample"
-    parser.add_argument("--trace", metavar="OUT.npz", help=help_text)
+    play = "--play", "2=guitar,10=snare", help_text
+    key = "--key", "KEY", "play one note of an instrument, such as C4 or F#3"
+    trace = "--trace", "OUT.npz", "also write the displacements, forces and energies of every sample"
+    arguments.add_options(parser, midi, "--channels", "--tracks", play, key, "--velocity", "--voices", trace)
     help_text = (
         "with --trace: also write shapes of strings, bars, membranes and plates (at most 4000 each, 64 MB in all)"
     )
@@ -86,18 +64,16 @@ def add_render_command(commands: "arguments.Commands") -> None:
     arguments.add_plot(parser, "waveform, spectrogram, energies and contacts")
     arguments.add_report(parser, "the sound, plots and statistics")
     arguments.add_json(parser)
-    arguments.add_verbose(parser)
-    parser.set_defaults(run=render_command)
+    help_text = "also print iterations, energies and effects (--json prints everything)"
+    parser.add_argument("--verbose", action="store_true", help=help_text)
 
 
 def render_command(args: argparse.Namespace) -> int:
     """Render a patch as the options say; returns the exit code."""
     scene, faults = read_patch(args.patch)
-    numbers, option_faults = numeric_options(args)
-    output = sound_path(args)
-    targets = {"--output": output, "--trace": optional_path(args.trace)}
-    option_faults += check_paths(targets | {"--plot": plot_path(args), "--report": report_path(args)})
-    option_faults += check_audio_format(output, args.subtype, "--output")
+    option_faults = read_options(args)
+    option_faults += read_paths(args, "--output", "--trace", "--plot", "--report")
+    option_faults += check_audio_format(args.output, args.subtype, "--output")
     scene, note_faults = scene_of_key(scene, args)
     if args.trace_shapes and args.trace is None:
         option_faults.append(Fault("--trace-shapes", "requires --trace; give that too, with the name of a file"))
@@ -105,17 +81,14 @@ def render_command(args: argparse.Namespace) -> int:
     assignments, assignment_faults = read_assignments(args)
     option_faults += assignment_faults
     if scene is not None and not option_faults:
-        channels = max(scene.channels, *(each.scene.channels for each in assignments), 0)
-        option_faults += check_rate_and_channels("--output", output, samplerate_of(numbers), channels)
-    faults += option_faults
-    if scene is None or faults:
-        print_faults(faults)
-        return 2
+        channels = max(scene.channels, *(each.mixed.scene.channels for each in assignments), 0)
+        option_faults += check_rate_and_channels("--output", args.output, samplerate_of(args), channels)
+    scene = require_scene(scene, faults + option_faults)
     if not args.midi:
-        return scene_command(scene, numbers, args)
+        return scene_command(scene, args)
     if assignments:
-        return mix_command(scene, assignments, numbers, args)
-    return instrument_command(scene, numbers, args) if scene.instrument else midi_command(scene, numbers, args)
+        return mix_command(scene, assignments, args)
+    return instrument_command(scene, args) if scene.instrument else midi_command(scene, args)
 
 
 def ignored_options(scene: "Scene | None", args: argparse.Namespace) -> list[Fault]:
@@ -133,101 +106,40 @@ def ignored_options(scene: "Scene | None", args: argparse.Namespace) -> list[Fau
     return [Fault(option, "cannot be combined with --midi") for option in given]
 
 
-def scene_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespace) -> int:
+def scene_command(scene: "Scene", args: argparse.Namespace) -> int:
     """Render a scene as its patch says it; returns the exit code."""
     from engine.cli import rendering
-    from engine.report import console
+    from engine.report.console import print_summary
 
-    try:
-        outputs = rendering.render_from_arguments(scene, numbers, args)
-        companions = rendering.write_outputs(outputs, args)
-    except MemoryError:
-        print_error(
-            "there is not enough memory for so many samples; give fewer --seconds, or no --trace, --plot or --report"
-        )
-        return 1
-    except rendering.WriteError as error:
-        print_error(error)
-        return 1
-    for warning in outputs.warnings:
-        print(warning, file=sys.stderr)
-    if args.json:
-        print(json.dumps(json_safe(outputs.stats)))
-    else:
-        console.print_summary(outputs.stats, [str(path) for path in companions], args.verbose)
+    with memory_errors_explained("give fewer --seconds, or no --trace, --plot or --report"):
+        outputs = rendering.render_from_arguments(scene, args)
+        companions = outputs.write()
+    print_messages(outputs.warnings)
+    print_result(args.json, outputs.stats, lambda: print_summary(outputs.stats, companions, args.verbose))
     return 0
 
 
-def instrument_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespace) -> int:
+def instrument_command(scene: "Scene", args: argparse.Namespace) -> int:
     """Render an instrument that plays a MIDI file; returns the exit code."""
-    from pathlib import Path
-
-    from engine.live.instrument_notes import scene_of_file
-    from engine.live.midi_notes import MidiError
-
-    try:
-        with progress_feedback("reading the notes"):
-            played = scene_of_file(scene, Path(args.midi), excerpt_of(args, numbers["seconds"]))
-    except MidiError as error:
-        print_error(error)
-        return 2
-    for line in [
-        *describe_midi_file(args.midi, played.file, PARTS_REMEDY),
-        *describe_leftover(played.refused, played.ignored),
-    ]:
-        print(line, file=sys.stderr)
-    return scene_command(played.scene, numbers, args)
+    with note_errors_explained(), progress_feedback("reading the notes"):
+        scene, lines = add_score(scene, args, PARTS_REMEDY)
+    print_messages(lines)
+    return scene_command(scene, args)
 
 
-def midi_command(scene: "Scene", numbers: NumericOptions, args: argparse.Namespace) -> int:
+def midi_command(scene: "Scene", args: argparse.Namespace) -> int:
     """Render the notes of a MIDI file; returns the exit code."""
-    from engine.assembly import limits
-    from engine.live import midi, midi_notes
-    from engine.offline.trust import explain_doubts
-    from engine.report import console
+    from engine.cli.rendering import write_sound
+    from engine.report.console import print_notes_summary
 
-    rate, output = samplerate_of(numbers), sound_path(args)
-    scene = scene.model_copy(update={"accuracy": scene.accuracy.replace(**accuracy_options(args))})
-    try:
-        limits.build_modal_bodies(scene, rate, scene.accuracy.scheme)
-        with progress_feedback("rendering", f"{voice_count(args)} voices of {describe_bodies(scene)}") as progress:
-            excerpt = excerpt_of(args, numbers["seconds"])
-            audio, player, voices, file = midi.render_notes(
-                scene, args.midi, rate, numbers["seconds"], voice_count(args), progress, excerpt
-            )
-        audio, gain = apply_gain(audio, float(abs(audio).max()), numbers["gain"], args.subtype)
-        save_audio(output, audio, rate, args.subtype)
-        cut = count_clipped(output, audio, gain, args.subtype)
-    except midi_notes.MidiError as error:
-        print_error(error)
-        return 2
-    except MemoryError:
-        print_error("there is not enough memory for so many samples; give fewer --seconds or --voices")
-        return 1
-    except (OSError, RuntimeError) as error:
-        print_error(f"cannot write {output} ({error_reason(error)})")
-        return 1
-    if cut:
-        print(f"{output}: {cut}", file=sys.stderr)
-    for warning in describe_lowered_gain(output, gain, numbers["gain"]):
-        print(warning, file=sys.stderr)
-    reading, played = player.meter(), voices.played_notes()
-    for line in [
-        *describe_midi_file(args.midi, file, PARTS_REMEDY),
-        *describe_leftover([], voices.ignored, voices.stolen, voices.refused),
-    ]:
-        print(line, file=sys.stderr)
-    reasons = explain_doubts(reading.newton, reading.energy_error, not reading.not_finite)
-    stats = {"patch": args.patch, "output": str(output), "seconds": len(audio) / rate, "gain_db": gain}
-    stats |= {"live": reading.as_dict(), "notes": played, "trusted": not reasons, "reasons": reasons}
-    stats |= {"samplerate": rate, "channels": audio.shape[1], "peak": float(abs(audio).max())}
-    stats |= {
-        "real_time_factor": reading.real_time_factor,
-        "kernel": reading.kernel,
-        "clipped": cut.count if cut else 0,
-    }
-    if args.json:
-        print(json.dumps(json_safe(stats)))
-    else:
-        console.print_notes_summary(stats, player.voices, args.verbose)
+    voices = voice_count(args)
+    with note_errors_explained():
+        with progress_feedback("rendering", f"{voices} voices of {describe_bodies(scene)}") as progress:
+            notes = play_notes(scene, excerpt_of(args), args, progress)
+        stats = write_sound(args, notes.audio)
+    print_messages(describe_midi_file(args.midi, notes.file, PARTS_REMEDY) + notes.remarks)
+    stats |= {"live": notes.readings.as_dict(), "notes": notes.played}
+    stats |= {"trusted": not notes.reasons, "reasons": notes.reasons}
+    stats |= {name: notes.readings[name] for name in ("real_time_factor", "kernel")}
+    print_result(args.json, stats, lambda: print_notes_summary(stats, voices, args.verbose))
     return 0

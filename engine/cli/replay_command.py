@@ -1,29 +1,25 @@
 """The command `replay`: what was played live is rendered again from its log, bit for bit."""
 
 import argparse
-import json
 from pathlib import Path
 
 from engine.cli import arguments
-from engine.cli.messages import print_error, print_faults
-from engine.cli.option_checks import check_paths, check_rate_and_channels
+from engine.cli.messages import InputError, print_result, write_file
+from engine.cli.option_checks import check_rate_and_channels, read_paths
 from engine.cli.progress import progress_feedback
 from engine.output_files import check_audio_format, error_reason, save_audio
 
 
 def add_replay_command(commands: "arguments.Commands") -> None:
     """Add `replay` and its options."""
-    parser = commands.add_parser(
-        "replay",
-        help="render a live performance from its log",
-        description="Render a live performance bit for bit from the log that play --event-log wrote.",
-    )
+    text = "Render a live performance bit for bit from the log that play --event-log wrote."
+    summary = "render a live performance from its log"
+    parser = arguments.add_command(commands, "replay", replay_command, summary, description=text)
     parser.add_argument("log", metavar="LOG.json", help="log that play --event-log wrote")
     text = "sound file to write (default: LOG_replay.wav in this folder)"
     parser.add_argument("-o", "--output", metavar="OUT.wav", help=text)
-    arguments.add_sound_format(parser)
+    arguments.add_options(parser, "--subtype")
     arguments.add_json(parser, "name and length of the file")
-    parser.set_defaults(run=replay_command)
 
 
 def replay_command(args: argparse.Namespace) -> int:
@@ -31,12 +27,12 @@ def replay_command(args: argparse.Namespace) -> int:
     from engine.faults import Fault
     from engine.live.replay import read_log, replay
 
-    output = Path(args.output or f"{Path(args.log).stem}_replay.wav")
-    faults = check_paths({"--output": output}) + check_audio_format(output, args.subtype, "--output")
+    args.output = args.output or f"{Path(args.log).stem}_replay.wav"
+    faults = read_paths(args, "--output") + check_audio_format(args.output, args.subtype, "--output")
     try:
         log = read_log(Path(args.log))
         channels = log.made().channels
-        faults += check_rate_and_channels("--output", output, log.samplerate, channels)
+        faults += check_rate_and_channels("--output", args.output, log.samplerate, channels)
         if not faults:
             with progress_feedback("replaying") as progress:
                 audio = replay(log, progress)
@@ -44,13 +40,8 @@ def replay_command(args: argparse.Namespace) -> int:
         reason = error_reason(error).splitlines()[0] if str(error) else "too long"
         faults.append(Fault("", f"cannot be read as a log ({reason}); give one that play --event-log wrote", args.log))
     if faults:
-        print_faults(faults)
-        return 2
-    try:
-        save_audio(output, audio, log.samplerate, args.subtype)
-    except (OSError, RuntimeError) as error:
-        print_error(f"cannot write {output} ({error_reason(error)})")
-        return 1
-    stats = {"output": str(output), "samplerate": log.samplerate, "seconds": len(audio) / log.samplerate}
-    print(json.dumps(stats) if args.json else output)
+        raise InputError(faults)
+    write_file(args.output, lambda path: save_audio(path, audio, log.samplerate, args.subtype))
+    stats = {"output": str(args.output), "samplerate": log.samplerate, "seconds": len(audio) / log.samplerate}
+    print_result(args.json, stats, lambda: print(args.output))
     return 0

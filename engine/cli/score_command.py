@@ -1,52 +1,50 @@
 """The command `score`: how far a trajectory of any method is from the reference of a problem of collision."""
 
 import argparse
-import json
 from pathlib import Path
 
 from engine.cli import arguments
-from engine.cli.messages import print_error
+from engine.cli.messages import CommandError, print_result
 from engine.output_files import atomic_write, error_reason
-from engine.wording import json_safe
 
 
 def add_score_command(commands: "arguments.Commands") -> None:
     """Add `score` and its options."""
     summary = "measure the error of a trajectory against the reference of a collision problem"
-    parser = commands.add_parser(
-        "score",
-        help=summary,
-        description=f"{summary.capitalize()}. Without PROBLEM, list the problems (docs/ruler.md).",
-    )
+    text = f"{summary.capitalize()}. Without PROBLEM, list the problems (docs/ruler.md)."
+    parser = arguments.add_command(commands, "score", score_command, summary, description=text)
     parser.add_argument("problem", metavar="PROBLEM", nargs="?", help="name of the problem")
-    parser.add_argument(
-        "trajectory", metavar="TRAJECTORY.npz", nargs="?", help="displacement, force, and q and p or energy"
-    )
+    text = "displacement, force, and q and p or energy"
+    parser.add_argument("trajectory", metavar="TRAJECTORY.npz", nargs="?", help=text)
     parser.add_argument("-o", "--output", metavar="PROBLEM.npz", help="write the arrays of the problem to this file")
     arguments.add_json(parser, "the result")
-    parser.set_defaults(run=score_command)
 
 
 def score_command(args: argparse.Namespace) -> int:
     """List the problems, write one, or score a trajectory; returns the exit code."""
     from engine import problems
+    from engine.report.console import print_table
 
     if fault := explain_output(args):
-        print_error(f"--output: {fault}")
-        return 2
+        raise CommandError(f"--output: {fault}", 2)
     if args.problem is None:
-        return list_problems(args.json)
+        rows = [describe(name) for name in problems.NAMES]
+        cells = [tuple(rows[0]), *(tuple(map(_as_text, row.values())) for row in rows)]
+        print_result(args.json, rows, lambda: print_table(cells))
+        return 0
     try:
         problem, reference = problems.load_problem(args.problem)
-        if args.trajectory is not None:
-            result = problems.score(problem, reference, problems.read_trajectory(Path(args.trajectory), problem))
-            print_values(result.as_dict(), args.json)
+        if args.trajectory is None:
+            values = describe(args.problem)
+        else:
+            trajectory = problems.read_trajectory(Path(args.trajectory), problem)
+            values = problems.score(problem, reference, trajectory).as_dict()
     except ValueError as error:
-        print_error(error)
-        return 2
-    if args.trajectory is None:
-        print_values(describe(args.problem), args.json)
-    return 0 if args.output is None else copy_problem(args.problem, Path(args.output))
+        raise CommandError(error, 2) from error
+    print_result(args.json, values, lambda: print_table([(name, _as_text(v)) for name, v in values.items()]))
+    if args.output is not None:
+        copy_problem(args.problem, Path(args.output))
+    return 0
 
 
 def explain_output(args: argparse.Namespace) -> str:
@@ -79,40 +77,15 @@ def describe(name: str) -> dict[str, object]:
     }
 
 
-def list_problems(as_json: bool) -> int:
-    """Print all problems; returns the exit code."""
-    from engine import problems
-    from engine.report.console import print_table
-
-    rows = [describe(name) for name in problems.NAMES]
-    if as_json:
-        print(json.dumps(json_safe(rows)))
-    else:
-        print_table([tuple(rows[0]), *(tuple(_as_text(value) for value in row.values()) for row in rows)])
-    return 0
-
-
-def print_values(values: dict[str, object], as_json: bool) -> None:
-    """Print values with their names."""
-    from engine.report.console import print_table
-
-    if as_json:
-        print(json.dumps(json_safe(values)))
-    else:
-        print_table([(name, _as_text(value)) for name, value in values.items()])
-
-
-def copy_problem(name: str, path: Path) -> int:
-    """Write the file of a problem elsewhere; returns the exit code."""
+def copy_problem(name: str, path: Path) -> None:
+    """Write the file of a problem elsewhere. Raises CommandError."""
     from engine.problems.library import problem_path
 
     try:
         with atomic_write(path) as part:
             part.write_bytes(problem_path(name).read_bytes())
     except (OSError, ValueError) as error:
-        print_error(f"--output: {path} cannot be written ({error_reason(error)})")
-        return 1
-    return 0
+        raise CommandError(f"--output: {path} cannot be written ({error_reason(error)})") from error
 
 
 def _as_text(value: object) -> str:

@@ -28,13 +28,8 @@ QUICK_CHUNK_SECONDS = 0.02  # what takes less is followed by eight times as many
 
 
 @dataclass(frozen=True)
-class Rendering:
-    """A rendered scene.
-
-    audio: float64 [frames, channels], in the SI units of the pickups; never normalised
-    stats: what is known of it, by the names of `fdh render --json` (docs/design.md, sec. 6)
-    trace: arrays of every sample by name, or None; sample 0 is the initial state
-    """
+class RenderedArrays:
+    """The arrays and statistics of a rendered scene; `engine.Rendering` describes them."""
 
     audio: np.ndarray
     samplerate: int
@@ -42,7 +37,7 @@ class Rendering:
     trace: TraceArrays | None
 
 
-def render(
+def render_arrays(
     scene: Scene,
     seconds: float | None = None,
     samplerate: int = 44_100,
@@ -52,22 +47,9 @@ def render(
     kernel: str | None = None,
     trace_shapes: bool = False,
     **accuracy: Any,
-) -> Rendering:
-    """Render a scene.
-
-    seconds:    length; the scene's own if None
-    samplerate: Hz
-    trace:      keep every sample's displacements, forces and energies
-    cores:      how many may share the work; all of the machine's if None. The samples are the same
-    progress:   called now and then with the share rendered, 0 to 1
-    kernel:     special, general or auto (engine.runtime.kernel_choice). The samples are the same
-    trace_shapes: keep a trace, and shapes of strings, bars and sheets (engine.offline.shape_snapshots)
-    accuracy:   scheme, order, substeps, tolerance, oversample, precision, iterations, silence: of each, what
-                the scene says if absent or None (engine.patch.accuracy)
-
-    Raises ValueError if an argument is out of range, BuildError (a ValueError) if the scene
-    cannot be built at this sample rate.
-    """
+) -> RenderedArrays:
+    """Render a scene to arrays. The arguments are those of `engine.render`, of the right kinds. Raises ValueError if
+    one is out of range, BuildError (a ValueError) if the scene cannot be built at this sample rate."""
     seconds = scene.seconds if seconds is None else seconds
     _check_arguments(seconds, samplerate, cores)
     used = scene.accuracy.replace(**accuracy)
@@ -107,11 +89,11 @@ def render(
     if named is not None and snapshots is not None:
         named["units"] = np.concatenate([named["units"], snapshots.units])
         named = cast(TraceArrays, {**named, **snapshots.arrays(fine)})
-    return Rendering(audio, samplerate, stats, named)
+    return RenderedArrays(audio, samplerate, stats, named)
 
 
 def _check_arguments(seconds: float, samplerate: int, cores: int | None) -> None:
-    """Raise ValueError if an argument of `render` is out of range."""
+    """Raise ValueError if an argument of `render_arrays` is out of range."""
     if not 0 < seconds <= MAX_SECONDS:
         raise ValueError(f"seconds = {seconds:g} is out of range; more than 0, at most {MAX_SECONDS:g}")
     if not SAMPLE_RATE_RANGE[0] <= samplerate <= SAMPLE_RATE_RANGE[1]:

@@ -1,7 +1,7 @@
 """Traces: every sample's displacements, forces and energies."""
 
 import json
-from typing import NotRequired, TypedDict
+from typing import NotRequired, TypedDict, cast
 
 import numpy as np
 
@@ -90,27 +90,19 @@ def name_columns(trace: Trace, layout: Layout, samplerate: int) -> TraceArrays:
     for place, (k, _) in enumerate(layout.islands.contact_points):
         compression[:, begin[k]], force[:, begin[k]] = trace.compression[:, place], trace.force[:, place]
         begin[k] += 1
-    labels = column_labels(layout)
-    return {
+    arrays = {
         "time": np.arange(frames) / samplerate,
         "displacement": trace.displacement[:, body],
         "velocity": trace.velocity[:, body],
         "compression": compression,
         "force": force,
-        "iterations": trace.iterations,
-        "kinetic": trace.kinetic,
-        "potential": trace.potential,
-        "contact": trace.contact,
-        "dissipated": trace.dissipated,
-        "supplied": trace.supplied,
+        **{name: getattr(trace, name) for name in ("iterations", *ENERGIES[:-1])},
         "total": trace.kinetic + trace.potential + trace.contact,
-        "bodies": labels["bodies"],
-        "positions": labels["positions"],
-        "contacts": labels["contacts"],
-        "contact_positions": labels["contact_positions"],
+        **column_labels(layout),
         "samplerate": np.array(samplerate),
         "units": np.array([*UNITS.items()]),
     }
+    return cast(TraceArrays, arrays)
 
 
 def column_begins(layout: Layout) -> list[int]:

@@ -41,8 +41,7 @@ def print_notes_summary(stats: dict[str, Any], voices: int, verbose: bool = Fals
         rows = {name: f"plays {notes}" for name, notes in stats["notes"].items()}
         rows["kernel"] = stats["kernel"]
         rows["energy error"] = f"{stats['live']['energy_error']:.1e} of the maximum stored energy"
-    rows |= {} if stats["trusted"] else {"NOT TO BE TRUSTED": "; ".join(stats["reasons"])}
-    print_rows(_headline_rows(stats, f", {voices} voices") | rows)
+    print_rows(_headline_rows(stats, f", {voices} voices") | rows | _alarm_rows(stats))
     print(stats["output"])
 
 
@@ -57,7 +56,7 @@ def print_mix_summary(stats: dict[str, Any]) -> None:
             f"gain {part['gain_db']:+.1f} dB on SI units, {format_factor(part['real_time_factor'])} real time,"
             f" energy error {part['energy_error']:.1e}"
         )
-    print_rows(rows | ({} if stats["trusted"] else {"NOT TO BE TRUSTED": "; ".join(stats["reasons"])}))
+    print_rows(rows | _alarm_rows(stats))
     print(stats["output"])
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from engine.analysis.profile import Profile
     from engine.analysis.string_shape import StringShape
     from engine.analysis.work_precision import WorkPrecisionStudy
-    from engine.offline.render import Rendering
+    from engine.offline.render import RenderedArrays
 
 MAX_FLAC_SECONDS = 3.0  # longer audio is embedded as Ogg Vorbis, a tenth of the size
 BROWSER_RATES = (8_000, 48_000)  # Hz, rates that every browser plays
@@ -70,7 +70,7 @@ footer { margin-top: 3rem; padding-top: .8rem; border-top: 1px solid var(--line)
 def compose_page(
     title: str,
     text: str,
-    rendering: "Rendering",
+    rendering: "RenderedArrays",
     audio: np.ndarray,
     stats: dict[str, Any],
     profile: "Profile",
@@ -175,7 +175,7 @@ def headline_numbers(stats: dict[str, Any], profile: "Profile") -> Iterator[str]
     yield f"<dl>{''.join(f'<div><dt>{name}</dt><dd>{value}</dd></div>' for name, value in numbers.items())}</dl>"
 
 
-def time_figures(rendering: "Rendering", stats: dict[str, Any]) -> Iterator[str]:
+def time_figures(rendering: "RenderedArrays", stats: dict[str, Any]) -> Iterator[str]:
     """Waveform, spectrogram, energies and Newton iterations over the same time, one above another."""
     yield "<h2>Over time</h2>"
     energy, newton = stats["energy"], stats["newton"]
@@ -196,7 +196,7 @@ def time_figures(rendering: "Rendering", stats: dict[str, Any]) -> Iterator[str]
         yield figure_element(panel_png(plots.PANELS[name], rendering, height), caption)
 
 
-def detail_figures(rendering: "Rendering", shape: "StringShape | None") -> Iterator[str]:
+def detail_figures(rendering: "RenderedArrays", shape: "StringShape | None") -> Iterator[str]:
     """The first contact and the shape of a string, if there are such."""
     contact = first_contact(rendering)
     if contact is not None:

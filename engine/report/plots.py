@@ -36,7 +36,7 @@ from engine.report.trace_signals import (
 
 if TYPE_CHECKING:
     from engine.analysis.string_shape import StringShape
-    from engine.offline.render import Rendering
+    from engine.offline.render import RenderedArrays
 
 SPECTROGRAM_WINDOW = 0.05  # s
 SPECTROGRAM_DEPTH_DB = 90.0
@@ -52,7 +52,7 @@ DETAIL_HEIGHT = 2.7  # inches
 
 
 def plot_rendering(
-    rendering: "Rendering", title: str, path: Path, shape: "StringShape | None" = None, style: str = "screen"
+    rendering: "RenderedArrays", title: str, path: Path, shape: "StringShape | None" = None, style: str = "screen"
 ) -> None:
     """Write all panels of a rendering to a picture (engine.report.figures.PICTURE_ENDINGS), and below them its first
     contact and the shape of a string, if there is one. style: one of PLOT_STYLES
@@ -87,13 +87,13 @@ def plot_rendering(
         set_title(axes["waveform"], title, look.title)
 
 
-def waveform_height(rendering: "Rendering") -> float:
+def waveform_height(rendering: "RenderedArrays") -> float:
     """Return the height of the panel of the waveform, inches."""
     lanes = min(rendering.audio.shape[1], MAX_SCALED_CHANNELS)
     return float(PANEL_HEIGHTS["waveform"] + LANE_HEIGHT * (lanes - 1))
 
 
-def plot_waveform(axes: Any, rendering: "Rendering") -> None:
+def plot_waveform(axes: Any, rendering: "RenderedArrays") -> None:
     """Plot the audio, a lane for each channel, all at one scale; contact is shaded."""
     shade_contact(axes, rendering)
     channels = rendering.audio.shape[1]
@@ -123,7 +123,7 @@ def plot_waveform(axes: Any, rendering: "Rendering") -> None:
     axes.set_ylim(-2 * LANE * peak * (channels - 1) - LANE * peak, LANE * peak)
 
 
-def plot_spectrogram(axes: Any, rendering: "Rendering") -> None:
+def plot_spectrogram(axes: Any, rendering: "RenderedArrays") -> None:
     """Plot the level over time and frequency, all channels together, dB below the loudest."""
     begins, frequency, level = spectrogram(rendering.audio, rendering.samplerate)
     seconds = begins / rendering.samplerate
@@ -162,7 +162,7 @@ def spectrogram(audio: np.ndarray, samplerate: int) -> tuple[np.ndarray, np.ndar
     return begins, rows, between
 
 
-def plot_energies(axes: Any, rendering: "Rendering") -> None:
+def plot_energies(axes: Any, rendering: "RenderedArrays") -> None:
     """Plot the energies that are stored, dissipated and supplied, and their balance."""
     trace = require_trace(rendering)
     balance = trace["total"] + trace["dissipated"] - trace["supplied"]
@@ -181,7 +181,7 @@ def plot_energies(axes: Any, rendering: "Rendering") -> None:
     put_legend_above(axes, lines)
 
 
-def plot_iterations(axes: Any, rendering: "Rendering") -> None:
+def plot_iterations(axes: Any, rendering: "RenderedArrays") -> None:
     """Plot the Newton iterations of every sample; contact is shaded."""
     _, high, at = min_max_envelope(require_trace(rendering)["iterations"].astype(float), trace_rate(rendering))
     axes.fill_between(at, 0.0, high, step="mid", lw=0.4, color=BLUE, rasterized=True)
@@ -192,7 +192,7 @@ def plot_iterations(axes: Any, rendering: "Rendering") -> None:
     axes.text(1.0, 1.02, name, transform=axes.transAxes, ha="right", va="bottom", fontsize=note_size())
 
 
-PANELS: dict[str, Callable[[Any, "Rendering"], None]] = {
+PANELS: dict[str, Callable[[Any, "RenderedArrays"], None]] = {
     "waveform": plot_waveform,
     "spectrogram": plot_spectrogram,
     "energies": plot_energies,
@@ -200,13 +200,13 @@ PANELS: dict[str, Callable[[Any, "Rendering"], None]] = {
 }
 
 
-def can_show_contacts(rendering: "Rendering") -> bool:
+def can_show_contacts(rendering: "RenderedArrays") -> bool:
     """True if contacts are spread over enough of the time that a panel over all of it shows them apart."""
     intervals = contact_intervals(require_trace(rendering)["force"], trace_rate(rendering))
     return bool(intervals) and intervals[-1][1] - intervals[0][0] >= MIN_CONTACT_SPREAD * _seconds(rendering)
 
 
-def shade_contact(axes: Any, rendering: "Rendering") -> bool:
+def shade_contact(axes: Any, rendering: "RenderedArrays") -> bool:
     """Shade the time in which anything touches. Returns whether anything does."""
     forces = require_trace(rendering)["force"]
     intervals = contact_intervals(forces, trace_rate(rendering), _seconds(rendering) / MAX_SHADED_INTERVALS)
@@ -217,6 +217,6 @@ def shade_contact(axes: Any, rendering: "Rendering") -> bool:
     return bool(intervals)
 
 
-def _seconds(rendering: "Rendering") -> float:
+def _seconds(rendering: "RenderedArrays") -> float:
     """The length of a rendering, s."""
     return len(rendering.audio) / rendering.samplerate

@@ -8,7 +8,7 @@ import numpy as np
 from engine.analysis.metrics import contact_intervals
 
 if TYPE_CHECKING:
-    from engine.offline.render import Rendering
+    from engine.offline.render import RenderedArrays
     from engine.offline.trace import TraceArrays
 
 PLOT_COLUMNS = 1600  # to which long signals are reduced, by their extremes
@@ -18,14 +18,14 @@ CONTACT_MARGIN = 0.2  # of its length, that is looked at before and after a cont
 MIN_MARGIN_SAMPLES = 4
 
 
-def require_trace(rendering: "Rendering") -> "TraceArrays":
+def require_trace(rendering: "RenderedArrays") -> "TraceArrays":
     """The trace of a rendering. Raises ValueError if it has none."""
     if rendering.trace is None:
         raise ValueError("there is no trace to draw; render with trace=True")
     return rendering.trace
 
 
-def trace_rate(rendering: "Rendering") -> int:
+def trace_rate(rendering: "RenderedArrays") -> int:
     """Sample rate of the trace, Hz; it is higher than that of the audio if the rendering was oversampled."""
     return round(rendering.samplerate * len(require_trace(rendering)["time"]) / len(rendering.audio))
 
@@ -54,7 +54,7 @@ class FirstContact:
     compression: np.ndarray  # [samples], m; negative while the two are apart
 
 
-def first_contact(rendering: "Rendering") -> FirstContact | None:
+def first_contact(rendering: "RenderedArrays") -> FirstContact | None:
     """The first contact of a rendering; None if nothing touches. Of several that begin together, and of the points of
     one contact, it is the one with the largest force. Raises ValueError without a trace."""
     trace, rate = require_trace(rendering), trace_rate(rendering)

@@ -3,6 +3,7 @@
 A sweep that is stopped at any time goes on when it is started again: what is done is not done twice.
 """
 
+import argparse
 import os
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
@@ -77,28 +78,18 @@ class SweepOutcome:
         }
 
 
-def sweep_from_arguments(
-    plan: SweepPlan,
-    folder: Path,
-    numbers: dict[str, float | None],
-    accuracy: dict[str, Any],
-    subtype: str | None,
-    cluster: str | None,
-    progress: Progress,
-) -> SweepOutcome:
+def sweep_from_arguments(plan: SweepPlan, folder: Path, args: argparse.Namespace, progress: Progress) -> SweepOutcome:
     """Run a sweep as the command line asks for it (`run_sweep`), on this machine or on a cluster.
 
-    numbers: of the options --seconds, --samplerate, --gain and --cores; None where they are not given
-    cluster: address of a Dask scheduler; None for this machine
+    args: with numbers, or None, for seconds, samplerate, gain and cores; and accuracy, the settings
     """
-    rate, cores = int(numbers["samplerate"] or 44_100), int(numbers["cores"] or os.cpu_count() or 1)
-    options = {"seconds": numbers["seconds"], "samplerate": rate} | accuracy
-    renderer: Renderer = partial(run_local, cores=cores)
-    if cluster is not None:
+    options = {"seconds": args.seconds, "samplerate": args.samplerate or 44_100} | args.accuracy
+    renderer: Renderer = partial(run_local, cores=args.cores or os.cpu_count() or 1)
+    if args.cluster is not None:
         from engine.sweep.dask_workers import run_dask
 
-        renderer = partial(run_dask, address=cluster)
-    return run_sweep(plan, folder, renderer, options, numbers["gain"], subtype, progress)
+        renderer = partial(run_dask, address=args.cluster)
+    return run_sweep(plan, folder, renderer, options, args.gain, args.subtype, progress)
 
 
 def run_sweep(
@@ -113,7 +104,7 @@ def run_sweep(
     """Render the points of a plan into a folder, which is made if it is missing, with its index.csv.
 
     renderer: gives the results of tasks, in any order, each once
-    options:  seconds, samplerate and accuracy (engine.offline.render.render)
+    options:  seconds, samplerate and accuracy (engine.offline.render.render_arrays)
     gain:     dB on SI units; if None, the loudest sound is normalised, and all have its gain
 
     Rows of the index that say "done" of the same point, with its file there, are kept. Raises OSError or

@@ -25,7 +25,7 @@ class RenderTask:
     """A point to be rendered.
 
     document: the scene, complete but for the audio files of forces
-    options:  arguments of engine.offline.render.render
+    options:  arguments of engine.offline.render.render_arrays
     files:    contents of audio files by the index of their force, where the worker may not have them
     """
 
@@ -72,7 +72,7 @@ def render_task(task: RenderTask) -> RenderResult:
 def _render_in_folder(task: RenderTask, folder: Path) -> RenderResult:
     """Render a point, whose files are written to a temporary folder."""
     from engine.analysis.silence import explain_silence
-    from engine.offline.render import render
+    from engine.offline.render import render_arrays
 
     document = task.document
     if task.files:
@@ -84,7 +84,7 @@ def _render_in_folder(task: RenderTask, folder: Path) -> RenderResult:
         document = document | {"force": forces}
     scene = Scene.model_validate(document)
     with background.forbidden():
-        rendering = render(scene, cores=1, **task.options)
+        rendering = render_arrays(scene, cores=1, **task.options)
     if not np.isfinite(rendering.audio).all():
         return RenderResult(None, {}, "samples are not finite")
     stats, newton = rendering.stats, rendering.stats.newton

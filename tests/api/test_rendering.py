@@ -1,8 +1,11 @@
 """A rendering in the hands of a Python user: drawn, saved, shown in a notebook; and arguments of the wrong kind."""
 
+import warnings
+
 import numpy as np
 import pytest
 import soundfile
+from conftest import exit_code
 
 import engine
 
@@ -122,3 +125,16 @@ def test_arguments_of_the_wrong_kind_are_refused_with_the_remedy(call, kind, say
     with pytest.raises(kind) as refused:
         call()
     assert says in str(refused.value) and len(str(refused.value)) < 200
+
+
+@pytest.mark.parametrize(("gain", "subtype"), [(None, None), (40.0, "PCM_16"), (395.0, None)])
+def test_the_command_writes_what_python_saves(tmp_path, gain, subtype):
+    """Both bring a sound to the level of its file by the same function, also where it is clipped."""
+    options = [] if gain is None else [f"--gain={gain}"]
+    options += [] if subtype is None else ["--subtype", subtype]
+    words = "render", "bouncing_ball", "--seconds", "0.1", "-o", str(tmp_path / "command.wav"), *options
+    assert exit_code(*words) == 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        engine.render(BALL, seconds=0.1).save(tmp_path / "python.wav", gain, subtype)
+    assert (tmp_path / "command.wav").read_bytes() == (tmp_path / "python.wav").read_bytes()

@@ -80,7 +80,7 @@ def test_a_name_that_does_not_exist_is_found():
         and exists("engine.Rendering.plot")
         and exists("engine.load")
     )
-    assert exists("engine.offline.render.Rendering.audio") and exists("engine.patch.scene.Scene.body")
+    assert exists("engine.offline.render.RenderedArrays.audio") and exists("engine.patch.scene.Scene.body")
     assert (
         not exists("engine.assembly.island_order")
         and not exists("engine.Take")

@@ -23,7 +23,8 @@ ORDER = [
     ["offline"],
     ["live", "analysis"],
     ["sweep", "report", "problems"],
-    ["cli", "api"],
+    ["api"],
+    ["cli"],
 ]
 KERNEL_ROOMS = ["data", "modes", "contact", "interactions", "run"]  # the same holds for the rooms of the kernel
 PLACE = {room: place for place, rooms in enumerate(ORDER) for room in rooms}

@@ -19,7 +19,7 @@ from conftest import ROOT, needs_alsa, needs_portaudio
 
 import engine
 from bench.performance.live import played
-from engine.cli.live_session import measure_speed
+from engine.api.pilot import Pilot
 from engine.live.player import Player
 
 PIANO = str(ROOT / "patches" / "piano_c4.toml")
@@ -214,11 +214,10 @@ def test_a_machine_busy_for_a_moment_refuses_nothing(monkeypatch):
         return slow
 
     monkeypatch.setattr(Player, "render_into", held_up(once=True))
-    assert measure_speed(lambda: Player(scene), 256)[0] > 1.0
+    assert Pilot(lambda: Player(scene), 256, 30.0, 1.5).speed > 1.0
     assert next(blocks) > 3
     monkeypatch.setattr(Player, "render_into", held_up(once=False))
-    monkeypatch.setattr("engine.cli.live_session.PILOT_SECONDS", 0.3)
-    assert measure_speed(lambda: Player(scene), 256)[0] < 1.0
+    assert Pilot(lambda: Player(scene), 256, 30.0, 0.3).speed < 1.0
 
 
 @pytest.mark.parametrize(

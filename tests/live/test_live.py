@@ -279,9 +279,10 @@ def test_an_edit_of_the_structure_is_heard_within_0_3_s(tmp_path):
     text = PIANO.read_text("utf-8")
     path.write_text(text, "utf-8")
     scene = engine.load(path)
-    asked = argparse.Namespace(cores=None, seconds=None, midi=None, osc=None, voices=None, watch=True, block_size="256")
+    asked = argparse.Namespace(cores=None, seconds=None, midi=None, osc=None, voices=None, watch=True, block_size=256)
     asked.kernel, asked.json, asked.ignore_speed = None, True, True
-    factory = PlayerFactory(asked, -20.0, {}, 44_100, 2)
+    asked.gain, asked.accuracy = -20.0, {}
+    factory = PlayerFactory(asked, 44_100, 2)
     watch = PatchWatcher(path, scene, factory.make_player(scene), factory.make_quickly)
     taken = []
     for more in ("\ngravity = 9.81\n", "\n", "\ngravity = 1.0\n", "\n\n"):

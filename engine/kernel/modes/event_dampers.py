@@ -63,10 +63,8 @@ def with_loss(h: Any, loss: Any) -> Any:
     raise TypeError("with_loss is for compiled code")
 
 
-LOSS_REPLACED = ", ".join("loss" if name == "loss" else f"h.{name}" for name in StepCoefficients._fields)
-overload_by_source(
-    with_loss, lambda h, loss: (f"StepCoefficients({LOSS_REPLACED})", {"StepCoefficients": StepCoefficients})
-)
+_FIELDS = ", ".join("loss" if name == "loss" else f"h.{name}" for name in StepCoefficients._fields)
+overload_by_source(with_loss, lambda *_: (f"Record({_FIELDS})", {"Record": StepCoefficients}))
 
 
 @noinline

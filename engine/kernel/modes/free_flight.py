@@ -48,12 +48,6 @@ PARTS = FLIGHT_FRAMES // FLIGHT_PART
 
 
 @inline
-def advance_modes(flight, saved, q, p):
-    """Take all modes to the end of a flight, and keep their motion at its begin; but for what weight adds to p."""
-    fold_lanes(fly_mode, (flight, saved, q, p), p.shape[0], (splat(0.0),))
-
-
-@inline
 def fly_mode(of, m, sums):
     """Take mode m to the end of a flight, and keep its motion at its begin."""
     flight, saved, q, p = of
@@ -184,7 +178,7 @@ def begin_flight(model, state, measures_energy, frame):
     if measures_energy:
         measure_flight(model, state, saved)
     forget_drift(state)
-    advance_modes(flight, saved, state.q, state.p)
+    fold_lanes(fly_mode, (flight, saved, state.q, state.p), state.p.shape[0], (splat(0.0),))
     push_by_weight(flight.weight, state.kick_compensation, saved, state.p)
 
 

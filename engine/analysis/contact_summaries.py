@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from engine.analysis.metrics import contact_intervals
-from engine.offline.record import Record
+from engine.offline.statistics_base import Statistics
 from engine.offline.trace import TraceArrays
 from engine.patch.error_messages import similar_word
 from engine.wording import format_value
@@ -22,7 +22,7 @@ UNITS = {
 
 
 @dataclass(frozen=True, repr=False)
-class ContactSummary(Record):
+class ContactSummary(Statistics):
     """A contact of a rendering in plain numbers. Its repr has the units.
 
     first_touch:      when it first touches, s; NaN if it never does

@@ -12,8 +12,8 @@ import numpy as np
 from engine.analysis.metrics import relative_rms_error
 from engine.assembly.build import build
 from engine.faults import BuildError
-from engine.offline.record import Record
 from engine.offline.render import RenderedArrays, render_arrays
+from engine.offline.statistics_base import Statistics
 from engine.patch.accuracy import MAX_SUBSTEPS, Accuracy
 from engine.patch.scene import Scene
 
@@ -28,7 +28,7 @@ SHARED_ERROR = (
 
 
 @dataclass(frozen=True)
-class ErrorEstimate(Record):
+class ErrorEstimate(Statistics):
     """An estimate of the error of a rendering. It is that of the computation alone: not of the numbers of the patch.
 
     motion:      root mean square of the error up to the horizon, relative to that of the sound; over the whole length

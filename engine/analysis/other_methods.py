@@ -12,7 +12,7 @@ import numpy as np
 
 from engine.analysis.other_method_kernels import METHODS, SingleBody, acceleration, hamiltonian, simulate
 from engine.bodies import Mass, Oscillator
-from engine.offline.record import Record
+from engine.offline.statistics_base import Statistics
 from engine.patch.scene import Scene
 
 UNREACHABLE = 1e3  # m, where a wall is never met
@@ -66,7 +66,7 @@ def as_single_body(scene: Scene) -> SingleBodyCase | None:
 
 
 @dataclass(frozen=True)
-class MethodResult(Record):
+class MethodResult(Statistics):
     """Error and time of a scene by one method."""
 
     setting: str

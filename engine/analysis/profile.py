@@ -18,8 +18,8 @@ from engine.kernel.data.enums import Ledger, Sleep
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import State
 from engine.offline.effects import EFFECTS
-from engine.offline.record import Record
 from engine.offline.statistics import Activity
+from engine.offline.statistics_base import Statistics
 from engine.patch.frames import frame_count
 from engine.patch.scene import Scene
 from engine.runtime.job_memory import RENDER_USE, block_output
@@ -46,7 +46,7 @@ REASONS_LEFT_OUT = {
 
 
 @dataclass(frozen=True)
-class IslandProfile(Record):
+class IslandProfile(Statistics):
     """An island, and what it costs; times in ns per sample."""
 
     bodies: list[str]
@@ -63,7 +63,7 @@ class IslandProfile(Record):
 
 
 @dataclass(frozen=True)
-class Profile(Record):
+class Profile(Statistics):
     """The islands, effects and cost of a scene, by the names of `fdh inspect --json`."""
 
     kernel: str  # scenes with the same one share compiled code

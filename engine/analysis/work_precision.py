@@ -27,7 +27,7 @@ from engine.analysis.study_progress import Report, StudyProgress, stages_of
 from engine.analysis.study_runs import Run, StudyRuns
 from engine.assembly.build import build
 from engine.faults import BuildError
-from engine.offline.record import Record
+from engine.offline.statistics_base import Statistics
 from engine.patch.accuracy import Accuracy
 from engine.patch.scene import Scene
 
@@ -40,7 +40,7 @@ ORDER_2_LADDER = [(2, 1), (2, 2), (2, 4), (2, 8), (2, 16)]
 
 
 @dataclass(frozen=True)
-class SettingResult(Record):
+class SettingResult(Statistics):
     """Errors and costs of a scene at one setting."""
 
     setting: str
@@ -60,7 +60,7 @@ class SettingResult(Record):
 
 
 @dataclass(frozen=True)
-class WorkPrecisionStudy(Record):
+class WorkPrecisionStudy(Statistics):
     """Error and time of each accuracy setting, by the names of `fdh accuracy --json`. There are no rows if errors
     cannot be measured."""
 

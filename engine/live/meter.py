@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 
-from engine.offline.record import Record
 from engine.offline.statistics import NewtonStatistics
+from engine.offline.statistics_base import Statistics
 
 
 @dataclass(frozen=True)
-class MeterReading(Record):
+class MeterReading(Statistics):
     """Live sound up to now; the names of `fdh play --json`."""
 
     seconds: float

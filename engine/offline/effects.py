@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from engine.kernel.data.model import Model
-from engine.offline.record import Record
+from engine.offline.statistics_base import Statistics
 
 # name, and what holds it: None where the effect is left out
 EFFECTS: dict[str, Callable[[Model], Any]] = {
@@ -26,7 +26,7 @@ EFFECTS: dict[str, Callable[[Model], Any]] = {
 
 
 @dataclass(frozen=True)
-class EffectStatistics(Record):
+class EffectStatistics(Statistics):
     """The effects that are compiled, and those that are left out."""
 
     compiled: list[str]

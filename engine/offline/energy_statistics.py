@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from engine.kernel.data.enums import Balance, EnergyTotal
-from engine.offline.record import Record
+from engine.offline.statistics_base import Statistics
 
 
 @dataclass(frozen=True)
-class EnergyStatistics(Record):
+class EnergyStatistics(Statistics):
     """Energies in joule; errors relative to the largest energy that the scene has held, kinetic and potential counted
     each without sign. What flies free at the end is counted up to the end of its flight, of 64 samples at most."""
 

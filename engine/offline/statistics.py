@@ -11,12 +11,12 @@ from engine.kernel.data.model import Model
 from engine.kernel.data.state import State
 from engine.offline.effects import EffectStatistics, effects_of
 from engine.offline.energy_statistics import EnergyStatistics
-from engine.offline.record import Record
 from engine.offline.simulation import Simulation
+from engine.offline.statistics_base import Statistics
 
 
 @dataclass(frozen=True)
-class SolveOutcomes(Record):
+class SolveOutcomes(Statistics):
     """Outcomes of the contact solves: numbers of samples, over all islands with contacts."""
 
     free: int  # no contact was in reach
@@ -33,7 +33,7 @@ class SolveOutcomes(Record):
 
 
 @dataclass(frozen=True)
-class NewtonStatistics(Record):
+class NewtonStatistics(Statistics):
     """Evaluations of the contact law per iterative solve."""
 
     solves: int
@@ -55,7 +55,7 @@ class NewtonStatistics(Record):
 
 
 @dataclass(frozen=True)
-class Activity(Record):
+class Activity(Statistics):
     """Shares of the samples, mean over islands: they sum to 1."""
 
     free: float
@@ -64,7 +64,7 @@ class Activity(Record):
 
 
 @dataclass(frozen=True)
-class LargestIsland(Record):
+class LargestIsland(Statistics):
     """The island with the most work."""
 
     bodies: list[str]
@@ -73,7 +73,7 @@ class LargestIsland(Record):
 
 
 @dataclass(frozen=True)
-class IslandStatistics(Record):
+class IslandStatistics(Statistics):
     """Parts of a scene that no contact joins."""
 
     count: int
@@ -81,7 +81,7 @@ class IslandStatistics(Record):
 
 
 @dataclass(frozen=True)
-class SimulationStatistics(Record):
+class SimulationStatistics(Statistics):
     """Statistics of a simulation up to the present sample."""
 
     newton: NewtonStatistics

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from engine.analysis.metrics import band_error, relative_rms_error
-from engine.offline.record import Record
+from engine.offline.statistics_base import Statistics
 from engine.problems.problem import Problem, Reference, energy_of
 from engine.problems.trajectory import Trajectory, check_trajectory
 
@@ -14,7 +14,7 @@ BLOW_UP_FACTOR = 100.0  # of the reference's peak: beyond, a motion counts as un
 
 
 @dataclass(frozen=True)
-class Score(Record):
+class Score(Statistics):
     """Errors of a trajectory against a reference; NaN if an error cannot be measured."""
 
     motion: float  # error of the displacement up to the horizon, root mean square, share of that of the reference

@@ -4,8 +4,8 @@ from dataclasses import fields
 from typing import Any
 
 
-class Record:
-    """The base of frozen dataclasses: `record.peak` and `record["peak"]` are the same."""
+class Statistics:
+    """The base of frozen dataclasses: `statistics.peak` and `statistics["peak"]` are the same."""
 
     def __getitem__(self, name: str) -> Any:
         """A value by its name. Raises KeyError."""
@@ -25,4 +25,4 @@ class Record:
 def _as_plain(value: Any) -> Any:
     if isinstance(value, list):
         return [_as_plain(item) for item in value]
-    return value.as_dict() if isinstance(value, Record) else value
+    return value.as_dict() if isinstance(value, Statistics) else value

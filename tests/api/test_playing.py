@@ -103,6 +103,7 @@ def test_a_pluck_leaves_the_input_alone():
         (lambda p: engine.Player(REED, input="mic"), TypeError, "'mic' is not an input; give one, such as engine.Aud"),
         (lambda p: engine.Player(REED, input=engine.AudioInput("red")), engine.PatchError, '"red"'),
         (lambda p: engine.Player(REED, voices=2, input=engine.AudioInput("reed")), ValueError, "leave out voices"),
+        (lambda p: engine.Player(REED, voces=2), TypeError, "Player has no argument 'voces'; did you mean \"voices\"?"),
         (lambda p: p.log(), RuntimeError, "audio input is in no log"),
     ],
 )

@@ -24,7 +24,7 @@ def follow(guide: str, folder: Path, environment: dict[str, str], root: Path = R
     """Do what a guide says, in a folder that has the patches; returns all that was printed."""
     (folder / "patches").symlink_to(ROOT / "patches")
     told = {"cwd": folder, "env": os.environ | {"PYTHONPATH": str(root)} | environment}
-    told |= {"capture_output": True, "text": True, "timeout": 300.0, "stdin": subprocess.DEVNULL}
+    told |= {"capture_output": True, "text": True, "timeout": 900.0, "stdin": subprocess.DEVNULL}
     said = []
     for kind, text in BLOCK.findall((ROOT / "docs" / f"{guide}.md").read_text("utf-8")):
         commands: list[list[str]] = []

@@ -21,7 +21,7 @@ class NoteChannels(NamedTuple):
 
 
 class ChannelBends:
-    """How far the wheel of each channel bends the pitch."""
+    """The bends of the pitch by the wheel of each channel."""
 
     def __init__(self) -> None:
         self._cents: dict[int, float] = {}

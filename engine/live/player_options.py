@@ -1,4 +1,4 @@
-"""How a scene is made ready to be played."""
+"""Options of a player."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace

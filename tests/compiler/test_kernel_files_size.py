@@ -1,6 +1,5 @@
 """The cache of compiled kernels stays small, and a command tells of it and clears it."""
 
-import ctypes
 import errno
 import json
 import os
@@ -12,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
-from kernel_files import TWICE, kept, only, start
+from kernel_files import TWICE, function_of, kept, only, start
 
 from engine.cli import main
 from engine.compiler import cache, cache_files
@@ -77,9 +76,9 @@ def test_folders_of_older_sources_are_deleted(base):
 
 def test_a_process_whose_folder_is_deleted_goes_on(base, monkeypatch):
     used = Kernel(*TWICE)
-    first = used.callable(FLOAT, result=ctypes.c_double)
+    first = function_of(used, FLOAT)
     shutil.rmtree(base / cache.kernel_folder().name)
-    assert used.callable(INT, result=ctypes.c_ssize_t)(3) == 6 and first(1.5) == 3.0
+    assert function_of(used, INT)(3) == 6 and first(1.5) == 3.0
     assert only(base)
     replace, gone = os.replace, []
 

@@ -3,7 +3,6 @@
 Methods that fail stay in the list, with how they failed.
 """
 
-import math
 import time
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -135,11 +134,11 @@ def dop853_with_events(case: SingleBodyCase, reference: np.ndarray, samplerate: 
     begin = time.perf_counter()
     run, energy = _integrate(case, len(reference), samplerate, tolerance)
     elapsed = time.perf_counter() - begin
-    frames = len(run)
-    result = method_result(f"DOP853, {tolerance:.0e}", run, reference[:frames], elapsed / max(1, frames) * 1e9)
+    frames, setting, change = len(run), f"DOP853, {tolerance:.0e}", relative_energy_change(energy)
+    nanoseconds = elapsed / max(1, frames) * 1e9
     if frames < len(reference):
-        result = replace(result, error=np.nan, failed=f"stopped at {frames / samplerate * 1e3:.0f} ms")
-    return replace(result, energy_error=relative_energy_change(energy))
+        return MethodResult(setting, np.nan, change, nanoseconds, f"stopped at {frames / samplerate * 1e3:.0f} ms")
+    return replace(method_result(setting, run, reference, nanoseconds), energy_error=change)
 
 
 def _integrate(case: SingleBodyCase, frames: int, samplerate: int, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
@@ -156,24 +155,21 @@ def _integrate(case: SingleBodyCase, frames: int, samplerate: int, tolerance: fl
     deadline = time.perf_counter() + SCIPY_TIME_LIMIT
 
     def derivative(t: float, x: Any) -> list[float]:
-        late = time.perf_counter() > deadline
-        return [math.nan, math.nan] if late else [x[1], acceleration(body, x[0])]  # NaN makes SciPy give up
+        if time.perf_counter() > deadline:
+            raise TimeoutError  # a NaN would do, but as the first value of a run it keeps SciPy for ever
+        return [x[1], acceleration(body, x[0])]
 
     times = np.arange(frames) / samplerate
     now, state = 0.0, [y, v]
     run, first, energy = np.empty(frames), 0, [hamiltonian(body, y, v)]
     while first < frames and time.perf_counter() < deadline:
-        part = solve_ivp(
-            derivative,
-            (now, times[-1] + 1 / samplerate),
-            state,
-            method="DOP853",
-            events=events,
-            rtol=tolerance,
-            atol=scale,
-            dense_output=True,
-        )
-        if part.t[-1] == now:  # the time was up
+        span = (now, times[-1] + 1 / samplerate)
+        options: dict[str, Any] = {"method": "DOP853", "events": events, "dense_output": True}
+        try:
+            part = solve_ivp(derivative, span, state, rtol=tolerance, atol=scale, **options)
+        except TimeoutError:
+            break
+        if part.t[-1] == now:  # no step is possible
             break
         last = int(np.searchsorted(times, part.t[-1], side="right"))
         if last > first:

@@ -1,13 +1,15 @@
 """What accuracy costs: the table, the choice, and the measures behind them."""
 
+import itertools
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from conftest import ROOT
 
 import engine
-from engine.analysis import metrics
+from engine.analysis import metrics, other_methods
 from engine.analysis.other_methods import compare_methods
 from engine.analysis.work_precision import cheapest_within, measure_work_precision
 from engine.cli import main
@@ -217,3 +219,19 @@ def test_silence_on_the_command_line(tmp_path, monkeypatch, capsys):
     assert (chosen["setting"], chosen["met"]) == (None, False) and chosen["unmeasured"].startswith("silent; ")
     assert main.main(["accuracy", "p.toml", "--report", "p.html"]) == 0
     assert "Nothing can be measured" in (tmp_path / "p.html").read_text("utf-8")
+
+
+def test_another_method_ends_when_its_time_is_up(monkeypatch):
+    """At whichever evaluation the time is up."""
+    body = {"name": "b", "kind": "mass", "mass": 1.0, "velocity": 2.0}
+    wall = {"body": "b", "stiffness": 1e6, "exponent": 1.5}
+    walls = [wall | {"side": "above", "barrier": 1e-3}, wall | {"side": "below", "barrier": -1e-3}]
+    scene = engine.load({"body": [body], "contact": walls, "pickup": [{"body": "b", "quantity": "displacement"}]})
+    case = other_methods.as_single_body(scene)
+    assert case is not None
+    for calls in range(2, 60):
+        clock = itertools.count()
+        monkeypatch.setattr(other_methods, "SCIPY_TIME_LIMIT", float(calls))
+        monkeypatch.setattr(other_methods, "time", SimpleNamespace(perf_counter=lambda clock=clock: float(next(clock))))
+        result = other_methods.dop853_with_events(case, np.zeros(100), 44_100, 1e-7)
+        assert "stopped" in result.failed

@@ -1,20 +1,25 @@
 """Stiff strings."""
 
 import math
-from typing import ClassVar, Literal
+from collections.abc import Iterator
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
+from pydantic_core import InitErrorDetails
 
 from engine.bodies.body import MAX_MODES
 from engine.bodies.distributed import LineBody, ModeSet, above, mode_numbers
+from engine.bodies.table import KeyPath, are_positive, make_fault
+
+MAX_TENSION = 1e9  # N
 
 
 class String(LineBody):
     """A stiff string, simply supported at both ends."""
 
     kind: Literal["string"]
-    tension: float | None = Field(default=None, gt=0.0, le=1e9, description="tension, N")
+    tension: float | None = Field(default=None, gt=0.0, le=MAX_TENSION, description="tension, N")
     bending_stiffness: float | None = Field(default=None, ge=0.0, le=1e9, description="bending stiffness EI, N·m²")
     inharmonicity: float | None = Field(
         default=None, ge=0.0, le=10.0, description="B of f_n = n·f0·√(1 + B·n²); instead of the bending stiffness"
@@ -41,6 +46,22 @@ class String(LineBody):
             return tension, self.inharmonicity * tension / beta**2
         bending = self.bending_stiffness or 0.0
         return square - bending * beta**2, bending
+
+    @classmethod
+    def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
+        """A frequency needs no more tension than could be given."""
+        yield from super().faults(path, table)
+        length, frequency = table.get("length"), table.get("frequency")
+        density, mass = table.get("linear_density"), table.get("mass")
+        given = [length, frequency, mass if density is None else density]
+        if not are_positive(given):
+            return
+        length, frequency, mass = given
+        speed = 2.0 * length * frequency  # of waves, m/s
+        tension = speed * speed * (mass / length if density is None else mass)
+        if tension > MAX_TENSION:
+            message = f"a string of {length:g} m needs a tension of {tension:.3g} N for {frequency:g} Hz"
+            yield make_fault((*path, "frequency"), frequency, message, f"at most {MAX_TENSION:g} N are possible")
 
     def end_row(self, omega: np.ndarray, end: float) -> np.ndarray:
         """∂V/∂y per modal displacement when an end (0 or 1) moves by y, for modes of these frequencies (rad/s), the

@@ -150,7 +150,8 @@ def check_range(scene: Any, path: LivePath, parameter: str, value: float) -> Non
 
 
 def with_value(scene: Any, path: LivePath, parameter: str, value: float) -> Any:
-    """The scene with another value of a live parameter. Raises ValueError if that is out of range.
+    """The scene with another value of a live parameter. Raises ValueError if that is out of range, or if the other
+    values of the table allow no such value.
 
     parameter: its path as one writes it
     """
@@ -165,6 +166,9 @@ def with_value(scene: Any, path: LivePath, parameter: str, value: float) -> Any:
     except ValidationError as error:
         fault = error.errors()[0]
         raise ValueError(f"{parameter} = {value:g} is out of range; {describe_violation(fault)}") from None
+    if path.section == "body":
+        for fault in type(table).faults((path.section, path.number), data):
+            raise ValueError(f"{parameter} = {value:g}: {fault['type']}")
     tables = [*getattr(scene, path.section)]
     tables[path.number] = changed
     return scene.model_copy(update={path.section: tables})

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import threading
 import time
 from typing import Any
@@ -164,6 +165,23 @@ def test_a_value_beyond_any_instrument_is_refused_with_the_range(parameter, valu
         set_in_time(player, parameter, value)
     shown = next(one for one in player.scene.parameters() if one.path == parameter)
     assert f"{shown.range} {shown.unit}".strip() == limits.replace("\\", "")
+
+
+def test_values_that_are_impossible_together_are_refused_as_in_a_patch():
+    """A string's frequency needs no more tension than can be given, μ·(2·L·f)²; two decay times let no mode grow."""
+    document = string_on_board().model_dump(exclude_unset=True)
+    document["body"][0] |= {"t60": [4.0, 1.0], "t60_at": [200.0, 2000.0]}
+    player = Player(engine.load(document), seconds=math.inf)
+    set_in_time(player, "body.string.length", 3000.0)
+    play(player)
+    reason = "a string of 3000 m needs a tension of 1.3e+09 N for 300 Hz; at most 1e+09 N are possible"
+    with pytest.raises(ValueError, match=rf"^body.string.frequency = 300: {re.escape(reason)}$"):
+        player.set("body.string.frequency", 300.0)
+    with pytest.raises(ValueError, match=r"^body.string.t60.1 = 5: .*some mode would never decay$"):
+        player.set("body.string.t60.1", 5.0)
+    document["body"][0] |= {"length": 3000.0, "frequency": 300.0}
+    with pytest.raises(engine.PatchError, match=re.escape(f"body[0].frequency: {reason}")):
+        engine.load(document)
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "patches").glob("*.toml")), ids=lambda path: path.stem)

@@ -98,7 +98,7 @@ def build(
         drive=Drive(np.array(drives)) if drives else None,
         connection=connections(layout, samplerate, step, accuracy.is_refined),
         contact=_contact(layout, modes, accuracy, samplerate, variable_exponents or changed),
-        refinement=build_refinement(layout, modes.kick, accuracy, samplerate) if accuracy.is_refined else None,
+        refinement=build_refinement(layout, accuracy, samplerate) if accuracy.is_refined else None,
         events=events,
         pickups=_pickups(layout),
         flight=build_free_flight(step, omega, weight, layout.points.pickups, samplerate),

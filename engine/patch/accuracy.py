@@ -1,13 +1,14 @@
 """Accuracy settings of a scene: smaller errors for more time (docs/design.md, sec. 2)."""
 
-from typing import Any, Literal
+from enum import Enum, auto
+from typing import Any, Literal, NamedTuple
 
 from pydantic import Field, ValidationError
 
 from engine.bodies.table import Table
 from engine.wording import describe_violation
 
-MAX_SUBSTEPS = 64
+MAX_SUBSTEPS = 4096
 MAX_OVERSAMPLE = 32
 
 
@@ -19,7 +20,7 @@ class Accuracy(Table):
         description="exact: exact-modal, linear motion is exact at any sample rate; fdh: the scheme of the paper",
     )
     order: Literal[2, 4, 6] = Field(
-        default=2, description="order of accuracy; with 4 and 6, contact damping remains of second order"
+        default=2, description="order of accuracy; with 6, what loss adds to the error is of order 4"
     )
     substeps: int = Field(default=1, ge=1, le=MAX_SUBSTEPS, description="steps per sample where contact is possible")
     tolerance: float = Field(
@@ -72,17 +73,41 @@ class Accuracy(Table):
         return self.order > 2 or self.substeps > 1
 
 
-# Lengths of the stages of a step of length 1. Each stage is a step of order 2 that is symmetric and conserves energy,
-# and so these products are of the order given, and conserve energy too.
+class StageLoss(Enum):
+    """What modes lose in a stage."""
+
+    NONE = auto()
+    FIRST = auto()  # at both ends, a share that stages of this kind have in common
+    SECOND = auto()  # what is left of the loss of the step
+    ALL = auto()  # what they lose in its time
+
+
+class Stage(NamedTuple):
+    """A stage of a step: a step of order 2 that is symmetric and conserves energy. So their product is of the order of
+    its lengths, and conserves energy too."""
+
+    length: float  # as a share of the step; negative back in time
+    loss: StageLoss
+
+
+def _stages(lengths: list[float]) -> list[Stage]:
+    """The stages of a symmetric step whose lengths before the middle are these. Modes lose at the first two and at the
+    last two: there is an odd number of stages between two losses, as each turns the velocity of a rigid joint."""
+    losses = [StageLoss.FIRST, StageLoss.SECOND, *[StageLoss.NONE] * (len(lengths) - 2)]
+    half = [Stage(*stage) for stage in zip(lengths, losses, strict=True)]
+    return [*half, Stage(1 - 2 * sum(lengths), StageLoss.NONE), *half[::-1]]
+
+
 SUZUKI_LENGTH = 1 / (4 - 4 ** (1 / 3))
-_STAGE_LENGTHS: dict[int, list[float]] = {
-    2: [1.0],
-    4: [SUZUKI_LENGTH, SUZUKI_LENGTH, 1 - 4 * SUZUKI_LENGTH, SUZUKI_LENGTH, SUZUKI_LENGTH],  # Suzuki 1990
-    6: [0.39216144400731413928, 0.33259913678935943860, -0.70624617255763935981, 0.082213596293550800230],
+KAHAN_LENGTHS = [0.39216144400731413928, 0.33259913678935943860, -0.70624617255763935981, 0.082213596293550800230]
+STAGES: dict[int, list[Stage]] = {
+    2: [Stage(1.0, StageLoss.ALL)],
+    4: _stages([SUZUKI_LENGTH, SUZUKI_LENGTH]),  # Suzuki 1990
+    6: _stages(KAHAN_LENGTHS),  # Kahan & Li 1997
 }
-_STAGE_LENGTHS[6] = [*_STAGE_LENGTHS[6], 1 - 2 * sum(_STAGE_LENGTHS[6]), *_STAGE_LENGTHS[6][::-1]]  # Kahan & Li 1997
 
 
-def stage_lengths(accuracy: Accuracy) -> list[float]:
-    """Lengths of the stages that a sample is computed in, as fractions of the sample's duration; their sum is 1."""
-    return [length / accuracy.substeps for length in _STAGE_LENGTHS[accuracy.order]] * accuracy.substeps
+def sample_stages(accuracy: Accuracy) -> list[Stage]:
+    """The stages of a sample; the sum of their lengths is 1."""
+    stages = STAGES[accuracy.order]
+    return [stage._replace(length=stage.length / accuracy.substeps) for stage in stages] * accuracy.substeps

@@ -207,15 +207,13 @@ class ContactLoss(NamedTuple):
 
 
 class Refinement(NamedTuple):
-    """A sample in stages (engine.kernel.run.refinement). Stages of one length are of one kind."""
+    """A sample in stages (engine.kernel.run.refinement). Stages of one length, with the same loss, are of one kind."""
 
-    stages: StepCoefficients  # one row for each kind; with loss in order 2
-    end_loss: ModalLoss | None  # before the first stage and after the last, in orders 4 and 6
-    end_damping: PerConnection | None  # s: how long dampers act there, if they do not in the stages
+    stages: StepCoefficients  # one row for each kind
     contact_loss: ContactLoss | None  # None where it is in the solve, or there is none
     sequence: SharedInt  # the kind of each stage
-    loss_before: Shared  # s: how long contact loss acts before each stage, and after it
-    loss_after: Shared
+    loss_before: Shared | None  # s: how long contacts and dampers lose before each stage, if they do not in the stages
+    loss_after: Shared | None  # and after it
     sequence_in_solve: SharedInt  # of order 2, where contact loss is too strong to act between stages
     length: Shared  # of each kind, as a share of a sample
     refine_free_flight: bool  # also out of contact

@@ -209,24 +209,23 @@ def connection_energy(connection, state):
 
 @inline
 def damp_connections(connection, duration, is_end, state):
-    """Let all dampers act outside the step, for half of it, one after the other; at its end in the reverse order.
-    Relative velocities fall as e^(-r·W·h/2), W = Φ·Φᵀ. Returns the energy lost, J."""
+    """Let all dampers act outside the step for a duration, s, one after the other; at its end in the reverse order.
+    Relative velocities fall as e^(-r·W·t), W = Φ·Φᵀ. Returns the energy lost, J."""
     lost = 0.0
     if connection is not None:
-        if duration is not None:
-            lost = damp_each(connection, duration, is_end, state.connection.damping, state)
+        lost = damp_each(connection, duration, is_end, state.connection.damping, state)
     return lost
 
 
 @noinline
 def damp_each(connection, duration, is_end, damping, state):
-    """Let each damper of an island act outside the step, for half of it, one after the other; at its end in the reverse
+    """Let each damper of an island act for a duration, s, one after the other; at the end of a step in the reverse
     order. Returns the energy lost, J."""
     lost, count = 0.0, damping.shape[0]
     for n in range(count):
         i = count - 1 - n if is_end else n
-        if damping[i] != 0.0 and duration[i] != 0.0:
-            lost += damp_coordinate(connection, i, damping[i] * duration[i], state.p)
+        if damping[i] != 0.0:
+            lost += damp_coordinate(connection, i, damping[i] * duration, state.p)
             forget_drift(state)
     return lost
 

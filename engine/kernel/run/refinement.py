@@ -1,9 +1,8 @@
 """Refinement: a sample in several stages, where contact is possible (docs/design.md, sec. 2).
 
-A stage is a step of another length. In order 2 all lengths are positive, and modes lose energy in each stage
-(engine.assembly.mode_coefficients.damped_coefficients). In orders 4 and 6 some stages go backwards and none has loss;
-half the loss of the sample comes before the first stage and half after the last. Each stage conserves energy, and so
-does their product, whose order is that of the lengths (engine.patch.accuracy). Out of contact the `exact` coefficients
+A stage is a step of another length (engine.patch.accuracy). In orders 4 and 6 some stages go backwards: modes lose only
+at the ends of others (engine.assembly.stage_coefficients), and contacts and dampers between stages. Each stage
+conserves energy, and so does their product, whose order is that of the lengths. Out of contact the `exact` coefficients
 need no stages: they are those of the exact motion, and one step of it equals the product of the stages.
 """
 
@@ -18,7 +17,7 @@ from engine.kernel.interactions.connections import count_connections, damp_conne
 from engine.kernel.interactions.contact_loss import is_loss_small, lose_at_contacts
 from engine.kernel.interactions.contacts import bound_at_contact, find_free_displacements
 from engine.kernel.interactions.external_forces import next_external_force
-from engine.kernel.modes.mode_step import apply_loss_all, find_drift_momenta
+from engine.kernel.modes.mode_step import find_drift_momenta
 from engine.kernel.run.events import finish_first_stage
 from engine.kernel.run.step import StepOutcome, StepSettings, step
 
@@ -153,8 +152,7 @@ def composed_step(model, refinement, state, frame):
         mean_force[k] = 0.0
         impulse[k] = 0.0
     in_contact, evaluations, work = FALSE, INT64_0, 0.0
-    lost = apply_loss_all(refinement.end_loss, state)
-    lost += damp_connections(model.connection, refinement.end_damping, FALSE, state)
+    lost = 0.0
     is_apart = is_loss_small(refinement.contact_loss, model.contact, model.samplerate, state)
     stages = refinement.sequence.shape[0] if is_apart else refinement.sequence_in_solve.shape[0]
     for i in range(stages):
@@ -162,8 +160,8 @@ def composed_step(model, refinement, state, frame):
         connections = count_connections(model.connection, state)
         h = coefficients_of_stage(refinement.stages, s, modes, contacts, connections)
         if is_apart:
-            duration, rate = refinement.loss_before[i], model.samplerate if i > 0 else 0.0
-            lost += lose_at_contacts(refinement.contact_loss, model.contact, duration, FALSE, rate, state)
+            rate = model.samplerate if i > 0 else 0.0
+            lost += lose_between(model, refinement.contact_loss, refinement.loss_before, i, FALSE, rate, state)
         outcome = step(model, StepSettings(h, StepKind.FIRST_STAGE + s, FALSE, frame), state)
         if outcome.in_contact:
             in_contact = True
@@ -173,8 +171,8 @@ def composed_step(model, refinement, state, frame):
             for k in range(contacts):
                 state.contact_force[k] = 0.0
         if is_apart:
-            duration, rate = refinement.loss_after[i], model.samplerate
-            lost += lose_at_contacts(refinement.contact_loss, model.contact, duration, TRUE, rate, state)
+            rate = model.samplerate
+            lost += lose_between(model, refinement.contact_loss, refinement.loss_after, i, TRUE, rate, state)
         if i == 0:
             finish_first_stage(model, refinement, state)
         evaluations += outcome.evaluations
@@ -182,5 +180,22 @@ def composed_step(model, refinement, state, frame):
         work += outcome.supplied
     for k in range(contacts):
         state.contact_force[k] = mean_force[k] + impulse[k] * model.samplerate
-    lost += damp_connections(model.connection, refinement.end_damping, TRUE, state)
-    return StepOutcome(in_contact, evaluations, lost + apply_loss_all(refinement.end_loss, state), work)
+    return StepOutcome(in_contact, evaluations, lost, work)
+
+
+@inline
+def lose_between(model, contact_loss, durations, i, is_after, rate, state):
+    """Let dampers and contacts lose before stage i, or after it, in the reverse order. Returns the energy lost, J.
+
+    durations: of loss before each stage, or after it, s; None if there is none
+    rate: as of lose_at_contacts
+    """
+    lost = 0.0
+    if durations is not None:
+        if durations[i] != 0.0:
+            if not is_after:
+                lost += damp_connections(model.connection, durations[i], is_after, state)
+            lost += lose_at_contacts(contact_loss, model.contact, durations[i], is_after, rate, state)
+            if is_after:
+                lost += damp_connections(model.connection, durations[i], is_after, state)
+    return lost

@@ -59,8 +59,8 @@ def _is_damped(layout: Layout) -> bool:
 
 
 def loss_times(accuracy: Accuracy) -> np.ndarray:
-    """Return the duration of the loss of contacts and dampers before each stage, as a share of a sample. After the stages, the durations
-    are the same in reverse order. In order 2 they are 0, as loss acts in the stages.
+    """Return how long contacts and dampers lose before each stage, as a share of a sample. After the stages, it is as
+    long in reverse order. In order 2 they lose in the stages, and not between them.
 
     In a step of order 4 or 6 whose first stage has the length γ, loss acts at 0, γ, 1 - γ and 1, with the weights of
     the quadrature of third degree there. The lengths of the stages between have the sum 1 - 2γ.

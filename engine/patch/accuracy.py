@@ -8,7 +8,7 @@ from pydantic import Field, ValidationError
 from engine.bodies.table import Table
 from engine.wording import describe_violation
 
-MAX_SUBSTEPS = 4096
+MAX_SUBSTEPS = 8192
 MAX_OVERSAMPLE = 32
 
 

@@ -192,7 +192,7 @@ def lose_between(model, contact_loss, durations, i, is_after, rate, state):
     """
     lost = 0.0
     if durations is not None:
-        if durations[i] != 0.0:
+        if i < durations.shape[0] and durations[i] != 0.0:  # the general kernel has none in place of None
             if not is_after:
                 lost += damp_connections(model.connection, durations[i], is_after, state)
             lost += lose_at_contacts(contact_loss, model.contact, durations[i], is_after, rate, state)

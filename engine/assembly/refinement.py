@@ -5,10 +5,11 @@ import numpy as np
 from engine.assembly.layout import Layout
 from engine.assembly.stage_coefficients import stage_coefficients
 from engine.assembly.step_coefficients import stack, step_coefficients
-from engine.kernel.data.model import ContactLoss, Refinement
-from engine.patch.accuracy import STAGES, Accuracy, Stage, StageLoss, sample_stages
+from engine.kernel.data.model import AdaptiveSteps, ContactLoss, Refinement, StepCoefficients
+from engine.patch.accuracy import STAGES, Accuracy, Stage, StageLoss, step_stages
 from engine.patch.tables import ChangeEvent
 
+LOCAL_SHARE = 0.3  # of the error that is asked for, which may be made in a sample
 MAX_LOSS_IN_STEP = 0.5  # μ·f·W·h/2, of contact loss between stages: beyond, a step of order 2 is no less accurate
 
 
@@ -24,24 +25,30 @@ def build_refinement(
     omega, sigma, h = layout.modes.omega, layout.modes.sigma, 1.0 / samplerate
     is_high, has_high_kernel = accuracy.order > 2, (finest or accuracy).order > 2
     contact_loss = _contact_loss(layout, h / accuracy.substeps, is_high) if has_high_kernel else None
-    stages, in_solve = sample_stages(accuracy), list[Stage]()
-    if contact_loss is not None and is_high:
-        in_solve = sample_stages(accuracy.replace(order=2))
-    kinds = list(dict.fromkeys(stages + in_solve))
+    kinds_of_levels, stages = list[list[Stage]](), list[StepCoefficients]()
+    for level in range(accuracy.levels + 1):
+        kinds = step_stages(accuracy, level)
+        if contact_loss is not None and is_high:
+            kinds += step_stages(accuracy.replace(order=2), level)
+        kinds = list(dict.fromkeys(kinds))
+        kinds_of_levels.append(kinds)
+        steps = accuracy.substeps << level
+        for kind, modes in zip(kinds, stage_coefficients(layout.modes, kinds, accuracy, h, steps), strict=True):
+            stages.append(step_coefficients(layout, modes, samplerate, kind.length, kind.loss is StageLoss.ALL))
+    kinds = kinds_of_levels[0]
+    in_solve = step_stages(accuracy.replace(order=2)) if contact_loss is not None and is_high else []
     loses_between = contact_loss is not None or (has_high_kernel and _is_damped(layout))
     return Refinement(
-        stages=stack(
-            [
-                step_coefficients(layout, modes, samplerate, kind.length, kind.loss is StageLoss.ALL)
-                for kind, modes in zip(kinds, stage_coefficients(layout.modes, kinds, accuracy, h), strict=True)
-            ]
-        ),
+        stages=stack(stages),
         contact_loss=contact_loss,
-        sequence=np.array([kinds.index(kind) for kind in stages]),
+        sequence=np.array([kinds.index(kind) for kind in step_stages(accuracy)]),
+        sequence_in_solve=np.array([kinds.index(kind) for kind in in_solve], np.int64),
         loss_before=h * loss_times(accuracy) if loses_between else None,
         loss_after=h * loss_times(accuracy)[::-1] if loses_between else None,
-        sequence_in_solve=np.array([kinds.index(kind) for kind in in_solve], np.int64),
-        length=np.array([kind.length for kind in kinds]),
+        length=np.array([kind.length for kinds in kinds_of_levels for kind in kinds]),
+        steps=accuracy.substeps,
+        kinds=len(kinds),
+        adaptive=adaptive_steps(accuracy) if (finest or accuracy).max_error is not None else None,
         refine_free_flight=accuracy.scheme != "exact",
         # |f''|·h²/8 bounds how far f strays from its chord; f'' is that of damped vibration, or of a coasting mass
         chord_deviation=np.where(
@@ -49,6 +56,12 @@ def build_refinement(
         ),
         gravity_deviation=np.abs(layout.modes.weight) * h**2 / 8 * (1 + 64 * h * sigma),
     )
+
+
+def adaptive_steps(accuracy: Accuracy) -> AdaptiveSteps:
+    """Return how many steps a sample may have; with one level, it has as many as `substeps` says."""
+    limit = LOCAL_SHARE * (accuracy.max_error or 0.0)
+    return AdaptiveSteps(accuracy.levels, limit, 2.0**accuracy.order)
 
 
 def _is_damped(layout: Layout) -> bool:
@@ -59,8 +72,8 @@ def _is_damped(layout: Layout) -> bool:
 
 
 def loss_times(accuracy: Accuracy) -> np.ndarray:
-    """Return how long contacts and dampers lose before each stage, as a share of a sample. After the stages, it is as
-    long in reverse order. In order 2 they lose in the stages, and not between them.
+    """Return how long contacts and dampers lose before each stage of a step, as a share of a sample. After the stages,
+    it is as long in reverse order. In order 2 they lose in the stages, and not between them.
 
     In a step of order 4 or 6 whose first stage has the length γ, loss acts at 0, γ, 1 - γ and 1, with the weights of
     the quadrature of third degree there. The lengths of the stages between have the sum 1 - 2γ.
@@ -70,7 +83,7 @@ def loss_times(accuracy: Accuracy) -> np.ndarray:
     if len(lengths) > 1:
         inner = 1 / (12 * lengths[0] * (1 - lengths[0]))
         times[0], times[-1] = 0.5 - inner, inner
-    return np.tile(times / accuracy.substeps, accuracy.substeps)
+    return times / accuracy.substeps
 
 
 def _contact_loss(layout: Layout, step: float, acts: bool) -> ContactLoss | None:

@@ -23,9 +23,11 @@ LEAST_ANGLE = 1e-7  # rad, of a free mass
 LEAST_SENSITIVITY = 1e-9  # of the motion to the share: below, any share is as good
 
 
-def stage_coefficients(modes: Modes, kinds: Sequence[Stage], accuracy: Accuracy, h: float) -> list[ModeCoefficients]:
-    """Return the coefficients of each kind of stage. h: length of a sample, s"""
-    omega, sigma, step = modes.omega, modes.sigma, h / accuracy.substeps
+def stage_coefficients(
+    modes: Modes, kinds: Sequence[Stage], accuracy: Accuracy, h: float, steps: int
+) -> list[ModeCoefficients]:
+    """Return the coefficients of each kind of stage in a sample of so many steps. h: length of the sample, s"""
+    omega, sigma, step = modes.omega, modes.sigma, h / steps
     is_exact, stages = accuracy.scheme == "exact", STAGES[accuracy.order]
     scale, share = np.ones(omega.size), np.zeros(omega.size)
     if accuracy.order > 2 and sigma.any():

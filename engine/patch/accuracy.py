@@ -1,5 +1,6 @@
 """Accuracy settings of a scene: smaller errors for more time (docs/design.md, sec. 2)."""
 
+import math
 from enum import Enum, auto
 from typing import Any, Literal, NamedTuple
 
@@ -23,6 +24,15 @@ class Accuracy(Table):
         default=2, description="order of accuracy; with 6, what loss adds to the error is of order 4"
     )
     substeps: int = Field(default=1, ge=1, le=MAX_SUBSTEPS, description="steps per sample where contact is possible")
+    max_error: float | None = Field(
+        default=None,
+        ge=1e-12,
+        le=0.1,
+        description="error of the motion, relative to it, that steps per sample are chosen by, beginning with substeps",
+    )
+    max_substeps: int = Field(
+        default=1024, ge=1, le=MAX_SUBSTEPS, description="steps per sample at most, where they are chosen by max_error"
+    )
     tolerance: float = Field(
         default=1e-15, ge=1e-15, le=1e-2, description="relative tolerance of the compression in the contact solve"
     )
@@ -69,8 +79,13 @@ class Accuracy(Table):
 
     @property
     def is_refined(self) -> bool:
-        """True if a sample is more than one step."""
-        return self.order > 2 or self.substeps > 1
+        """True if a sample may be more than one step."""
+        return self.order > 2 or self.substeps > 1 or self.max_error is not None
+
+    @property
+    def levels(self) -> int:
+        """How often the steps of a sample may be doubled."""
+        return 0 if self.max_error is None else int(math.log2(max(1, self.max_substeps // self.substeps)))
 
 
 class StageLoss(Enum):
@@ -107,7 +122,7 @@ STAGES: dict[int, list[Stage]] = {
 }
 
 
-def sample_stages(accuracy: Accuracy) -> list[Stage]:
-    """The stages of a sample; the sum of their lengths is 1."""
-    stages = STAGES[accuracy.order]
-    return [stage._replace(length=stage.length / accuracy.substeps) for stage in stages] * accuracy.substeps
+def step_stages(accuracy: Accuracy, level: int = 0) -> list[Stage]:
+    """The stages of a step, with lengths as shares of a sample. level: how often the steps of a sample are doubled"""
+    steps = accuracy.substeps << level
+    return [stage._replace(length=stage.length / steps) for stage in STAGES[accuracy.order]]

@@ -206,16 +206,27 @@ class ContactLoss(NamedTuple):
     saturation: PerContact  # 1/N: times the elastic force, 1 where the loss is too strong to act there
 
 
+class AdaptiveSteps(NamedTuple):
+    """How many steps a sample may have (engine.kernel.run.adaptive_steps)."""
+
+    finest: int  # level of the most: steps are doubled so often
+    limit: float  # what twice the steps may change the motion in a sample, relative to the largest motion
+    error_ratio: float  # of a sample, to that with twice as many steps
+
+
 class Refinement(NamedTuple):
     """A sample in stages (engine.kernel.run.refinement). Stages of one length, with the same loss, are of one kind."""
 
-    stages: StepCoefficients  # one row for each kind
+    stages: StepCoefficients  # one row for each kind; with AdaptiveSteps, for each of each level
     contact_loss: ContactLoss | None  # None where it is in the solve, or there is none
-    sequence: SharedInt  # the kind of each stage
+    sequence: SharedInt  # the kind of each stage of a step
+    sequence_in_solve: SharedInt  # of order 2, where contact loss is too strong to act between stages
     loss_before: Shared | None  # s: how long contacts and dampers lose before each stage, if they do not in the stages
     loss_after: Shared | None  # and after it
-    sequence_in_solve: SharedInt  # of order 2, where contact loss is too strong to act between stages
     length: Shared  # of each kind, as a share of a sample
+    steps: int  # of a sample; with AdaptiveSteps, of the coarsest level
+    kinds: int  # of stages, of a level
+    adaptive: AdaptiveSteps | None
     refine_free_flight: bool  # also out of contact
     chord_deviation: PerMode  # how far a mode strays from its chord within a sample, per amplitude
     gravity_deviation: PerMode  # √kg·m: and how far by its weight

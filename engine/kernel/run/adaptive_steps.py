@@ -1,0 +1,141 @@
+"""As many steps in each sample as the accuracy that is asked for takes (docs/design.md, "Steps chosen by error").
+
+A sample in stages is computed with some number of steps, and from the same state with twice as many, which count; where
+the two differ too much, with twice as many again. The next sample begins where this one ended. So the error of each
+sample is known, and the energy balance is as exact as with any number of steps.
+"""
+
+import math
+
+from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
+from engine.compiler.lanes import lane_sum, number_at, splat
+from engine.kernel.modes.mode_step import forget_drift, motion_of
+from engine.kernel.modes.ordered_sums import fold_lanes
+from engine.kernel.modes.potential import add_elastic
+
+
+@inline
+def steps_of_sample(refinement, state):
+    """Return the number of steps of the present sample."""
+    if refinement.adaptive is None:
+        return refinement.steps
+    return refinement.steps << state.refinement.level[0]
+
+
+@inline
+def first_kind_of_sample(refinement, state):
+    """Return the first kind of stages of the present sample."""
+    if refinement.adaptive is None:
+        return INT64_0
+    return refinement.kinds * state.refinement.level[0]
+
+
+@inline
+def is_adaptive(adaptive):
+    """True if samples have as many steps as they need. adaptive: AdaptiveSteps or None"""
+    if adaptive is None:
+        return False
+    return adaptive.finest > 0
+
+
+@inline
+def begin_tries(adaptive, state):
+    """Keep the state at the start of a sample, if its number of steps is to be found."""
+    if is_adaptive(adaptive):
+        save_motion(state)
+
+
+@inline
+def is_accurate(adaptive, model, state):
+    """True if a sample was computed with enough steps; if not, all is as it was at its start, for a try with more."""
+    if is_adaptive(adaptive):
+        return compare_tries(adaptive, model, state)
+    return TRUE
+
+
+@noinline
+def save_motion(state):
+    """Keep all that a sample changes. The first try has half as many steps as are expected to do."""
+    saved, refinement = state.refinement.saved, state.refinement
+    refinement.tries[0] = 0
+    refinement.level[0] = max(0, refinement.next_level[0] - 1)
+    copy_items(state.q, saved.q)
+    copy_items(state.p, saved.p)
+    copy_items(state.kick_compensation, saved.kick_compensation)
+    copy_items(state.compression, saved.compression)
+    copy_items(state.compression_compensation, saved.compression_compensation)
+    copy_items(state.contact_force, saved.contact_force)
+    copy_items(state.energy_totals, saved.energy_totals)
+    copy_items(state.energy_debt, saved.energy_debt)
+    copy_items(refinement.samples_of_strong_loss, saved.samples_of_strong_loss)
+    if state.connection is not None:
+        copy_items(state.connection.extension, saved.extension)
+        copy_items(state.connection.extension_compensation, saved.extension_compensation)
+
+
+@noinline
+def restore_motion(state):
+    """Undo what a sample has changed."""
+    saved = state.refinement.saved
+    copy_items(saved.q, state.q)
+    copy_items(saved.p, state.p)
+    copy_items(saved.kick_compensation, state.kick_compensation)
+    copy_items(saved.compression, state.compression)
+    copy_items(saved.compression_compensation, state.compression_compensation)
+    copy_items(saved.contact_force, state.contact_force)
+    copy_items(saved.energy_totals, state.energy_totals)
+    copy_items(saved.energy_debt, state.energy_debt)
+    copy_items(saved.samples_of_strong_loss, state.refinement.samples_of_strong_loss)
+    if state.connection is not None:
+        copy_items(saved.extension, state.connection.extension)
+        copy_items(saved.extension_compensation, state.connection.extension_compensation)
+    forget_drift(state)
+
+
+@inline
+def copy_items(source, target):
+    """Copy an array to another of the same size."""
+    for i in range(source.shape[0]):
+        target[i] = source[i]
+
+
+@inline
+def add_change(of, m, sums):
+    """Add p² + ω²q² of mode m to the first sum, and that of its change since the last try to the second."""
+    omega_squared, motion, coarse_q, coarse_p = of
+    q, p = number_at(motion.q, m), number_at(motion.p, m)
+    dq, dp = q - number_at(coarse_q, m), p - number_at(coarse_p, m)
+    return sums[0] + add_elastic(omega_squared, m, q, p * p), sums[1] + add_elastic(omega_squared, m, dq, dp * dp)
+
+
+@inline
+def measure_tries(omega_squared, state):
+    """Return √Σ(p² + ω²q²) of the motion, and of its change since the last try, √J."""
+    of = omega_squared, motion_of(state), state.refinement.coarse_q, state.refinement.coarse_p
+    size, change = fold_lanes(add_change, of, state.p.shape[0], (splat(0.0), splat(0.0)))
+    return math.sqrt(lane_sum(size)), math.sqrt(lane_sum(change))
+
+
+@noinline
+def compare_tries(adaptive, model, state):
+    """True if the last two tries of a sample agree, or if no more steps are allowed; the next sample may have fewer.
+    Otherwise its start is restored."""
+    refinement = state.refinement
+    level, tries = refinement.level[0], refinement.tries[0]
+    if tries > 0:
+        size, change = measure_tries(model.omega_squared, state)
+        refinement.largest_motion[0] = max(refinement.largest_motion[0], size)
+        error = change / refinement.largest_motion[0] if change > 0.0 else 0.0
+        if level == adaptive.finest or error <= adaptive.limit:
+            refinement.error[0] += error
+            if error > adaptive.limit:
+                refinement.capped_samples[0] += 1
+            is_easy = error * adaptive.error_ratio < adaptive.limit
+            refinement.next_level[0] = max(1, level - 1) if is_easy else level
+            return TRUE
+    copy_items(state.q, refinement.coarse_q)
+    copy_items(state.p, refinement.coarse_p)
+    restore_motion(state)
+    refinement.tries[0] = tries + 1
+    refinement.level[0] = level + 1
+    return FALSE

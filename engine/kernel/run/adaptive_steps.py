@@ -31,31 +31,30 @@ def first_kind_of_sample(refinement, state):
 
 
 @inline
-def is_adaptive(adaptive):
-    """True if samples have as many steps as they need. adaptive: AdaptiveSteps or None"""
-    if adaptive is None:
-        return False
-    return adaptive.finest > 0
-
-
-@inline
 def begin_tries(adaptive, state):
-    """Keep the state at the start of a sample, if its number of steps is to be found."""
-    if is_adaptive(adaptive):
-        save_motion(state)
+    """Keep the state at the start of a sample, if its number of steps is to be found. adaptive: AdaptiveSteps or
+    None"""
+    if adaptive is not None:
+        if adaptive.finest > 0:
+            save_motion(state, state.connection)
 
 
 @inline
 def is_accurate(adaptive, model, state):
-    """True if a sample was computed with enough steps; if not, all is as it was at its start, for a try with more."""
-    if is_adaptive(adaptive):
-        return compare_tries(adaptive, model, state)
+    """True if a sample was computed with enough steps; if not, all is as it was at its start, for a try with more.
+    adaptive: AdaptiveSteps or None"""
+    if adaptive is not None:
+        if adaptive.finest > 0:
+            return compare_tries(adaptive, model, state)
     return TRUE
 
 
 @noinline
-def save_motion(state):
-    """Keep all that a sample changes. The first try has half as many steps as are expected to do."""
+def save_motion(state, connection_state):
+    """Keep all that a sample changes. The first try has half as many steps as are expected to do.
+
+    connection_state: ConnectionState or None
+    """
     saved, refinement = state.refinement.saved, state.refinement
     refinement.tries[0] = 0
     refinement.level[0] = max(0, refinement.next_level[0] - 1)
@@ -68,14 +67,14 @@ def save_motion(state):
     copy_items(state.energy_totals, saved.energy_totals)
     copy_items(state.energy_debt, saved.energy_debt)
     copy_items(refinement.samples_of_strong_loss, saved.samples_of_strong_loss)
-    if state.connection is not None:
-        copy_items(state.connection.extension, saved.extension)
-        copy_items(state.connection.extension_compensation, saved.extension_compensation)
+    if connection_state is not None:
+        copy_items(connection_state.extension, saved.extension)
+        copy_items(connection_state.extension_compensation, saved.extension_compensation)
 
 
 @noinline
-def restore_motion(state):
-    """Undo what a sample has changed."""
+def restore_motion(state, connection_state):
+    """Undo what a sample has changed. connection_state: ConnectionState or None"""
     saved = state.refinement.saved
     copy_items(saved.q, state.q)
     copy_items(saved.p, state.p)
@@ -86,9 +85,9 @@ def restore_motion(state):
     copy_items(saved.energy_totals, state.energy_totals)
     copy_items(saved.energy_debt, state.energy_debt)
     copy_items(saved.samples_of_strong_loss, state.refinement.samples_of_strong_loss)
-    if state.connection is not None:
-        copy_items(saved.extension, state.connection.extension)
-        copy_items(saved.extension_compensation, state.connection.extension_compensation)
+    if connection_state is not None:
+        copy_items(saved.extension, connection_state.extension)
+        copy_items(saved.extension_compensation, connection_state.extension_compensation)
     forget_drift(state)
 
 
@@ -135,7 +134,7 @@ def compare_tries(adaptive, model, state):
             return TRUE
     copy_items(state.q, refinement.coarse_q)
     copy_items(state.p, refinement.coarse_p)
-    restore_motion(state)
+    restore_motion(state, state.connection)
     refinement.tries[0] = tries + 1
     refinement.level[0] = level + 1
     return FALSE

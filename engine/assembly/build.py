@@ -135,7 +135,7 @@ def find_layout(
     limits.check_forces(scene, samplerate, seconds)
     system = ModalSystem(scene, bodies, {body.name: number for number, body in enumerate(scene.body)})
     names = {c.name for c in scene.connection if c.name is not None} if live else changed_connections(scene)
-    is_plain = accuracy.scheme == "exact" and accuracy.order == 2
+    is_plain = accuracy.scheme == "exact" and accuracy.order == 2 and accuracy.max_error is None
     step = 1 / (samplerate * accuracy.substeps) if is_plain else None
     islands = find_islands(system, contacts_to_build(system, live), names, step)
     limits.check_islands(scene, islands)

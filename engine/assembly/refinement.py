@@ -9,7 +9,7 @@ from engine.kernel.data.model import AdaptiveSteps, ContactLoss, Refinement, Ste
 from engine.patch.accuracy import STAGES, Accuracy, Stage, StageLoss, step_stages
 from engine.patch.tables import ChangeEvent
 
-LOCAL_SHARE = 0.3  # of the error that is asked for, which may be made in a sample
+LOCAL_SHARE = 0.1  # of the error that is asked for: what twice the steps may change in a sample
 MAX_LOSS_IN_STEP = 0.5  # μ·f·W·h/2, of contact loss between stages: beyond, a step of order 2 is no less accurate
 
 
@@ -60,8 +60,7 @@ def build_refinement(
 
 def adaptive_steps(accuracy: Accuracy) -> AdaptiveSteps:
     """Return how many steps a sample may have; with one level, it has as many as `substeps` says."""
-    limit = LOCAL_SHARE * (accuracy.max_error or 0.0)
-    return AdaptiveSteps(accuracy.levels, limit, 2.0**accuracy.order)
+    return AdaptiveSteps(accuracy.levels, LOCAL_SHARE * (accuracy.max_error or 0.0))
 
 
 def _is_damped(layout: Layout) -> bool:

@@ -211,7 +211,6 @@ class AdaptiveSteps(NamedTuple):
 
     finest: int  # level of the most: steps are doubled so often
     limit: float  # what twice the steps may change the motion in a sample, relative to the largest motion
-    error_ratio: float  # of a sample, to that with twice as many steps
 
 
 class Refinement(NamedTuple):

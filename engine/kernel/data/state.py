@@ -109,7 +109,7 @@ class RefinementState(NamedTuple):
     next_level: PerIslandInt  # of the next one, to begin with
     tries: PerIslandInt  # of the present sample, so far
     largest_motion: PerIsland  # √J: √Σ(p² + ω²q²) so far
-    error: PerIsland  # what twice the steps changed, summed over all samples, relative to the largest motion
+    largest_error: PerIsland  # of what twice the steps changed in a sample, relative to the largest motion
     capped_samples: PerIslandInt  # that would have needed more steps
     saved: SavedMotion
     coarse_q: PerMode  # after the try before

@@ -1,8 +1,8 @@
 """As many steps in each sample as the accuracy that is asked for takes (docs/design.md, "Steps chosen by error").
 
 A sample in stages is computed with some number of steps, and from the same state with twice as many, which count; where
-the two differ too much, with twice as many again. The next sample begins where this one ended. So the error of each
-sample is known, and the energy balance is as exact as with any number of steps.
+the two differ too much, with twice as many again. The next sample begins where this one ended. So what twice the steps
+change is known of each sample, and the energy balance is as exact as with any number of steps.
 """
 
 import math
@@ -12,6 +12,8 @@ from engine.compiler.lanes import lane_sum, number_at, splat
 from engine.kernel.modes.mode_step import forget_drift, motion_of
 from engine.kernel.modes.ordered_sums import fold_lanes
 from engine.kernel.modes.potential import add_elastic
+
+EASY = 2.0  # times the error that a sample may have, for the next to have fewer steps
 
 
 @inline
@@ -51,13 +53,12 @@ def is_accurate(adaptive, model, state):
 
 @noinline
 def save_motion(state, connection_state):
-    """Keep all that a sample changes. The first try has half as many steps as are expected to do.
+    """Keep all that a sample changes. The first try has half of the steps that are expected to do.
 
     connection_state: ConnectionState or None
     """
     saved, refinement = state.refinement.saved, state.refinement
-    refinement.tries[0] = 0
-    refinement.level[0] = max(0, refinement.next_level[0] - 1)
+    refinement.tries[0], refinement.level[0] = 0, max(0, refinement.next_level[0] - 1)
     copy_items(state.q, saved.q)
     copy_items(state.p, saved.p)
     copy_items(state.kick_compensation, saved.kick_compensation)
@@ -117,24 +118,21 @@ def measure_tries(omega_squared, state):
 
 @noinline
 def compare_tries(adaptive, model, state):
-    """True if the last two tries of a sample agree, or if no more steps are allowed; the next sample may have fewer.
-    Otherwise its start is restored."""
+    """True if the last two tries of a sample agree, or if no more steps are allowed. Otherwise its start is
+    restored."""
     refinement = state.refinement
     level, tries = refinement.level[0], refinement.tries[0]
     if tries > 0:
         size, change = measure_tries(model.omega_squared, state)
         refinement.largest_motion[0] = max(refinement.largest_motion[0], size)
         error = change / refinement.largest_motion[0] if change > 0.0 else 0.0
-        if level == adaptive.finest or error <= adaptive.limit:
-            refinement.error[0] += error
-            if error > adaptive.limit:
-                refinement.capped_samples[0] += 1
-            is_easy = error * adaptive.error_ratio < adaptive.limit
-            refinement.next_level[0] = max(1, level - 1) if is_easy else level
+        if error <= adaptive.limit or level == adaptive.finest:
+            refinement.largest_error[0] = max(refinement.largest_error[0], error)
+            refinement.capped_samples[0] += int(error > adaptive.limit)
+            refinement.next_level[0] = max(1, level - 1) if EASY * error < adaptive.limit else level
             return TRUE
     copy_items(state.q, refinement.coarse_q)
     copy_items(state.p, refinement.coarse_p)
     restore_motion(state, state.connection)
-    refinement.tries[0] = tries + 1
-    refinement.level[0] = level + 1
+    refinement.tries[0], refinement.level[0] = tries + 1, level + 1
     return FALSE

@@ -73,7 +73,10 @@ def estimate_error(
 def finer_setting(used: Accuracy) -> Accuracy:
     """Return the setting with twice as many steps, whose error is several times smaller; the same if there is none."""
     exact = {"precision": "float64", "tolerance": 1e-15, "iterations": max(used.iterations, 200)}
-    return used.replace(substeps=min(REFINEMENT * used.substeps, MAX_SUBSTEPS), **exact)
+    finer = used.replace(substeps=min(REFINEMENT * used.substeps, MAX_SUBSTEPS), **exact)
+    if used.max_error is None:
+        return finer
+    return finer.replace(max_error=max(1e-12, used.max_error / 10), max_substeps=MAX_SUBSTEPS)
 
 
 def trusted_frames(audio: np.ndarray, fine: np.ndarray, samplerate: float) -> int:

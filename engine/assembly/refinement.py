@@ -60,7 +60,12 @@ def build_refinement(
 
 def adaptive_steps(accuracy: Accuracy) -> AdaptiveSteps:
     """Return how many steps a sample may have; with one level, it has as many as `substeps` says."""
-    return AdaptiveSteps(accuracy.levels, LOCAL_SHARE * (accuracy.max_error or 0.0))
+    return AdaptiveSteps(accuracy.levels, local_limit(accuracy))
+
+
+def local_limit(accuracy: Accuracy) -> float:
+    """Return what twice the steps may change the motion in a sample, relative to the largest motion."""
+    return LOCAL_SHARE * (accuracy.max_error or 0.0)
 
 
 def _is_damped(layout: Layout) -> bool:

@@ -11,6 +11,7 @@ from engine.wording import describe_violation
 
 MAX_SUBSTEPS = 8192
 MAX_OVERSAMPLE = 32
+LARGEST_ERROR = 0.1  # that can be asked for
 
 
 class Accuracy(Table):
@@ -27,8 +28,8 @@ class Accuracy(Table):
     max_error: float | None = Field(
         default=None,
         ge=1e-12,
-        le=0.1,
-        description="error of the motion, relative to it, that steps per sample are chosen by, beginning with substeps",
+        le=LARGEST_ERROR,
+        description="relative error of the motion to aim at: steps per sample are chosen by it, substeps at least",
     )
     max_substeps: int = Field(
         default=1024, ge=1, le=MAX_SUBSTEPS, description="steps per sample at most, where they are chosen by max_error"
@@ -74,7 +75,11 @@ class Accuracy(Table):
         values = [self]
         while values[-1].is_refined:
             last = values[-1]
-            values.append(last.replace(order=2) if last.order > 2 else last.replace(substeps=last.substeps // 2))
+            if last.max_error is not None:
+                coarse = 10 * last.max_error
+                values.append(last.model_copy(update={"max_error": coarse if coarse <= LARGEST_ERROR else None}))
+            else:
+                values.append(last.replace(order=2) if last.order > 2 else last.replace(substeps=last.substeps // 2))
         return values
 
     @property

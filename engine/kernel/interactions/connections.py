@@ -15,7 +15,7 @@ from engine.kernel.data.enums import EventKind
 from engine.kernel.interactions.connection_factors import update_factors
 from engine.kernel.interactions.contacts import contact_number
 from engine.kernel.modes.mode_step import forget_drift
-from engine.kernel.modes.ordered_sums import sum_products, sum_two_products
+from engine.kernel.modes.ordered_sums import copy_items, sum_products, sum_two_products
 from engine.kernel.modes.point_rows import (
     displacement_at_row,
     drifts_of_same_modes,
@@ -193,6 +193,22 @@ def extend_connections(step_rate, connection_state):
 
 
 # --- outside the steps
+
+
+@inline
+def save_extensions(connection_state, saved):
+    """Keep the extensions in a SavedMotion. connection_state: ConnectionState or None"""
+    if connection_state is not None:
+        copy_items(connection_state.extension, saved.extension)
+        copy_items(connection_state.extension_compensation, saved.extension_compensation)
+
+
+@inline
+def restore_extensions(connection_state, saved):
+    """Take the extensions of a SavedMotion again. connection_state: ConnectionState or None"""
+    if connection_state is not None:
+        copy_items(saved.extension, connection_state.extension)
+        copy_items(saved.extension_compensation, connection_state.extension_compensation)
 
 
 @inline

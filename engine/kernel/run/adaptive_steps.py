@@ -9,8 +9,9 @@ import math
 
 from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
 from engine.compiler.lanes import lane_sum, number_at, splat
+from engine.kernel.interactions.connections import restore_extensions, save_extensions
 from engine.kernel.modes.mode_step import forget_drift, motion_of
-from engine.kernel.modes.ordered_sums import fold_lanes
+from engine.kernel.modes.ordered_sums import copy_items, fold_lanes
 from engine.kernel.modes.potential import add_elastic
 
 EASY = 2.0  # times the error that a sample may have, for the next to have fewer steps
@@ -38,7 +39,7 @@ def begin_tries(adaptive, state):
     None"""
     if adaptive is not None:
         if adaptive.finest > 0:
-            save_motion(state, state.connection)
+            save_motion(state)
 
 
 @inline
@@ -52,11 +53,8 @@ def is_accurate(adaptive, model, state):
 
 
 @noinline
-def save_motion(state, connection_state):
-    """Keep all that a sample changes. The first try has half of the steps that are expected to do.
-
-    connection_state: ConnectionState or None
-    """
+def save_motion(state):
+    """Keep all that a sample changes. The first try has half of the steps that are expected to do."""
     saved, refinement = state.refinement.saved, state.refinement
     refinement.tries[0], refinement.level[0] = 0, max(0, refinement.next_level[0] - 1)
     copy_items(state.q, saved.q)
@@ -68,14 +66,12 @@ def save_motion(state, connection_state):
     copy_items(state.energy_totals, saved.energy_totals)
     copy_items(state.energy_debt, saved.energy_debt)
     copy_items(refinement.samples_of_strong_loss, saved.samples_of_strong_loss)
-    if connection_state is not None:
-        copy_items(connection_state.extension, saved.extension)
-        copy_items(connection_state.extension_compensation, saved.extension_compensation)
+    save_extensions(state.connection, saved)
 
 
 @noinline
-def restore_motion(state, connection_state):
-    """Undo what a sample has changed. connection_state: ConnectionState or None"""
+def restore_motion(state):
+    """Undo what a sample has changed."""
     saved = state.refinement.saved
     copy_items(saved.q, state.q)
     copy_items(saved.p, state.p)
@@ -86,17 +82,8 @@ def restore_motion(state, connection_state):
     copy_items(saved.energy_totals, state.energy_totals)
     copy_items(saved.energy_debt, state.energy_debt)
     copy_items(saved.samples_of_strong_loss, state.refinement.samples_of_strong_loss)
-    if connection_state is not None:
-        copy_items(saved.extension, connection_state.extension)
-        copy_items(saved.extension_compensation, connection_state.extension_compensation)
+    restore_extensions(state.connection, saved)
     forget_drift(state)
-
-
-@inline
-def copy_items(source, target):
-    """Copy an array to another of the same size."""
-    for i in range(source.shape[0]):
-        target[i] = source[i]
 
 
 @inline
@@ -133,6 +120,6 @@ def compare_tries(adaptive, model, state):
             return TRUE
     copy_items(state.q, refinement.coarse_q)
     copy_items(state.p, refinement.coarse_p)
-    restore_motion(state, state.connection)
+    restore_motion(state)
     refinement.tries[0], refinement.level[0] = tries + 1, level + 1
     return FALSE

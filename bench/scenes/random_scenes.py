@@ -4,6 +4,7 @@ and some at the very ends. All of one order have the same effects and law, so th
 import numpy as np
 
 import engine
+from engine.bodies.string import MAX_TENSION
 from engine.patch.tables import max_stiffness
 
 RATE = 44_100
@@ -58,12 +59,14 @@ def scene(seed: int, order: int = 2) -> engine.Scene:
 def _body(rng: np.random.Generator, i: int) -> dict:
     kind = rng.choice(["mass", "oscillator", "string"], p=[0.45, 0.35, 0.2])
     if kind == "string":
+        length, mass = within(rng, 1e-4, 1e4), within(rng, 1e-9, 1e9)
+        highest = np.sqrt(0.99 * MAX_TENSION / (4 * length * mass))  # Hz
         return {
             "name": f"b{i}",
             "kind": "string",
-            "length": within(rng, 1e-4, 1e4),
-            "mass": within(rng, 1e-9, 1e9),
-            "frequency": float(10 ** rng.uniform(0, 4.2)),
+            "length": length,
+            "mass": mass,
+            "frequency": float(min(10 ** rng.uniform(0, 4.2), highest)),
             "modes": int(rng.integers(1, 13)),
             "sigma0": damped(rng, 1e-6, 1e6),
         }

@@ -9,7 +9,7 @@ from engine.kernel.data.model import AdaptiveSteps, ContactLoss, Refinement, Ste
 from engine.patch.accuracy import STAGES, Accuracy, Stage, StageLoss, step_stages
 from engine.patch.tables import ChangeEvent
 
-LOCAL_SHARE = 0.1  # of the error that is asked for: what twice the steps may change in a sample
+LOCAL_SHARE = 0.03  # of the error that is asked for: what twice the steps may change in a sample
 MAX_LOSS_IN_STEP = 0.5  # μ·f·W·h/2, of contact loss between stages: beyond, a step of order 2 is no less accurate
 
 

@@ -8,7 +8,7 @@ change is known of each sample, and the energy balance is as exact as with any n
 import math
 
 from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
-from engine.compiler.lanes import lane_sum, number_at, splat
+from engine.compiler.lanes import lane_sum, number_at, splat, where_positive, zero_like
 from engine.kernel.interactions.connections import restore_extensions, save_extensions
 from engine.kernel.modes.mode_step import forget_drift, motion_of
 from engine.kernel.modes.ordered_sums import copy_items, fold_lanes
@@ -88,19 +88,28 @@ def restore_motion(state):
 
 @inline
 def add_change(of, m, sums):
-    """Add p² + ω²q² of mode m to the first sum, and that of its change since the last try to the second."""
+    """Add to the sums, of mode m: p² + ω²q² if it has a spring, or else p² to the next one; how much p² + ω²q² has
+    changed since the last try; and ω²."""
     omega_squared, motion, coarse_q, coarse_p = of
     q, p = number_at(motion.q, m), number_at(motion.p, m)
     dq, dp = q - number_at(coarse_q, m), p - number_at(coarse_p, m)
-    return sums[0] + add_elastic(omega_squared, m, q, p * p), sums[1] + add_elastic(omega_squared, m, dq, dp * dp)
+    change = sums[2] + add_elastic(omega_squared, m, dq, dp * dp)
+    if omega_squared is None:
+        return sums[0], sums[1] + p * p, change, sums[3]
+    stiffness, zero = number_at(omega_squared, m), zero_like(p)
+    vibration = where_positive(stiffness, add_elastic(omega_squared, m, q, p * p), zero)
+    return sums[0] + vibration, sums[1] + where_positive(stiffness, zero, p * p), change, sums[3] + stiffness
 
 
 @inline
 def measure_tries(omega_squared, state):
-    """Return √Σ(p² + ω²q²) of the motion, and of its change since the last try, √J."""
+    """Return √Σ(p² + ω²q²) of the modes with springs, or of free masses if there is none, and that of the change since
+    the last try, √J. The motion of a heavy hammer says nothing of what its string does."""
     of = omega_squared, motion_of(state), state.refinement.coarse_q, state.refinement.coarse_p
-    size, change = fold_lanes(add_change, of, state.p.shape[0], (splat(0.0), splat(0.0)))
-    return math.sqrt(lane_sum(size)), math.sqrt(lane_sum(change))
+    zeros = splat(0.0), splat(0.0), splat(0.0), splat(0.0)
+    vibration, coasting, change, stiffness = fold_lanes(add_change, of, state.p.shape[0], zeros)
+    size = lane_sum(vibration) if lane_sum(stiffness) > 0.0 else lane_sum(coasting)
+    return math.sqrt(size), math.sqrt(lane_sum(change))
 
 
 @noinline
@@ -112,7 +121,8 @@ def compare_tries(adaptive, model, state):
     if tries > 0:
         size, change = measure_tries(model.omega_squared, state)
         refinement.largest_motion[0] = max(refinement.largest_motion[0], size)
-        error = change / refinement.largest_motion[0] if change > 0.0 else 0.0
+        largest = refinement.largest_motion[0]
+        error = change / largest if largest > 0.0 else 0.0
         if error <= adaptive.limit or level == adaptive.finest:
             refinement.largest_error[0] = max(refinement.largest_error[0], error)
             refinement.capped_samples[0] += int(error > adaptive.limit)

@@ -126,7 +126,7 @@ def warn_of_strong_loss(state: State, order: int) -> list[str]:
 
 
 def warn_of_capped_samples(state: State, accuracy: Accuracy) -> list[str]:
-    """Warn of samples whose steps were not enough for the error that was asked for."""
+    """Warn of samples that err by more than `max_error` allows."""
     if state.refinement is None or accuracy.max_error is None:
         return []
     samples, largest = int(state.refinement.capped_samples.sum()), float(state.refinement.largest_error.max())

@@ -89,12 +89,12 @@ class Accuracy(Table):
 
     @property
     def levels(self) -> int:
-        """How often the steps of a sample may be doubled."""
+        """The number of times that the steps of a sample may be doubled."""
         return 0 if self.max_error is None else int(math.log2(max(1, self.max_substeps // self.substeps)))
 
 
 class StageLoss(Enum):
-    """What modes lose in a stage."""
+    """The loss of modes in a stage."""
 
     NONE = auto()
     FIRST = auto()  # at both ends, a share that stages of this kind have in common

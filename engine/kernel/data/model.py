@@ -207,7 +207,7 @@ class ContactLoss(NamedTuple):
 
 
 class AdaptiveSteps(NamedTuple):
-    """How many steps a sample may have (engine.kernel.run.adaptive_steps)."""
+    """Limits to steps that are chosen by error (engine.kernel.run.adaptive_steps)."""
 
     finest: int  # level of the most: steps are doubled so often
     limit: float  # what twice the steps may change the motion in a sample, relative to the largest motion

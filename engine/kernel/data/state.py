@@ -86,7 +86,7 @@ class ConnectionState(NamedTuple):
 
 
 class SavedMotion(NamedTuple):
-    """What an island was at the start of a sample, to try it with another number of steps
+    """State of an island at the start of a sample, to try the sample with another number of steps
     (engine.kernel.run.adaptive_steps)."""
 
     q: PerMode

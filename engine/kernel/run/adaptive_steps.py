@@ -1,4 +1,4 @@
-"""As many steps in each sample as the accuracy that is asked for takes (docs/design.md, "Steps chosen by error").
+"""Steps chosen by error: each sample has as many as it takes (docs/design.md, "Steps chosen by error").
 
 A sample in stages is computed with some number of steps, and from the same state with twice as many, which count; where
 the two differ too much, with twice as many again. The next sample begins where this one ended. So what twice the steps

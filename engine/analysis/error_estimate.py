@@ -1,7 +1,6 @@
 """Estimate the error of a rendering: its distance from the motion of the continuous system, by a second, finer
 rendering."""
 
-import contextlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,8 +9,6 @@ from typing import Any
 import numpy as np
 
 from engine.analysis.metrics import relative_rms_error
-from engine.assembly.build import build
-from engine.faults import BuildError
 from engine.offline.render import RenderedArrays, render_arrays
 from engine.offline.statistics_base import Statistics
 from engine.patch.accuracy import MAX_SUBSTEPS, Accuracy
@@ -19,12 +16,7 @@ from engine.patch.scene import Scene
 
 TRUST_LIMIT = 0.1  # of the largest sample so far: a motion that is farther off than that is another one
 COMPARED_SECONDS = 0.005  # s
-FINER_SUBSTEPS = {2: 4, 4: 3, 6: 3}  # times the substeps, by order; a rigid joint may need an odd number at 4 and 6
-SHARED_ERROR = (
-    "the estimate does not include one error of orders 4 and 6, which apply loss only at the ends of a sample: about "
-    "1e-7 to 1e-6 for short contacts, and 1e-4 to 3e-3 if a string touches frets, a bridge or wires; order 2 does not "
-    "have it"
-)
+REFINEMENT = 2  # times the substeps
 
 
 @dataclass(frozen=True)
@@ -37,7 +29,6 @@ class ErrorEstimate(Statistics):
     seconds:     length of the sound that was compared, s
     finer:       settings of the finer rendering
     time_factor: computing time of the finer rendering over that of this one
-    unseen:      the error that both renderings share, in words; None if they share none
     """
 
     motion: float
@@ -45,7 +36,6 @@ class ErrorEstimate(Statistics):
     seconds: float
     finer: dict[str, Any]
     time_factor: float
-    unseen: str | None = None
 
 
 def estimate_error(
@@ -64,10 +54,12 @@ def estimate_error(
     """
     used = Accuracy.model_validate(rendering.stats["accuracy"])
     seconds = len(rendering.audio) / rendering.samplerate
-    fine = _render_finer(scene, used, seconds, rendering.samplerate, progress, settings)
+    accuracy = finer_setting(used)
+    settings |= {"progress": progress, **accuracy.model_dump()}
+    fine = render_arrays(scene, seconds, rendering.samplerate, **settings)
     horizon = trusted_frames(rendering.audio, fine.audio, rendering.samplerate)
-    accuracy = Accuracy.model_validate(fine.stats["accuracy"])
-    error = relative_rms_error(rendering.audio, fine.audio, horizon or len(fine.audio))
+    ratio = REFINEMENT**used.order  # of the errors of the two renderings
+    error = ratio / (ratio - 1) * relative_rms_error(rendering.audio, fine.audio, horizon or len(fine.audio))
     is_finer = accuracy != used.replace(tolerance=accuracy.tolerance, iterations=accuracy.iterations)
     return ErrorEstimate(
         motion=error if is_finer else math.nan,
@@ -75,35 +67,16 @@ def estimate_error(
         seconds=seconds,
         finer={name: getattr(accuracy, name) for name in ("order", "substeps")},
         time_factor=fine.stats["ns_per_sample"] / rendering.stats["ns_per_sample"],
-        unseen=SHARED_ERROR if used.order > 2 and accuracy.order > 2 and _has_loss(scene, rendering, used) else None,
     )
 
 
-def finer_settings(used: Accuracy) -> list[Accuracy]:
-    """Return settings with an error several times smaller, the first one to try at the front."""
+def finer_setting(used: Accuracy) -> Accuracy:
+    """Return the setting with twice as many steps, whose error is several times smaller; the same if there is none."""
     exact = {"precision": "float64", "tolerance": 1e-15, "iterations": max(used.iterations, 200)}
-    substeps = FINER_SUBSTEPS[used.order] * used.substeps
-    if substeps <= MAX_SUBSTEPS:
-        finer = used.replace(substeps=substeps, **exact)
-    else:
-        finer = used.replace(order=4 if used.order == 2 else 6, **exact)
-    return [finer, used.replace(order=2, substeps=MAX_SUBSTEPS, **exact)]
-
-
-def _has_loss(scene: Scene, rendering: RenderedArrays, used: Accuracy) -> bool:
-    """True if any mode of a scene decays."""
-    layout = build(scene, rendering.samplerate * used.oversample, used, seconds=0.0).layout
-    return bool(layout.modes.sigma.any())
-
-
-def _render_finer(
-    scene: Scene, used: Accuracy, seconds: float, samplerate: int, progress: Any, settings: dict[str, Any]
-) -> RenderedArrays:
-    """The rendering at the first of the finer settings that the scene can be built at."""
-    first, second = finer_settings(used)
-    with contextlib.suppress(BuildError):  # damping is too strong for steps back in time
-        return render_arrays(scene, seconds, samplerate, progress=progress, **settings, **first.model_dump())
-    return render_arrays(scene, seconds, samplerate, progress=progress, **settings, **second.model_dump())
+    finer = used.replace(substeps=min(REFINEMENT * used.substeps, MAX_SUBSTEPS), **exact)
+    if used.max_error is None:
+        return finer
+    return finer.replace(max_error=max(1e-12, used.max_error / 10), max_substeps=MAX_SUBSTEPS)
 
 
 def trusted_frames(audio: np.ndarray, fine: np.ndarray, samplerate: float) -> int:

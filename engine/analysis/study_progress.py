@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from engine.patch.accuracy import Accuracy, stage_lengths
+from engine.patch.accuracy import STAGES, Accuracy
 
 Report = Callable[[float, str, float | None], None]  # the share done, what is done now, and the seconds left
 RUNS_SHARE = 0.95  # of a study; the rest is for the comparison with other methods
@@ -19,7 +19,7 @@ RUNS_SHARE = 0.95  # of a study; the rest is for the comparison with other metho
 
 def stages_of(accuracy: Accuracy) -> int:
     """Count the steps of one output sample where contact is possible."""
-    return len(stage_lengths(accuracy)) * accuracy.oversample
+    return len(STAGES[accuracy.order]) * accuracy.substeps * accuracy.oversample
 
 
 class StudyProgress:

@@ -239,8 +239,8 @@ def render(
     kernel:     special, general or auto (engine.runtime.kernel_choice). The samples are the same
     trace_shapes: keep a trace, and with it shapes of strings, bars and sheets: 4000 of each at most and 64 MB in all,
                 evenly apart
-    accuracy:   scheme, order, substeps, tolerance, oversample, precision, iterations, silence: of each, what
-                the scene says if absent or None (engine.patch.accuracy)
+    accuracy:   scheme, order, substeps, max_error, max_substeps, tolerance, oversample, precision, iterations,
+                silence: of each, what the scene says if absent or None (engine.patch.accuracy)
 
     Raises TypeError if an argument is of the wrong kind or unknown, ValueError if one is out of range, BuildError
     (a ValueError) if the scene cannot be built at this sample rate.

@@ -98,7 +98,7 @@ def build(
         drive=Drive(np.array(drives)) if drives else None,
         connection=connections(layout, samplerate, step, accuracy.is_refined),
         contact=_contact(layout, modes, accuracy, samplerate, variable_exponents or changed),
-        refinement=build_refinement(layout, modes.kick, accuracy, samplerate) if accuracy.is_refined else None,
+        refinement=build_refinement(layout, accuracy, samplerate) if accuracy.is_refined else None,
         events=events,
         pickups=_pickups(layout),
         flight=build_free_flight(step, omega, weight, layout.points.pickups, samplerate),
@@ -135,7 +135,7 @@ def find_layout(
     limits.check_forces(scene, samplerate, seconds)
     system = ModalSystem(scene, bodies, {body.name: number for number, body in enumerate(scene.body)})
     names = {c.name for c in scene.connection if c.name is not None} if live else changed_connections(scene)
-    is_plain = accuracy.scheme == "exact" and accuracy.order == 2
+    is_plain = accuracy.scheme == "exact" and accuracy.order == 2 and accuracy.max_error is None
     step = 1 / (samplerate * accuracy.substeps) if is_plain else None
     islands = find_islands(system, contacts_to_build(system, live), names, step)
     limits.check_islands(scene, islands)

@@ -148,8 +148,6 @@ def check_connections(system: ModalSystem, islands: Islands, accuracy: Accuracy,
     items = [item for coordinates in islands.coordinates for item in coordinates.items]
     if accuracy.order > 2:
         faults += _find_overdamped(system.scene, items, accuracy, samplerate)
-        if accuracy.substeps % 2 == 0:
-            faults += _find_unequal_loss(system, items, accuracy)
     for coordinates in islands.coordinates:
         if len(coordinates.items) > MAX_ISLAND_COORDINATES:
             message = f"with this one, more than {MAX_ISLAND_COORDINATES} connection coordinates join the same bodies"
@@ -221,17 +219,3 @@ def _find_overdamped(
             message = f"order {accuracy.order} has steps back in time, in which a damper would create energy"
             remedy = f"give at most {limit:.3g} kg/s here, or use order = 2 with substeps"
             yield Fault(f"{item.path}.damping_coefficient", f"{message}; {remedy}")
-
-
-def _find_unequal_loss(system: ModalSystem, items: Sequence[Coordinate], accuracy: Accuracy) -> Iterator[Fault]:
-    """Yield rigid joints whose sides have unequal losses between samples of an even number of stages.
-
-    Unequal losses give the sides a relative velocity, and the joint reverses it in each stage. After an even number of
-    stages it is what it was, and the next loss adds to it.
-    """
-    for item in items:
-        sigma = np.concatenate([system.modal_bodies[b].sigma[row != 0.0] for b, row in item.parts.items()])
-        if item.is_rigid and np.ptp(sigma) > 0.0:
-            stages = f"order {accuracy.order} with an even number of substeps"
-            message = f"{stages} moves a rigid joint wrongly if its bodies have unequal losses"
-            yield Fault(item.path, f"{message}; use an odd number of substeps, or order = 2")

@@ -21,6 +21,7 @@ from engine.kernel.data.state import RefinementState, State
 
 KEPT_ABSENT = Refinement, RefinementState
 NUMBERS = {"tolerance": 0.0, "max_rounds": 0}  # of an absent Contact
+NUMBERS |= {"finest": 0, "limit": 0.0}  # and of absent AdaptiveSteps
 
 
 class Filling(NamedTuple):

@@ -10,7 +10,15 @@ from engine.assembly.layout import Layout
 from engine.kernel.data.axes import Axis
 from engine.kernel.data.enums import COLUMNS, DRIVE_FRAMES, LANES, Row
 from engine.kernel.data.model import Model
-from engine.kernel.data.state import ConnectionState, FreeFlightState, NearContacts, RefinementState, Scratch, State
+from engine.kernel.data.state import (
+    ConnectionState,
+    FreeFlightState,
+    NearContacts,
+    RefinementState,
+    SavedMotion,
+    Scratch,
+    State,
+)
 
 
 def initial_state(layout: Layout, model: Model) -> State:
@@ -36,11 +44,17 @@ def initial_state(layout: Layout, model: Model) -> State:
         drive=np.zeros((counts[Axis.DRIVE], DRIVE_FRAMES)) if model.drive is not None else None,
         connection=_initial_connections(layout, counts) if model.connection is not None else None,
         scratch=allocate_scratch(counts[Axis.PARTITION], largest) if coupling else None,
-        refinement=allocate(RefinementState, counts) if model.refinement is not None else None,
+        refinement=_initial_refinement(counts) if model.refinement is not None else None,
         flight=allocate(FreeFlightState, counts),
         **given,
     )
     return state
+
+
+def _initial_refinement(counts: dict[Axis, int]) -> RefinementState:
+    """Return the state of refined samples at time 0."""
+    refinement: RefinementState = allocate(RefinementState, counts, saved=allocate(SavedMotion, counts))
+    return refinement
 
 
 def _initial_connections(layout: Layout, counts: dict[Axis, int]) -> ConnectionState:

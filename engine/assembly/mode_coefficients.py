@@ -93,6 +93,13 @@ def damped_coefficients(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple
     return kick, drift, keep, inside, 0.5 * (1 - inside) * (1 + inside - omega**2 * kick * drift)
 
 
+def exact_motion(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return a, A and b of the exact motion of each mode on which nothing acts (damped_coefficients)."""
+    slow = np.sqrt((sigma - omega).astype(complex)) * np.sqrt(sigma + omega)  # i·ω_d
+    move, give, brake = _responses(sigma, slow, h)
+    return 1 - omega**2 * give, move, brake
+
+
 def _responses(sigma: np.ndarray, slow: np.ndarray, h: float) -> tuple[np.ndarray, ...]:
     """Return A and C, the displacement of a mode in a step per momentum and per force, and the factor b."""
     from scipy.special import gammainc  # 0.1 s, which most scenes need not wait for
@@ -124,7 +131,7 @@ def loses_in_drift(omega: np.ndarray, sigma: np.ndarray, h: float, accuracy: Acc
     masses with damping, for which no other table is exact both when they coast and when they are pushed. If a sample
     has several steps, they are all modes with loss, for only these steps together are the exact motion over a
     sample."""
-    if accuracy.scheme != "exact" or accuracy.order > 2:
+    if accuracy.scheme != "exact":
         return np.zeros(omega.size, np.bool_)
     if accuracy.is_refined:
         return np.asarray(sigma > 0.0)
@@ -137,21 +144,6 @@ def end_loss(decay_factor: np.ndarray) -> ModalLoss:
     return ModalLoss(decay_factor, 0.5 * (1 - decay_factor) * (1 + decay_factor))
 
 
-def stage_coefficients(
-    kick: np.ndarray, omega: np.ndarray, scheme: str, length: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return kick and drift (s) of a stage. Its length is a share of the step with the given kicks, and may be
-    negative.
-
-    A step of the exact table turns a mode by θ = 2·atan(ω·kick), a stage by that share of θ. A stage of the paper's
-    scheme is a step of its own of that length.
-    """
-    angle = np.arctan(omega * kick)
-    exact = np.where(omega > 0.0, np.tan(length * angle) / np.where(omega > 0.0, omega, 1.0), length * kick)
-    stage_kick = length * kick if scheme == "fdh" else exact
-    return stage_kick, 2 * stage_kick / (1 + (omega * stage_kick) ** 2)
-
-
 SCHEMES = {"exact": exact_coefficients, "fdh": midpoint_coefficients}
 
 
@@ -162,10 +154,11 @@ def mode_coefficients(modes: Modes, samplerate: float, accuracy: Accuracy, has_d
                  (engine.kernel.modes.event_dampers)
     """
     omega, sigma, h = modes.omega, modes.sigma, 1.0 / samplerate
-    if accuracy.order > 2 and sigma.max(initial=0.0) * h > MAX_DAMPING_BACKWARDS:
+    limit = MAX_DAMPING_BACKWARDS * samplerate * accuracy.substeps
+    if accuracy.order > 2 and sigma.max(initial=0.0) > limit:
         message = f"order {accuracy.order} has steps back in time, in which heavy damping would create energy"
-        limit = f"allows decay rates up to {MAX_DAMPING_BACKWARDS * samplerate:.4g} 1/s ({sigma.max():.4g} here)"
-        raise BuildError(Fault("accuracy.order", f"{message}, and {limit}; use order = 2 with substeps"))
+        message += f", and allows decay rates up to {limit:.4g} 1/s ({sigma.max():.4g} here)"
+        raise BuildError(Fault("accuracy.order", f"{message}; use more substeps, or order = 2"))
     damped = loses_in_drift(omega, sigma, h, accuracy)
     kick, drift = np.empty((2, omega.size))
     kick[~damped], drift[~damped] = SCHEMES[accuracy.scheme](omega[~damped], sigma[~damped], h)

@@ -3,60 +3,52 @@
 import numpy as np
 
 from engine.assembly.layout import Layout
-from engine.assembly.mode_coefficients import (
-    ModeCoefficients,
-    add_loss,
-    end_loss,
-    loses_in_drift,
-    stage_coefficients,
-)
+from engine.assembly.stage_coefficients import stage_coefficients
 from engine.assembly.step_coefficients import stack, step_coefficients
-from engine.kernel.data.model import ContactLoss, Refinement, StepCoefficients
-from engine.patch.accuracy import Accuracy, stage_lengths
+from engine.kernel.data.model import AdaptiveSteps, ContactLoss, Refinement, StepCoefficients
+from engine.patch.accuracy import STAGES, Accuracy, Stage, StageLoss, step_stages
 from engine.patch.tables import ChangeEvent
 
+LOCAL_SHARE = 0.03  # of the error that is asked for: what twice the steps may change in a sample
 MAX_LOSS_IN_STEP = 0.5  # μ·f·W·h/2, of contact loss between stages: beyond, a step of order 2 is no less accurate
 
 
 def build_refinement(
-    layout: Layout, kick: np.ndarray, accuracy: Accuracy, samplerate: float, finest: Accuracy | None = None
+    layout: Layout, accuracy: Accuracy, samplerate: float, finest: Accuracy | None = None
 ) -> Refinement | None:
     """Return the stages of a sample, even if there is only one; None without contacts and connections.
 
-    kick:   t of each mode in a whole step, s
     finest: the accuracy of the Refinement whose kernel this one is for, if that is another
     """
     if not layout.points.contacts and not layout.points.connection_parts:
         return None
-    lengths = stage_lengths(accuracy)
-    kinds = sorted(set(lengths))
     omega, sigma, h = layout.modes.omega, layout.modes.sigma, 1.0 / samplerate
     is_high, has_high_kernel = accuracy.order > 2, (finest or accuracy).order > 2
     contact_loss = _contact_loss(layout, h / accuracy.substeps, is_high) if has_high_kernel else None
-    loses_between = contact_loss is not None and is_high
-    if loses_between:
-        kinds = sorted({*kinds, 1 / accuracy.substeps})
-    damped, stages = loses_in_drift(omega, sigma, h, finest or accuracy), list[StepCoefficients]()
-    for length in kinds:
-        modes = ModeCoefficients(*stage_coefficients(kick, omega, accuracy.scheme, length), None, None)
-        if sigma.any() and not has_high_kernel:
-            modes = add_loss(modes.kick, modes.drift, layout.modes, damped, h, length)
-        loses_at_contacts = not loses_between or length == 1 / accuracy.substeps
-        stages.append(step_coefficients(layout, modes, samplerate, length, not is_high, loses_at_contacts))
-    has_end_damping = has_high_kernel and _is_damped(layout)
-    connections = sum(len(coordinates.items) for coordinates in layout.islands.coordinates)
+    kinds_of_levels, stages = list[list[Stage]](), list[StepCoefficients]()
+    for level in range(accuracy.levels + 1):
+        kinds = step_stages(accuracy, level)
+        if contact_loss is not None and is_high:
+            kinds += step_stages(accuracy.replace(order=2), level)
+        kinds = list(dict.fromkeys(kinds))
+        kinds_of_levels.append(kinds)
+        steps = accuracy.substeps << level
+        for kind, modes in zip(kinds, stage_coefficients(layout.modes, kinds, accuracy, h, steps), strict=True):
+            stages.append(step_coefficients(layout, modes, samplerate, kind.length, kind.loss is StageLoss.ALL))
+    kinds = kinds_of_levels[0]
+    in_solve = step_stages(accuracy.replace(order=2)) if contact_loss is not None and is_high else []
+    loses_between = contact_loss is not None or (has_high_kernel and _is_damped(layout))
     return Refinement(
         stages=stack(stages),
-        end_loss=end_loss(np.exp(-sigma * h)) if sigma.any() and has_high_kernel else None,
-        end_damping=np.full(connections, h / 2 if is_high else 0.0) if has_end_damping else None,
         contact_loss=contact_loss,
-        sequence=np.array([kinds.index(length) for length in lengths]),
-        loss_before=h * loss_times(accuracy),
-        loss_after=h * loss_times(accuracy)[::-1],
-        sequence_in_solve=np.array([kinds.index(1 / accuracy.substeps)] * accuracy.substeps)
-        if loses_between
-        else np.zeros(0, np.int64),
-        length=np.array(kinds),
+        sequence=np.array([kinds.index(kind) for kind in step_stages(accuracy)]),
+        sequence_in_solve=np.array([kinds.index(kind) for kind in in_solve], np.int64),
+        loss_before=h * loss_times(accuracy) if loses_between else None,
+        loss_after=h * loss_times(accuracy)[::-1] if loses_between else None,
+        length=np.array([kind.length for kinds in kinds_of_levels for kind in kinds]),
+        steps=accuracy.substeps,
+        kinds=len(kinds),
+        adaptive=adaptive_steps(accuracy) if (finest or accuracy).max_error is not None else None,
         refine_free_flight=accuracy.scheme != "exact",
         # |f''|·h²/8 bounds how far f strays from its chord; f'' is that of damped vibration, or of a coasting mass
         chord_deviation=np.where(
@@ -64,6 +56,16 @@ def build_refinement(
         ),
         gravity_deviation=np.abs(layout.modes.weight) * h**2 / 8 * (1 + 64 * h * sigma),
     )
+
+
+def adaptive_steps(accuracy: Accuracy) -> AdaptiveSteps:
+    """Return how many steps a sample may have; with one level, it has as many as `substeps` says."""
+    return AdaptiveSteps(accuracy.levels, local_limit(accuracy))
+
+
+def local_limit(accuracy: Accuracy) -> float:
+    """Return what twice the steps may change the motion in a sample, relative to the largest motion."""
+    return LOCAL_SHARE * (accuracy.max_error or 0.0)
 
 
 def _is_damped(layout: Layout) -> bool:
@@ -74,18 +76,18 @@ def _is_damped(layout: Layout) -> bool:
 
 
 def loss_times(accuracy: Accuracy) -> np.ndarray:
-    """Return the duration of contact loss before each stage, as a share of a sample. After the stages, the durations
-    are the same in reverse order. In order 2 they are 0, as loss acts in the stages.
+    """Return how long contacts and dampers lose before each stage of a step, as a share of a sample. After the stages,
+    it is as long in reverse order. In order 2 they lose in the stages, and not between them.
 
     In a step of order 4 or 6 whose first stage has the length γ, loss acts at 0, γ, 1 - γ and 1, with the weights of
     the quadrature of third degree there. The lengths of the stages between have the sum 1 - 2γ.
     """
-    lengths = stage_lengths(accuracy.replace(substeps=1))
+    lengths = [stage.length for stage in STAGES[accuracy.order]]
     times = np.zeros(len(lengths))
     if len(lengths) > 1:
         inner = 1 / (12 * lengths[0] * (1 - lengths[0]))
         times[0], times[-1] = 0.5 - inner, inner
-    return np.tile(times / accuracy.substeps, accuracy.substeps)
+    return times / accuracy.substeps
 
 
 def _contact_loss(layout: Layout, step: float, acts: bool) -> ContactLoss | None:

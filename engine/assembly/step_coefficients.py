@@ -48,18 +48,16 @@ def step_coefficients(
     modes: ModeCoefficients,
     samplerate: float,
     length: float = 1.0,
-    is_damped: bool = True,
-    loses_at_contacts: bool = True,
+    loses_at_points: bool = True,
 ) -> StepCoefficients:
     """Return the coefficients of a step.
 
     length:    as a share of a sample, negative for a step back in time
-    is_damped: True if dampers of connections act in the step
-    loses_at_contacts: True if contact loss acts in the step
+    loses_at_points: True if contact loss and dampers of connections act in the step
     """
     omega, weight, forces = layout.modes.omega, layout.modes.weight, layout.points.forces
-    step_rate, loss_rate = samplerate / length if is_damped else 0.0, samplerate / length * loses_at_contacts
-    factors = all_factors(layout, modes, step_rate)
+    rate = samplerate / length if loses_at_points else 0.0
+    factors = all_factors(layout, modes, rate)
     return StepCoefficients(
         kick=modes.kick,
         drift=modes.drift,
@@ -67,8 +65,8 @@ def step_coefficients(
         weight_kick=modes.kick * weight if weight.any() else None,
         loss=modes.loss,
         drag=modes.drag,
-        connection=connection_coefficients(layout, modes, factors, step_rate),
-        contact=contact_coefficients(layout, modes, factors, loss_rate) if layout.points.contacts else None,
+        connection=connection_coefficients(layout, modes, factors, rate),
+        contact=contact_coefficients(layout, modes, factors, rate) if layout.points.contacts else None,
         force=row_coefficients(forces, modes.kick, modes.drift) if forces else None,
     )
 

@@ -16,12 +16,14 @@ if TYPE_CHECKING:
 MAX_USAGE_CHARACTERS = 400  # characters of a message
 VOICES = 8  # notes at a time, unless told otherwise
 ACCURACY_OPTIONS = {"scheme": str, "order": int, "substeps": int, "tolerance": float, "oversample": int}
-ACCURACY_OPTIONS |= {"precision": str}
+ACCURACY_OPTIONS |= {"precision": str, "max_error": float, "max_substeps": int}
 # options that several commands have: what stands for the value, and the help
 SHARED_OPTIONS = {
     "--scheme": ("NAME", "exact: linear motion is exact; fdh: the finite differences of the paper"),
     "--order": ("N", "order of accuracy: 2, 4 or 6"),
     "--substeps": ("N", "steps per sample where contact is possible"),
+    "--max-error": ("E", "choose the steps of each sample by this error of the motion, such as 1e-3"),
+    "--max-substeps": ("N", "steps per sample at most, where they are chosen by --max-error"),
     "--tolerance": ("T", "relative tolerance of the contact solve"),
     "--oversample": ("N", "compute everything at N times the sample rate, then decimate"),
     "--precision": ("TYPE", "precision of the modes: float64 or float32"),
@@ -183,4 +185,4 @@ def add_json(parser: CommandParser, contents: str = "the statistics") -> None:
 def add_accuracy_options(parser: CommandParser) -> None:
     """Add the options that take the place of [accuracy] in a patch."""
     group = parser.add_argument_group("accuracy (default: the [accuracy] table of the patch)")
-    add_options(group, *(f"--{name}" for name in ACCURACY_OPTIONS))
+    add_options(group, *("--" + name.replace("_", "-") for name in ACCURACY_OPTIONS))

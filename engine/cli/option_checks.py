@@ -111,7 +111,7 @@ def _read_accuracy(args: argparse.Namespace) -> list[Fault]:
             with suppress(ValueError):
                 value = kind(value)
             if message := describe_value_error(Accuracy, name, value):
-                faults.append(Fault(f"--{name}", message))
+                faults.append(Fault("--" + name.replace("_", "-"), message))
         args.accuracy[name] = value
     return faults
 

@@ -83,6 +83,5 @@ def coarser_models(built: BuildResult, accuracy: Accuracy) -> list[Model]:
     model, layout = built.model, built.layout
     if model.refinement is None or accuracy.precision == "float32":
         return []
-    kick, rate = model.step.kick, model.samplerate
-    tables = [build_refinement(layout, kick, coarse, rate, accuracy) for coarse in accuracy.coarser()[1:]]
+    tables = [build_refinement(layout, coarse, model.samplerate, accuracy) for coarse in accuracy.coarser()[1:]]
     return [model._replace(refinement=align_to_cache_lines(table)) for table in tables]

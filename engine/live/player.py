@@ -54,6 +54,7 @@ CROSS_FADE_SECONDS = 0.02
 GLIDE_SECONDS = 0.02  # of a live parameter
 HEADROOM = 0.5  # of full scale, for the peak of what is played first: what is struck later may be louder
 MUTE_SIGMA, MUTE_SECONDS = 40.0, 0.4  # decay rate, 1/s, and how long it damps
+MAX_LIVE_SUBSTEPS = 64  # of a sample whose steps are chosen by error
 
 
 class Player:
@@ -86,7 +87,10 @@ class Player:
         if self.voices:
             plain = scene.accuracy.replace(order=2, substeps=1, precision="float64")  # a voice is tuned table by table
             copies = replicate(retune(scene, chosen.lowest), self.voices)
-            scene = copies.model_copy(update={"accuracy": plain})
+            scene = copies.model_copy(update={"accuracy": plain.model_copy(update={"max_error": None})})
+        elif scene.accuracy.max_error is not None:  # no sample may take as long as a block
+            limited = scene.accuracy.replace(max_substeps=min(MAX_LIVE_SUBSTEPS, scene.accuracy.max_substeps))
+            scene = scene.model_copy(update={"accuracy": limited})
         self.scene, self.samplerate, self.gain = scene, samplerate, gain
         self.channels = scene.channels
         capacity = event_capacity(scene, self.waiting and not self.voices)

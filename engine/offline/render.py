@@ -16,7 +16,13 @@ from engine.offline.shape_snapshots import ShapeSnapshots
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import RenderStatistics, island_statistics, simulation_statistics
 from engine.offline.trace import TraceArrays, allocate_trace, name_columns, trace_rows
-from engine.offline.trust import explain_build_doubts, explain_doubts, warn_of_strong_loss, warnings
+from engine.offline.trust import (
+    explain_build_doubts,
+    explain_doubts,
+    warn_of_capped_samples,
+    warn_of_strong_loss,
+    warnings,
+)
 from engine.patch.frames import frame_count
 from engine.patch.scene import Scene
 from engine.patch.scene_tables import SAMPLE_RATE_RANGE
@@ -83,7 +89,7 @@ def render_arrays(
         accuracy=used.model_dump(),
         trusted=not reasons,
         reasons=reasons,
-        warnings=warnings(scene) + warn_of_strong_loss(state, used.order),
+        warnings=warnings(scene) + warn_of_strong_loss(state, used.order) + warn_of_capped_samples(state, used),
     )
     named = None if kept is None else name_columns(trace_rows(kept, 0, frames), layout, fine)
     if named is not None and snapshots is not None:

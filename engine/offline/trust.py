@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 
 from engine.assembly.contact_points import contact_points
+from engine.assembly.refinement import local_limit
 from engine.bodies import Mass, Oscillator
 from engine.kernel.data.state import State
 from engine.offline.statistics import NewtonStatistics
+from engine.patch.accuracy import Accuracy
 from engine.patch.scene import Scene
 from engine.patch.tables import Contact, StrikeEvent
 
@@ -121,6 +123,20 @@ def warn_of_strong_loss(state: State, order: int) -> list[str]:
     remedy = "give more substeps, or order 2"
     share = min(1.0, samples / max(1, in_contact))  # some of these samples end without contact
     return [f"order {order} was reduced to order 2 in {share:.0%} of the samples in contact: {reason}; {remedy}"]
+
+
+def warn_of_capped_samples(state: State, accuracy: Accuracy) -> list[str]:
+    """Warn of samples that err by more than `max_error` allows."""
+    if state.refinement is None or accuracy.max_error is None:
+        return []
+    samples, largest = int(state.refinement.capped_samples.sum()), float(state.refinement.largest_error.max())
+    if samples == 0:
+        return []
+    limit, most = f"max_error = {accuracy.max_error:g}", f"max_substeps = {accuracy.max_substeps}"
+    reason = (
+        f"{samples} samples are too coarse for {limit}, by a factor of {largest / local_limit(accuracy):.2g} at most"
+    )
+    return [f"{reason}; give more than {most}, or a larger max_error"]
 
 
 def explain_build_doubts(scene: Scene, layout: Any, model: Any) -> list[str]:

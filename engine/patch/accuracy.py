@@ -1,14 +1,17 @@
 """Accuracy settings of a scene: smaller errors for more time (docs/design.md, sec. 2)."""
 
-from typing import Any, Literal
+import math
+from enum import Enum, auto
+from typing import Any, Literal, NamedTuple
 
 from pydantic import Field, ValidationError
 
 from engine.bodies.table import Table
 from engine.wording import describe_violation
 
-MAX_SUBSTEPS = 64
+MAX_SUBSTEPS = 8192
 MAX_OVERSAMPLE = 32
+LARGEST_ERROR = 0.1  # that can be asked for
 
 
 class Accuracy(Table):
@@ -19,9 +22,18 @@ class Accuracy(Table):
         description="exact: exact-modal, linear motion is exact at any sample rate; fdh: the scheme of the paper",
     )
     order: Literal[2, 4, 6] = Field(
-        default=2, description="order of accuracy; with 4 and 6, contact damping remains of second order"
+        default=2, description="order of accuracy; with 6, what loss adds to the error is of order 4"
     )
     substeps: int = Field(default=1, ge=1, le=MAX_SUBSTEPS, description="steps per sample where contact is possible")
+    max_error: float | None = Field(
+        default=None,
+        ge=1e-12,
+        le=LARGEST_ERROR,
+        description="relative error of the motion to aim at: steps per sample are chosen by it, substeps at least",
+    )
+    max_substeps: int = Field(
+        default=1024, ge=1, le=MAX_SUBSTEPS, description="steps per sample at most, where they are chosen by max_error"
+    )
     tolerance: float = Field(
         default=1e-15, ge=1e-15, le=1e-2, description="relative tolerance of the compression in the contact solve"
     )
@@ -63,26 +75,59 @@ class Accuracy(Table):
         values = [self]
         while values[-1].is_refined:
             last = values[-1]
-            values.append(last.replace(order=2) if last.order > 2 else last.replace(substeps=last.substeps // 2))
+            if last.max_error is not None:
+                coarse = 10 * last.max_error
+                values.append(last.model_copy(update={"max_error": coarse if coarse <= LARGEST_ERROR else None}))
+            else:
+                values.append(last.replace(order=2) if last.order > 2 else last.replace(substeps=last.substeps // 2))
         return values
 
     @property
     def is_refined(self) -> bool:
-        """True if a sample is more than one step."""
-        return self.order > 2 or self.substeps > 1
+        """True if a sample may be more than one step."""
+        return self.order > 2 or self.substeps > 1 or self.max_error is not None
+
+    @property
+    def levels(self) -> int:
+        """The number of times that the steps of a sample may be doubled."""
+        return 0 if self.max_error is None else int(math.log2(max(1, self.max_substeps // self.substeps)))
 
 
-# Lengths of the stages of a step of length 1. Each stage is a step of order 2 that is symmetric and conserves energy,
-# and so these products are of the order given, and conserve energy too.
+class StageLoss(Enum):
+    """The loss of modes in a stage."""
+
+    NONE = auto()
+    FIRST = auto()  # at both ends, a share that stages of this kind have in common
+    SECOND = auto()  # what is left of the loss of the step
+    ALL = auto()  # what they lose in its time
+
+
+class Stage(NamedTuple):
+    """A stage of a step: a step of order 2 that is symmetric and conserves energy. So their product is of the order of
+    its lengths, and conserves energy too."""
+
+    length: float  # as a share of the step; negative back in time
+    loss: StageLoss
+
+
+def _stages(lengths: list[float]) -> list[Stage]:
+    """The stages of a symmetric step whose lengths before the middle are these. Modes lose at the first two and at the
+    last two: there is an odd number of stages between two losses, as each turns the velocity of a rigid joint."""
+    losses = [StageLoss.FIRST, StageLoss.SECOND, *[StageLoss.NONE] * (len(lengths) - 2)]
+    half = [Stage(*stage) for stage in zip(lengths, losses, strict=True)]
+    return [*half, Stage(1 - 2 * sum(lengths), StageLoss.NONE), *half[::-1]]
+
+
 SUZUKI_LENGTH = 1 / (4 - 4 ** (1 / 3))
-_STAGE_LENGTHS: dict[int, list[float]] = {
-    2: [1.0],
-    4: [SUZUKI_LENGTH, SUZUKI_LENGTH, 1 - 4 * SUZUKI_LENGTH, SUZUKI_LENGTH, SUZUKI_LENGTH],  # Suzuki 1990
-    6: [0.39216144400731413928, 0.33259913678935943860, -0.70624617255763935981, 0.082213596293550800230],
+KAHAN_LENGTHS = [0.39216144400731413928, 0.33259913678935943860, -0.70624617255763935981, 0.082213596293550800230]
+STAGES: dict[int, list[Stage]] = {
+    2: [Stage(1.0, StageLoss.ALL)],
+    4: _stages([SUZUKI_LENGTH, SUZUKI_LENGTH]),  # Suzuki 1990
+    6: _stages(KAHAN_LENGTHS),  # Kahan & Li 1997
 }
-_STAGE_LENGTHS[6] = [*_STAGE_LENGTHS[6], 1 - 2 * sum(_STAGE_LENGTHS[6]), *_STAGE_LENGTHS[6][::-1]]  # Kahan & Li 1997
 
 
-def stage_lengths(accuracy: Accuracy) -> list[float]:
-    """Lengths of the stages that a sample is computed in, as fractions of the sample's duration; their sum is 1."""
-    return [length / accuracy.substeps for length in _STAGE_LENGTHS[accuracy.order]] * accuracy.substeps
+def step_stages(accuracy: Accuracy, level: int = 0) -> list[Stage]:
+    """The stages of a step, with lengths as shares of a sample. level: how often the steps of a sample are doubled"""
+    steps = accuracy.substeps << level
+    return [stage._replace(length=stage.length / steps) for stage in STAGES[accuracy.order]]

@@ -156,7 +156,7 @@ def _error_estimate_rows(estimate: dict[str, Any] | None) -> dict[str, str]:
         text += f" up to {estimate['horizon']:.3g} s; after that, it differs from a finer rendering"
     finer = f"order {estimate['finer']['order']}, {estimate['finer']['substeps']} ×"
     text += f" (compared with {finer}, which took {estimate['time_factor']:.2g} times as long)"
-    return {"estimated error": text} | ({"not estimated": estimate["unseen"]} if estimate["unseen"] else {})
+    return {"estimated error": text}
 
 
 def _chosen_setting_rows(chosen: dict[str, Any] | None) -> dict[str, str]:

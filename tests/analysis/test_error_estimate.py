@@ -59,9 +59,9 @@ def test_the_horizon_is_where_two_renderings_part():
     assert 2300 - 220 <= trusted_frames(other, fine, 44_100) <= 2300
 
 
-def test_bodies_that_are_damped_too_heavily_for_order_four_have_an_estimate():
+def test_bodies_that_are_damped_heavily_have_an_estimate():
     told = scene([mass(damping_rate=1e6, velocity=1.0)])
-    assert engine.estimate_error(told, engine.render(told, seconds=0.01)).finer == {"order": 2, "substeps": 4}
+    assert engine.estimate_error(told, engine.render(told, seconds=0.01)).finer == {"order": 2, "substeps": 2}
 
 
 @pytest.mark.hard
@@ -77,8 +77,8 @@ def test_the_estimate_is_near_the_error_of_the_certified_problems():
 
 def test_the_finest_setting_has_no_estimate_and_not_one_of_zero():
     told = random_collision(0)
-    for order, finer in ((4, 6), (6, 6)):
-        rendering = engine.render(told, seconds=0.005, order=order, substeps=64)
+    for substeps, finer in ((4096, 8192), (8192, 8192)):
+        rendering = engine.render(told, seconds=0.005, substeps=substeps)
         estimate = engine.estimate_error(told, rendering)
-        assert estimate.finer == {"order": finer, "substeps": 64}
-        assert (estimate.motion > 0.0) if order == 4 else np.isnan(estimate.motion)
+        assert estimate.finer == {"order": 2, "substeps": finer}
+        assert (estimate.motion > 0.0) if substeps < finer else np.isnan(estimate.motion)

@@ -206,18 +206,26 @@ class ContactLoss(NamedTuple):
     saturation: PerContact  # 1/N: times the elastic force, 1 where the loss is too strong to act there
 
 
-class Refinement(NamedTuple):
-    """A sample in stages (engine.kernel.run.refinement). Stages of one length are of one kind."""
+class AdaptiveSteps(NamedTuple):
+    """Limits to steps that are chosen by error (engine.kernel.run.adaptive_steps)."""
 
-    stages: StepCoefficients  # one row for each kind; with loss in order 2
-    end_loss: ModalLoss | None  # before the first stage and after the last, in orders 4 and 6
-    end_damping: PerConnection | None  # s: how long dampers act there, if they do not in the stages
+    finest: int  # level of the most: steps are doubled so often
+    limit: float  # what twice the steps may change the motion in a sample, relative to the largest motion
+
+
+class Refinement(NamedTuple):
+    """A sample in stages (engine.kernel.run.refinement). Stages of one length, with the same loss, are of one kind."""
+
+    stages: StepCoefficients  # one row for each kind; with AdaptiveSteps, for each of each level
     contact_loss: ContactLoss | None  # None where it is in the solve, or there is none
-    sequence: SharedInt  # the kind of each stage
-    loss_before: Shared  # s: how long contact loss acts before each stage, and after it
-    loss_after: Shared
+    sequence: SharedInt  # the kind of each stage of a step
     sequence_in_solve: SharedInt  # of order 2, where contact loss is too strong to act between stages
+    loss_before: Shared | None  # s: how long contacts and dampers lose before each stage, if they do not in the stages
+    loss_after: Shared | None  # and after it
     length: Shared  # of each kind, as a share of a sample
+    steps: int  # of a sample; with AdaptiveSteps, of the coarsest level
+    kinds: int  # of stages, of a level
+    adaptive: AdaptiveSteps | None
     refine_free_flight: bool  # also out of contact
     chord_deviation: PerMode  # how far a mode strays from its chord within a sample, per amplitude
     gravity_deviation: PerMode  # √kg·m: and how far by its weight

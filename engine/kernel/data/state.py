@@ -85,8 +85,35 @@ class ConnectionState(NamedTuple):
     near: NearContacts
 
 
+class SavedMotion(NamedTuple):
+    """State of an island at the start of a sample, to try the sample with another number of steps
+    (engine.kernel.run.adaptive_steps)."""
+
+    q: PerMode
+    p: PerMode
+    kick_compensation: PerMode
+    compression: PerContact
+    compression_compensation: PerContact
+    contact_force: PerContact
+    extension: PerConnection
+    extension_compensation: PerConnection
+    energy_totals: Annotated[np.ndarray, Items(Axis.ISLAND, columns=len(EnergyTotal))]
+    energy_debt: PerIsland
+    samples_of_strong_loss: PerIslandInt
+
+
 class RefinementState(NamedTuple):
     """State of refined samples (engine.kernel.run.refinement)."""
+
+    level: PerIslandInt  # of the present sample: its steps are doubled so often
+    next_level: PerIslandInt  # of the next one, to begin with
+    tries: PerIslandInt  # of the present sample, so far
+    largest_motion: PerIsland  # √J: √Σ(p² + ω²q²) so far
+    largest_error: PerIsland  # of what twice the steps changed in a sample, relative to the largest motion
+    capped_samples: PerIslandInt  # that would have needed more steps
+    saved: SavedMotion
+    coarse_q: PerMode  # after the try before
+    coarse_p: PerMode
 
     closing_margin: PerContact  # m: how far a compression may stray within a sample
     margin_valid: PerIslandInt  # whether the margins still hold

@@ -15,7 +15,7 @@ from engine.kernel.data.enums import EventKind
 from engine.kernel.interactions.connection_factors import update_factors
 from engine.kernel.interactions.contacts import contact_number
 from engine.kernel.modes.mode_step import forget_drift
-from engine.kernel.modes.ordered_sums import sum_products, sum_two_products
+from engine.kernel.modes.ordered_sums import copy_items, sum_products, sum_two_products
 from engine.kernel.modes.point_rows import (
     displacement_at_row,
     drifts_of_same_modes,
@@ -196,6 +196,22 @@ def extend_connections(step_rate, connection_state):
 
 
 @inline
+def save_extensions(connection_state, saved):
+    """Keep the extensions in a SavedMotion. connection_state: ConnectionState or None"""
+    if connection_state is not None:
+        copy_items(connection_state.extension, saved.extension)
+        copy_items(connection_state.extension_compensation, saved.extension_compensation)
+
+
+@inline
+def restore_extensions(connection_state, saved):
+    """Take the extensions of a SavedMotion again. connection_state: ConnectionState or None"""
+    if connection_state is not None:
+        copy_items(saved.extension, connection_state.extension)
+        copy_items(saved.extension_compensation, connection_state.extension_compensation)
+
+
+@inline
 def connection_energy(connection, state):
     """Energy that the connections hold, ½·s·K·s, J. That of string ends does not include what their strings hold while
     the ends are at rest."""
@@ -209,24 +225,23 @@ def connection_energy(connection, state):
 
 @inline
 def damp_connections(connection, duration, is_end, state):
-    """Let all dampers act outside the step, for half of it, one after the other; at its end in the reverse order.
-    Relative velocities fall as e^(-r·W·h/2), W = Φ·Φᵀ. Returns the energy lost, J."""
+    """Let all dampers act outside the step for a duration, s, one after the other; at its end in the reverse order.
+    Relative velocities fall as e^(-r·W·t), W = Φ·Φᵀ. Returns the energy lost, J."""
     lost = 0.0
     if connection is not None:
-        if duration is not None:
-            lost = damp_each(connection, duration, is_end, state.connection.damping, state)
+        lost = damp_each(connection, duration, is_end, state.connection.damping, state)
     return lost
 
 
 @noinline
 def damp_each(connection, duration, is_end, damping, state):
-    """Let each damper of an island act outside the step, for half of it, one after the other; at its end in the reverse
+    """Let each damper of an island act for a duration, s, one after the other; at the end of a step in the reverse
     order. Returns the energy lost, J."""
     lost, count = 0.0, damping.shape[0]
     for n in range(count):
         i = count - 1 - n if is_end else n
-        if damping[i] != 0.0 and duration[i] != 0.0:
-            lost += damp_coordinate(connection, i, damping[i] * duration[i], state.p)
+        if damping[i] != 0.0:
+            lost += damp_coordinate(connection, i, damping[i] * duration, state.p)
             forget_drift(state)
     return lost
 

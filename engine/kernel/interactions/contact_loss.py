@@ -34,15 +34,18 @@ def push_apart(contact, other_rows, k, impulse, p):
 
 
 @inline
-def is_loss_small(contact_loss, contact, samplerate, state):
-    """True if the contact loss of the coming sample is small enough to act between its stages."""
+def is_loss_small(contact_loss, contact, share, samplerate, state):
+    """True if the contact loss of the coming sample is small enough to act between its stages.
+
+    share: length of a step over that which the loss was judged for
+    """
     if contact_loss is None:
         return TRUE
-    return is_small_everywhere(contact_loss, contact, samplerate, state)
+    return is_small_everywhere(contact_loss, contact, share, samplerate, state)
 
 
 @noinline
-def is_small_everywhere(contact_loss, contact, samplerate, state):
+def is_small_everywhere(contact_loss, contact, share, samplerate, state):
     """True if the loss of all contacts in the coming sample is small enough to act between its stages. Samples in which
     it is too strong are counted."""
     total, is_pushing = 0.0, TRUE
@@ -55,7 +58,7 @@ def is_small_everywhere(contact_loss, contact, samplerate, state):
             if s > 0.0 and velocity < 0.0:
                 if end < MIN_SHARE_LEFT * s or -velocity * contact_loss.loss[k] > MAX_LOSS_LEAVING:
                     is_pushing = False
-    if not total <= 1.0:  # NaN is left to the solve
+    if not total * share <= 1.0:  # NaN is left to the solve
         state.refinement.samples_of_strong_loss[0] += 1
         return FALSE
     return is_pushing

@@ -55,6 +55,13 @@ def fold_lanes(add, of, count, sums):
 
 
 @inline
+def copy_items(source, target):
+    """Copy an array to another of the same size."""
+    for i in range(source.shape[0]):
+        target[i] = source[i]
+
+
+@inline
 def sum_products(a, i, b, j, count):
     """Return Σ a·b over `count` numbers of a from number i on, and of b from number j on."""
     total = 0.0

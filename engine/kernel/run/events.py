@@ -32,6 +32,7 @@ from engine.kernel.modes.event_dampers import (
 )
 from engine.kernel.modes.mode_step import forget_drift
 from engine.kernel.modes.ordered_sums import accumulate
+from engine.kernel.run.adaptive_steps import steps_of_sample
 
 
 @inline
@@ -198,7 +199,10 @@ def damps_in_halves(connection, refinement, state):
     In each stage a rigid joint reverses the velocity at which loss lets its sides part. Between two losses there must
     be an odd number of stages, or that velocity grows with each sample.
     """
-    return has_connections(connection, state) and refinement.sequence.shape[0] % 2 == 0
+    return (
+        has_connections(connection, state)
+        and (refinement.sequence.shape[0] * steps_of_sample(refinement, state)) % 2 == 0
+    )
 
 
 @inline

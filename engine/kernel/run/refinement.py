@@ -1,9 +1,8 @@
 """Refinement: a sample in several stages, where contact is possible (docs/design.md, sec. 2).
 
-A stage is a step of another length. In order 2 all lengths are positive, and modes lose energy in each stage
-(engine.assembly.mode_coefficients.damped_coefficients). In orders 4 and 6 some stages go backwards and none has loss;
-half the loss of the sample comes before the first stage and half after the last. Each stage conserves energy, and so
-does their product, whose order is that of the lengths (engine.patch.accuracy). Out of contact the `exact` coefficients
+A stage is a step of another length (engine.patch.accuracy). In orders 4 and 6 some stages go backwards: modes lose only
+at the ends of others (engine.assembly.stage_coefficients), and contacts and dampers between stages. Each stage
+conserves energy, and so does their product, whose order is that of the lengths. Out of contact the `exact` coefficients
 need no stages: they are those of the exact motion, and one step of it equals the product of the stages.
 """
 
@@ -18,7 +17,8 @@ from engine.kernel.interactions.connections import count_connections, damp_conne
 from engine.kernel.interactions.contact_loss import is_loss_small, lose_at_contacts
 from engine.kernel.interactions.contacts import bound_at_contact, find_free_displacements
 from engine.kernel.interactions.external_forces import next_external_force
-from engine.kernel.modes.mode_step import apply_loss_all, find_drift_momenta
+from engine.kernel.modes.mode_step import find_drift_momenta
+from engine.kernel.run.adaptive_steps import begin_tries, first_kind_of_sample, is_accurate, steps_of_sample
 from engine.kernel.run.events import finish_first_stage
 from engine.kernel.run.step import StepOutcome, StepSettings, step
 
@@ -140,10 +140,20 @@ def refined_step(model, contact, refinement, state, frame, in_contact):
         if is_alone and not in_contact and not refinement.refine_free_flight:
             if not closes_in_sample(model, refinement, state):
                 return step(model, StepSettings(model.step, StepKind.SAMPLE, TRUE, frame), state)
-    return composed_step(model, refinement, state, frame)
+    return accurate_step(model, refinement, state, frame)
 
 
 @inline
+def accurate_step(model, refinement, state, frame):
+    """Do a sample in stages, of as many steps as it needs. Returns a StepOutcome."""
+    begin_tries(refinement.adaptive, state)
+    while True:
+        outcome = composed_step(model, refinement, state, frame)
+        if is_accurate(refinement.adaptive, model, state):
+            return outcome
+
+
+@noinline
 def composed_step(model, refinement, state, frame):
     """Do a sample in stages. Returns a StepOutcome."""
     modes, contacts = state.p.shape[0], state.compression.shape[0]
@@ -152,18 +162,18 @@ def composed_step(model, refinement, state, frame):
     for k in range(contacts):
         mean_force[k] = 0.0
         impulse[k] = 0.0
-    in_contact, evaluations, work = FALSE, INT64_0, 0.0
-    lost = apply_loss_all(refinement.end_loss, state)
-    lost += damp_connections(model.connection, refinement.end_damping, FALSE, state)
-    is_apart = is_loss_small(refinement.contact_loss, model.contact, model.samplerate, state)
+    in_contact, evaluations, lost, work = FALSE, INT64_0, 0.0, 0.0
+    steps, first_kind = steps_of_sample(refinement, state), first_kind_of_sample(refinement, state)
+    share = refinement.steps / steps  # of the length that the durations are for
+    is_apart = is_loss_small(refinement.contact_loss, model.contact, share, model.samplerate, state)
     stages = refinement.sequence.shape[0] if is_apart else refinement.sequence_in_solve.shape[0]
-    for i in range(stages):
-        s = refinement.sequence[i] if is_apart else refinement.sequence_in_solve[i]
+    for n in range(steps * stages):
+        i = n % stages
+        s = first_kind + (refinement.sequence[i] if is_apart else refinement.sequence_in_solve[i])
         connections = count_connections(model.connection, state)
         h = coefficients_of_stage(refinement.stages, s, modes, contacts, connections)
         if is_apart:
-            duration, rate = refinement.loss_before[i], model.samplerate if i > 0 else 0.0
-            lost += lose_at_contacts(refinement.contact_loss, model.contact, duration, FALSE, rate, state)
+            lost += lose_between(model, refinement, refinement.loss_before, (i, share, TRUE, n == 0), state)
         outcome = step(model, StepSettings(h, StepKind.FIRST_STAGE + s, FALSE, frame), state)
         if outcome.in_contact:
             in_contact = True
@@ -173,14 +183,34 @@ def composed_step(model, refinement, state, frame):
             for k in range(contacts):
                 state.contact_force[k] = 0.0
         if is_apart:
-            duration, rate = refinement.loss_after[i], model.samplerate
-            lost += lose_at_contacts(refinement.contact_loss, model.contact, duration, TRUE, rate, state)
-        if i == 0:
+            lost += lose_between(model, refinement, refinement.loss_after, (i, share, FALSE, FALSE), state)
+        if n == 0:
             finish_first_stage(model, refinement, state)
         evaluations += outcome.evaluations
         lost += outcome.dissipated
         work += outcome.supplied
     for k in range(contacts):
         state.contact_force[k] = mean_force[k] + impulse[k] * model.samplerate
-    lost += damp_connections(model.connection, refinement.end_damping, TRUE, state)
-    return StepOutcome(in_contact, evaluations, lost + apply_loss_all(refinement.end_loss, state), work)
+    return StepOutcome(in_contact, evaluations, lost, work)
+
+
+@inline
+def lose_between(model, refinement, durations, when, state):
+    """Let dampers and contacts lose before a stage, or after it, in the reverse order. Returns the energy lost, J.
+
+    durations: before each stage of a step, or after it, s; None if there is no such loss
+    when:      the number of the stage in its step, its share of a step of these durations, and whether this is before
+               the stage, and before all stages of the sample
+    """
+    lost = 0.0
+    if durations is not None:
+        (i, share, is_before, is_first), rate = when, model.samplerate
+        if i < durations.shape[0]:  # the general kernel has none in place of None
+            duration = share * durations[i]
+            if is_before:
+                lost += damp_connections(model.connection, duration, FALSE, state)
+                rate = 0.0 if is_first else rate
+            lost += lose_at_contacts(refinement.contact_loss, model.contact, duration, not is_before, rate, state)
+            if not is_before:
+                lost += damp_connections(model.connection, duration, TRUE, state)
+    return lost

@@ -1,0 +1,122 @@
+"""Coefficients of the stages of a sample (engine.kernel.run.refinement). The stages together are the exact motion over
+the sample, also of modes that lose, so that more of them converge to the motion of the model.
+
+In order 2 each stage is the exact damped step (engine.assembly.mode_coefficients.damped_coefficients). In orders 4 and
+6 some stages go back in time, where loss would create energy. There, momenta lose at both ends of some stages that go
+forwards, and all stages are rotations. Two numbers make their product exact: a factor of the angles, which is nearly 1,
+and the share of the loss at stages of the first kind. For slow modes this share is the weight of a quadrature of third
+degree: what loss adds to the error is of order 4, but for what is of second order in the decay rate.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from engine.assembly.mode_coefficients import ModeCoefficients, add_loss, end_loss, exact_motion
+from engine.assembly.modes import Modes
+from engine.kernel.data.model import ModalLoss
+from engine.patch.accuracy import STAGES, Accuracy, Stage, StageLoss
+
+MAX_ITERATIONS = 20
+CLOSE = 1e-14  # of the motion over a step to the exact one
+LEAST_ANGLE = 1e-7  # rad, of a free mass
+LEAST_SENSITIVITY = 1e-9  # of the motion to the share: below, any share is as good
+
+
+def stage_coefficients(
+    modes: Modes, kinds: Sequence[Stage], accuracy: Accuracy, h: float, steps: int
+) -> list[ModeCoefficients]:
+    """Return the coefficients of each kind of stage in a sample of so many steps. h: length of the sample, s"""
+    omega, sigma, step = modes.omega, modes.sigma, h / steps
+    is_exact, stages = accuracy.scheme == "exact", STAGES[accuracy.order]
+    scale, share = np.ones(omega.size), np.zeros(omega.size)
+    if accuracy.order > 2 and sigma.any():
+        scale, share = solve_stages(omega, sigma if is_exact else np.zeros(omega.size), step, stages)
+    damped = (sigma > 0.0) & is_exact
+    found = []
+    for kind in kinds:
+        kick = np.full(omega.size, kind.length * h / 2)
+        if is_exact:
+            kick = scale * kick
+            kick[omega > 0.0] = np.tan(omega * kick)[omega > 0.0] / omega[omega > 0.0]
+        drift = 2 * kick / (1 + (omega * kick) ** 2)
+        if not sigma.any():
+            found.append(ModeCoefficients(kick, drift, None, None))
+        elif kind.loss is StageLoss.ALL:
+            found.append(add_loss(kick, drift, modes, damped, h, kind.length))
+        else:
+            drag = ModalLoss(np.ones(omega.size), np.zeros(omega.size)) if damped.any() else None
+            loss = end_loss(np.exp(-sigma * step * loss_share(kind.loss, stages, share)))
+            found.append(ModeCoefficients(kick, drift, loss, drag))
+    return found
+
+
+def loss_share(loss: StageLoss, stages: Sequence[Stage], share: np.ndarray) -> np.ndarray:
+    """Return how long momenta lose at either end of a stage, over the length of the step [modes].
+
+    share: of the loss at stages of the first kind [modes]
+    """
+    if loss is StageLoss.NONE:
+        return np.zeros(share.size)
+    of_kind = share if loss is StageLoss.FIRST else 1 - share
+    return of_kind / sum(stage.loss is loss for stage in stages)
+
+
+def solve_stages(
+    omega: np.ndarray, sigma: np.ndarray, step: float, stages: Sequence[Stage]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the factor of the angles, and the share of loss at stages of the first kind, with which the stages of a
+    step are the exact motion of each mode [modes]. Newton's method, with the derivatives for little loss.
+
+    step: s
+    """
+    turn = np.maximum(omega * step, LEAST_ANGLE)
+    lost = sigma * step
+    change, share = sum_of_nodes(turn, stages)
+    scale, sensitivity = np.ones(turn.size), 2 * lost * np.exp(-lost) * change
+    stay, move, brake = exact_motion(turn, lost, 1.0)
+    for _ in range(MAX_ITERATIONS):
+        a, b, d = motion_of_stages(turn, lost, stages, scale, share)
+        angle = ((b - turn * move) * np.cos(turn) - 0.5 * (a + d - stay - brake) * np.sin(turn)) * np.exp(lost)
+        uneven = (a - d) - (stay - brake)
+        scale -= angle / turn
+        share += np.where(sensitivity > LEAST_SENSITIVITY, uneven / np.maximum(sensitivity, LEAST_SENSITIVITY), 0.0)
+        if max(np.abs(angle).max(initial=0.0), np.abs(uneven).max(initial=0.0)) < CLOSE:
+            break
+    return scale, share
+
+
+def motion_of_stages(
+    turn: np.ndarray, lost: np.ndarray, stages: Sequence[Stage], scale: np.ndarray, share: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return a, b and d of the motion ωq ← a·ωq + b·p, p ← d·p - b·ωq over the stages [modes].
+
+    turn, lost: ω and σ times the length of the step
+    """
+    q_of_q, q_of_p = np.ones(turn.size), np.zeros(turn.size)
+    p_of_q, p_of_p = np.zeros(turn.size), np.ones(turn.size)
+    for stage in stages:
+        keep = np.exp(-lost * loss_share(stage.loss, stages, share))
+        cosine, sine = np.cos(scale * turn * stage.length), np.sin(scale * turn * stage.length)
+        half_q, half_p = keep * p_of_q, keep * p_of_p
+        p_of_q, p_of_p = keep * (cosine * half_q - sine * q_of_q), keep * (cosine * half_p - sine * q_of_p)
+        q_of_q, q_of_p = cosine * q_of_q + sine * half_q, cosine * q_of_p + sine * half_p
+    return q_of_q, q_of_p, p_of_p
+
+
+def sum_of_nodes(turn: np.ndarray, stages: Sequence[Stage]) -> tuple[np.ndarray, np.ndarray]:
+    """Return how much more loss at stages of the first kind changes a - d (motion_of_stages) than at those of the
+    second, for little loss; and the share of loss at the first with which a - d is right then: the mean of
+    cos (2t - 1)ωh over the times t of loss, in steps, is to be that over the step, sin(ωh)/ωh [modes]."""
+    ends = np.cumsum([0.0, *(stage.length for stage in stages)])
+
+    def missing(kind: StageLoss) -> np.ndarray:
+        """1 less the mean at stages of a kind."""
+        times = [time for i, stage in enumerate(stages) if stage.loss is kind for time in ends[i : i + 2]]
+        return np.asarray(np.mean([2 * np.sin((time - 0.5) * turn) ** 2 for time in times], axis=0))
+
+    first, second = missing(StageLoss.FIRST), missing(StageLoss.SECOND)
+    square = turn * turn
+    series = square / 6 * (1 - square / 20 * (1 - square / 42 * (1 - square / 72)))
+    of_step = np.where(turn < 0.3, series, 1 - np.sin(turn) / turn)
+    return first - second, (of_step - second) / (first - second)

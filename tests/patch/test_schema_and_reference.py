@@ -23,7 +23,8 @@ SCHEMA = ROOT / "patches" / "patch.schema.json"
 # numbers without a unit, and places
 DIMENSIONLESS = {
     "at", "on_at", "modes", "inharmonicity", "ratios", "points", "count", "exponent", "channel", "gain",
-    "order", "substeps", "tolerance", "oversample", "iterations", "b", "eta", "number", "x", "y", "scale",
+    "order", "substeps", "max_error", "max_substeps", "tolerance", "oversample", "iterations",
+    "b", "eta", "number", "x", "y", "scale",
     "pan", "poisson", "Note.velocity", "Note.release", "polyphony", "sustain", "soft", "sostenuto",
     "envelope", "seed",
     "range", "input", "ChangeEvent.value", "bend_range", "mpe_lower", "mpe_upper", "mpe_bend_range",

@@ -8,6 +8,7 @@ and the share of the loss at stages of the first kind. For slow modes this share
 degree: what loss adds to the error is of order 4, but for what is of second order in the decay rate.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,9 +18,9 @@ from engine.assembly.modes import Modes
 from engine.kernel.data.model import ModalLoss
 from engine.patch.accuracy import STAGES, Accuracy, Stage, StageLoss
 
-MAX_ITERATIONS = 20
-CLOSE = 1e-14  # of the motion over a step to the exact one
-LEAST_ANGLE = 1e-7  # rad, of a free mass
+LEAST_LOSS = 1e-8  # σh, for which the number of iterations is found
+ANGLE_OF_FREE_MASS = 1e-3  # rad: as if it had a weak spring, so that it falls, too, as it does in one step
+LEAST_ANGLE = 1e-7  # rad: with so weak a spring it coasts as without
 LEAST_SENSITIVITY = 1e-9  # of the motion to the share: below, any share is as good
 
 
@@ -70,19 +71,21 @@ def solve_stages(
 
     step: s
     """
-    turn = np.maximum(omega * step, LEAST_ANGLE)
-    lost = sigma * step
+    turn, lost = np.where(omega > 0.0, omega * step, ANGLE_OF_FREE_MASS), sigma * step
     change, share = sum_of_nodes(turn, stages)
     scale, sensitivity = np.ones(turn.size), 2 * lost * np.exp(-lost) * change
     stay, move, brake = exact_motion(turn, lost, 1.0)
-    for _ in range(MAX_ITERATIONS):
+    ratio = max(LEAST_LOSS, float(lost.max(initial=0.0)))  # of the errors of two iterations
+    for _ in range(2 + math.ceil(math.log(np.finfo(float).eps) / math.log(ratio))):
         a, b, d = motion_of_stages(turn, lost, stages, scale, share)
         angle = ((b - turn * move) * np.cos(turn) - 0.5 * (a + d - stay - brake) * np.sin(turn)) * np.exp(lost)
         uneven = (a - d) - (stay - brake)
         scale -= angle / turn
         share += np.where(sensitivity > LEAST_SENSITIVITY, uneven / np.maximum(sensitivity, LEAST_SENSITIVITY), 0.0)
-        if max(np.abs(angle).max(initial=0.0), np.abs(uneven).max(initial=0.0)) < CLOSE:
-            break
+    free = omega == 0.0
+    turn, lost = np.full(np.count_nonzero(free), LEAST_ANGLE), lost[free]
+    _, coasted, _ = motion_of_stages(turn, lost, stages, scale[free], share[free])
+    scale[free] *= turn * exact_motion(turn, lost, 1.0)[1] / coasted
     return scale, share
 
 

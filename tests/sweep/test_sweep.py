@@ -22,6 +22,7 @@ from sweeps import MARBLE, SECONDS, Alone, plan, rows, swept
 
 import engine
 from engine.cli import main
+from engine.cli.arguments import ACCURACY_OPTIONS
 from engine.report import console
 from engine.sweep import index_csv
 from engine.sweep.local_workers import run_local
@@ -210,7 +211,7 @@ def test_a_sweep_that_is_stopped_and_killed_ends_as_one_that_is_not(tmp_path):
         assert len({row["number"] for row in found}) == len(found)
         assert all((tmp_path / "a" / "unscaled" / row["file"]).is_file() for row in found)
     held = len(rows(tmp_path / "a"))
-    plain = dict.fromkeys(("scheme", "order", "substeps", "tolerance", "oversample", "precision"))
+    plain = dict.fromkeys(ACCURACY_OPTIONS)
     assert swept(tmp_path / "a", many, seconds=0.5, **plain)[0].already_done == held
     swept(tmp_path / "b", many, seconds=0.5, **plain)
     assert (tmp_path / "a" / "index.csv").read_bytes() == (tmp_path / "b" / "index.csv").read_bytes()
@@ -339,7 +340,7 @@ def test_workers_of_a_cluster_render_the_same_and_one_may_be_killed(tmp_path, cl
     assert len(rows(tmp_path / "a")) < 40
     _, said = run.communicate(timeout=60)
     assert run.returncode == 0 and all(is_progress(line) for line in said.splitlines())
-    plain = dict.fromkeys(("scheme", "order", "substeps", "tolerance", "oversample", "precision"))
+    plain = dict.fromkeys(ACCURACY_OPTIONS)
     swept(tmp_path / "b", many, seconds=2.0, **plain)
     assert (tmp_path / "a" / "index.csv").read_bytes() == (tmp_path / "b" / "index.csv").read_bytes()
     for row in rows(tmp_path / "a"):

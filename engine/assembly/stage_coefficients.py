@@ -34,7 +34,7 @@ def stage_coefficients(
     if accuracy.order > 2 and sigma.any():
         scale, share = solve_stages(omega, sigma if is_exact else np.zeros(omega.size), step, stages)
     damped = (sigma > 0.0) & is_exact
-    found = []
+    coefficients = []
     for kind in kinds:
         kick = np.full(omega.size, kind.length * h / 2)
         if is_exact:
@@ -42,14 +42,14 @@ def stage_coefficients(
             kick[omega > 0.0] = np.tan(omega * kick)[omega > 0.0] / omega[omega > 0.0]
         drift = 2 * kick / (1 + (omega * kick) ** 2)
         if not sigma.any():
-            found.append(ModeCoefficients(kick, drift, None, None))
+            coefficients.append(ModeCoefficients(kick, drift, None, None))
         elif kind.loss is StageLoss.ALL:
-            found.append(add_loss(kick, drift, modes, damped, h, kind.length))
+            coefficients.append(add_loss(kick, drift, modes, damped, h, kind.length))
         else:
             drag = ModalLoss(np.ones(omega.size), np.zeros(omega.size)) if damped.any() else None
             loss = end_loss(np.exp(-sigma * step * loss_share(kind.loss, stages, share)))
-            found.append(ModeCoefficients(kick, drift, loss, drag))
-    return found
+            coefficients.append(ModeCoefficients(kick, drift, loss, drag))
+    return coefficients
 
 
 def loss_share(loss: StageLoss, stages: Sequence[Stage], share: np.ndarray) -> np.ndarray:

@@ -11,12 +11,15 @@ import numpy as np
 from engine.analysis.metrics import relative_rms_error
 from engine.offline.render import RenderedArrays, render_arrays
 from engine.offline.statistics_base import Statistics
-from engine.patch.accuracy import MAX_SUBSTEPS, Accuracy
+from engine.patch.accuracy import MAX_SUBSTEPS, SMALLEST_ERROR, Accuracy
+from engine.patch.frames import frame_count
 from engine.patch.scene import Scene
 
 TRUST_LIMIT = 0.1  # of the largest sample so far: a motion that is farther off than that is another one
 COMPARED_SECONDS = 0.005  # s
 REFINEMENT = 2  # times the substeps
+FINER_ERROR = 0.1  # times `max_error`
+FINER_COST = 3  # times the time, at most
 
 
 @dataclass(frozen=True)
@@ -39,10 +42,15 @@ class ErrorEstimate(Statistics):
 
 
 def estimate_error(
-    scene: Scene, rendering: RenderedArrays, progress: Callable[[float], None] | None = None, **settings: Any
+    scene: Scene,
+    rendering: RenderedArrays,
+    progress: Callable[[float], None] | None = None,
+    seconds: float | None = None,
+    **settings: Any,
 ) -> ErrorEstimate:
-    """Estimate the error of a rendering of a scene by a second one, several times finer.
+    """Estimate the error of a rendering of a scene by a second one, with twice the steps.
 
+    seconds:  how much of the beginning is compared; all of it if None
     progress: called now and then with the share rendered, 0 to 1
     settings: cores and kernel of the second one
 
@@ -53,19 +61,21 @@ def estimate_error(
     True
     """
     used = Accuracy.model_validate(rendering.stats["accuracy"])
-    seconds = len(rendering.audio) / rendering.samplerate
+    samples = len(rendering.audio) if seconds is None else frame_count(seconds, rendering.samplerate)
+    audio = rendering.audio[: max(1, samples)]
+    seconds = len(audio) / rendering.samplerate
     accuracy = finer_setting(used)
     settings |= {"progress": progress, **accuracy.model_dump()}
     fine = render_arrays(scene, seconds, rendering.samplerate, **settings)
-    horizon = trusted_frames(rendering.audio, fine.audio, rendering.samplerate)
-    ratio = REFINEMENT**used.order  # of the errors of the two renderings
-    error = ratio / (ratio - 1) * relative_rms_error(rendering.audio, fine.audio, horizon or len(fine.audio))
+    horizon = trusted_frames(audio, fine.audio, rendering.samplerate)
+    ratio = REFINEMENT**used.order if used.max_error is None else 1 / FINER_ERROR  # of the errors of the two renderings
+    error = ratio / (ratio - 1) * relative_rms_error(audio, fine.audio, horizon or len(fine.audio))
     is_finer = accuracy != used.replace(tolerance=accuracy.tolerance, iterations=accuracy.iterations)
     return ErrorEstimate(
         motion=error if is_finer else math.nan,
         horizon=horizon / rendering.samplerate,
         seconds=seconds,
-        finer={name: getattr(accuracy, name) for name in ("order", "substeps")},
+        finer={name: getattr(accuracy, name) for name in ("order", "substeps", "max_error")},
         time_factor=fine.stats["ns_per_sample"] / rendering.stats["ns_per_sample"],
     )
 
@@ -76,7 +86,7 @@ def finer_setting(used: Accuracy) -> Accuracy:
     finer = used.replace(substeps=min(REFINEMENT * used.substeps, MAX_SUBSTEPS), **exact)
     if used.max_error is None:
         return finer
-    return finer.replace(max_error=max(1e-12, used.max_error / 10), max_substeps=MAX_SUBSTEPS)
+    return finer.replace(max_error=max(SMALLEST_ERROR, FINER_ERROR * used.max_error), max_substeps=MAX_SUBSTEPS)
 
 
 def trusted_frames(audio: np.ndarray, fine: np.ndarray, samplerate: float) -> int:

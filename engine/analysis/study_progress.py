@@ -15,11 +15,13 @@ from engine.patch.accuracy import STAGES, Accuracy
 
 Report = Callable[[float, str, float | None], None]  # the share done, what is done now, and the seconds left
 RUNS_SHARE = 0.95  # of a study; the rest is for the comparison with other methods
+CHOSEN_STEPS = 16  # tries included
 
 
 def stages_of(accuracy: Accuracy) -> int:
-    """Count the steps of one output sample where contact is possible."""
-    return len(STAGES[accuracy.order]) * accuracy.substeps * accuracy.oversample
+    """Count the stages of one output sample where contact is possible; guess, where they are chosen by error."""
+    steps = accuracy.substeps if accuracy.max_error is None else CHOSEN_STEPS * accuracy.substeps
+    return len(STAGES[accuracy.order]) * steps * accuracy.oversample
 
 
 class StudyProgress:

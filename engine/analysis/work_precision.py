@@ -37,6 +37,8 @@ REFERENCE_AGREEMENT = 0.1  # of the smallest error on the ladder: how near two r
 SIGNIFICANT_RATIO = 3.0  # settings whose errors differ by less count as alike
 LADDER = [(2, 1), (2, 2), (2, 4), (2, 16), (4, 1), (4, 2), (4, 4)]  # order, substeps
 ORDER_2_LADDER = [(2, 1), (2, 2), (2, 4), (2, 8), (2, 16)]
+MAX_ERRORS = [1e-2, 1e-3, 1e-4]
+MAX_CHOSEN_STEPS = 256  # per sample, so that a study of a hard scene ends
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,9 @@ def settings_ladder(order_2_only: bool) -> list[Setting]:
     rungs = [Setting("fdh", {"scheme": "fdh", "order": 2, "substeps": 1})]
     for order, substeps in ORDER_2_LADDER if order_2_only else LADDER:
         rungs.append(Setting(f"order {order}, {substeps} ×", {"order": order, "substeps": substeps}))
+    for error in MAX_ERRORS:
+        changes = {"order": 2, "substeps": 1, "max_error": error, "max_substeps": MAX_CHOSEN_STEPS}
+        rungs.append(Setting(f"max error {error:.0e}".replace("e-0", "e-"), changes))
     rungs.append(Setting("oversample 2", {"order": 2, "substeps": 1, "oversample": 2}))
     rungs.append(Setting("float32 modes", {"order": 2, "substeps": 1, "precision": "float32"}))
     return rungs
@@ -211,16 +216,6 @@ def summarise(study: WorkPrecisionStudy) -> str:
         reason = "the motion is chaotic" if predictable < study.seconds else "the references disagree"
         limit = f" up to {horizon * 1e3:.0f} ms; after that, {reason} and errors cannot be measured"
     return f"{best.setting} has an error {gain} than that of one step per sample, at {cost:.2g} times its cost{limit}"
-
-
-def cheapest_within(study: WorkPrecisionStudy, error: float, decibels: bool) -> tuple[SettingResult, bool]:
-    """The cheapest row of a study within an error (relative, or dB of the worst band) and True; the most accurate row
-    and False if there is none."""
-    key = "bands_db" if decibels else "error"
-    within = [row for row in study.rows if row[key] <= error]
-    if within:
-        return min(within, key=lambda row: row.ns_per_sample), True
-    return min(study.rows, key=lambda row: row[key]), False
 
 
 def _allows_order_2_only(scene: Scene, samplerate: int, base: Accuracy) -> bool:

@@ -43,12 +43,6 @@ def read_options(args: argparse.Namespace) -> list[Fault]:
     what is wrong with any of them; those then stay texts."""
     faults = _read_numbers(args)
     options = vars(args)
-    if (text := options.get("target_error")) is not None:
-        try:
-            parse_error_target(text)
-        except ValueError:
-            remedy = "give a ratio such as 1e-4, or decibels such as 0.1dB"
-            faults.append(Fault("--target-error", f'"{text}" is not an error; {remedy}'))
     if (text := options.get("voices")) is not None:
         if text.isdecimal() and 1 <= int(text) <= MAX_VOICES:
             args.voices = int(text)
@@ -57,7 +51,7 @@ def read_options(args: argparse.Namespace) -> list[Fault]:
     for name in ("plot", "report"):
         if options.get(name) is not None and find_spec("matplotlib") is None:
             faults.append(Fault(f"--{name}", "needs matplotlib; run uv sync --extra plot, or pip install matplotlib"))
-    return faults + check_plot_style(args) + _read_accuracy(args)
+    return faults + check_plot_style(args) + _read_target_error(args) + _read_accuracy(args)
 
 
 def _read_numbers(args: argparse.Namespace) -> list[Fault]:
@@ -116,13 +110,26 @@ def _read_accuracy(args: argparse.Namespace) -> list[Fault]:
     return faults
 
 
-def parse_error_target(text: str) -> tuple[float, bool]:
-    """Read a target error, 1e-4 or 0.1dB; return the amount, and True if it is in decibels. Raises ValueError."""
-    decibels = text.lower().endswith("db")
-    amount = float(text[:-2] if decibels else text)
-    if not 0.0 < amount < 100.0:
-        raise ValueError(text)
-    return amount, decibels
+def _read_target_error(args: argparse.Namespace) -> list[Fault]:
+    """Turn the value of --target-error, such as 1e-4 or 0.1dB, into one of --max-error. Returns its faults."""
+    from engine.patch.accuracy import Accuracy
+    from engine.patch.error_messages import describe_value_error
+
+    text = vars(args).get("target_error")
+    if text is None:
+        return []
+    if args.max_error is not None:
+        return [Fault("--target-error", "sets --max-error; give only one of the two")]
+    try:
+        decibels = text.lower().endswith("db")
+        amount = 10.0 ** (float(text[:-2]) / 20.0) - 1.0 if decibels else float(text)
+    except (ValueError, OverflowError):
+        remedy = "give a ratio such as 1e-4, or decibels such as 0.1dB"
+        return [Fault("--target-error", f'"{text}" is not an error; {remedy}')]
+    if message := describe_value_error(Accuracy, "max_error", amount):
+        return [Fault("--target-error", message)]
+    args.max_error = args.target_error = amount
+    return []
 
 
 def check_plot_style(args: argparse.Namespace) -> list[Fault]:

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from engine.patch.scene import Scene
 
 # what a render of notes takes no notice of
-NOT_OF_MIXES = {"--trace": "trace", "--plot": "plot", "--report": "report", "--target-error": "target_error"}
+NOT_OF_MIXES = {"--trace": "trace", "--plot": "plot", "--report": "report"}
 NOT_OF_MIXES |= {"--oversample": "oversample", "--error-estimate": "error_estimate"}
 NOT_OF_NOTES = NOT_OF_MIXES | {"--cores": "cores"}
 
@@ -47,7 +47,7 @@ def add_render_command(commands: "arguments.Commands") -> None:
     parser.add_argument("-o", "--output", metavar="OUT.wav", help=help_text)
     arguments.add_options(parser, "--seconds", "--samplerate", "--subtype", "--gain", "--cores", "--kernel")
     arguments.add_accuracy_options(parser)
-    help_text = "choose the cheapest setting with a smaller error: 1e-4, or 0.1dB in any band"
+    help_text = "choose the steps by error, and render until the sound errs less than 1e-4, or 0.1dB"
     arguments.add_options(parser, ("--target-error", "E", help_text))
     help_text = "estimate the error of the motion with a second, several times finer rendering"
     parser.add_argument("--error-estimate", action="store_true", default=None, help=help_text)

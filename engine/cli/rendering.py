@@ -2,29 +2,32 @@
 
 import argparse
 import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from engine.cli.messages import describe_bodies, print_messages, write_file
-from engine.cli.option_checks import (
-    parse_error_target,
-    samplerate_of,
-)
+from engine.cli.option_checks import samplerate_of
 from engine.cli.progress import Progress, progress_feedback
 from engine.output_files import save_trace, to_utf8_text, write_text
 
 if TYPE_CHECKING:
     import numpy as np
 
+    from engine.analysis.error_estimate import ErrorEstimate
     from engine.analysis.profile import Profile
     from engine.analysis.work_precision import WorkPrecisionStudy
     from engine.api.rendering import Rendering
     from engine.api.sound_file import LevelledSound
     from engine.patch.scene import Scene
 
-CHOSEN_SETTING_KEYS = ("setting", "error", "bands_db", "ns_per_sample")
+ESTIMATED_PART = 0.05  # of a sound, whose error is estimated unasked
+ESTIMATE_SHARE = 0.1  # of the time that a command has taken so far: what that may cost
+ROUNDING = 1e-13  # relative
+TARGETED_SHARE = 0.5  # of the error that is asked for
+MAX_RENDERINGS = 4  # until the error is as small as it should be
 
 
 @dataclass(frozen=True)
@@ -74,22 +77,42 @@ def render_scene(scene: "Scene", args: argparse.Namespace, progress: Progress, *
     return render(scene, args.seconds, samplerate_of(args), **settings)
 
 
-def render_with_answers(scene: "Scene", args: argparse.Namespace) -> "tuple[Rendering, dict[str, Any]]":
-    """Render a scene. Returns the rendering, and the answers to --target-error and --error-estimate by the names of
-    `--json`."""
-    from engine.analysis.error_estimate import estimate_error
+def render_with_estimate(scene: "Scene", args: argparse.Namespace) -> "tuple[Rendering, ErrorEstimate | None]":
+    """Render a scene, and estimate its error; again with smaller errors in each sample, as long as the error is larger
+    than the options ask for."""
+    from engine.patch.accuracy import SMALLEST_ERROR
 
-    accuracy, answers = dict[str, Any](), dict[str, Any]()
-    if args.target_error is not None:
-        accuracy, answers["chosen"] = cheapest_setting(scene, args)
     trace = any(given is not None for given in (args.trace, args.plot, args.report))
-    with progress_feedback("rendering", describe_bodies(scene)) as progress:
-        rendering = render_scene(scene, args, progress, trace=trace, trace_shapes=bool(args.trace_shapes), **accuracy)
-    if args.error_estimate and not math.isclose(rendering.stats.peak, 0.0):
+    settings = {"trace": trace, "trace_shapes": bool(args.trace_shapes)}
+    for remaining in reversed(range(MAX_RENDERINGS)):
+        with progress_feedback("rendering", describe_bodies(scene)) as progress:
+            rendering = render_scene(scene, args, progress, **settings)
+        estimate = None if math.isclose(rendering.stats.peak, 0.0) else estimate_for(scene, rendering, args)
+        if args.target_error is None or estimate is None or remaining == 0 or estimate.horizon == 0.0:
+            break
+        if estimate.motion <= args.target_error:
+            break
+        smaller = rendering.stats.accuracy["max_error"] * TARGETED_SHARE * args.target_error / estimate.motion
+        settings["max_error"] = max(SMALLEST_ERROR, smaller)
+    return rendering, estimate
+
+
+def estimate_for(scene: "Scene", rendering: "Rendering", args: argparse.Namespace) -> "ErrorEstimate | None":
+    """Estimate the error of a rendering if the options ask for it, or that of its beginning if the estimate costs
+    little; None otherwise."""
+    from engine.analysis.error_estimate import FINER_COST, estimate_error
+
+    stats = rendering.stats
+    settings = {"cores": stats.cores, "kernel": args.kernel}
+    if args.error_estimate or args.target_error is not None:
         with progress_feedback("estimating the error") as progress:
-            estimate = estimate_error(scene, rendering, progress, cores=rendering.stats.cores, kernel=args.kernel)
-        answers["error_estimate"] = estimate.as_dict()
-    return rendering, answers
+            return estimate_error(scene, rendering, progress, **settings)
+    cost = stats.build_seconds + FINER_COST * ESTIMATED_PART * stats.seconds / stats.real_time_factor
+    if cost > ESTIMATE_SHARE * time.process_time():
+        return None
+    settings["kernel"] = "general"  # a special one would have to be compiled
+    estimate = estimate_error(scene, rendering, seconds=ESTIMATED_PART * stats.seconds, **settings)
+    return estimate if estimate.motion > ROUNDING else None  # nothing touches before that
 
 
 def render_from_arguments(
@@ -102,10 +125,11 @@ def render_from_arguments(
     from engine.analysis.string_shape import string_shape
 
     text = "" if args.report is None else Path(args.patch).read_text("utf-8-sig")  # as it is rendered
-    rendering, answers = render_with_answers(scene, args)
+    rendering, estimate = render_with_estimate(scene, args)
     silence = rendering.silence
     sound, written = bring_to_level(args, rendering.audio, silence is not None)
-    stats = rendering.stats.as_dict() | written | {"silent": silence} | answers
+    stats = rendering.stats.as_dict() | written | {"silent": silence}
+    stats |= {"error_estimate": estimate and estimate.as_dict(), "target_error": args.target_error}
     warnings = [f"{args.patch}: silent; {silence}"] if silence else []
     warnings += [f"{args.patch}: {warning}" for warning in rendering.stats.warnings] + sound.warnings
     shape = None
@@ -160,16 +184,3 @@ def plot_comparison(study: "WorkPrecisionStudy", path: Path, args: argparse.Name
     from engine.report.work_precision_plot import plot_work_precision
 
     plot_work_precision(study, Path(args.patch).stem, path, args.plot_style or "screen")
-
-
-def cheapest_setting(scene: "Scene", args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Choose the cheapest setting that meets the target error, by a short study; return it with its statistics."""
-    from engine.analysis.work_precision import cheapest_within
-
-    amount, decibels = parse_error_target(args.target_error)
-    study = run_work_precision(scene, None, args)
-    target = {"asked": args.target_error, "horizon": study["horizon"], "unmeasured": study["unmeasured"]}
-    if study["unmeasured"]:
-        return {}, dict.fromkeys(CHOSEN_SETTING_KEYS) | target | {"met": False}
-    row, met = cheapest_within(study, amount, decibels)
-    return row["changes"], {key: row[key] for key in CHOSEN_SETTING_KEYS} | target | {"met": met}

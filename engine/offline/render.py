@@ -60,7 +60,9 @@ def render_arrays(
     _check_arguments(seconds, samplerate, cores)
     used = scene.accuracy.replace(**accuracy)
     fine = samplerate * used.oversample
+    start = time.perf_counter()
     model, state, layout = built = build(scene, fine, used, seconds)
+    build_seconds = time.perf_counter() - start
     exchanges = scored_exchanges(scene, built, accuracy=used, seconds=seconds)
     simulation = Simulation(model, state, cores or os.cpu_count() or 1, kernel=kernel, exchanges=exchanges)
     frames = frame_count(seconds, samplerate) * used.oversample
@@ -83,6 +85,7 @@ def render_arrays(
         peak=float(np.max(np.abs(audio))),
         real_time_factor=frames / fine / elapsed,
         ns_per_sample=elapsed / len(audio) * 1e9,
+        build_seconds=build_seconds,
         cores=simulation.cores if kept is None else 1,
         kernel=simulation.kernel,
         islands=island_statistics(layout),

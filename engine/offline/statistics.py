@@ -100,6 +100,7 @@ class RenderStatistics(SimulationStatistics):
     peak: float  # largest absolute sample, in the units of the pickups
     real_time_factor: float
     ns_per_sample: float
+    build_seconds: float
     cores: int
     kernel: str  # special or general (engine.runtime.kernel_choice)
     islands: IslandStatistics

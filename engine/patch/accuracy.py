@@ -11,7 +11,7 @@ from engine.wording import describe_violation
 
 MAX_SUBSTEPS = 8192
 MAX_OVERSAMPLE = 32
-LARGEST_ERROR = 0.1  # that can be asked for
+SMALLEST_ERROR, LARGEST_ERROR = 1e-12, 0.1  # that can be asked for
 
 
 class Accuracy(Table):
@@ -27,7 +27,7 @@ class Accuracy(Table):
     substeps: int = Field(default=1, ge=1, le=MAX_SUBSTEPS, description="steps per sample where contact is possible")
     max_error: float | None = Field(
         default=None,
-        ge=1e-12,
+        ge=SMALLEST_ERROR,
         le=LARGEST_ERROR,
         description="relative error of the motion to aim at: steps per sample are chosen by it, substeps at least",
     )

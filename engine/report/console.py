@@ -61,15 +61,15 @@ def print_mix_summary(stats: dict[str, Any]) -> None:
 
 
 def summary_rows(stats: dict[str, Any]) -> dict[str, str]:
-    """Describe a rendering in words, by headings: the main numbers, those that options ask for, and warnings."""
+    """Describe a rendering in words, by headings: the main numbers, the estimated error, and warnings."""
     cores = f" on {stats['cores']} cores" if stats["cores"] > 1 else ""
-    return _headline_rows(stats, cores) | _requested_rows(stats) | _alarm_rows(stats)
+    return _headline_rows(stats, cores) | _error_rows(stats) | _alarm_rows(stats)
 
 
 def detailed_rows(stats: dict[str, Any]) -> dict[str, str]:
     """All statistics of a rendering in words, by headings."""
     cores = f" on {stats['cores']} cores" if stats["cores"] > 1 else ""
-    return _headline_rows(stats, cores) | _detail_rows(stats) | _requested_rows(stats) | _alarm_rows(stats)
+    return _headline_rows(stats, cores) | _detail_rows(stats) | _error_rows(stats) | _alarm_rows(stats)
 
 
 def _headline_rows(stats: dict[str, Any], shared_by: str) -> dict[str, str]:
@@ -85,11 +85,6 @@ def _describe_length(stats: dict[str, Any]) -> str:
     """Return the length of a sound, its sample rate and its channels in words."""
     channels = {1: "mono", 2: "stereo"}.get(stats["channels"], f"{stats['channels']} channels")
     return f"{stats['seconds']:g} s at {stats['samplerate']} Hz, {channels}"
-
-
-def _requested_rows(stats: dict[str, Any]) -> dict[str, str]:
-    """The answers to --target-error and --error-estimate."""
-    return _chosen_setting_rows(stats.get("chosen")) | _error_estimate_rows(stats.get("error_estimate"))
 
 
 def _alarm_rows(stats: dict[str, Any]) -> dict[str, str]:
@@ -143,36 +138,34 @@ def _describe_peak(stats: dict[str, Any]) -> str:
     return level
 
 
-def _error_estimate_rows(estimate: dict[str, Any] | None) -> dict[str, str]:
-    """A row of the estimate of the error, if there is one."""
-    if estimate is None:
+def _error_rows(stats: dict[str, Any]) -> dict[str, str]:
+    """A row of the estimated error, if there is one."""
+    estimate, target = stats.get("error_estimate"), stats.get("target_error")
+    if not estimate:
         return {}
+    text = _describe_estimate(estimate, stats["seconds"])
+    return {
+        "estimated error": f"{text}; MORE THAN {target:.1g}" if target and not estimate["motion"] <= target else text
+    }
+
+
+def _describe_estimate(estimate: dict[str, Any], seconds: float) -> str:
+    """Describe an estimate by a second rendering. seconds: length of the sound"""
     if math.isnan(estimate["motion"]):
-        return {"estimated error": "unknown: there is no finer setting"}
-    text = f"{estimate['motion']:.1g} of the sound"
+        return "unknown: there is no finer setting"
+    text, is_whole = f"{estimate['motion']:.1g} of the sound", estimate["seconds"] > 0.99 * seconds
     if estimate["horizon"] == 0.0:
-        text += "; it differs from a finer rendering from the start"
+        return "unknown: a finer rendering differs from the start"
     elif estimate["horizon"] < estimate["seconds"]:
         text += f" up to {estimate['horizon']:.3g} s; after that, it differs from a finer rendering"
+    elif not is_whole:
+        text += f" up to {estimate['seconds']:.3g} s; --error-estimate compares all of it"
+    if not is_whole:
+        return text
     finer = f"order {estimate['finer']['order']}, {estimate['finer']['substeps']} ×"
-    text += f" (compared with {finer}, which took {estimate['time_factor']:.2g} times as long)"
-    return {"estimated error": text}
-
-
-def _chosen_setting_rows(chosen: dict[str, Any] | None) -> dict[str, str]:
-    """Rows of the setting that was chosen for a given error; none if none was."""
-    if not chosen:
-        return {}
-    if chosen["unmeasured"]:
-        return {"target error": f"{chosen['asked']}: nothing can be measured ({chosen['unmeasured']})"}
-    verdict = (
-        "the cheapest setting that meets it" if chosen["met"] else "NO SETTING MEETS IT; this has the smallest error"
-    )
-    measured = (
-        f"{chosen['error']:.1e} over the first {chosen['horizon'] * 1e3:.0f} ms, {chosen['bands_db']:.2f} dB in the"
-        f" worst band, {chosen['ns_per_sample']:.0f} ns per sample"
-    )
-    return {"target error": f"{chosen['asked']}: {chosen['setting']}, {verdict}", "measured error": measured}
+    if error := estimate["finer"]["max_error"]:
+        finer = f"max error {error:.1g}"
+    return f"{text} (compared with {finer}, which took {estimate['time_factor']:.2g} times as long)"
 
 
 def format_factor(factor: float) -> str:

@@ -332,7 +332,6 @@ def test_what_is_no_toml_says_what_would_be(text, what, tmp_path, capsys):
         (["accuracy", "-o", "x.wav"], "fdh --output: requires --report; give that too"),
         (["accuracy", "--trace", "x.npz"], "--trace belongs to fdh render"),
         (["render", "--midi", "a.mid", "--trace", "x.npz"], "--trace: cannot be combined with --midi"),
-        (["render", "--midi", "a.mid", "--target-error", "1e-3"], "--target-error: cannot be combined with --midi"),
         (["render", "--midi", "a.mid", "--cores", "2"], "--cores: cannot be combined with --midi"),
         (["render", "--seed", "3"], "--seed belongs to fdh sweep"),
         (["render", "--cluster", "here"], "--cluster belongs to fdh sweep"),

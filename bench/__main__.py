@@ -30,7 +30,7 @@ MEASUREMENTS = {  # in this order
     "accuracy": ["price", "jvari", "metric", "hard", "one_way"],
     "paper": ["newton", "figures", "equations"],
     "rivals": ["peers"],
-    "ruler": ["ruler", "slope", "loss"],
+    "ruler": ["ruler", "slope", "loss", "chosen"],
     "publish": ["signs", "gallery", "api", "cli"],
 }
 PACKAGE = {name: package for package, names in MEASUREMENTS.items() for name in names}

@@ -26,8 +26,8 @@ NOTES = {  # on what the options cannot say, under the table of a command
     "render": """
 - Signals are in SI units and can be very small. The file is therefore normalised to −1 dBFS, and the gain is printed;
   `--gain 0` keeps SI units.
-- A rendering says how much it errs where that costs little, from its first twentieth. `--error-estimate` compares all
-  of it, and `--target-error 1e-3` renders until it errs less than that: [what accuracy costs](accuracy.md).
+- A rendering estimates the error of its first twentieth where that costs little. `--error-estimate` compares all
+  of it, and `--target-error 1e-3` renders until the error is smaller: [what accuracy costs](accuracy.md).
 - `--trace` writes every sample's displacement, velocity, compression, force, Newton iterations and energies, with the
   names, positions and units of the columns. A contact at several points has one column for each, in the order of the
   patch.

@@ -40,7 +40,7 @@ from engine.live.hot_reload import PatchWatcher
 from engine.live.key_allocator import live_scene
 from engine.live.meter import MeterReading
 from engine.live.osc import OscError
-from engine.live.player import Player
+from engine.live.player import MAX_LIVE_SUBSTEPS, Player
 from engine.offline.statistics import island_statistics
 from engine.output_files import absolute_path, error_reason, write_text
 from engine.patch.scene import Scene, load
@@ -311,6 +311,7 @@ def print_live_text(now: MeterReading, played: dict[str, str], args: argparse.Na
     remarks = {
         "dropouts": f"dropouts: try --block-size {2 * args.block_size}, or --latency high",
         "limited": "samples were reduced by the limiter; give a lower --gain",
+        "capped": f"samples needed more than {MAX_LIVE_SUBSTEPS} steps; a larger max_error needs fewer",
         "not_finite": "samples were not numbers and were muted: this is a bug of the engine; please report the patch",
         "dropped": "events were dropped, because too many came at once",
         "lost": "samples of the recording were lost, because the disk was too slow",

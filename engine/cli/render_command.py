@@ -47,7 +47,7 @@ def add_render_command(commands: "arguments.Commands") -> None:
     parser.add_argument("-o", "--output", metavar="OUT.wav", help=help_text)
     arguments.add_options(parser, "--seconds", "--samplerate", "--subtype", "--gain", "--cores", "--kernel")
     arguments.add_accuracy_options(parser)
-    help_text = "choose the steps by error, and render until the sound errs less than 1e-4, or 0.1dB"
+    help_text = "choose the steps by error, and render until the error is below 1e-4, or 0.1dB"
     arguments.add_options(parser, ("--target-error", "E", help_text))
     help_text = "estimate the error of the motion with a second, several times finer rendering"
     parser.add_argument("--error-estimate", action="store_true", default=None, help=help_text)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from engine.cli.messages import describe_bodies, print_messages, write_file
 from engine.cli.option_checks import samplerate_of
 from engine.cli.progress import Progress, progress_feedback
+from engine.faults import BuildError
 from engine.output_files import save_trace, to_utf8_text, write_text
 
 if TYPE_CHECKING:
@@ -83,7 +84,7 @@ def render_with_estimate(scene: "Scene", args: argparse.Namespace) -> "tuple[Ren
     from engine.patch.accuracy import SMALLEST_ERROR
 
     trace = any(given is not None for given in (args.trace, args.plot, args.report))
-    settings = {"trace": trace, "trace_shapes": bool(args.trace_shapes)}
+    settings = {"trace": trace, "trace_shapes": bool(args.trace_shapes)} | order_for_target(scene, args)
     for remaining in reversed(range(MAX_RENDERINGS)):
         with progress_feedback("rendering", describe_bodies(scene)) as progress:
             rendering = render_scene(scene, args, progress, **settings)
@@ -95,6 +96,21 @@ def render_with_estimate(scene: "Scene", args: argparse.Namespace) -> "tuple[Ren
         smaller = rendering.stats.accuracy["max_error"] * TARGETED_SHARE * args.target_error / estimate.motion
         settings["max_error"] = max(SMALLEST_ERROR, smaller)
     return rendering, estimate
+
+
+def order_for_target(scene: "Scene", args: argparse.Namespace) -> dict[str, int]:
+    """Return the order that needs the least time for a small target error, unless the patch or an option gives one."""
+    from engine.assembly.build import build
+    from engine.patch.accuracy import ORDER_4_ERROR
+
+    given = args.accuracy["order"] or scene.accuracy.model_fields_set & {"order"}
+    if args.target_error is None or args.target_error > ORDER_4_ERROR or given:
+        return {}
+    try:
+        build(scene, samplerate_of(args), scene.accuracy.replace(**args.accuracy | {"order": 4}))
+    except BuildError:  # bodies with heavy damping need order 2
+        return {}
+    return {"order": 4}
 
 
 def estimate_for(scene: "Scene", rendering: "Rendering", args: argparse.Namespace) -> "ErrorEstimate | None":

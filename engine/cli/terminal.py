@@ -104,6 +104,8 @@ def meter_parts(now: "MeterReading", block: int) -> list[str]:
     ]
     if now.limited:
         parts.append(f"limiter samples {now.limited}")
+    if now.capped:
+        parts.append(f"too few steps {now.capped}")
     if now.quality_steps:
         parts.append(_describe_quality(now))
     parts.append(f"{now.seconds:.1f} s")

@@ -16,6 +16,7 @@ class MeterReading(Statistics):
     worst_block: float  # time it took, as a share of its deadline
     dropouts: int
     limited: int  # samples held back by the limiter
+    capped: int  # samples that would have needed more steps than live sound allows, to keep `max_error`
     not_finite: int  # samples that were no numbers, and silenced
     dropped: int  # events, of which there were too many at once
     lost: int  # samples of the recording

@@ -36,7 +36,7 @@ from engine.live.retuning import VoiceTuning
 from engine.live.shared_memory import Gauge, Slot
 from engine.live.voices import replicate, retune, striker_velocities
 from engine.offline.energy_statistics import energy_statistics
-from engine.offline.statistics import newton_statistics
+from engine.offline.statistics import capped_samples, newton_statistics
 from engine.patch.frames import nearest_frame
 from engine.patch.live_parameters import LivePath, live_paths
 from engine.patch.scene import Scene, check_scene
@@ -349,6 +349,7 @@ class Player:
 
         peak:         largest sample since the last reading, before the limiter; full scale = 1
         limited:      samples that the limiter reduced
+        capped:       samples whose error is larger than `max_error`, because live sound has 64 steps per sample at most
         not_finite:   samples that were not finite, and are silent
         dropped:      events that were dropped, because there were too many at once
         energy_error: largest error of the energy balance, relative to the maximum stored energy
@@ -368,6 +369,7 @@ class Player:
             worst_block=float(gauges[Gauge.MAX_LOAD]),
             dropouts=int(counters[Slot.UNDERRUNS]),
             limited=int(counters[Slot.LIMITED_SAMPLES]),
+            capped=capped_samples(self.state),
             not_finite=int(counters[Slot.NONFINITE_SAMPLES]),
             dropped=self._queue.dropped(),
             lost=self.lost_frames,

@@ -126,6 +126,11 @@ def simulation_statistics(simulation: Simulation) -> SimulationStatistics:
     )
 
 
+def capped_samples(state: State) -> int:
+    """Count the samples that would have needed more steps than allowed, where they are chosen by error."""
+    return 0 if state.refinement is None else int(state.refinement.capped_samples.sum())
+
+
 def island_statistics(layout: Layout) -> IslandStatistics:
     """Count the islands, and describe the largest."""
     modes = layout.islands.mode_counts

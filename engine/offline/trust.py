@@ -10,7 +10,7 @@ from engine.assembly.contact_points import contact_points
 from engine.assembly.refinement import local_limit
 from engine.bodies import Mass, Oscillator
 from engine.kernel.data.state import State
-from engine.offline.statistics import NewtonStatistics
+from engine.offline.statistics import NewtonStatistics, capped_samples
 from engine.patch.accuracy import Accuracy
 from engine.patch.scene import Scene
 from engine.patch.tables import Contact, StrikeEvent
@@ -129,7 +129,7 @@ def warn_of_capped_samples(state: State, accuracy: Accuracy) -> list[str]:
     """Warn of samples that err by more than `max_error` allows."""
     if state.refinement is None or accuracy.max_error is None:
         return []
-    samples, largest = int(state.refinement.capped_samples.sum()), float(state.refinement.largest_error.max())
+    samples, largest = capped_samples(state), float(state.refinement.largest_error.max())
     if samples == 0:
         return []
     limit, most = f"max_error = {accuracy.max_error:g}", f"max_substeps = {accuracy.max_substeps}"

@@ -11,6 +11,7 @@ from engine.wording import describe_violation
 
 MAX_SUBSTEPS = 8192
 MAX_OVERSAMPLE = 32
+ORDER_4_ERROR = 1e-3  # as small an error needs less time at order 4 than at order 2 (docs/accuracy.md)
 SMALLEST_ERROR, LARGEST_ERROR = 1e-12, 0.1  # that can be asked for
 
 

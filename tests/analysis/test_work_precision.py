@@ -159,13 +159,15 @@ def test_a_rendering_says_about_how_much_it_errs(tmp_path, monkeypatch, capsys):
     assert "estimated error    0.02 of the sound up to 0.1 s; --error-estimate compares all" in capsys.readouterr().out
 
 
-def test_a_target_error_is_met_where_errors_add_up(tmp_path, capsys):
+@pytest.mark.parametrize(("target", "order"), [("1e-2", 2), ("1e-5", 4)])
+def test_a_target_error_is_met_where_errors_add_up(tmp_path, capsys, target, order):
     """A mass at a barrier, for half a second: each sample errs a little, always to the same side."""
     fine = engine.render(engine.load(PATCH), seconds=0.5, order=6, substeps=8).audio
-    words = [str(PATCH), "--seconds", "0.5", "--target-error", "1e-2", "-o", str(tmp_path / "out.wav"), "--json"]
+    words = [str(PATCH), "--seconds", "0.5", "--target-error", target, "-o", str(tmp_path / "out.wav"), "--json"]
     assert main.main(words) == 0
     stats = json.loads(capsys.readouterr().out)
-    assert stats["error_estimate"]["motion"] <= stats["target_error"] == 1e-2
+    assert stats["error_estimate"]["motion"] <= stats["target_error"] == float(target)
+    assert stats["accuracy"]["order"] == order
     error = metrics.relative_rms_error(
         engine.render(engine.load(PATCH), seconds=0.5, **stats["accuracy"]).audio, fine, len(fine)
     )

@@ -115,3 +115,14 @@ def test_live_sound_steps_down_from_the_error_that_was_asked_for():
 def test_an_error_that_cannot_be_asked_for_is_refused(told, message):
     with pytest.raises(ValueError, match=message):
         engine.render(ruler_scene("barrier"), 0.01, **told)
+
+
+def test_live_samples_that_would_need_more_steps_are_counted():
+    scene = engine.load(SNARE)
+    counts = []
+    for asked in (1e-1, 1e-9):
+        told = scene.model_copy(update={"accuracy": scene.accuracy.replace(max_error=asked)})
+        player = Player(told, seconds=math.inf)
+        player.render_into(np.zeros((960, player.channels), np.float32))
+        counts.append(player.meter().capped)
+    assert counts[0] == 0 < counts[1]

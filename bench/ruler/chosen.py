@@ -1,4 +1,4 @@
-"""Steps chosen by error, beside the cheapest number of steps for the same error, and what one step per sample misses."""
+"""Steps chosen by error, beside the cheapest number of steps for the same error; what one step of a sample misses."""
 
 import math
 import time
@@ -45,9 +45,8 @@ def run() -> None:
     for name in NAMES:
         fixed = [measure(name, f"order {order}, {n} ×", order=order, substeps=n) for order, n in FIXED]
         for error in ERRORS:
-            order = 4 if error <= ORDER_4_ERROR else 2  # as --target-error chooses
-            setting = f"{error:.0e}, order {order}"
-            chosen = measure(name, setting, order=order, max_error=error, max_substeps=MAX_SUBSTEPS)
+            accuracy = settings_for_error(error)
+            chosen = measure(name, f"{error:.0e}, order {accuracy['order']}", **accuracy)
             row = [name, chosen.setting, f"{chosen.error:.0e}", f"{chosen.nanoseconds:.0f}"]
             within = [one for one in fixed if one.error <= SAME_ERROR * chosen.error]
             if within:
@@ -60,6 +59,12 @@ def run() -> None:
     header = ["problem", "max_error", "error", "ns per sample", "cheapest fixed setting", "its error"]
     publish("chosen", [*header, "its ns per sample", "ratio of times"], rows)
     draw_sample()
+
+
+def settings_for_error(error: float) -> dict[str, float]:
+    """Return the settings that --target-error chooses."""
+    order = 4 if error <= ORDER_4_ERROR else 2
+    return {"order": order, "max_error": error, "max_substeps": MAX_SUBSTEPS}
 
 
 def measure(name: str, setting: str, **accuracy: float) -> Measured:

@@ -14,11 +14,11 @@ MAX_SECONDS = 2.0  # of all runs
 EMPTY_CALLS = 20  # of which the fastest is what a call costs
 
 
-def simulate_by_engine(name: str, order: int, substeps: int) -> Trajectory:
-    """The trajectory of a problem by the engine, at an order and so many substeps."""
+def simulate_by_engine(name: str, **accuracy: float) -> Trajectory:
+    """The trajectory of a problem by the engine. accuracy: settings of Accuracy"""
     scene = ruler_scene(name)
     frames = round(scene.seconds * SAMPLERATE)
-    settings = {"order": order, "substeps": substeps, "silence": -np.inf, "iterations": 200}
+    settings = accuracy | {"silence": -np.inf, "iterations": 200}
     seconds = (frames + 1) / SAMPLERATE  # a rendering has the state before each step
     rendering = engine.render(scene, seconds, trace=True, cores=1, kernel="special", **settings)
     trace = rendering.trace
@@ -44,13 +44,13 @@ def time_engine(scene: engine.Scene, settings: dict, frames: int) -> float:
     return best
 
 
-def simulate_oscillator_by_engine(order: int, problem: Problem, substeps: int) -> Trajectory:
-    """The trajectory of an oscillator of 1 kg at a barrier (bench.ruler.stability)."""
+def simulate_oscillator_by_engine(problem: Problem, **accuracy: float) -> Trajectory:
+    """The trajectory of an oscillator of 1 kg at a barrier (bench.ruler.stability). accuracy: settings of Accuracy"""
     body = {"name": "body", "kind": "oscillator", "mass": 1.0, "frequency": float(problem.omega[0]) / (2 * np.pi)}
     body |= {"displacement": float(problem.q[0]), "velocity": float(problem.p[0])}
     contact = {"body": "body", "barrier": float(problem.barrier[0]), "exponent": float(problem.exponent[0])}
     contact["stiffness"] = float(problem.stiffness[0])
     scene = engine.Scene.model_validate({"body": [body], "contact": [contact], "pickup": [{"body": "body"}]})
     seconds = (problem.frames + 1) / problem.samplerate
-    trace = engine.render(scene, seconds, trace=True, order=order, substeps=substeps, silence=-np.inf).trace
+    trace = engine.render(scene, seconds, trace=True, silence=-np.inf, **accuracy).trace
     return Trajectory(trace["displacement"][:, 0], trace["force"][1:], trace["displacement"], trace["velocity"])

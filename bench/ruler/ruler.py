@@ -3,23 +3,27 @@
 import csv
 import math
 from collections.abc import Callable, Iterator
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from bench.publish.report import RESULTS, figure, pin, publish, stamp
+from bench.ruler.chosen import ERRORS, settings_for_error
 from bench.ruler.engine_method import simulate_by_engine, simulate_oscillator_by_engine
 from bench.ruler.methods import FAMILIES
 from bench.ruler.stability import largest_stable_stiffness
 from engine.problems import NAMES, Problem, Reference, Score, Trajectory, load_problem, score
 
-ORDERS = (2, 4, 6)
 SUBSTEPS = (1, 2, 4, 16)
 ROUNDING = 1e-16  # what is smaller counts as 0
 GOAL = 1e-3  # error of the motion that methods are timed at
 MEASURES = ("motion", "force", "bands_db", "energy", "pull", "ns_per_sample")
-OWN = "this engine, order {}"
+BY_ERROR = "this engine, max_error"
+OWN: dict[str, dict[float, dict[str, float]]] = {  # settings of the engine's methods
+    **{f"this engine, order {order}": {n: {"order": order, "substeps": n} for n in SUBSTEPS} for order in (2, 4, 6)},
+    BY_ERROR: {error: settings_for_error(error) for error in ERRORS},
+}
+WITH_TOLERANCES = (BY_ERROR, "DOP853 with events")
 
 
 class Result(NamedTuple):
@@ -48,11 +52,10 @@ def run() -> None:
 def score_problem(name: str) -> Iterator[Result]:
     """The scores of all methods on a problem; of a family, those of its best variant at each setting."""
     problem, reference = load_problem(name)
-    for order in ORDERS:
-        for substeps in SUBSTEPS:
-            trajectory = simulate_by_engine(name, order, substeps)
-            family = OWN.format(order)
-            yield Result(name, family, family, substeps, score(problem, reference, trajectory))
+    for family, settings in OWN.items():
+        for setting, accuracy in settings.items():
+            trajectory = simulate_by_engine(name, **accuracy)
+            yield Result(name, family, family, setting, score(problem, reference, trajectory))
     for family, variants in FAMILIES.items():
         for setting in variants[0].settings:
             scores = [(v.name, score_quietly(problem, reference, v.simulate, setting)) for v in variants]
@@ -97,7 +100,7 @@ def publish_single_step(results: list[Result]) -> None:
     rows = []
     for family in families(results):
         chosen = [r for r in results if r.family == family]
-        setting = sorted({r.setting for r in chosen})[1] if "DOP853" in family else 1
+        setting = sorted({r.setting for r in chosen})[1] if family in WITH_TOLERANCES else 1
         scores = [r.score for r in chosen if r.setting == setting]
         done = [s for s in scores if not math.isnan(s.motion)]
         cells = [f"{len(done)} of {len(NAMES)}"]
@@ -130,11 +133,10 @@ def publish_times(results: list[Result]) -> None:
 
 def stable_stiffness(family: str) -> float:
     """The largest stiffness at which the best variant of a family is stable in one step per sample, N/m²."""
-    for order in ORDERS:
-        if family == OWN.format(order):
-            return largest_stable_stiffness(partial(simulate_oscillator_by_engine, order))
-    if "DOP853" in family:
+    if family in WITH_TOLERANCES:
         return math.nan
+    if family in OWN:
+        return largest_stable_stiffness(lambda problem, n: simulate_oscillator_by_engine(problem, **OWN[family][n]))
     return max(largest_stable_stiffness(variant.simulate) for variant in FAMILIES[family])
 
 

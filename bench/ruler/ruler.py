@@ -166,7 +166,8 @@ def _stiffness(value: float) -> str:
 
 def draw(results: list[Result]) -> None:
     """Error of the motion against time, a panel for each problem."""
-    with figure("ruler", 14.0, 10.5, nrows=3, ncols=4, layout=None) as panels:
+    with figure("ruler", 14.0, 10.5, nrows=3, ncols=4) as panels:
+        np.ravel(panels)[0].figure.set_layout_engine(None)
         for name, panel in zip(NAMES, np.ravel(panels), strict=True):
             for i, family in enumerate(families(results)):
                 points = [

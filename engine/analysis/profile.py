@@ -112,8 +112,8 @@ def _measure_costs(
     """Time of each island, ns per sample [islands]: its mean, and that of its slowest chunk."""
     count = model.islands.partition.size - 1
     audio, ledger = np.zeros((TIMED_CHUNK_FRAMES, channels)), np.zeros((len(Ledger), TIMED_CHUNK_FRAMES))
-    (model,), state, *_ = prepare([model], state, [RENDER_USE])
-    handles = StructHandle(model), StructHandle(state), StructHandle(block_output(audio, ledger, True))
+    (model_handle,), state_handle = prepare([model], state, [RENDER_USE]).handles()
+    handles = model_handle, state_handle, StructHandle(block_output(audio, ledger, True))
     render_block = RENDER_USE.kernel.callable(handles[0].kind, handles[1].kind, *RENDER_USE.others)
     addresses = [handle.address for handle in handles]
     total, worst = np.zeros(count), np.zeros(count)

@@ -6,6 +6,7 @@ kicks and drift. The powers of S are found by squaring, in twice the precision o
 """
 
 from collections.abc import Sequence
+from functools import reduce
 
 import numpy as np
 
@@ -23,8 +24,7 @@ from engine.kernel.data.model import (
     StepCoefficients,
 )
 
-Row = list[Pair]  # of a linear map of (q, p, w), each entry [modes]
-Q, P, W = 0, 1, 2
+Q, P, W = 0, 1, 2  # rows and columns of a linear map [rows, columns, modes] of (q, p, w)
 
 
 def build_free_flight(
@@ -44,70 +44,58 @@ def build_free_flight(
     power, frames = single, 1
     part = single
     while frames < FLIGHT_FRAMES:
-        high = as_array(power)
-        lost = lost + np.einsum("kim,klm,ljm->ijm", high, lost, high)  # over the second half of twice as many
+        lost = lost + np.einsum(
+            "kim,klm,ljm->ijm", power.high, lost, power.high
+        )  # over the second half of twice as many
         power, frames = matrix_product(power, power), 2 * frames
         part = power if frames == FLIGHT_PART else part
     return FreeFlight(
-        motion=FreeMotion(*free_entries(as_array(power))),
-        motion_low=FreeMotionResidue(*free_entries(np.array([[entry.low for entry in row] for row in power]))),
-        part=FreeMotion(*free_entries(as_array(part))),
+        motion=FreeMotion(*free_entries(power.high)),
+        motion_low=FreeMotionResidue(*free_entries(power.low)),
+        part=FreeMotion(*free_entries(part.high)),
         bound_per_speed=np.minimum(span, 2 / np.where(is_free, 1 / span, omega)),
         bound_per_weight=np.where(is_free, 0.5 * span**2, 0.0),
         loss=FlightLoss(lost[Q, Q], 2 * lost[Q, P], lost[P, P]) if lost.any() else None,
         weight=None
         if weight is None
-        else flight_weight(power, lost, weight, pickup_values_of_weight(single, weight, pickups)),
-        pickup_tables=pickup_tables(as_array(single), pickups),
+        else flight_weight(power, lost, weight, pickup_values_of_weight(single.high, weight, pickups)),
+        pickup_tables=pickup_tables(single.high, pickups),
     )
 
 
-def map_of_step(step: StepCoefficients, has_weight: bool) -> tuple[list[Row], np.ndarray]:
+def map_of_step(step: StepCoefficients, has_weight: bool) -> tuple[Pair, np.ndarray]:
     """Return the map of a step of modes on which nothing acts, and the energy that it takes as a quadratic form of (q,
     p, w), J. Coefficients and order are those of engine.kernel.modes.mode_step.free_step."""
     size = 3 if has_weight else 2
     unit = np.repeat(np.eye(size)[:, :, None], step.kick.size, axis=2)
-    q, p, *w = [[as_pair(entry) for entry in row] for row in unit]
+    q, p, *w = [as_pair(row) for row in unit]
     lost = np.zeros((size, size, step.kick.size))
 
-    def add_times(row: Row, factor: np.ndarray, other: Row) -> Row:
-        return [add(a, multiply(as_pair(factor), b)) for a, b in zip(row, other, strict=True)]
+    def add_times(row: Pair, factor: np.ndarray, other: Pair) -> Pair:
+        return add(row, multiply(as_pair(factor), other))
 
-    def kick(p: Row) -> Row:
+    def kick(p: Pair) -> Pair:
         p = p if step.spring_kick is None else add_times(p, -step.spring_kick, q)
         return add_times(p, step.kick, w[0]) if w else p
 
-    def lose(loss: ModalLoss | None, p: Row) -> Row:
+    def lose(loss: ModalLoss | None, p: Pair) -> Pair:
         if loss is None:
             return p
-        high = np.array([entry.high for entry in p])
-        lost[...] += loss.dissipation_factor * high[:, None] * high[None, :]
-        return [multiply(as_pair(loss.decay_factor), entry) for entry in p]
+        lost[...] += loss.dissipation_factor * p.high[:, None] * p.high[None, :]
+        return multiply(as_pair(loss.decay_factor), p)
 
     p = kick(lose(step.loss, p))
     q = add_times(q, step.drift, p)
     p = lose(step.loss, kick(lose(step.drag, p)))
-    return [q, p, *w], lost
+    rows = [q, p, *w]
+    return Pair(np.array([row.high for row in rows]), np.array([row.low for row in rows])), lost
 
 
-def matrix_product(a: list[Row], b: list[Row]) -> list[Row]:
+def matrix_product(a: Pair, b: Pair) -> Pair:
     """Return the product a·b of two maps."""
-    size = len(a)
-    product = []
-    for i in range(size):
-        row = []
-        for j in range(size):
-            entry = multiply(a[i][0], b[0][j])
-            for k in range(1, size):
-                entry = add(entry, multiply(a[i][k], b[k][j]))
-            row.append(entry)
-        product.append(row)
-    return product
-
-
-def as_array(of: list[Row]) -> np.ndarray:
-    """Return a map in double precision [rows, columns, modes]."""
-    return np.array([[entry.high for entry in row] for row in of])
+    terms = multiply(Pair(a.high[:, :, None], a.low[:, :, None]), Pair(b.high[None], b.low[None]))  # [i, k, j, modes]
+    first, *others = (Pair(terms.high[:, k], terms.low[:, k]) for k in range(a.high.shape[1]))
+    return reduce(add, others, first)
 
 
 def free_entries(matrix: np.ndarray) -> list[np.ndarray]:
@@ -115,11 +103,11 @@ def free_entries(matrix: np.ndarray) -> list[np.ndarray]:
     return [matrix[i, j].copy() for i in (Q, P) for j in (Q, P)]
 
 
-def flight_weight(whole: list[Row], lost: np.ndarray, weight: np.ndarray, pickup_values: np.ndarray) -> FlightWeight:
+def flight_weight(whole: Pair, lost: np.ndarray, weight: np.ndarray, pickup_values: np.ndarray) -> FlightWeight:
     """Return the effects of weight over a flight whose map and losses are given."""
-    push = multiply(whole[P][W], as_pair(weight))
+    push = multiply(Pair(whole.high[P, W], whole.low[P, W]), as_pair(weight))
     return FlightWeight(
-        q=whole[Q][W].high * weight,
+        q=whole.high[Q, W] * weight,
         p=push.high,
         p_low=push.low,
         lost_per_q=2 * lost[Q, W] * weight,
@@ -134,9 +122,9 @@ def map_row(pickup: HeardPoint) -> int:
     return Q if pickup.quantity is Quantity.DISPLACEMENT else P
 
 
-def pickup_values_of_weight(single: list[Row], weight: np.ndarray, pickups: Sequence[HeardPoint]) -> np.ndarray:
+def pickup_values_of_weight(step: np.ndarray, weight: np.ndarray, pickups: Sequence[HeardPoint]) -> np.ndarray:
     """Return the pickup signals of bodies that fall from rest [pickups, FLIGHT_FRAMES]."""
-    table, step = np.zeros((len(pickups), FLIGHT_FRAMES)), as_array(single)
+    table = np.zeros((len(pickups), FLIGHT_FRAMES))
     fallen = np.zeros((2, weight.size))
     for frame in range(FLIGHT_FRAMES):
         for n, pickup in enumerate(pickups):

@@ -26,10 +26,10 @@ NUMBERS: tuple[tuple[Any, str, Any], ...] = (
 
 def kind_of(value: Any) -> Kind:
     """The kind of a value. Raises TypeError for one that compiled code has no kind for."""
-    if value is None:
-        return None
     if isinstance(value, np.ndarray):
         return value.dtype.str[1:], value.ndim
+    if value is None:
+        return None
     if hasattr(value, "_fields"):
         record = type(value)
         return f"{record.__module__}.{record.__qualname__}", *map(kind_of, value)

@@ -12,14 +12,17 @@ import numpy as np
 from engine.compiler.kinds import POINTER, Kind, kind_of
 
 
+ARRAY_LAYOUTS = [struct.Struct(f"<{5 + 2 * axes}q") for axes in range(4)]  # of arrays with so many axes
+
+
 class StructHandle:
     """A tuple of arrays in the layout of compiled code. The arrays stay where they are, and are kept alive.
 
-    kind: of a pointer to the value
+    kind: of a pointer to the value, if it is known
     """
 
-    def __init__(self, value: Any) -> None:
-        self.value, self.kind = value, pointer_kind(value)
+    def __init__(self, value: Any, kind: Kind | None = None) -> None:
+        self.value, self.kind = value, kind or pointer_kind(value)
         content = bytearray()
         pack(value, content)
         self._bytes = np.frombuffer(bytes(content) + bytes(-len(content) % 8 + 8), np.int64)
@@ -41,10 +44,11 @@ def pack(value: Any, content: bytearray) -> None:
     if value is None:
         content += bytes(8)
     elif isinstance(value, np.ndarray):
-        if not value.flags.c_contiguous:
+        interface = value.__array_interface__  # half the time of `ctypes` and `flags`
+        if interface["strides"] is not None:
             raise ValueError("an array of compiled code lies in one piece")
-        numbers = (0, 0, value.size, value.itemsize, value.ctypes.data, *value.shape, *value.strides)
-        content += struct.pack(f"<{len(numbers)}q", *numbers)
+        numbers = (0, 0, value.size, value.itemsize, interface["data"][0], *value.shape, *value.strides)
+        content += ARRAY_LAYOUTS[value.ndim].pack(*numbers)
     elif isinstance(value, tuple):
         for item in value:
             pack(item, content)

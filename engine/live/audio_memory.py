@@ -49,7 +49,7 @@ class AudioMemory:
         self.models, uses = [model, *coarser_models(built, accuracy)], [RENDER_USE, INSERT_USE]
         prepared = prepare(self.models, built.state, uses, kernel)
         self.kernel, self.missing_kernels = prepared.name, prepared.missing
-        self._models, self._state = [*map(StructHandle, prepared.models)], StructHandle(prepared.state)
+        self._models, self._state = prepared.handles()
         self.job_memory = JobMemory(self._models[0], self._state, (RENDERED_AT_ONCE, channels))
         self.shared = SharedMemory(
             counters=np.zeros(len(Slot), np.int64),

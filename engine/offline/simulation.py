@@ -50,7 +50,8 @@ class Simulation:
         self.is_compiled = is_ready(prepared, uses)  # or the first block waits for it
         compile_beside(prepared.missing)
         self.kernel = prepared.name
-        self._handles = StructHandle(prepared.models[0]), StructHandle(prepared.state)
+        (model_handle,), state_handle = prepared.handles()
+        self._handles = model_handle, state_handle
         self._memory: JobMemory | None = None
         self._helpers: Any = None
 

@@ -7,6 +7,8 @@ fit the processor, it is compiled once, and all scenes start at once from then o
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +18,7 @@ from engine.compiler.background import Request
 from engine.compiler.kernel_name import KernelName, read_kernel_name
 from engine.compiler.kernels import Kernel
 from engine.compiler.kinds import Kind
-from engine.compiler.struct_handle import pointer_kind
+from engine.compiler.struct_handle import StructHandle, pointer_kind
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import State
 
@@ -28,13 +30,24 @@ class Use(NamedTuple):
     others: tuple[Kind, ...]
 
 
-class Prepared(NamedTuple):
+@dataclass(frozen=True)
+class Prepared:
     """Models and a state that fit the chosen kernel and share the arrays given, and the name of the kernel."""
 
     models: list[Model]
     state: State
     name: KernelName
     missing: Sequence[Request] = ()  # kernels to compile for the next time
+
+    @cached_property
+    def kinds(self) -> tuple[Kind, Kind]:
+        """The kinds of a pointer to the model, and of one to the state."""
+        return pointer_kind(self.models[0]), pointer_kind(self.state)
+
+    def handles(self) -> tuple[list[StructHandle], StructHandle]:
+        """Return the models and the state in the layout of compiled code."""
+        model_kind, state_kind = self.kinds
+        return [StructHandle(model, model_kind) for model in self.models], StructHandle(self.state, state_kind)
 
 
 def prepare(models: Sequence[Model], state: State, uses: Sequence[Use], requested: str | None = None) -> Prepared:
@@ -53,12 +66,12 @@ def prepare(models: Sequence[Model], state: State, uses: Sequence[Use], requeste
         return general
     if not is_ready(general, uses) and models[0].step.kick.dtype != np.float64:
         return special  # few scenes ask for single precision: its general kernel is not worth 30 s
-    return general._replace(missing=[*requests_of(special, uses), *requests_of(general, uses)])
+    return replace(general, missing=[*requests_of(special, uses), *requests_of(general, uses)])
 
 
 def kinds_of(prepared: Prepared, use: Use) -> tuple[Kind, ...]:
     """The kinds of all arguments of a kernel."""
-    return pointer_kind(prepared.models[0]), pointer_kind(prepared.state), *use.others
+    return *prepared.kinds, *use.others
 
 
 def requests_of(prepared: Prepared, uses: Sequence[Use]) -> list[Request]:

@@ -126,3 +126,12 @@ def test_live_samples_that_would_need_more_steps_are_counted():
         player.render_into(np.zeros((960, player.channels), np.float32))
         counts.append(player.meter().capped)
     assert counts[0] == 0 < counts[1]
+
+
+@pytest.mark.hard
+@pytest.mark.parametrize("name", ["bouncing_ball", "hammer_c4"])
+def test_a_kernel_for_one_scene_takes_the_same_steps(name):
+    """Of masses alone, and of a string."""
+    scene = ruler_scene(name)
+    general, special = (engine.render(scene, 0.02, kernel=kernel, max_error=1e-3) for kernel in ("general", "special"))
+    np.testing.assert_array_equal(special.audio, general.audio)

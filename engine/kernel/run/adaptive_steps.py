@@ -87,6 +87,14 @@ def restore_motion(state):
 
 
 @inline
+def stiffness_of(omega_squared, m, p):
+    """Return ω² of mode m, whose momentum is p; 0 where no mode has a spring."""
+    if omega_squared is None:
+        return zero_like(p)
+    return number_at(omega_squared, m)
+
+
+@inline
 def add_change(of, m, sums):
     """Add to the sums, of mode m: p² + ω²q² if it has a spring, or else p² to the next one; how much p² + ω²q² has
     changed since the last try; and ω²."""
@@ -94,9 +102,7 @@ def add_change(of, m, sums):
     q, p = number_at(motion.q, m), number_at(motion.p, m)
     dq, dp = q - number_at(coarse_q, m), p - number_at(coarse_p, m)
     change = sums[2] + add_elastic(omega_squared, m, dq, dp * dp)
-    if omega_squared is None:
-        return sums[0], sums[1] + p * p, change, sums[3]
-    stiffness, zero = number_at(omega_squared, m), zero_like(p)
+    stiffness, zero = stiffness_of(omega_squared, m, p), zero_like(p)
     vibration = where_positive(stiffness, add_elastic(omega_squared, m, q, p * p), zero)
     return sums[0] + vibration, sums[1] + where_positive(stiffness, zero, p * p), change, sums[3] + stiffness
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from engine.compiler.kinds import POINTER, Kind, kind_of
 
-
 ARRAY_LAYOUTS = [struct.Struct(f"<{5 + 2 * axes}q") for axes in range(4)]  # of arrays with so many axes
 
 

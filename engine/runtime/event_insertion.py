@@ -60,8 +60,8 @@ def insert_event(model, state, event, value, frame):
         cursor = state.event_cursor[n]
         begin, end = model.islands.event[n], model.islands.event[n + 1]
         truncate_previous(model.events, cursor, begin, event, start)
-        compact_events(model.events, state.glide_start, cursor, begin, end, frame)
-        if not insert_sorted(model.events, cursor, begin, end, event, value, start):
+        unused = compact_events(model.events, state.glide_start, cursor, begin, end, frame)
+        if not insert_sorted(model.events, begin + cursor[EventCursor.NEXT], unused, end, event, value, start):
             event[EventSlot.TAKEN_AT] = DROPPED
 
 
@@ -203,30 +203,33 @@ def truncate_previous(events, cursor, begin, event, start):
 
 @inline
 def compact_events(events, glide_start, cursor, begin, end, frame):
-    """Remove the events that are over from an island's score, slots begin to end."""
-    kept, running = begin, 0
-    for j in range(begin + cursor[EventCursor.FIRST_ACTIVE], end):
+    """Remove the events that are over from an island's score, slots begin to end. Returns the first unused slot, after
+    which all are unused."""
+    kept, running, j = begin, 0, begin + cursor[EventCursor.FIRST_ACTIVE]
+    while j < end and events.start[j] != UNUSED_SLOT:
         started = j < begin + cursor[EventCursor.NEXT]
-        if started and events.end[j] <= frame:
-            continue
-        if kept != j:
-            move_event(events, j, kept)
-            glide_start[kept] = glide_start[j]
-        kept += 1
-        running += started
-    for j in range(kept, end):
-        events.start[j] = events.end[j] = UNUSED_SLOT
+        if not (started and events.end[j] <= frame):
+            if kept != j:
+                move_event(events, j, kept)
+                glide_start[kept] = glide_start[j]
+            kept += 1
+            running += started
+        j += 1
+    for over in range(kept, j):
+        events.start[over] = events.end[over] = UNUSED_SLOT
     cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT] = 0, running
     cursor[EventCursor.DAMPED] = DampedModes.UNKNOWN
+    return kept
 
 
 @inline
-def insert_sorted(events, cursor, begin, end, event, value, start):
-    """Insert an event among those that have not begun, sorted by start. Returns True if there was a free slot."""
-    if begin == end or events.start[end - 1] != UNUSED_SLOT:
+def insert_sorted(events, first, unused, end, event, value, start):
+    """Insert an event among those that have not begun, which slots `first` to `unused` hold, sorted by start. Returns
+    True if there was an unused slot before `end`."""
+    if unused == end:
         return False
-    j = end - 1
-    while j > begin + cursor[EventCursor.NEXT] and events.start[j - 1] > start:
+    j = unused
+    while j > first and events.start[j - 1] > start:
         move_event(events, j - 1, j)
         j -= 1
     events.kind[j], events.start[j] = event[EventSlot.KIND], start

@@ -102,7 +102,7 @@ def move_group(connection, pushes, h, rows, losses, state):
     return losses
 
 
-@noinline
+@inline
 def move_group_of_many(connection, h, rows, losses, state):
     """Move the modes of a body with more than two rows, such as a board. Returns the losses with theirs added."""
     (r, count), connection_state = rows, state.connection

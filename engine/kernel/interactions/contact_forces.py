@@ -7,7 +7,7 @@ A solve that fails, or whose forces are not finite, acts on nothing (engine.kern
 import math
 from typing import NamedTuple
 
-from engine.compiler.decorators import FALSE, INT64_0, INT64_1, TRUE, inline, noinline
+from engine.compiler.decorators import FALSE, INT64_0, INT64_1, TRUE, inline
 from engine.kernel.contact.contact_law import end_force_of, energy_gained, force_of_lossy_law, law_in_step
 from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
 from engine.kernel.contact.persistent_contact_solver import solve_persistent
@@ -186,7 +186,7 @@ def open_contacts(reach, state):
         state.contact_force[k] = 0.0
 
 
-@noinline
+@inline
 def solve_several_contacts(contact, h, reach, state):
     """Find the forces of several contacts of an island together. Returns a ContactSolution."""
     s, g = reach.compression, reach.free_displacement
@@ -247,7 +247,7 @@ def find_coupled_forces(contact, h, reach, problem, state):
 # --- the forces are stored, once all forces have pushed
 
 
-@noinline
+@inline
 def store_several_contacts(contact, h, reach, solution, state):
     """Store the solutions of several contacts of an island. Returns the energy lost, and created, J."""
     vectors, lost, excess = state.scratch.vectors, 0.0, solution.excess
@@ -284,7 +284,7 @@ def takes_part(s, b, f):
     return f != 0.0 or s > 0.0 or b > 0.0
 
 
-@noinline
+@inline
 def measure_misses(contact, h, reach, state):
     """Measure MISS of the contacts that take part, from the momenta of the drift."""
     vectors = state.scratch.vectors

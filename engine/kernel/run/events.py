@@ -28,7 +28,6 @@ from engine.kernel.modes.event_dampers import (
     damp_modes,
     find_damped_loss,
     is_damping,
-    is_event_active,
 )
 from engine.kernel.modes.mode_step import forget_drift
 from engine.kernel.modes.ordered_sums import accumulate
@@ -228,7 +227,17 @@ def finish_score(model, events, refinement, state):
 def run_score(model, events, state, frame):
     """Execute the events of the score that act at the start of this step."""
     if events is not None:
-        following = state.event_cursor[EventCursor.NEXT]
+        cursor = state.event_cursor
+        following, is_unknown = cursor[EventCursor.NEXT], cursor[EventCursor.DAMPED] == DampedModes.UNKNOWN
         is_due = following < events.kind.shape[0] and events.start[following] <= frame
-        if is_due or is_event_active(state) or state.event_cursor[EventCursor.DAMPED] == DampedModes.UNKNOWN:
+        if is_due or is_unknown or has_more_than_damping(events, cursor, frame):
             run_due_events(model, state, frame)
+
+
+@inline
+def has_more_than_damping(events, cursor, frame):
+    """True if an event that has begun is over, or is not damping: damping that goes on needs no call."""
+    for j in range(cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT]):
+        if events.kind[j] != EventKind.DAMP or events.end[j] <= frame:
+            return True
+    return False

@@ -153,7 +153,7 @@ def accurate_step(model, refinement, state, frame):
             return outcome
 
 
-@noinline
+@inline
 def composed_step(model, refinement, state, frame):
     """Do a sample in stages. Returns a StepOutcome."""
     modes, contacts = state.p.shape[0], state.compression.shape[0]

@@ -60,8 +60,8 @@ def connection_coefficients(
     return ConnectionCoefficients(
         rows=row_coefficients([part.row for part in parts], modes.kick, modes.drift),
         compliance=np.concatenate([of_island.compliance.ravel() for of_island in present]),
-        force_per_extension=np.concatenate([of_island.per_extension.ravel() for of_island in present]),
-        force_per_move=np.concatenate([of_island.per_move.ravel() for of_island in present]),
+        force_per_extension=np.concatenate([of_island.per_extension.T.ravel() for of_island in present]),
+        force_per_move=np.concatenate([of_island.per_move.T.ravel() for of_island in present]),
         step_rate=np.full(len(items), step_rate),
         made_for_stiffness=np.array([item.stiffness for item in items]),
         made_for_damping=np.array([item.damping for item in items]),

@@ -108,7 +108,7 @@ def begin_connections(connection, h, state):
         for i in range(n):
             joined.force[i] = 0.0
             for j in range(n):
-                joined.force[i] += x[i * n + j] * joined.extension[j] + y[i * n + j] * joined.free_move[j]
+                joined.force[i] += x[j * n + i] * joined.extension[j] + y[j * n + i] * joined.free_move[j]
         kick_by_forces(connection, h, joined.force, state)
 
 
@@ -124,7 +124,7 @@ def answer(connection, h, state):
         for i in range(n):
             joined.free_move[i] = 0.0
             for j in range(n):
-                joined.free_move[i] += h.connection.force_per_move[i * n + j] * joined.move[j]
+                joined.free_move[i] += h.connection.force_per_move[j * n + i] * joined.move[j]
         kick_by_forces(connection, h, joined.free_move, state)
         for i in range(n):
             joined.force[i] += joined.free_move[i]

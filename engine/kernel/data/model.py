@@ -92,8 +92,8 @@ class ConnectionCoefficients(NamedTuple):
 
     rows: RowCoefficients  # of Connections.rows
     compliance: PerConnectionPair  # B, m/N: how far a force at one moves another over the step
-    force_per_extension: PerConnectionPair  # X, N/m
-    force_per_move: PerConnectionPair  # Y, N/m
+    force_per_extension: PerConnectionPair  # X, N/m, column by column: the forces lie in lanes
+    force_per_move: PerConnectionPair  # Y, N/m, likewise
     step_rate: PerConnection  # 1/s, one over the length of the step; 0 where dampers act outside it
     made_for_stiffness: PerConnection  # N/m
     made_for_damping: PerConnection  # kg/s

@@ -53,6 +53,16 @@ def make_factors(connection, h, connection_state):
                 total += y[i * n + k] * h.compliance[k * n + j]
             matrix[i * n + j] = total
     eliminate(matrix, x, y, n)
+    transpose(x, n)
+    transpose(y, n)
+
+
+@inline
+def transpose(matrix, n):
+    """Exchange the rows of a matrix [n, n] and its columns, in place."""
+    for i in range(n):
+        for j in range(i):
+            matrix[i * n + j], matrix[j * n + i] = matrix[j * n + i], matrix[i * n + j]
 
 
 @noinline
@@ -121,6 +131,6 @@ def reduced_compliance(h, n, contacts, k, j):
     for a in range(n):
         held = 0.0
         for b in range(n):
-            held += h.force_per_move[a * n + b] * h.contact_moves[b * contacts + j]
+            held += h.force_per_move[b * n + a] * h.contact_moves[b * contacts + j]
         total -= h.contact_moves[a * contacts + k] * held
     return total

@@ -11,11 +11,12 @@ import math
 import numpy as np
 
 from engine.compiler.decorators import INT64_0, inline, noinline
+from engine.compiler.lanes import multiply_add, number_at, place_after, put_number, splat, zero_like
 from engine.kernel.data.enums import EventKind
 from engine.kernel.interactions.connection_factors import update_factors
 from engine.kernel.interactions.contacts import contact_number
 from engine.kernel.modes.mode_step import forget_drift
-from engine.kernel.modes.ordered_sums import copy_items, sum_products, sum_two_products
+from engine.kernel.modes.ordered_sums import copy_items, fold_lanes, sum_products
 from engine.kernel.modes.point_rows import (
     displacement_at_row,
     drifts_of_same_modes,
@@ -114,11 +115,38 @@ def find_connection_forces(connection, h, state):
                 clear_moves(connection_state.free_move)
                 rows = connection.coordinate.shape[0]
                 project_rows(connection, h.connection, state.drift_momentum, INT64_0, rows, connection_state.free_move)
-            x, y, n = h.connection.force_per_extension, h.connection.force_per_move, connection_state.force.shape[0]
-            for i in range(n):
-                connection_state.force[i] = sum_two_products(
-                    x, connection_state.extension, y, connection_state.free_move, np.int64(i) * n, n
-                )
+            find_forces(h.connection, connection_state)
+
+
+@inline
+def find_forces(h, connection_state):
+    """Compute the forces of connections from their extensions and moves: X·s + Y·g. h: ConnectionCoefficients"""
+    of = h.force_per_extension, connection_state.extension, h.force_per_move, connection_state.free_move
+    fold_lanes(put_force, (of, connection_state.force), connection_state.force.shape[0], (splat(0.0),))
+
+
+@inline
+def put_force(of, i, sums):
+    """Compute force i, or as many as i stands for: each column of X and Y adds to all of them."""
+    (x, s, y, g), force = of
+    elastic, moved = zero_like(number_at(force, i)), zero_like(number_at(force, i))
+    for j in range(force.shape[0]):
+        column = place_after(i, np.int64(j) * force.shape[0])
+        elastic = multiply_add(number_at(x, column), s[j], elastic)
+        moved = multiply_add(number_at(y, column), g[j], moved)
+    put_number(force, i, elastic + moved)
+    return sums
+
+
+@inline
+def add_response(of, i, sums):
+    """Add to force i, or to as many as i stands for, how they respond to moves: Y·g."""
+    y, g, force = of
+    total = number_at(force, i)
+    for j in range(force.shape[0]):
+        total = multiply_add(number_at(y, place_after(i, np.int64(j) * force.shape[0])), g[j], total)
+    put_number(force, i, total)
+    return sums
 
 
 @noinline
@@ -143,8 +171,8 @@ def answer_contacts(connection, h, reach, state):
             for k in range(n):
                 moved += reach.moves[i * n + k] * state.contact_force[contact_number(reach.numbers, k)]
             connection_state.move[i] = -moved
-        for i in range(connection_state.move.shape[0]):
-            connection_state.force[i] += product_at(h.connection.force_per_move, i, connection_state.move)
+        of = h.connection.force_per_move, connection_state.move, connection_state.force
+        fold_lanes(add_response, of, connection_state.force.shape[0], (splat(0.0),))
 
 
 @inline

@@ -83,26 +83,6 @@ def sum_products(a, i, b, j, count):
 
 
 @inline
-def sum_two_products(a, x, b, y, i, count):
-    """Return Σ a·x + Σ b·y over `count` numbers of a and b from number i on, and of x and y from their first."""
-    total, other = 0.0, 0.0
-    if count < LANES:
-        for k in range(count):
-            total = multiply_add(number_at(a, i + k), number_at(x, k), total)
-            other = multiply_add(number_at(b, i + k), number_at(y, k), other)
-        return total + other
-    first, second, whole = splat(0.0), splat(0.0), lanes_of(count)
-    for k in range(INT64_0, whole, LANES):
-        first = multiply_add(load_lanes(a, i + k), load_lanes(x, k), first)
-        second = multiply_add(load_lanes(b, i + k), load_lanes(y, k), second)
-    if whole < count:
-        rest = count - whole
-        first = multiply_add(load_first_lanes(a, i + whole, rest), load_first_lanes(x, whole, rest), first)
-        second = multiply_add(load_first_lanes(b, i + whole, rest), load_first_lanes(y, whole, rest), second)
-    return lane_sum(first + second)
-
-
-@inline
 def sum_sizes_of_products(a, i, b, j, count):
     """Return Σ |a|·b over `count` numbers of a from number i on, and of b from number j on."""
     total = 0.0

@@ -11,6 +11,7 @@ from engine.kernel.data.axes import (
     PerConnection,
     PerConnectionContact,
     PerConnectionPair,
+    PerConnectionPart,
     PerContact,
     PerContactInt,
     PerDoubleMode,
@@ -77,6 +78,7 @@ class ConnectionState(NamedTuple):
     extension: PerConnection  # s, m
     extension_compensation: PerConnection  # m: what is too small to add to it yet (Kahan)
     force: PerConnection  # f, N, constant over the step
+    force_on_row: PerConnectionPart  # N: what it does at each row of a body with many
     free_move: PerConnection  # g, m: how the coming drift changes the extension without the force
     move: PerConnection  # m: how it does with it
     lowest_energy: PerIsland  # J: of all that is connected, at rest; minus infinity where that is not known

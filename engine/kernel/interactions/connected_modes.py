@@ -6,17 +6,17 @@ import math
 import numpy as np
 
 from engine.compiler.decorators import INT64_0, INT64_1, inline, noinline
-from engine.compiler.lanes import lane_sum, number_at, splat
+from engine.compiler.lanes import lane_sum, multiply_add, number_at, place_after, put_number, splat
 from engine.kernel.interactions.connections import (
     clear_moves,
     connection_energy,
     has_connections,
-    project_rows,
-    push_at_rows,
 )
 from engine.kernel.modes.mode_energies import vibration_energy_of
-from engine.kernel.modes.moving_modes import PushedPoint, count_loss, move_some_modes, plain_step
+from engine.kernel.modes.mode_step import motion_of
+from engine.kernel.modes.moving_modes import PushedPoint, count_loss, move_some_modes, plain_step, step_mode
 from engine.kernel.modes.ordered_sums import fold_lanes
+from engine.kernel.modes.point_rows import ROWS_AT_ONCE
 from engine.kernel.modes.potential import add_elastic, add_potential, potential_of, squared_pull
 
 
@@ -75,9 +75,7 @@ def point_of_row(connection, h, r, state):
 @inline
 def add_moves_of_row(connection, r, moves, connection_state):
     """Add how far row r moves, in this step and in the next, in lanes, to the moves of its coordinate."""
-    i = connection.coordinate[r]
-    connection_state.move[i] += lane_sum(moves[0])
-    connection_state.free_move[i] += lane_sum(moves[1])
+    add_move(connection, r, lane_sum(moves[0]), lane_sum(moves[1]), connection_state)
 
 
 @inline
@@ -88,7 +86,7 @@ def move_group(connection, pushes, h, rows, losses, state):
     """
     (r, count), connection_state = rows, state.connection
     if count > 2:
-        return move_group_of_many(connection, h, rows, losses, state)
+        return move_group_of_many(connection, pushes, h, rows, losses, state)
     first, modes = np.int64(connection.rows.mode_begin[r]), np.int64(connection.rows.mode_end[r])
     modes -= first
     a = point_of_row(connection, h, r, state)
@@ -102,17 +100,98 @@ def move_group(connection, pushes, h, rows, losses, state):
     return losses
 
 
+# --- bodies with more than two rows, such as a board
+
+
 @inline
-def move_group_of_many(connection, h, rows, losses, state):
-    """Move the modes of a body with more than two rows, such as a board. Returns the losses with theirs added."""
+def move_group_of_many(connection, pushes, h, rows, losses, state):
+    """Move the modes of a body with more than two rows. Returns the losses with theirs added."""
     (r, count), connection_state = rows, state.connection
     first, modes = np.int64(connection.rows.mode_begin[r]), np.int64(connection.rows.mode_end[r])
     modes -= first
-    push_at_rows(connection, h.connection, r, r + count, state)
-    project_rows(connection, h.connection, state.drift_momentum, r, r + count, connection_state.move)
-    losses, _, _ = move_some_modes(h, (state.push, None, None), first, modes, losses, state)
-    project_rows(connection, h.connection, state.drift_momentum, r, r + count, connection_state.free_move)
+    for i in range(r, r + count):
+        connection_state.force_on_row[i] = -connection_state.force[connection.coordinate[i]]
+    begin = np.int64(connection.rows.offset[r])
+    stride = np.int64(connection.rows.offset[r + 1]) - begin  # from row to row of one body
+    rows = h.connection.rows.kick_phi, begin, stride, connection_state.force_on_row, r, count
+    of = h, motion_of(state), state, pushes, rows, first
+    losses = fold_lanes(add_step_of_many, of, modes, losses)
+    i = r
+    while i < r + count:
+        add_moves_of_four(connection, h.connection.rows.drift_phi, (i, r + count), (first, modes), state)
+        i += ROWS_AT_ONCE
+    for m in range(first, first + modes):
+        state.push[m] = 0.0
     return losses
+
+
+@inline
+def push_of_rows(rows, m):
+    """Return the momentum that the forces at the rows of a body give its mode m in half a kick.
+
+    rows: t·Φ, where it begins and how far it is from row to row, forces of rows (N), the first row, and their number
+    """
+    kick_phi, begin, stride, force, first, count = rows
+    push = number_at(kick_phi, place_after(m, begin)) * force[first]
+    for r in range(1, count):
+        push = multiply_add(number_at(kick_phi, place_after(m, begin + r * stride)), force[first + r], push)
+    return push
+
+
+@inline
+def add_step_of_many(of, k, losses):
+    """Move mode k of a body by a step; keep the momentum of its drift in State.push. Add the energies lost after this
+    drift and before the next to the losses."""
+    h, motion, state, pushes, rows, first = of
+    m = place_after(k, first)
+    lost, lost_next, half, _ = step_mode(h, motion, state.drift_momentum, pushes, push_of_rows(rows, k), m)
+    put_number(state.push, m, half)
+    return losses[0] + lost, losses[1] + lost_next
+
+
+@inline
+def add_drifts_of_four(of, k, sums):
+    """Add to the sums how far mode k of a body moves four points in this drift, and in the next."""
+    drift_phi, (a, b, c, d), state, first = of
+    half, coming = number_at(state.push, place_after(k, first)), number_at(state.drift_momentum, place_after(k, first))
+    e, f = number_at(drift_phi, place_after(k, a)), number_at(drift_phi, place_after(k, b))
+    g, i = number_at(drift_phi, place_after(k, c)), number_at(drift_phi, place_after(k, d))
+    now = multiply_add(e, half, sums[0]), multiply_add(f, half, sums[1])
+    now = *now, multiply_add(g, half, sums[2]), multiply_add(i, half, sums[3])
+    then = multiply_add(e, coming, sums[4]), multiply_add(f, coming, sums[5])
+    return *now, *then, multiply_add(g, coming, sums[6]), multiply_add(i, coming, sums[7])
+
+
+@inline
+def add_moves_of_four(connection, drift_phi, rows, modes, state):
+    """Add how far four rows of a body move in this step and in the next to the moves of their coordinates. Of fewer
+    than four, the last stands for the missing ones.
+
+    rows:  the first, and the last of the body + 1
+    modes: the first, and their number
+    """
+    (r, end), (first, count), offset = rows, modes, connection.rows.offset
+    last = end - 1
+    places = np.int64(offset[r]), np.int64(offset[min(r + 1, last)])
+    places = *places, np.int64(offset[min(r + 2, last)]), np.int64(offset[min(r + 3, last)])
+    zero = splat(0.0)
+    of, zeros = (drift_phi, places, state, first), (zero, zero, zero, zero, zero, zero, zero, zero)
+    a, b, c, d, e, f, g, i = lane_sum(fold_lanes(add_drifts_of_four, of, count, zeros))
+    add_move(connection, r, a, e, state.connection)
+    if r + 1 < end:
+        add_move(connection, r + 1, b, f, state.connection)
+    if r + 2 < end:
+        add_move(connection, r + 2, c, g, state.connection)
+    if r + 3 < end:
+        add_move(connection, r + 3, d, i, state.connection)
+
+
+@inline
+def add_move(connection, r, now, then, connection_state):
+    """Add how far row r moves in this step, and in the next, to the moves of its coordinate."""
+    i = connection.coordinate[r]
+    connection_state.move[i] += now
+    connection_state.free_move[i] += then
 
 
 # --- energies: connected modes exchange theirs

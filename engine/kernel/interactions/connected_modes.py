@@ -6,17 +6,22 @@ import math
 import numpy as np
 
 from engine.compiler.decorators import INT64_0, INT64_1, inline, noinline
-from engine.compiler.lanes import lane_sum, multiply_add, number_at, place_after, put_number, splat
+from engine.compiler.lanes import lane_sum, multiply_add, number_at, place_after, splat
 from engine.kernel.interactions.connections import (
-    clear_moves,
+    clear,
     connection_energy,
     has_connections,
 )
 from engine.kernel.modes.mode_energies import vibration_energy_of
-from engine.kernel.modes.mode_step import motion_of
-from engine.kernel.modes.moving_modes import PushedPoint, count_loss, move_some_modes, plain_step, step_mode
+from engine.kernel.modes.moving_modes import (
+    PushedPoint,
+    PushedRows,
+    count_loss,
+    move_pushed_rows,
+    move_some_modes,
+    plain_step,
+)
 from engine.kernel.modes.ordered_sums import fold_lanes
-from engine.kernel.modes.point_rows import ROWS_AT_ONCE
 from engine.kernel.modes.potential import add_elastic, add_potential, potential_of, squared_pull
 
 
@@ -28,8 +33,8 @@ def move_connected_modes(connection, pushes, h, state):
     pushes: State.push, or None if it is all zeros
     """
     connection_state = state.connection
-    clear_moves(connection_state.move)
-    clear_moves(connection_state.free_move)
+    clear(connection_state.move)
+    clear(connection_state.free_move)
     connection_state.is_move_known[0] = 1
     return move_as_modes_allow(h.weight_kick, h.drag, pushes, connection, h, state)
 
@@ -113,40 +118,13 @@ def move_group_of_many(connection, pushes, h, rows, losses, state):
         connection_state.force_on_row[i] = -connection_state.force[connection.coordinate[i]]
     begin = np.int64(connection.rows.offset[r])
     stride = np.int64(connection.rows.offset[r + 1]) - begin  # from row to row of one body
-    rows = h.connection.rows.kick_phi, begin, stride, connection_state.force_on_row, r, count
-    of = h, motion_of(state), state, pushes, rows, first
-    losses = fold_lanes(add_step_of_many, of, modes, losses)
-    i = r
-    while i < r + count:
+    pushed = PushedRows(h.connection.rows.kick_phi, begin, stride, connection_state.force_on_row, r, count)
+    losses = move_pushed_rows(h, pushes, pushed, (first, modes), losses, state)
+    for i in range(r, r + count, 4):
         add_moves_of_four(connection, h.connection.rows.drift_phi, (i, r + count), (first, modes), state)
-        i += ROWS_AT_ONCE
     for m in range(first, first + modes):
         state.push[m] = 0.0
     return losses
-
-
-@inline
-def push_of_rows(rows, m):
-    """Return the momentum that the forces at the rows of a body give its mode m in half a kick.
-
-    rows: t·Φ, where it begins and how far it is from row to row, forces of rows (N), the first row, and their number
-    """
-    kick_phi, begin, stride, force, first, count = rows
-    push = number_at(kick_phi, place_after(m, begin)) * force[first]
-    for r in range(1, count):
-        push = multiply_add(number_at(kick_phi, place_after(m, begin + r * stride)), force[first + r], push)
-    return push
-
-
-@inline
-def add_step_of_many(of, k, losses):
-    """Move mode k of a body by a step; keep the momentum of its drift in State.push. Add the energies lost after this
-    drift and before the next to the losses."""
-    h, motion, state, pushes, rows, first = of
-    m = place_after(k, first)
-    lost, lost_next, half, _ = step_mode(h, motion, state.drift_momentum, pushes, push_of_rows(rows, k), m)
-    put_number(state.push, m, half)
-    return losses[0] + lost, losses[1] + lost_next
 
 
 @inline

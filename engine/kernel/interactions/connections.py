@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from engine.compiler.decorators import INT64_0, inline, noinline
-from engine.compiler.lanes import multiply_add, number_at, place_after, put_number, splat, zero_like
+from engine.compiler.lanes import multiply_add, number_at, place_after, put_number, splat
 from engine.kernel.data.enums import EventKind
 from engine.kernel.interactions.connection_factors import update_factors
 from engine.kernel.interactions.contacts import contact_number
@@ -19,13 +19,10 @@ from engine.kernel.modes.mode_step import forget_drift
 from engine.kernel.modes.ordered_sums import copy_items, fold_lanes, sum_products
 from engine.kernel.modes.point_rows import (
     displacement_at_row,
-    drifts_of_same_modes,
     project,
     project_drift,
     push_at_row,
     push_both_at_row,
-    push_both_at_rows_of_same_modes,
-    rows_of_same_modes,
 )
 
 
@@ -63,45 +60,17 @@ def product_at(matrix, i, x):
 
 
 @inline
-def project_rows(connection, h, p, begin, end, moves):
-    """Add how far a drift with momenta p moves rows begin:end of connections to the moves of their coordinates, m."""
-    r, of = begin, connection.coordinate
-    while r < end:
-        count = rows_of_same_modes(connection.rows, r, end)
-        if count == 1:
-            moves[of[r]] += project_drift(connection.rows, h.rows, r, p)
-        else:
-            a, b, c, d = drifts_of_same_modes(connection.rows, h.rows, r, count, p)
-            moves[of[r]] += a
-            moves[of[r + 1]] += b
-            if count > 2:
-                moves[of[r + 2]] += c
-            if count > 3:
-                moves[of[r + 3]] += d
-        r += count
+def project_rows(connection, h, p, moves):
+    """Add how far a drift with momenta p moves each row of connections to the moves of their coordinates, m."""
+    for r in range(connection.coordinate.shape[0]):
+        moves[connection.coordinate[r]] += project_drift(connection.rows, h.rows, r, p)
 
 
 @inline
-def push_at_rows(connection, h, begin, end, state):
-    """Do half a kick by the forces at rows begin:end, and keep it for the second one."""
-    r, of, forces = begin, connection.coordinate, state.connection.force
-    while r < end:
-        count = rows_of_same_modes(connection.rows, r, end)
-        c = -forces[of[r + 2]] if count > 2 else 0.0
-        d = -forces[of[r + 3]] if count > 3 else 0.0
-        if count == 1:
-            push_both_at_row(connection.rows, h.rows, r, -forces[of[r]], state)
-        else:
-            four = -forces[of[r]], -forces[of[r + 1]], c, d
-            push_both_at_rows_of_same_modes(connection.rows, h.rows, r, count, four, state)
-        r += count
-
-
-@inline
-def clear_moves(moves):
-    """Set the moves of all connections to zero."""
-    for i in range(moves.shape[0]):
-        moves[i] = 0.0
+def clear(values):
+    """Set the moves or the forces of all connections to zero."""
+    for i in range(values.shape[0]):
+        values[i] = 0.0
 
 
 @inline
@@ -112,40 +81,27 @@ def find_connection_forces(connection, h, state):
         if connection_state.extension.shape[0] > 0:
             update_factors(connection, h.connection, h.contact, state)
             if connection_state.is_move_known[0] == 0:
-                clear_moves(connection_state.free_move)
-                rows = connection.coordinate.shape[0]
-                project_rows(connection, h.connection, state.drift_momentum, INT64_0, rows, connection_state.free_move)
-            find_forces(h.connection, connection_state)
+                clear(connection_state.free_move)
+                project_rows(connection, h.connection, state.drift_momentum, connection_state.free_move)
+            clear(connection_state.force)
+            add_products(h.connection.force_per_extension, connection_state.extension, connection_state.force)
+            add_products(h.connection.force_per_move, connection_state.free_move, connection_state.force)
 
 
 @inline
-def find_forces(h, connection_state):
-    """Compute the forces of connections from their extensions and moves: X·s + Y·g. h: ConnectionCoefficients"""
-    of = h.force_per_extension, connection_state.extension, h.force_per_move, connection_state.free_move
-    fold_lanes(put_force, (of, connection_state.force), connection_state.force.shape[0], (splat(0.0),))
+def add_products(matrix, x, total):
+    """Add the product of a matrix, column by column, and a vector to a total; each column at once."""
+    fold_lanes(add_product, (matrix, x, total), total.shape[0], (splat(0.0),))
 
 
 @inline
-def put_force(of, i, sums):
-    """Compute force i, or as many as i stands for: each column of X and Y adds to all of them."""
-    (x, s, y, g), force = of
-    elastic, moved = zero_like(number_at(force, i)), zero_like(number_at(force, i))
-    for j in range(force.shape[0]):
-        column = place_after(i, np.int64(j) * force.shape[0])
-        elastic = multiply_add(number_at(x, column), s[j], elastic)
-        moved = multiply_add(number_at(y, column), g[j], moved)
-    put_number(force, i, elastic + moved)
-    return sums
-
-
-@inline
-def add_response(of, i, sums):
-    """Add to force i, or to as many as i stands for, how they respond to moves: Y·g."""
-    y, g, force = of
-    total = number_at(force, i)
-    for j in range(force.shape[0]):
-        total = multiply_add(number_at(y, place_after(i, np.int64(j) * force.shape[0])), g[j], total)
-    put_number(force, i, total)
+def add_product(of, i, sums):
+    """Add row i of the product, or as many as i stands for, to the total."""
+    matrix, x, total = of
+    value = number_at(total, i)
+    for j in range(x.shape[0]):
+        value = multiply_add(number_at(matrix, place_after(i, np.int64(j) * x.shape[0])), x[j], value)
+    put_number(total, i, value)
     return sums
 
 
@@ -154,10 +110,12 @@ def push_by_connections(connection, h, state):
     """Do half a kick by all connections, keep it for the second one, and measure how far the coming drift changes each
     extension. The moves of the next step are not known then."""
     if connection is not None:
-        rows, connection_state = connection.coordinate.shape[0], state.connection
-        push_at_rows(connection, h.connection, INT64_0, rows, state)
-        clear_moves(connection_state.move)
-        project_rows(connection, h.connection, state.drift_momentum, INT64_0, rows, connection_state.move)
+        connection_state = state.connection
+        for r in range(connection.coordinate.shape[0]):
+            force = -connection_state.force[connection.coordinate[r]]
+            push_both_at_row(connection.rows, h.connection.rows, r, force, state)
+        clear(connection_state.move)
+        project_rows(connection, h.connection, state.drift_momentum, connection_state.move)
         connection_state.is_move_known[0] = 0
 
 
@@ -171,8 +129,7 @@ def answer_contacts(connection, h, reach, state):
             for k in range(n):
                 moved += reach.moves[i * n + k] * state.contact_force[contact_number(reach.numbers, k)]
             connection_state.move[i] = -moved
-        of = h.connection.force_per_move, connection_state.move, connection_state.force
-        fold_lanes(add_response, of, connection_state.force.shape[0], (splat(0.0),))
+        add_products(h.connection.force_per_move, connection_state.move, connection_state.force)
 
 
 @inline

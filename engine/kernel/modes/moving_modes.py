@@ -135,6 +135,54 @@ def move_some_modes(h, pushing, first, count, losses, state):
     return fold_lanes(add_step_towards, of, count, (losses, nothing, nothing))
 
 
+# --- a pass over the modes of a body, at many rows of which forces act
+
+
+class PushedRows(NamedTuple):
+    """Rows of a body at which forces act within the pass."""
+
+    kick_phi: Any  # t·Φ of all rows
+    begin: Any  # where that of the first row begins
+    stride: Any  # from row to row
+    force: Any  # N, on each row
+    first: Any  # its number among these
+    count: Any
+
+
+@inline
+def push_of_rows(rows, k):
+    """Return the momentum that the forces at rows give mode k of their body in half a kick."""
+    push = number_at(rows.kick_phi, place_after(k, rows.begin)) * rows.force[rows.first]
+    for r in range(1, rows.count):
+        phi = number_at(rows.kick_phi, place_after(k, rows.begin + r * rows.stride))
+        push = multiply_add(phi, rows.force[rows.first + r], push)
+    return push
+
+
+@inline
+def add_step_of_body(of, k, losses):
+    """Move mode k of a body by a step, and keep the momentum of its drift in State.push. Add the energies lost after
+    this drift and before the next to the losses."""
+    h, motion, state, pushes, rows, first = of
+    m = place_after(k, first)
+    lost, lost_next, half, _ = step_mode(h, motion, state.drift_momentum, pushes, push_of_rows(rows, k), m)
+    put_number(state.push, m, half)
+    return losses[0] + lost, losses[1] + lost_next
+
+
+@inline
+def move_pushed_rows(h, pushes, rows, modes, losses, state):
+    """Move the modes of a body by a step, and keep the momenta of the drift in State.push. Returns the losses with
+    theirs added.
+
+    pushes: State.push or None
+    rows:   PushedRows
+    modes:  the first, and their number
+    """
+    of = h, motion_of(state), state, pushes, rows, modes[0]
+    return fold_lanes(add_step_of_body, of, modes[1], losses)
+
+
 # --- modes that have neither weight nor loss in the drift
 
 

@@ -4,7 +4,7 @@
 import numpy as np
 
 from engine.compiler.decorators import INT64_0, INT64_1, inline
-from engine.compiler.lanes import lane_sum, multiply_add, number_at, place_after, put_number, splat
+from engine.compiler.lanes import lane_sum, multiply_add, number_at, place_after, splat
 from engine.kernel.modes.ordered_sums import fold_lanes, sum_products, sum_sizes_of_products
 
 ROWS_AT_ONCE = 4
@@ -116,28 +116,6 @@ def push_both_at_row(rows, coefficients, r, f, state):
         change = kick[m] * f
         momentum[m] += change
         push[m] += change
-
-
-@inline
-def push_by_four(of, m, sums):
-    """Do half a kick of mode m of a body by forces at four points, and keep it for the second half."""
-    shapes, (i, j, k, n), (a, b, c, d), (momentum, push), begin = of
-    place = place_after(m, begin)
-    change = multiply_add(number_at(shapes, place_after(m, i)), a, number_at(shapes, place_after(m, j)) * b)
-    change = multiply_add(number_at(shapes, place_after(m, k)), c, change)
-    change = multiply_add(number_at(shapes, place_after(m, n)), d, change)
-    put_number(momentum, place, number_at(momentum, place) + change)
-    put_number(push, place, number_at(push, place) + change)
-    return sums
-
-
-@inline
-def push_both_at_rows_of_same_modes(rows, coefficients, r, count, forces, state):
-    """Do half a kick by four forces (N) at two to four rows from r on, of which the last stands for missing ones, and
-    keep it for the second half."""
-    begin, both = np.int64(rows.mode_begin[r]), (state.drift_momentum, state.push)
-    of = coefficients.kick_phi, offsets_of_rows(rows, r, count), forces, both, begin
-    fold_lanes(push_by_four, of, np.int64(rows.mode_end[r]) - begin, (splat(0.0),))
 
 
 @inline

@@ -10,7 +10,7 @@ from engine.compiler.decorators import FALSE, INT64_0, inline, noinline
 from engine.kernel.contact.contact_law import LossyLaw, end_force_of, force_of_lossy_law
 from engine.kernel.data.enums import Row, SolveStatus
 from engine.kernel.interactions.connection_factors import update_factors
-from engine.kernel.interactions.connections import clear_moves, finish_connections, project_rows
+from engine.kernel.interactions.connections import clear, finish_connections, project_rows
 from engine.kernel.interactions.contact_forces import (
     finish_contacts,
     solve_only_contact,
@@ -86,8 +86,8 @@ def work_of_external(force, h, frame, state):
 @inline
 def measure_moves(connection, h, moves, state):
     """How far the coming drift changes each extension, m."""
-    clear_moves(moves)
-    project_rows(connection, h.connection, state.p, INT64_0, connection.coordinate.shape[0], moves)
+    clear(moves)
+    project_rows(connection, h.connection, state.p, moves)
 
 
 @inline

@@ -4,7 +4,6 @@ holds the array. Views of an island, alignment, precision, allocation and copies
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from functools import cache
 from types import NoneType, UnionType
 from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 
@@ -97,9 +96,13 @@ class Field(NamedTuple):
     row_axis: Axis | None  # of a record of mode shapes: what its rows are
 
 
-@cache  # a fifth of the time before a short sound
+FIELDS: dict[Any, tuple[Field, ...]] = {}  # of the records read so far; to read is a fifth of the time before a sound
+
+
 def fields_of(record: Any) -> tuple[Field, ...]:
     """Return the fields of a record, a NamedTuple class, as its types declare them."""
+    if record in FIELDS:
+        return FIELDS[record]
     fields = []
     for name, hint in get_type_hints(record, include_extras=True).items():
         options = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
@@ -109,13 +112,8 @@ def fields_of(record: Any) -> tuple[Field, ...]:
         items = next((note for note in notes if isinstance(note, Items)), None)
         inner = next((kind for kind in kinds if hasattr(kind, "_fields")), None)
         fields.append(Field(name, items, inner, next((note for note in notes if isinstance(note, Axis)), None)))
-    return tuple(fields)
-
-
-@cache
-def items_on(items: Items, axis: Axis) -> Items:
-    """Return the same items, on an axis."""
-    return replace(items, axis=axis)
+    FIELDS[record] = tuple(fields)
+    return FIELDS[record]
 
 
 def map_arrays(change: Callable[[np.ndarray, Items], np.ndarray], value: Any, row_axis: Axis | None = None) -> Any:
@@ -130,7 +128,7 @@ def map_arrays(change: Callable[[np.ndarray, Items], np.ndarray], value: Any, ro
         field = fields[name]
         if isinstance(item, np.ndarray) and field.items is not None:
             axis = row_axis if field.items.axis is Axis.ROW and row_axis is not None else field.items.axis
-            changed[name] = change(item, items_on(field.items, axis))
+            changed[name] = change(item, field.items if axis is field.items.axis else replace(field.items, axis=axis))
         elif hasattr(item, "_fields"):
             changed[name] = map_arrays(change, item, field.row_axis or row_axis)
         else:

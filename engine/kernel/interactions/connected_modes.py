@@ -15,7 +15,6 @@ from engine.kernel.interactions.connections import (
 from engine.kernel.modes.mode_energies import vibration_energy_of
 from engine.kernel.modes.moving_modes import (
     PushedPoint,
-    PushedRows,
     count_loss,
     move_pushed_rows,
     move_some_modes,
@@ -118,7 +117,7 @@ def move_group_of_many(connection, pushes, h, rows, losses, state):
         connection_state.force_on_row[i] = -connection_state.force[connection.coordinate[i]]
     begin = np.int64(connection.rows.offset[r])
     stride = np.int64(connection.rows.offset[r + 1]) - begin  # from row to row of one body
-    pushed = PushedRows(h.connection.rows.kick_phi, begin, stride, connection_state.force_on_row, r, count)
+    pushed = h.connection.rows.kick_phi, begin, stride, connection_state.force_on_row, r, count
     losses = move_pushed_rows(h, pushes, pushed, (first, modes), losses, state)
     for i in range(r, r + count, 4):
         add_moves_of_four(connection, h.connection.rows.drift_phi, (i, r + count), (first, modes), state)

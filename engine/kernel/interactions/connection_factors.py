@@ -53,16 +53,10 @@ def make_factors(connection, h, connection_state):
                 total += y[i * n + k] * h.compliance[k * n + j]
             matrix[i * n + j] = total
     eliminate(matrix, x, y, n)
-    transpose(x, n)
-    transpose(y, n)
-
-
-@inline
-def transpose(matrix, n):
-    """Exchange the rows of a matrix [n, n] and its columns, in place."""
-    for i in range(n):
+    for i in range(n):  # they lie column by column
         for j in range(i):
-            matrix[i * n + j], matrix[j * n + i] = matrix[j * n + i], matrix[i * n + j]
+            x[i * n + j], x[j * n + i] = x[j * n + i], x[i * n + j]
+            y[i * n + j], y[j * n + i] = y[j * n + i], y[i * n + j]
 
 
 @noinline

@@ -16,7 +16,7 @@ from engine.kernel.data.enums import EventKind
 from engine.kernel.interactions.connection_factors import update_factors
 from engine.kernel.interactions.contacts import contact_number
 from engine.kernel.modes.mode_step import forget_drift
-from engine.kernel.modes.ordered_sums import copy_items, fold_lanes, sum_products
+from engine.kernel.modes.ordered_sums import copy_or_back, fold_lanes, sum_products
 from engine.kernel.modes.point_rows import (
     displacement_at_row,
     project,
@@ -181,19 +181,11 @@ def extend_connections(step_rate, connection_state):
 
 
 @inline
-def save_extensions(connection_state, saved):
-    """Keep the extensions in a SavedMotion. connection_state: ConnectionState or None"""
+def copy_extensions(connection_state, saved, is_back):
+    """Copy the extensions to a SavedMotion, or back. connection_state: ConnectionState or None"""
     if connection_state is not None:
-        copy_items(connection_state.extension, saved.extension)
-        copy_items(connection_state.extension_compensation, saved.extension_compensation)
-
-
-@inline
-def restore_extensions(connection_state, saved):
-    """Take the extensions of a SavedMotion again. connection_state: ConnectionState or None"""
-    if connection_state is not None:
-        copy_items(saved.extension, connection_state.extension)
-        copy_items(saved.extension_compensation, connection_state.extension_compensation)
+        copy_or_back(connection_state.extension, saved.extension, is_back)
+        copy_or_back(connection_state.extension_compensation, saved.extension_compensation, is_back)
 
 
 @inline

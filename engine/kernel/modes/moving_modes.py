@@ -138,24 +138,13 @@ def move_some_modes(h, pushing, first, count, losses, state):
 # --- a pass over the modes of a body, at many rows of which forces act
 
 
-class PushedRows(NamedTuple):
-    """Rows of a body at which forces act within the pass."""
-
-    kick_phi: Any  # t·Φ of all rows
-    begin: Any  # where that of the first row begins
-    stride: Any  # from row to row
-    force: Any  # N, on each row
-    first: Any  # its number among these
-    count: Any
-
-
 @inline
 def push_of_rows(rows, k):
     """Return the momentum that the forces at rows give mode k of their body in half a kick."""
-    push = number_at(rows.kick_phi, place_after(k, rows.begin)) * rows.force[rows.first]
-    for r in range(1, rows.count):
-        phi = number_at(rows.kick_phi, place_after(k, rows.begin + r * rows.stride))
-        push = multiply_add(phi, rows.force[rows.first + r], push)
+    kick_phi, begin, stride, force, first, count = rows
+    push = number_at(kick_phi, place_after(k, begin)) * force[first]
+    for r in range(1, count):
+        push = multiply_add(number_at(kick_phi, place_after(k, begin + r * stride)), force[first + r], push)
     return push
 
 
@@ -176,7 +165,8 @@ def move_pushed_rows(h, pushes, rows, modes, losses, state):
     theirs added.
 
     pushes: State.push or None
-    rows:   PushedRows
+    rows:   t·Φ of all rows, where that of the first begins, how far it is from row to row, the forces on all rows (N),
+            and the first row and how many there are of this body
     modes:  the first, and their number
     """
     of = h, motion_of(state), state, pushes, rows, modes[0]

@@ -62,6 +62,15 @@ def copy_items(source, target):
 
 
 @inline
+def copy_or_back(source, target, is_back):
+    """Copy an array to another of the same size, or the other one to this."""
+    if is_back:
+        copy_items(target, source)
+    else:
+        copy_items(source, target)
+
+
+@inline
 def sum_products(a, i, b, j, count):
     """Return Σ a·b over `count` numbers of a from number i on, and of b from number j on."""
     total = 0.0

@@ -9,9 +9,9 @@ import math
 
 from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
 from engine.compiler.lanes import lane_sum, number_at, splat, where_positive, zero_like
-from engine.kernel.interactions.connections import restore_extensions, save_extensions
+from engine.kernel.interactions.connections import copy_extensions
 from engine.kernel.modes.mode_step import forget_drift, motion_of
-from engine.kernel.modes.ordered_sums import copy_items, fold_lanes
+from engine.kernel.modes.ordered_sums import copy_items, copy_or_back, fold_lanes
 from engine.kernel.modes.potential import add_elastic
 
 EASY = 2.0  # times the error that a sample may have, for the next to have fewer steps
@@ -52,38 +52,28 @@ def is_accurate(adaptive, model, state):
     return TRUE
 
 
-@noinline
+@inline
 def save_motion(state):
     """Keep all that a sample changes. The first try has half of the steps that are expected to do."""
-    saved, refinement = state.refinement.saved, state.refinement
+    refinement = state.refinement
     refinement.tries[0], refinement.level[0] = 0, max(0, refinement.next_level[0] - 1)
-    copy_items(state.q, saved.q)
-    copy_items(state.p, saved.p)
-    copy_items(state.kick_compensation, saved.kick_compensation)
-    copy_items(state.compression, saved.compression)
-    copy_items(state.compression_compensation, saved.compression_compensation)
-    copy_items(state.contact_force, saved.contact_force)
-    copy_items(state.energy_totals, saved.energy_totals)
-    copy_items(state.energy_debt, saved.energy_debt)
-    copy_items(refinement.samples_of_strong_loss, saved.samples_of_strong_loss)
-    save_extensions(state.connection, saved)
+    copy_motion(state, FALSE)
 
 
 @noinline
-def restore_motion(state):
-    """Undo what a sample has changed."""
+def copy_motion(state, is_back):
+    """Copy all that a sample changes to the saved motion, or back."""
     saved = state.refinement.saved
-    copy_items(saved.q, state.q)
-    copy_items(saved.p, state.p)
-    copy_items(saved.kick_compensation, state.kick_compensation)
-    copy_items(saved.compression, state.compression)
-    copy_items(saved.compression_compensation, state.compression_compensation)
-    copy_items(saved.contact_force, state.contact_force)
-    copy_items(saved.energy_totals, state.energy_totals)
-    copy_items(saved.energy_debt, state.energy_debt)
-    copy_items(saved.samples_of_strong_loss, state.refinement.samples_of_strong_loss)
-    restore_extensions(state.connection, saved)
-    forget_drift(state)
+    copy_or_back(state.q, saved.q, is_back)
+    copy_or_back(state.p, saved.p, is_back)
+    copy_or_back(state.kick_compensation, saved.kick_compensation, is_back)
+    copy_or_back(state.compression, saved.compression, is_back)
+    copy_or_back(state.compression_compensation, saved.compression_compensation, is_back)
+    copy_or_back(state.contact_force, saved.contact_force, is_back)
+    copy_or_back(state.energy_totals, saved.energy_totals, is_back)
+    copy_or_back(state.energy_debt, saved.energy_debt, is_back)
+    copy_or_back(state.refinement.samples_of_strong_loss, saved.samples_of_strong_loss, is_back)
+    copy_extensions(state.connection, saved, is_back)
 
 
 @inline
@@ -136,6 +126,7 @@ def compare_tries(adaptive, model, state):
             return TRUE
     copy_items(state.q, refinement.coarse_q)
     copy_items(state.p, refinement.coarse_p)
-    restore_motion(state)
+    copy_motion(state, TRUE)
+    forget_drift(state)
     refinement.tries[0], refinement.level[0] = tries + 1, level + 1
     return FALSE

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import engine
+from engine.kernel.data.enums import Energies
 from engine.patch.accuracy import Accuracy
 
 # the names by which kernels know an effect that the base scene has not; each must be met, or nothing was proven
@@ -89,7 +90,7 @@ def measure(scene: engine.Scene) -> dict[str, float]:
 
     model, state, _ = build(scene, 44_100, Accuracy(silence=-np.inf))
     state.p[:] = 1.0
-    output = block_output(np.zeros((FRAMES, 1)), np.zeros((0, 0)), measures_energy=False)
+    output = block_output(np.zeros((FRAMES, 1)), np.zeros((0, 0)), Energies.NEVER)
     held = StructHandle(model), StructHandle(state), StructHandle(output)
     render_block(*held, 0, FRAMES)
     best = np.inf

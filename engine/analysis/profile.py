@@ -14,7 +14,7 @@ from engine.assembly.subsystems import estimate_cost
 from engine.bodies import MeasuredBody
 from engine.compiler.kinds import kind_of
 from engine.compiler.struct_handle import StructHandle
-from engine.kernel.data.enums import Ledger, Sleep
+from engine.kernel.data.enums import Energies, Ledger, Sleep
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import State
 from engine.offline.effects import EFFECTS
@@ -113,7 +113,7 @@ def _measure_costs(
     count = model.islands.partition.size - 1
     audio, ledger = np.zeros((TIMED_CHUNK_FRAMES, channels)), np.zeros((len(Ledger), TIMED_CHUNK_FRAMES))
     (model_handle,), state_handle = prepare([model], state, [RENDER_USE]).handles()
-    handles = model_handle, state_handle, StructHandle(block_output(audio, ledger, True))
+    handles = model_handle, state_handle, StructHandle(block_output(audio, ledger, Energies.AT_EACH_SAMPLE))
     render_block = RENDER_USE.kernel.callable(handles[0].kind, handles[1].kind, *RENDER_USE.others)
     addresses = [handle.address for handle in handles]
     total, worst = np.zeros(count), np.zeros(count)

@@ -20,7 +20,8 @@ UNBOUNDED = 1e300  # m/√J; infinity times no energy would be no number
 
 
 def contact_reach(layout: Layout, seconds: float) -> np.ndarray:
-    """Bound how far connected bodies can close each contact in `seconds`, m per √(2E) of their energy, √J [contacts].
+    """Bound how far connected bodies can close each contact in `seconds`, m per √(2E) of their energy, √J [contacts];
+    in an island without connections, how far all bodies can.
 
     A displacement Φ·q of energy E changes no faster than √(2E·ΣΦ²), and is at most √(2E·C), with C its static
     compliance. Both follow from the Cauchy-Schwarz inequality, and hold for any springs of the connections.
@@ -28,11 +29,8 @@ def contact_reach(layout: Layout, seconds: float) -> np.ndarray:
     reach = []
     for n, bodies in enumerate(layout.islands.bodies):
         shapes = layout.points.contact_shapes[n].phi.copy()
-        if not layout.islands.coordinates[n].items:
-            reach.append(np.zeros(len(shapes)))
-            continue
         for b in bodies:
-            if b not in layout.islands.coordinates_of_body:
+            if layout.islands.coordinates[n].items and b not in layout.islands.coordinates_of_body:
                 shapes[:, layout.modes.in_island[b]] = 0.0
         limit = np.array([2 * math.sqrt(c) for c in _static_compliances(layout, n, shapes)])
         reach.append(np.minimum(seconds * np.sqrt(np.sum(shapes**2, axis=1)), limit.reshape(-1)))

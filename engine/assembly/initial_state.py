@@ -93,7 +93,7 @@ def allocate_scratch(partitions: int, contacts: int) -> Scratch:
     lanes = -(-contacts // LANES) * LANES
     matrices = np.zeros((2, partitions, contacts, lanes))
     vectors = np.zeros((partitions, len(Row), max(lanes, COLUMNS)))  # the reduced solve has up to so many sums
-    return Scratch(vectors, *matrices, *np.zeros((3, partitions, contacts), np.int64))
+    return Scratch(vectors, *matrices, *np.zeros((2, partitions, contacts), np.int64))
 
 
 def _initial_compressions(layout: Layout) -> np.ndarray:

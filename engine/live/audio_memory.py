@@ -8,6 +8,7 @@ from engine.assembly.array_memory import align_to_cache_lines
 from engine.assembly.build import BuildResult
 from engine.assembly.refinement import build_refinement
 from engine.compiler.struct_handle import StructHandle
+from engine.kernel.data.enums import Energies
 from engine.kernel.data.model import Model
 from engine.live.shared_memory import Gauge, SharedMemory, Slot
 from engine.patch.accuracy import Accuracy
@@ -50,7 +51,7 @@ class AudioMemory:
         prepared = prepare(self.models, built.state, uses, kernel)
         self.kernel, self.missing_kernels = prepared.name, prepared.missing
         self._models, self._state = prepared.handles()
-        self.job_memory = JobMemory(self._models[0], self._state, (RENDERED_AT_ONCE, channels))
+        self.job_memory = JobMemory(self._models[0], self._state, (RENDERED_AT_ONCE, channels), Energies.AT_CHECKS)
         self.shared = SharedMemory(
             counters=np.zeros(len(Slot), np.int64),
             gauges=np.zeros(len(Gauge)),

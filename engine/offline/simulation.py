@@ -9,7 +9,7 @@ import numpy as np
 from engine.assembly.table_changes import ScoredExchanges
 from engine.compiler.background import compile_beside
 from engine.compiler.struct_handle import StructHandle
-from engine.kernel.data.enums import BALANCE_SIZE
+from engine.kernel.data.enums import BALANCE_SIZE, Energies
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import State, Trace
 from engine.offline.energy_statistics import EnergyStatistics, energy_statistics
@@ -42,6 +42,7 @@ class Simulation:
     ) -> None:
         self._exchanges, self._frame = exchanges, 0
         self.model, self.state, self.measure_energy = model, state, measure_energy
+        self._energies = Energies.AT_EACH_SAMPLE if measure_energy else Energies.NEVER
         self.partitions = model.islands.partition.size - 1
         self.cores = min(cores, self.partitions)
         self._balance = np.zeros(BALANCE_SIZE)
@@ -86,7 +87,7 @@ class Simulation:
         """Return the memory for blocks of up to so many frames."""
         if self._memory is None or self._memory.audio.shape[0] < frames or self._memory.audio.shape[1] != channels:
             size = max(frames, MIN_BUFFER_FRAMES)
-            self._memory = JobMemory(*self._handles, (size, channels), self.measure_energy, self._balance)
+            self._memory = JobMemory(*self._handles, (size, channels), self._energies, self._balance)
             if self._helpers is None:
                 self._helpers = start_helpers(self.cores, self.partitions)
             self._memory.use_helpers(self._helpers)
@@ -98,7 +99,7 @@ class Simulation:
         change: gives a model of the same kind, which differs in what is traced
         """
         model, state = self._handles
-        return JobMemory(StructHandle(change(model.value)), state, (1, channels), self.measure_energy, self._balance)
+        return JobMemory(StructHandle(change(model.value)), state, (1, channels), self._energies, self._balance)
 
     def energies(self) -> EnergyStatistics:
         """Energies up to now."""

@@ -5,7 +5,7 @@ import numpy as np
 from engine.compiler.kernels import Kernel
 from engine.compiler.kinds import INT
 from engine.compiler.struct_handle import StructHandle, pointer_kind
-from engine.kernel.data.enums import BALANCE_SIZE, Ledger, Wanted
+from engine.kernel.data.enums import BALANCE_SIZE, Energies, Ledger, Wanted
 from engine.kernel.data.state import BlockOutput, Trace
 from engine.runtime.helpers import Helpers
 from engine.runtime.jobs import Job
@@ -22,16 +22,16 @@ def no_trace() -> Trace:
     return Trace(table, table, table, table, np.zeros(0, np.int64), row, row, row, row, row)
 
 
-def block_output(
-    audio: np.ndarray, ledger: np.ndarray, measures_energy: bool, trace: Trace | None = None
-) -> BlockOutput:
+def block_output(audio: np.ndarray, ledger: np.ndarray, energies: Energies, trace: Trace | None = None) -> BlockOutput:
     """Return the output arrays of a block of one partition; motion is traced if there is a trace."""
     wanted = np.zeros(len(Wanted), np.int64)
-    wanted[[Wanted.ENERGIES, Wanted.MOTION]] = measures_energy, trace is not None
+    wanted[[Wanted.ENERGIES, Wanted.MOTION]] = energies, trace is not None
     return BlockOutput(audio, ledger, trace or no_trace(), wanted)
 
 
-RENDER_USE = Use(RENDER_BLOCK, (pointer_kind(block_output(np.zeros((0, 0)), np.zeros((0, 0)), False)), INT, INT))
+RENDER_USE = Use(
+    RENDER_BLOCK, (pointer_kind(block_output(np.zeros((0, 0)), np.zeros((0, 0)), Energies.NEVER)), INT, INT)
+)
 
 
 class JobMemory:
@@ -48,14 +48,14 @@ class JobMemory:
         model: StructHandle,
         state: StructHandle,
         size: tuple[int, int],
-        measure_energy: bool = True,
+        energies: Energies = Energies.AT_EACH_SAMPLE,
         balance: np.ndarray | None = None,
     ) -> None:
         frames, channels = size
         partitions = model.value.islands.partition.size - 1
-        self.model, self.state, self.measures_energy = model, state, measure_energy
-        ledgers = np.zeros((partitions, len(Ledger), frames if measure_energy else 0))
-        outputs = [block_output(np.zeros((frames, channels)), ledger, measure_energy) for ledger in ledgers]
+        self.model, self.state, self.energies = model, state, energies
+        ledgers = np.zeros((partitions, len(Ledger), frames if energies else 0))
+        outputs = [block_output(np.zeros((frames, channels)), ledger, energies) for ledger in ledgers]
         self.outputs = [StructHandle(output) for output in outputs]
         several = partitions > 1  # or their sum is that of the only one
         self.audio = np.zeros((frames, channels)) if several else self.outputs[0].value.audio
@@ -70,7 +70,7 @@ class JobMemory:
         self.job[[Job.PARTITIONS, Job.CHANNELS, Job.CAPACITY]] = partitions, channels, frames
         self.job[[Job.OUTPUTS, Job.AUDIOS]] = self._outputs_at.ctypes.data, self._audios.ctypes.data
         self.job[[Job.AUDIO, Job.BALANCE]] = self.audio.ctypes.data, self.balance.ctypes.data
-        if measure_energy:
+        if energies:
             self.job[[Job.LEDGERS, Job.LEDGER]] = self._ledgers.ctypes.data, self._ledger.ctypes.data
         self.address = int(self.job.ctypes.data)
         self._render = RENDER_JOB.callable(*RENDER_JOB_KINDS)
@@ -95,7 +95,7 @@ class TracedJob:
     def __init__(self, memory: JobMemory, trace: Trace) -> None:
         self.memory = memory
         outputs = [handle.value for handle in memory.outputs]
-        traced = [block_output(o.audio, o.ledger, memory.measures_energy, trace) for o in outputs]
+        traced = [block_output(o.audio, o.ledger, memory.energies, trace) for o in outputs]
         self._handles = [StructHandle(output) for output in traced]
         self._addresses = _addresses([handle.address for handle in self._handles])
         self._job = memory.job.copy()

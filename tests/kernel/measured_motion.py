@@ -14,7 +14,7 @@ from engine.compiler.array_view import row_view
 from engine.compiler.decorators import INT64_0, INT64_1, inline, kernel
 from engine.compiler.struct_handle import StructHandle
 from engine.compiler.struct_types import load_struct
-from engine.kernel.data.enums import CHUNK_FRAMES, FLIGHT_FRAMES, Ledger, StepKind
+from engine.kernel.data.enums import CHUNK_FRAMES, FLIGHT_FRAMES, Energies, Ledger, StepKind
 from engine.kernel.data.island_view import island_bounds, island_model, island_state
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import State, Trace
@@ -99,6 +99,6 @@ def measured_motion(scene: engine.Scene, seconds: float, samplerate: int = 44_10
     model, state = generalise(model, state)
     frames = round(seconds * samplerate)
     audio, trace = np.zeros((frames, scene.channels)), allocate_trace(model, frames)
-    output = block_output(audio, np.zeros((len(Ledger), 0)), False, trace)
+    output = block_output(audio, np.zeros((len(Ledger), 0)), Energies.NEVER, trace)
     render_measured(StructHandle(model), StructHandle(state), StructHandle(output), frames)
     return Motion(audio, trace, np.array(layout.islands.body_order))

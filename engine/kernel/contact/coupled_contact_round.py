@@ -29,12 +29,6 @@ solve_scalar_apart = noinline(
 MIN_RHO = 1e-8  # of B_kk; below, ρ is rounding
 
 
-@inline
-def dot(a, b, n):
-    """Return Σ a·b over the first n numbers."""
-    return sum_products(a, INT64_0, b, INT64_0, n)
-
-
 # Products with the compliance of the active set, which is symmetric, are taken column by column: eight contacts at a
 # time, without a sum over lanes for each. Its rows and those of the vectors have room for a multiple of eight.
 
@@ -63,53 +57,53 @@ def sum_sizes(compliance, n, x, sizes):
         store_lanes(sizes, i, total)
 
 
+@inline
+def take_out(column, k, share, n, y):
+    """Take a share of column k of the Cholesky factor from the numbers y after k; those up to k are of no more use."""
+    for i in range(k - k % LANES, n, LANES):
+        store_lanes(y, i, multiply_add(load_lanes(column, i), -share, load_lanes(y, i)))
+
+
 @noinline
 def substitute(scratch, n, residual, out):
     """Solve (I + √J B √J) y = √J·residual by the present Cholesky factor, and write √J y to `out`."""
-    a, sloped = scratch.cholesky, scratch.sloped
-    slope, root, y = scratch.vectors[Row.SLOPE], scratch.vectors[Row.SQRT_SLOPE], scratch.vectors[Row.WORK]
-    count = 0
+    a, root, rest = scratch.cholesky, scratch.vectors[Row.SQRT_SLOPE], scratch.vectors[Row.WORK]
     for i in range(n):
-        out[i] = 0.0
-        if slope[i] > 0.0:
-            y[count] = root[count] * residual[i]
-            count += 1
-    for i in range(count):
-        row = a[i]
-        y[i] = (y[i] - dot(row, y, i)) * row[i]
-    for i in range(count - 1, -1, -1):
-        row = a[i]
-        here = y[i] * row[i]
-        y[i] = here
-        for j in range(i):
-            y[j] -= row[j] * here
-    for i in range(count):
-        out[sloped[i]] = root[i] * y[i]
+        rest[i] = root[i] * residual[i]
+    for k in range(n):
+        out[k] = rest[k] * a[k, k]
+        take_out(a[k], k, out[k], n, rest)
+    for k in range(n - 1, -1, -1):
+        out[k] = (out[k] - sum_products(a[k], np.int64(k + 1), out, np.int64(k + 1), np.int64(n - k - 1))) * a[k, k]
+    for i in range(n):
+        out[i] *= root[i]
 
 
 @noinline
 def newton_step(scratch, n):
-    """Write NEWTON_STEP = √J y with (I + √J B √J) y = √J·RESIDUAL, over the contacts with slope J > 0.
+    """Write NEWTON_STEP = √J y with (I + √J B √J) y = √J·RESIDUAL; J is 0 for a contact without slope.
 
     This is the symmetric form of the Newton step: to first order, adding NEWTON_STEP to the forces on the laws removes
-    RESIDUAL. The Cholesky factor, its diagonal inverted, stays in the scratch.
+    RESIDUAL. The Cholesky factor, column by column, its diagonal inverted, stays in the scratch.
     """
-    compliance, a, sloped = scratch.active_compliance, scratch.cholesky, scratch.sloped
+    compliance, a = scratch.active_compliance, scratch.cholesky
     slope, root = scratch.vectors[Row.SLOPE], scratch.vectors[Row.SQRT_SLOPE]
-    count = 0
     for i in range(n):
-        if slope[i] > 0.0:
-            sloped[count] = i
-            root[count] = math.sqrt(slope[i])
-            count += 1
-    for i in range(count):
-        row, source, w = a[i], compliance[sloped[i]], root[i]
-        for j in range(i + 1):
-            row[j] = w * root[j] * source[sloped[j]]
-        row[i] += 1.0
-        for j in range(i):
-            row[j] = (row[j] - dot(row, a[j], j)) * a[j, j]
-        row[i] = 1.0 / math.sqrt(max(row[i] - dot(row, row, i), 1e-300))
+        root[i] = math.sqrt(slope[i]) if slope[i] > 0.0 else 0.0
+    for k in range(n):
+        column, first = a[k], k - k % LANES
+        for i in range(first, n, LANES):
+            total, odd = load_lanes(compliance[k], i) * (load_lanes(root, i) * root[k]), splat(0.0)
+            for j in range(0, k - 1, 2):
+                total = multiply_add(load_lanes(a[j], i), -a[j, k], total)
+                odd = multiply_add(load_lanes(a[j + 1], i), -a[j + 1, k], odd)
+            if k % 2 == 1:
+                total = multiply_add(load_lanes(a[k - 1], i), -a[k - 1, k], total)
+            store_lanes(column, i, total + odd)
+        inverse = 1.0 / math.sqrt(max(column[k] + 1.0, 1e-300))
+        for i in range(first, n, LANES):
+            store_lanes(column, i, load_lanes(column, i) * inverse)
+        column[k] = inverse
     substitute(scratch, n, scratch.vectors[Row.RESIDUAL], scratch.vectors[Row.NEWTON_STEP])
 
 
@@ -120,29 +114,18 @@ def tangent_compliances(scratch, n):
 
     With A = I + √J B √J it is (1/(A⁻¹)_kk - 1)/J_k, or without a slope B_kk - (B √J A⁻¹ √J B)_kk.
     """
-    compliance, a, sloped = scratch.active_compliance, scratch.cholesky, scratch.sloped
-    slope, root = scratch.vectors[Row.SLOPE], scratch.vectors[Row.SQRT_SLOPE]
-    rho, y = scratch.vectors[Row.RHO], scratch.vectors[Row.WORK]
-    count = 0
-    for i in range(n):
-        if slope[i] > 0.0:
-            count += 1
-    slot = 0
+    compliance, a, slope = scratch.active_compliance, scratch.cholesky, scratch.vectors[Row.SLOPE]
+    root, rho, rest = scratch.vectors[Row.SQRT_SLOPE], scratch.vectors[Row.RHO], scratch.vectors[Row.WORK]
     for k in range(n):
-        begin, total = 0, 0.0
+        begin, total = k if slope[k] > 0.0 else 0, 0.0
+        for i in range(n):
+            rest[i] = 0.0 if slope[k] > 0.0 else root[i] * compliance[k, i]
         if slope[k] > 0.0:
-            begin = slot
-            slot += 1
-            y[begin] = 1.0
-            for i in range(begin + 1, count):
-                y[i] = 0.0
-        else:
-            for i in range(count):
-                y[i] = root[i] * compliance[k, sloped[i]]
-        for i in range(begin, count):
-            row = a[i]
-            y[i] = (y[i] - dot(row[begin:], y[begin:], i - begin)) * row[i]
-            total += y[i] * y[i]
+            rest[k] = 1.0
+        for i in range(begin, n):
+            here = rest[i] * a[i, i]
+            take_out(a[i], i, here, n, rest)
+            total += here * here
         alone = compliance[k, k]
         less = (1.0 / total - 1.0) / slope[k] if slope[k] > 0.0 else alone - total
         rho[k] = min(alone, max(less, MIN_RHO * alone))

@@ -121,8 +121,16 @@ class StepKind(IntEnum):
 class Wanted(IntEnum):
     """Outputs of a block that may be wanted beside its audio: items of BlockOutput.wanted."""
 
-    ENERGIES = 0  # its ledger
+    ENERGIES = 0  # its ledger; a value of Energies
     MOTION = 1  # its trace
+
+
+class Energies(IntEnum):
+    """Samples at which energies are measured."""
+
+    NEVER = 0
+    AT_EACH_SAMPLE = 1
+    AT_CHECKS = 2  # every FLIGHT_FRAMES samples: an error stays in the balance, so that it is found at the next check
 
 
 class FlightFrame(IntEnum):

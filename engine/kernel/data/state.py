@@ -48,7 +48,6 @@ class Scratch(NamedTuple):
     active_compliance: PerPartition  # [partitions, K, L]: B of the active set
     cholesky: PerPartition  # [partitions, K, L]: what is factorised
     active: PerPartitionInt  # [partitions, K]: the contacts of the active set
-    sloped: PerPartitionInt  # [partitions, K]: which of the active set have a slope
     is_active: PerPartitionInt  # [partitions, K]: whether a contact is in the active set
 
 

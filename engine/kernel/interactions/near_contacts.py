@@ -1,4 +1,4 @@
-"""Contacts of an island with connections that may close in the next samples, while others push.
+"""Contacts that may close in the next samples, while others of their island push; in scenes with connections.
 
 A piano has hundreds of contacts, of which a few hammers are in reach. The others are left out of the step and of the
 solve, for FLIGHT_FRAMES samples at a time, and their compressions are read from the modes after that. How far each can
@@ -79,7 +79,8 @@ def are_all_left_out(connection, model, settings, state):
 @inline
 def leaves_out_contacts(connection, model, settings, state):
     """True if contacts that are far are left out of this step. Finds which are, if it is time."""
-    if not has_connections(connection, state) or settings.kind != StepKind.SAMPLE:
+    is_only_contact = state.compression.shape[0] == 1 and not has_connections(connection, state)
+    if is_only_contact or settings.kind != StepKind.SAMPLE:
         return False
     if has_external_forces(model.force) or moves_by_basis(model.contact.basis):
         return False
@@ -162,9 +163,10 @@ def select_contacts(model, contact, connection, is_disturbed, state):
     while more:
         more = False
         for k in range(near.is_far.shape[0]):
-            if near.is_far[k] == 1 and may_close(contact, connection, amplitude, is_disturbed, k, state):
-                near.is_far[k] = FOUND
-                more = True
+            if near.is_far[k] == 1 and may_close_by_energy(connection, amplitude, k, state):
+                if may_close(contact, connection, amplitude, is_disturbed, k, state):
+                    near.is_far[k] = FOUND
+                    more = True
         for k in range(near.is_far.shape[0]):
             if near.is_far[k] == FOUND:
                 near.is_far[k] = 0
@@ -179,6 +181,14 @@ def may_close(contact, connection, amplitude, is_disturbed, k, state):
     distance, connected = split_bound_at_contact(contact, contact.other_rows, connection, k, bound)
     distance += reach_of_connected(connection, amplitude, is_disturbed, k, connected)
     return not state.compression[k] + 1.01 * distance < 0.0  # NaN may
+
+
+@inline
+def may_close_by_energy(connection, amplitude, k, state):
+    """False if all the energy of an island without connections cannot close contact k. amplitude: √(2E), √J"""
+    return has_connections(connection, state) or not (
+        state.compression[k] + 1.01 * connection.contact_reach[k] * amplitude < 0.0
+    )
 
 
 @inline

@@ -3,7 +3,7 @@
 from typing import Any, NamedTuple
 
 from engine.compiler.decorators import INT64_1, inline, noinline
-from engine.kernel.data.enums import FLIGHT_FRAMES, EnergyTotal, Ledger, Wanted
+from engine.kernel.data.enums import FLIGHT_FRAMES, Energies, EnergyTotal, Ledger, Wanted
 from engine.kernel.interactions.connections import connection_energy, has_connections
 from engine.kernel.interactions.contacts import contact_energy
 from engine.kernel.interactions.island_energy import island_energies, write_ledger
@@ -57,11 +57,13 @@ def write_trace(model, state, block, begin, count):
 @inline
 def record_step(model, state, block, i, is_free):
     """Write row i of the ledger and of the trace, where these are wanted, before a step. Where nothing but connections
-    acts, energies are those at the last check, as in a free flight: to measure them takes half a step."""
-    output, is_first = block.output, block.bounds.is_first
+    acts, and in live sound, energies are those at the last check, as in a free flight: to measure them takes half a
+    step."""
+    output, is_first, frame = block.output, block.bounds.is_first, block.start + i
     if wants_energies(output):
-        if is_free and has_connections(model.connection, state):
-            if (block.start + i - 1) % FLIGHT_FRAMES == 0:
+        is_seldom = output.wanted[Wanted.ENERGIES] == Energies.AT_CHECKS
+        if is_seldom or (is_free and has_connections(model.connection, state)):
+            if (frame - 1) % FLIGHT_FRAMES == 0 or frame == 0:
                 keep_energies(model, state)
             write_kept_energies(output.ledger, i, INT64_1, is_first, state.flight.ledger)
         else:

@@ -60,7 +60,10 @@ def insert_event(model, state, event, value, frame):
         cursor = state.event_cursor[n]
         begin, end = model.islands.event[n], model.islands.event[n + 1]
         truncate_previous(model.events, cursor, begin, event, start)
-        unused = compact_events(model.events, state.glide_start, cursor, begin, end, frame)
+        cursor[EventCursor.DAMPED] = DampedModes.UNKNOWN
+        unused = first_unused(model.events, begin, end)
+        if unused == end:
+            unused = compact_events(model.events, state.glide_start, cursor, begin, end, frame)
         if not insert_sorted(model.events, begin + cursor[EventCursor.NEXT], unused, end, event, value, start):
             event[EventSlot.TAKEN_AT] = DROPPED
 
@@ -202,6 +205,19 @@ def truncate_previous(events, cursor, begin, event, start):
 
 
 @inline
+def first_unused(events, begin, end):
+    """Return the first unused slot of an island's score, slots begin to end; `end` if there is none. All after it are
+    unused."""
+    while begin < end:
+        middle = (begin + end) // 2
+        if events.start[middle] == UNUSED_SLOT:
+            end = middle
+        else:
+            begin = middle + 1
+    return begin
+
+
+@inline
 def compact_events(events, glide_start, cursor, begin, end, frame):
     """Remove the events that are over from an island's score, slots begin to end. Returns the first unused slot, after
     which all are unused."""
@@ -218,7 +234,6 @@ def compact_events(events, glide_start, cursor, begin, end, frame):
     for over in range(kept, j):
         events.start[over] = events.end[over] = UNUSED_SLOT
     cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT] = 0, running
-    cursor[EventCursor.DAMPED] = DampedModes.UNKNOWN
     return kept
 
 

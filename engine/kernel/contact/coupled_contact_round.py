@@ -119,9 +119,7 @@ def tangent_compliances(scratch, n):
     for k in range(n):
         begin, total = k if slope[k] > 0.0 else 0, 0.0
         for i in range(n):
-            rest[i] = 0.0 if slope[k] > 0.0 else root[i] * compliance[k, i]
-        if slope[k] > 0.0:
-            rest[k] = 1.0
+            rest[i] = np.float64(i == k) if slope[k] > 0.0 else root[i] * compliance[k, i]
         for i in range(begin, n):
             here = rest[i] * a[i, i]
             take_out(a[i], i, here, n, rest)

@@ -26,9 +26,9 @@ def find_damped_loss(events, loss, refinement, state):
     cursor[EventCursor.DAMPED] = DampedModes.NONE
     for j in range(cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT]):
         if events.kind[j] == EventKind.DAMP:
-            cursor[EventCursor.DAMPED] = DampedModes.SOME
+            cursor[EventCursor.DAMPED], factor = DampedModes.SOME, math.sqrt(events.value[j])
             for m in range(events.target_begin[j], events.target_end[j]):
-                decay[m] *= math.sqrt(events.value[j])
+                decay[m] *= factor
                 dissipation[m] = 0.5 * (1.0 - decay[m]) * (1.0 + decay[m])
     for m in range(decay.shape[0]):
         if decay[m] != before[m]:

@@ -78,10 +78,12 @@ def set_motion(model, state, m, q, p):
 @noinline
 def lift_dampers(events, cursor, j, first, last, frame):
     """Let event j lift the dampers of modes first:last."""
-    for i in range(cursor[EventCursor.FIRST_ACTIVE], events.kind.shape[0]):
+    i = cursor[EventCursor.FIRST_ACTIVE]
+    while i < events.kind.shape[0] and events.start[i] != UNUSED_SLOT:
         same = events.kind[i] == EventKind.DAMP and events.target_begin[i] < last and first < events.target_end[i]
         if same and (i < j or events.end[i] >= NO_END):
             events.end[i] = min(events.end[i], frame)
+        i += 1
 
 
 @inline

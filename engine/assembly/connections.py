@@ -53,7 +53,7 @@ def connection_coefficients(
     moves, contacts = list[np.ndarray](), list[np.ndarray]()
     for of_island, shapes, inside in zip(factors, layout.points.contact_shapes, layout.modes.of_island, strict=True):
         kick, drift = modes.kick[inside], modes.drift[inside]
-        moves += [of_island.contact_moves(shapes.phi, kick).ravel()] if of_island is not None else []
+        moves += [of_island.contact_moves(shapes.phi, kick).T.ravel()] if of_island is not None else []
         contacts.append(((shapes.phi * kick) @ (shapes.phi * drift).T).ravel())
     present = [of_island for of_island in factors if of_island is not None]
     items = [item for coordinates in layout.islands.coordinates for item in coordinates.items]

@@ -120,7 +120,7 @@ def answer(connection, h, state):
         for i in range(n):
             joined.move[i] = 0.0
             for k in range(contacts):
-                joined.move[i] -= h.connection.contact_moves[i * contacts + k] * state.contact_force[k]
+                joined.move[i] -= h.connection.contact_moves[k * n + i] * state.contact_force[k]
         for i in range(n):
             joined.free_move[i] = 0.0
             for j in range(n):

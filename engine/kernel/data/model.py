@@ -97,7 +97,7 @@ class ConnectionCoefficients(NamedTuple):
     step_rate: PerConnection  # 1/s, one over the length of the step; 0 where dampers act outside it
     made_for_stiffness: PerConnection  # N/m
     made_for_damping: PerConnection  # kg/s
-    contact_moves: PerConnectionContact  # m/N: how far a force at a contact moves a connection
+    contact_moves: PerConnectionContact  # m/N: how far a force at a contact moves all connections, a row for each
     contact_compliance: PerCompliance  # m/N: of contacts, if nothing were connected
 
 

@@ -65,7 +65,7 @@ class NearContacts(NamedTuple):
     exponent: PerContact
     loss_rate: PerContact  # 1/m
     coupling: PerCompliance  # B, m/N
-    moves: PerConnectionContact  # m/N, of connections, a row for each
+    moves: PerConnectionContact  # m/N, of all connections, a row for each
 
 
 class ConnectionState(NamedTuple):

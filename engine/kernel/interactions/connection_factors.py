@@ -125,6 +125,6 @@ def reduced_compliance(h, n, contacts, k, j):
     for a in range(n):
         held = 0.0
         for b in range(n):
-            held += h.force_per_move[b * n + a] * h.contact_moves[b * contacts + j]
-        total -= h.contact_moves[a * contacts + k] * held
+            held += h.force_per_move[b * n + a] * h.contact_moves[j * n + b]
+        total -= h.contact_moves[k * n + a] * held
     return total

@@ -123,12 +123,13 @@ def push_by_connections(connection, h, state):
 def answer_contacts(connection, h, reach, state):
     """Correct the forces of connections for how far the contact forces move these."""
     if connection is not None:
-        connection_state, n = state.connection, reach.size
-        for i in range(connection_state.move.shape[0]):
-            moved = 0.0
-            for k in range(n):
-                moved += reach.moves[i * n + k] * state.contact_force[contact_number(reach.numbers, k)]
-            connection_state.move[i] = -moved
+        connection_state, n = state.connection, state.connection.move.shape[0]
+        clear(connection_state.move)
+        for k in range(reach.size):
+            f = state.contact_force[contact_number(reach.numbers, k)]
+            if f != 0.0:
+                for i in range(n):
+                    connection_state.move[i] -= reach.moves[k * n + i] * f
         add_products(h.connection.force_per_move, connection_state.move, connection_state.force)
 
 

@@ -28,6 +28,7 @@ from engine.kernel.interactions.external_forces import has_external_forces
 from engine.kernel.interactions.island_energy import island_energy
 from engine.kernel.modes.event_dampers import is_damping
 from engine.kernel.modes.mode_energies import bound_modal_displacements
+from engine.kernel.modes.ordered_sums import sum_products
 from engine.kernel.modes.point_rows import bound_at_row
 
 FOUND = 2  # of NearContacts.is_far: near, but what it pushes is still taken for bounded
@@ -62,9 +63,8 @@ def contacts_beside_connections(connection, model, settings, state):
         find_free_displacements(contact, h.contact, state)
         reach = all_contacts(contact, state.connection.near.contact, h.connection.contact_moves, h.contact, state)
     g, f = reach.free_displacement, state.connection.force
-    for i in range(f.shape[0]):
-        for n in range(reach.size):
-            g[n] -= reach.moves[i * reach.size + n] * f[i]
+    for n in range(reach.size):
+        g[n] -= sum_products(reach.moves, np.int64(n) * f.shape[0], f, INT64_0, f.shape[0])
     return reach
 
 
@@ -214,9 +214,10 @@ def gather_coefficients(contact, h, state):
             n += 1
     near.size[0] = n
     gather_coupling(h.contact.coupling, n, total, near)
-    for i in range(state.connection.force.shape[0]):
-        for j in range(n):
-            near.moves[i * n + j] = h.connection.contact_moves[i * total + near.contact[j]]
+    connections = state.connection.force.shape[0]
+    for j in range(n):
+        for i in range(connections):
+            near.moves[j * connections + i] = h.connection.contact_moves[near.contact[j] * connections + i]
 
 
 @inline

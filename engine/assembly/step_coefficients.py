@@ -34,11 +34,13 @@ def contact_compliance(
         kick = modes.kick[inside]
         kicks, drifts = shapes.phi * kick, shapes.phi * modes.drift[inside]
         matrix = kicks @ drifts.T
-        for k in range(len(matrix)):
-            product, error = two_product(kicks[k], drifts[k])
-            matrix[k, k] = math.fsum([*product, *error])
+        for k, phi in enumerate(shapes.phi):
+            moved = np.flatnonzero(phi)
+            product, error = two_product(kicks[k, moved], drifts[k, moved])
+            terms = [*product.tolist(), *error.tolist()]
+            matrix[k, k] = math.fsum(terms)
             is_in_basis = shapes.basis_use is BasisUse.FIRST
-            low.append(0.0 if is_in_basis else math.fsum([*product, *error, -matrix[k, k]]))
+            low.append(0.0 if is_in_basis else math.fsum([*terms, -matrix[k, k]]))
         matrices.append(matrix if connected is None else connected.reduce(shapes.phi, kick, matrix))
     return matrices, np.array(low)
 

@@ -63,6 +63,7 @@ class TableChanges:
         **options: Any,
     ) -> None:
         self._scene, self._state, self._layout = scene, built.state, built.layout
+        self._latest = built.layout  # of what was built last
         self._targets, self._coarser, self._options = list(models) or [built.model], coarser, options
         self._known: list[Model] | None = None  # the numbers that the targets have, or are to have
         self._busy_until: dict[int, int] = {}  # frame, by island: changes of one follow each other
@@ -174,7 +175,9 @@ class TableChanges:
         self._kept.clear()
 
     def _build(self, scene: Scene) -> list[Model]:
-        built = build(scene, self.samplerate, like=self._layout.modal_bodies, **self._options)
+        like = self._layout.modal_bodies
+        built = build(scene, self.samplerate, like=like, before=self._latest, **self._options)
+        self._latest = built.layout
         return [built.model, *self._coarser(built)]
 
     def _level_pairs(self, scene: Scene, path: LivePath) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -36,6 +36,13 @@ class ModeSet(NamedTuple):
     shape: Callable[[Any], np.ndarray]  # positions → [..., modes], 1/√kg
 
 
+class StaticModes(NamedTuple):
+    """Modes that only the static compliance counts."""
+
+    omega: np.ndarray  # [modes], rad/s
+    shape: Callable[[Any], np.ndarray]  # positions → [..., modes], 1/√kg
+
+
 class Support(Table):
     """A spring and damper that hold a body to the ground, such as a thread, a felt or a soft rest."""
 
@@ -100,7 +107,7 @@ class DistributedBody(BodyTable):
     def peak(self, at: Any) -> Profile:
         """The profile that is 1 at a place, and falls to 0 at the ends or the rim."""
 
-    def modes_beyond(self, omega: float) -> ModeSet | None:
+    def modes_beyond(self, omega: float) -> StaticModes | None:
         """Modes above an angular frequency (rad/s), as many as amount to anything at a point; None if not known."""
         return None
 
@@ -187,10 +194,10 @@ class LineBody(DistributedBody):
         return peak_of_line(at)
 
 
-def above(modes: ModeSet, omega: float) -> ModeSet:
+def above(modes: ModeSet, omega: float) -> StaticModes:
     """The modes above an angular frequency, rad/s."""
     chosen = modes.omega > omega * (1 + 1e-12)
-    return ModeSet(modes.omega[chosen], modes.sigma[chosen], lambda position: modes.shape(position)[..., chosen])
+    return StaticModes(modes.omega[chosen], lambda position: modes.shape(position)[..., chosen])
 
 
 def at_rest(modes: ModeSet) -> ModalBody:

@@ -198,7 +198,7 @@ def end_row(system: ModalSystem, name: str, end: float) -> np.ndarray:
     string, modal = system.scene.body[system.body_index[name]], system.modal_bodies[system.body_index[name]]
     assert isinstance(string, String)
     more = modal.residual + modal.silent
-    return np.pad(string.end_row(modal.omega[: modal.omega.size - more], end), (0, more))
+    return np.concatenate([string.end_row(modal.omega[: modal.omega.size - more], end), np.zeros(more)])
 
 
 def end_stiffness(system: ModalSystem, name: str, a: float, b: float) -> float:

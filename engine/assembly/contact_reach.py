@@ -34,28 +34,23 @@ def contact_reach(layout: Layout, seconds: float) -> np.ndarray:
         for b in bodies:
             if b not in layout.islands.coordinates_of_body:
                 shapes[:, layout.modes.in_island[b]] = 0.0
-        limit = np.array([2 * math.sqrt(c) for c in _static_compliances(layout, n, shapes)])
-        reach.append(np.minimum(seconds * np.sqrt(np.sum(shapes**2, axis=1)), limit.reshape(-1)))
+        limit = 2 * np.sqrt(_static_compliances(layout, n, shapes))
+        reach.append(np.minimum(seconds * np.sqrt(np.sum(shapes**2, axis=1)), limit))
     return np.concatenate(reach)
 
 
-def _static_compliances(layout: Layout, island: int, shapes: np.ndarray) -> list[float]:
-    """Return Φ·H⁻¹·Φᵀ of each mode shape. H is the stiffness of the modes with the ends of strings. The value is
-    infinite if a free mass takes part."""
+def _static_compliances(layout: Layout, island: int, shapes: np.ndarray) -> np.ndarray:
+    """Return Φ·H⁻¹·Φᵀ of each mode shape [shapes]. H is the stiffness of the modes with the ends of strings. The value
+    is infinite if a free mass takes part."""
     coupling, omega = layout.islands.coordinates[island].coupling, layout.modes.omega[layout.modes.of_island[island]]
     ends = np.flatnonzero(np.any(coupling != 0.0, axis=1))
-    rows, compliances = layout.points.coordinate_rows[island][ends], []
-    free = omega == 0.0
+    rows, free = layout.points.coordinate_rows[island][ends], omega == 0.0
     modal_compliance = 1 / np.where(free, 1.0, omega) ** 2
-    held = coupling[np.ix_(ends, ends)]
-    factor = np.linalg.solve(np.eye(ends.size) + held @ (rows * modal_compliance) @ rows.T, held)
-    for phi in shapes:
-        if np.any(phi[free] != 0.0) or (ends.size and np.any(rows[:, free])):
-            compliances.append(math.inf)
-            continue
-        moved = (rows * modal_compliance) @ phi
-        compliances.append(max(0.0, float(phi * modal_compliance @ phi - moved @ factor @ moved)))
-    return compliances
+    held, weighted = coupling[np.ix_(ends, ends)], rows * modal_compliance
+    factor = np.linalg.solve(np.eye(ends.size) + held @ weighted @ rows.T, held)
+    moved, whole = weighted @ shapes.T, np.einsum("ij,ij->i", shapes * modal_compliance, shapes)
+    is_unbounded = np.any(shapes[:, free] != 0.0, axis=1) | np.any(rows[:, free])
+    return np.where(is_unbounded, math.inf, np.maximum(0.0, whole - np.einsum("ij,ij->j", moved, factor @ moved)))
 
 
 # --- by the forces of connections
@@ -76,7 +71,7 @@ def contact_reach_by_forces(layout: Layout, step: StepCoefficients, is_bounded: 
         if not len(shapes) or not len(rows):
             reach.append(np.zeros(len(shapes)))
         elif is_bounded[n] and not layout.islands.is_variable[n]:
-            moves = _sums_of_moves(shapes, rows, _modes_after_push(step, inside))
+            moves = _sums_of_moves(layout, n, _modes_after_push(step, inside))
             reach.append(np.minimum(moves @ np.minimum(_largest_forces(layout, n), UNBOUNDED), UNBOUNDED))
         else:
             reach.append(np.full(len(shapes), UNBOUNDED))
@@ -110,17 +105,23 @@ def _modes_after_push(step: StepCoefficients, inside: slice) -> np.ndarray:
     return moved.T
 
 
-def _sums_of_moves(shapes: np.ndarray, rows: np.ndarray, moved: np.ndarray) -> np.ndarray:
+def _sums_of_moves(layout: Layout, island: int, moved: np.ndarray) -> np.ndarray:
     """Return the sum over all samples of the size of each contact's displacement per newton at each coordinate, m/N
     [contacts, coordinates].
 
-    shapes: at contacts [contacts, modes]; rows: of coordinates [coordinates, modes]
+    moved: displacement of modes in each sample [modes, samples]
     """
-    sums = np.zeros((len(shapes), len(rows)))
-    for k, phi in enumerate(shapes):
-        used = np.flatnonzero(phi)
-        held = np.flatnonzero(np.any(rows[:, used] != 0.0, axis=1))
-        sums[k, held] = np.sum(np.abs((rows[np.ix_(held, used)] * phi[used]) @ moved[used]), axis=1)
+    islands, rows = layout.islands, layout.points.coordinate_rows[island]
+    inside = slice(*islands.contact_begins[island : island + 2])
+    sums = np.zeros((inside.stop - inside.start, len(rows)))
+    points = zip(islands.contact_points[inside], layout.points.contacts[inside], strict=True)
+    for k, ((contact, point), sides) in enumerate(points):
+        moves = np.zeros((len(rows), moved.shape[1]))
+        for side, row in zip(contact_sides(layout.scene.contact[contact], point), sides, strict=True):
+            number = None if side.body is None else layout.body_index[side.body]
+            for coordinate in islands.coordinates_of_body.get(number, ()):
+                moves[coordinate] += (rows[coordinate, row.in_island] * row.phi) @ moved[row.in_island]
+        sums[k] = np.sum(np.abs(moves), axis=1)
     return sums
 
 

@@ -118,7 +118,7 @@ def _sums_of_moves(layout: Layout, island: int, moved: np.ndarray) -> np.ndarray
     for k, ((contact, point), sides) in enumerate(points):
         moves = np.zeros((len(rows), moved.shape[1]))
         for side, row in zip(contact_sides(layout.scene.contact[contact], point), sides, strict=True):
-            number = None if side.body is None else layout.body_index[side.body]
+            number = -1 if side.body is None else layout.body_index[side.body]
             for coordinate in islands.coordinates_of_body.get(number, ()):
                 moves[coordinate] += (rows[coordinate, row.in_island] * row.phi) @ moved[row.in_island]
         sums[k] = np.sum(np.abs(moves), axis=1)

@@ -101,7 +101,8 @@ def _with_residual(body: DistributedBody, modal: ModalBody, places: list[object]
     """Return the modes of a body with its residual modes, whose shapes are combinations of static deflections."""
     if body.residual is None and len(places) > MAX_POINTS:
         return modal
-    beyond = body.modes_beyond(float(np.max(modal.omega)))
+    highest = float(np.max(modal.omega))
+    beyond = body.modes_beyond(highest)
     if beyond is None:
         return modal
     shapes_beyond = np.array([beyond.shape(place) for place in places])
@@ -116,22 +117,23 @@ def _with_residual(body: DistributedBody, modal: ModalBody, places: list[object]
     kept = value > MIN_PART * value[-1]
     omega = 2 * math.pi * FREQUENCY_SHARE * samplerate
     mixture = omega * vector[:, kept] / np.sqrt(value[kept])  # Φ = ω·C_r(x, places)·V·Λ^(-1/2)
-    at_places = shapes_beyond / beyond.omega**2
+    at_places = (shapes_beyond / beyond.omega**2).T
+    rows_at_places = [shapes @ at_places @ mixture for shapes in shapes_beyond]
 
     def shape(position: object) -> np.ndarray:
-        row = beyond.shape(position) @ at_places.T @ mixture
+        if not isinstance(position, np.ndarray) and position in places:
+            row = rows_at_places[places.index(position)]
+        else:  # computed again: 20 000 modes of each string of a piano would take 70 MB
+            modes = body.modes_beyond(highest)
+            assert modes is not None
+            row = modes.shape(position) @ (np.array([modes.shape(p) for p in places]) / modes.omega**2).T @ mixture
         return np.concatenate([modal.shape(position), row], axis=-1)
 
     more = int(np.count_nonzero(kept))
-    return ModalBody(
-        omega=np.concatenate([modal.omega, np.full(more, omega)]),
-        sigma=np.concatenate([modal.sigma, np.full(more, DAMPING_PER_STEP * samplerate)]),
-        shape=shape,
-        q=np.pad(modal.q, (0, more)),
-        p=np.pad(modal.p, (0, more)),
-        gravity_participation=np.pad(modal.gravity_participation, (0, more)),
-        residual=more,
-    )
+    ends = omega, DAMPING_PER_STEP * samplerate, 0.0, 0.0, 0.0
+    rows = modal.omega, modal.sigma, modal.q, modal.p, modal.gravity_participation
+    both = [np.concatenate([row, np.full(more, end)]) for row, end in zip(rows, ends, strict=True)]
+    return ModalBody(both[0], both[1], shape, *both[2:], residual=more)
 
 
 def _contact_places(scene: Scene) -> dict[str, list[object]]:

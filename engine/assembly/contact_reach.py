@@ -27,30 +27,43 @@ def contact_reach(layout: Layout, seconds: float) -> np.ndarray:
     """
     reach = []
     for n, bodies in enumerate(layout.islands.bodies):
-        shapes = layout.points.contact_shapes[n].phi.copy()
+        shapes, size = layout.points.contact_shapes[n].phi, np.diff(layout.islands.contact_begins)[n]
         if not layout.islands.coordinates[n].items:
-            reach.append(np.zeros(len(shapes)))
+            reach.append(np.zeros(size))
             continue
-        for b in bodies:
-            if b not in layout.islands.coordinates_of_body:
-                shapes[:, layout.modes.in_island[b]] = 0.0
-        limit = 2 * np.sqrt(_static_compliances(layout, n, shapes))
-        reach.append(np.minimum(seconds * np.sqrt(np.sum(shapes**2, axis=1)), limit))
+        is_connected = np.zeros(shapes.shape[1], np.bool_)
+        for b in layout.islands.coordinates_of_body.keys() & bodies:
+            is_connected[layout.modes.in_island[b]] = True
+        moved_contacts, moved_modes = layout.points.contact_shapes[n].moved
+        is_used = is_connected[moved_modes]
+        contacts, modes = moved_contacts[is_used], moved_modes[is_used]
+        squares = shapes[contacts, modes] ** 2
+        whole = np.bincount(contacts, squares * _modal_compliances(layout, n)[modes], size)
+        limit = 2 * np.sqrt(_static_compliances(layout, n, shapes, whole))
+        reach.append(np.minimum(seconds * np.sqrt(np.bincount(contacts, squares, size)), limit))
     return np.concatenate(reach)
 
 
-def _static_compliances(layout: Layout, island: int, shapes: np.ndarray) -> np.ndarray:
+def _modal_compliances(layout: Layout, island: int) -> np.ndarray:
+    """Return 1/ω² of the modes of an island [modes], s²; infinite for free masses."""
+    omega = layout.modes.omega[layout.modes.of_island[island]]
+    return np.where(omega == 0.0, math.inf, 1 / np.where(omega == 0.0, 1.0, omega) ** 2)
+
+
+def _static_compliances(layout: Layout, island: int, shapes: np.ndarray, whole: np.ndarray) -> np.ndarray:
     """Return Φ·H⁻¹·Φᵀ of each mode shape [shapes]. H is the stiffness of the modes with the ends of strings. The value
-    is infinite if a free mass takes part."""
-    coupling, omega = layout.islands.coordinates[island].coupling, layout.modes.omega[layout.modes.of_island[island]]
+    is infinite if a free mass takes part.
+
+    whole: ΣΦ²/ω² of the connected modes of each shape, infinite if a free mass is one
+    """
+    coupling, modal_compliance = layout.islands.coordinates[island].coupling, _modal_compliances(layout, island)
     ends = np.flatnonzero(np.any(coupling != 0.0, axis=1))
-    rows, free = layout.points.coordinate_rows[island][ends], omega == 0.0
-    modal_compliance = 1 / np.where(free, 1.0, omega) ** 2
-    held, weighted = coupling[np.ix_(ends, ends)], rows * modal_compliance
+    rows, is_bound = layout.points.coordinate_rows[island][ends], np.isfinite(modal_compliance)
+    held, weighted = coupling[np.ix_(ends, ends)], rows * np.where(is_bound, modal_compliance, 0.0)
     factor = np.linalg.solve(np.eye(ends.size) + held @ weighted @ rows.T, held)
-    moved, whole = weighted @ shapes.T, np.einsum("ij,ij->i", shapes * modal_compliance, shapes)
-    is_unbounded = np.any(shapes[:, free] != 0.0, axis=1) | np.any(rows[:, free])
-    return np.where(is_unbounded, math.inf, np.maximum(0.0, whole - np.einsum("ij,ij->j", moved, factor @ moved)))
+    moved = weighted @ shapes.T
+    is_held = ends.size and np.any(rows[:, ~is_bound])
+    return np.maximum(0.0, (math.inf if is_held else whole) - np.einsum("ij,ij->j", moved, factor @ moved))
 
 
 # --- by the forces of connections
@@ -83,7 +96,8 @@ def _largest_forces(layout: Layout, island: int) -> np.ndarray:
     is infinite if a damper or a rigid joint takes part."""
     items, coupling = layout.islands.coordinates[island]
     rows = coupling @ layout.points.coordinate_rows[island]
-    by_coupling = np.sqrt(_static_compliances(layout, island, rows))
+    whole = np.sum(np.where(rows != 0.0, _modal_compliances(layout, island), 0.0) * rows**2, axis=1)
+    by_coupling = np.sqrt(_static_compliances(layout, island, rows, whole))
     forces = np.where(np.any(coupling != 0.0, axis=1), by_coupling, 0.0)
     forces += np.sqrt(np.array([item.stiffness for item in items]))
     return np.where([item.is_rigid or item.damping != 0.0 for item in items], math.inf, forces)

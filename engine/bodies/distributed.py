@@ -25,6 +25,7 @@ from engine.bodies.table import KeyPath, Positions, Positive, Table, is_given, m
 from engine.wording import format_value
 
 AUDIBLE = 20_000.0  # Hz
+FEW_MODES = 512  # of a body, if that is all it has: so many are tried first, which takes less time
 MAX_SUPPORTS = 256  # of a body
 
 
@@ -215,6 +216,8 @@ def mode_numbers(frequencies: Callable[[np.ndarray], np.ndarray], limit: int | N
     """
     count = limit or MAX_MODES + 1
     number = np.arange(1.0, count + 1)
+    if count > FEW_MODES and frequencies(number[FEW_MODES - 1 : FEW_MODES])[0] >= max_omega:
+        number = number[:FEW_MODES]
     number = number[frequencies(number) < max_omega]
     if limit is None and number.size > MAX_MODES:
         raise TooManyModes(f"has more than {MAX_MODES} modes below {max_omega / 2 / math.pi:.0f} Hz")

@@ -45,7 +45,7 @@ def all_factors(layout: Layout, modes: ModeCoefficients, step_rate: float) -> li
 
 
 class ContactMotion(NamedTuple):
-    """What one newton at each contact of an island moves in a step."""
+    """Motion by one newton at each contact of an island, in a step."""
 
     compliance: np.ndarray  # contacts, if nothing were connected [contacts, contacts], m/N
     moves: np.ndarray  # coordinates of connections [coordinates, contacts], m/N

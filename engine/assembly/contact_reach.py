@@ -27,18 +27,16 @@ def contact_reach(layout: Layout, seconds: float) -> np.ndarray:
     """
     reach = []
     for n, bodies in enumerate(layout.islands.bodies):
-        shapes, size = layout.points.contact_shapes[n].phi, np.diff(layout.islands.contact_begins)[n]
+        shapes, (contacts, modes) = layout.points.contact_shapes[n].phi, layout.points.contact_shapes[n].moved
+        size, modes_size = shapes.shape
         if not layout.islands.coordinates[n].items:
             reach.append(np.zeros(size))
             continue
-        is_connected = np.zeros(shapes.shape[1], np.bool_)
+        is_connected = np.zeros(modes_size, np.bool_)
         for b in layout.islands.coordinates_of_body.keys() & bodies:
             is_connected[layout.modes.in_island[b]] = True
-        moved_contacts, moved_modes = layout.points.contact_shapes[n].moved
-        is_used = is_connected[moved_modes]
-        contacts, modes = moved_contacts[is_used], moved_modes[is_used]
-        squares = shapes[contacts, modes] ** 2
-        whole = np.bincount(contacts, squares * _modal_compliances(layout, n)[modes], size)
+        squares = np.where(is_connected[modes], shapes[contacts, modes] ** 2, 0.0)
+        whole = np.bincount(contacts, squares * np.where(is_connected, _modal_compliances(layout, n), 0.0)[modes], size)
         limit = 2 * np.sqrt(_static_compliances(layout, n, shapes, whole))
         reach.append(np.minimum(seconds * np.sqrt(np.bincount(contacts, squares, size)), limit))
     return np.concatenate(reach)
@@ -61,9 +59,9 @@ def _static_compliances(layout: Layout, island: int, shapes: np.ndarray, whole: 
     rows, is_bound = layout.points.coordinate_rows[island][ends], np.isfinite(modal_compliance)
     held, weighted = coupling[np.ix_(ends, ends)], rows * np.where(is_bound, modal_compliance, 0.0)
     factor = np.linalg.solve(np.eye(ends.size) + held @ weighted @ rows.T, held)
-    moved = weighted @ shapes.T
-    is_held = ends.size and np.any(rows[:, ~is_bound])
-    return np.maximum(0.0, (math.inf if is_held else whole) - np.einsum("ij,ij->j", moved, factor @ moved))
+    moved, has_free_end = weighted @ shapes.T, np.any(rows[:, ~is_bound])
+    whole = np.full_like(whole, math.inf) if has_free_end else whole
+    return np.asarray(np.maximum(0.0, whole - np.einsum("ij,ij->j", moved, factor @ moved)))
 
 
 # --- by the forces of connections

@@ -3,7 +3,6 @@ memory or time, and name the paths in the patch."""
 
 import math
 from collections.abc import Iterator, Mapping
-from types import MappingProxyType
 
 import numpy as np
 
@@ -29,7 +28,7 @@ MIN_BODY_MASS = 1e-12  # kg, as of masses
 
 
 def build_modal_bodies(
-    scene: Scene, samplerate: float, scheme: str, known: Mapping[int, ModalBody] = MappingProxyType({})
+    scene: Scene, samplerate: float, scheme: str, known: Mapping[int, ModalBody] | None = None
 ) -> list[ModalBody]:
     """Return the modes of all bodies. Raises BuildError, which names each body that cannot be built.
 
@@ -41,7 +40,7 @@ def build_modal_bodies(
     for i, body in enumerate(scene.body):
         path = f"body[{i}]"
         try:
-            modal = known[i] if i in known else build_modal_body(body, path, samplerate, scheme)
+            modal = (known or {}).get(i) or build_modal_body(body, path, samplerate, scheme)
         except BuildError as error:
             faults += error.faults
             continue

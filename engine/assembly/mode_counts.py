@@ -10,7 +10,7 @@ this compliance, and is as passive as any other. A compliance added to that of t
 """
 
 import math
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -23,20 +23,16 @@ from engine.patch.scene import Scene
 
 
 def fit_modes(
-    scene: Scene, bodies: Sequence[ModalBody], samplerate: float, like: Sequence[ModalBody], fit: Container[int] = ()
+    scene: Scene, bodies: Sequence[ModalBody], samplerate: float, like: Sequence[ModalBody]
 ) -> list[ModalBody]:
     """Return the modes of bodies, with residual ones, as many of each as another build has. The highest are left out if
     there are too many. Silent modes, which nothing moves, replace those that are missing.
 
-    fit: numbers of the bodies that have as many already
     Raises BuildError if the two cannot have the same modes.
     """
-    cut = [
-        body if i in fit else _first_modes(body, other.omega.size - other.residual)
-        for i, (body, other) in enumerate(zip(bodies, like, strict=True))
-    ]
+    cut = [_first_modes(body, other.omega.size - other.residual) for body, other in zip(bodies, like, strict=True)]
     fitted: list[ModalBody] = []
-    for i, (body, other) in enumerate(zip(with_residual_modes(scene, cut, samplerate, fit), like, strict=True)):
+    for i, (body, other) in enumerate(zip(with_residual_modes(scene, cut, samplerate), like, strict=True)):
         if body.residual != other.residual:
             message = "this change needs other modes than those that sound; stop and start again"
             raise BuildError(Fault(f"body[{i}]", message))
@@ -45,8 +41,8 @@ def fit_modes(
 
 
 def _first_modes(body: ModalBody, count: int) -> ModalBody:
-    """Return a body with its first `count` modes."""
-    if body.omega.size <= count:
+    """Return a body with its first `count` modes; one that has residual modes was here before."""
+    if body.omega.size <= count or body.residual:
         return body
     rows = (body.omega, body.sigma, body.q, body.p, body.gravity_participation)
     omega, sigma, q, p, gravity_participation = (row[:count] for row in rows)
@@ -78,22 +74,17 @@ SLOW = 20.0  # Hz
 MIN_PART = 1e-3  # of the largest: smaller residual modes are left out
 
 
-def with_residual_modes(
-    scene: Scene, bodies: Sequence[ModalBody], samplerate: float, complete: Container[int] = ()
-) -> list[ModalBody]:
-    """Return the modes of bodies, with residual modes where they help. samplerate: of the steps, Hz
-
-    complete: numbers of the bodies that have them already
-    """
+def with_residual_modes(scene: Scene, bodies: Sequence[ModalBody], samplerate: float) -> list[ModalBody]:
+    """Return the modes of bodies, with residual modes where they help and are not there yet. samplerate: of the steps,
+    Hz"""
     places = _contact_places(scene)
     return [
         _with_residual(body, modal, places[body.name], samplerate)
-        if i not in complete
-        and isinstance(body, DistributedBody)
-        and body.residual is not False
+        if isinstance(body, DistributedBody)
+        and not (body.residual is False or modal.residual)
         and places.get(body.name)
         else modal
-        for i, (body, modal) in enumerate(zip(scene.body, bodies, strict=True))
+        for body, modal in zip(scene.body, bodies, strict=True)
     ]
 
 
@@ -130,10 +121,10 @@ def _with_residual(body: DistributedBody, modal: ModalBody, places: list[object]
         return np.concatenate([modal.shape(position), row], axis=-1)
 
     more = int(np.count_nonzero(kept))
-    ends = omega, DAMPING_PER_STEP * samplerate, 0.0, 0.0, 0.0
     rows = modal.omega, modal.sigma, modal.q, modal.p, modal.gravity_participation
-    both = [np.concatenate([row, np.full(more, end)]) for row, end in zip(rows, ends, strict=True)]
-    return ModalBody(both[0], both[1], shape, *both[2:], residual=more)
+    ends = omega, DAMPING_PER_STEP * samplerate, 0.0, 0.0, 0.0
+    omegas, sigma, q, p, participation = (np.append(row, [end] * more) for row, end in zip(rows, ends, strict=True))
+    return ModalBody(omegas, sigma, shape, q, p, participation, more)
 
 
 def _contact_places(scene: Scene) -> dict[str, list[object]]:

@@ -14,7 +14,8 @@ import numpy as np
 from engine.assembly import limits
 from engine.assembly.build import BuildResult, build
 from engine.assembly.pickup_points import channel_gains
-from engine.assembly.table_exchange import Copies, collect_copies, copy_models, make_copies
+from engine.assembly.table_exchange import Copies, collect_copies, make_copies
+from engine.kernel.data.axes import map_arrays
 from engine.kernel.data.model import Model
 from engine.patch.frames import nearest_frame
 from engine.patch.live_parameters import LivePath, check_range, live_paths, value_at, with_value
@@ -65,7 +66,8 @@ class TableChanges:
         self._scene, self._state, self._layout = scene, built.state, built.layout
         self._latest = built.layout  # of what was built last
         self._targets, self._coarser, self._options = list(models) or [built.model], coarser, options
-        self._known = copy_models(self._targets)  # the numbers that the targets have, or are to have
+        # the numbers that the targets have, or are to have
+        self._known = [map_arrays(lambda array, items: array.copy(), model) for model in self._targets]
         self._changed: tuple[Scene, tuple[NewValue, ...], Scene] | None = None  # a scene with values, made last
         self._busy_until: dict[int, int] = {}  # frame, by island: changes of one follow each other
         self._kept: list[Exchange] = []  # exchanges whose numbers the audio thread may still read

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from engine.kernel.data.axes import Items, map_arrays
 from engine.kernel.data.model import ConnectionCoefficients, Model
 from engine.kernel.data.state import State
 
@@ -56,18 +55,6 @@ def collect_copies(pairs: Sequence[tuple[np.ndarray, np.ndarray]]) -> Copies:
         for (ours, new), begin in zip(pairs, begins, strict=False)
     ]
     return Copies(np.array(rows, np.int64).reshape(-1, 3), values)
-
-
-def copy_models(models: Sequence[Model]) -> list[Model]:
-    """Return copies of Models; those of arrays that they share are shared, too."""
-    copies: dict[int, np.ndarray] = {}
-
-    def copy(array: np.ndarray, items: Items) -> np.ndarray:
-        if id(array) not in copies:
-            copies[id(array)] = array.copy()
-        return copies[id(array)]
-
-    return [map_arrays(copy, model) for model in models]
 
 
 def _differences(ours: Any, old: Any, new: Any, name: str) -> Iterator[tuple[np.ndarray, np.ndarray]]:

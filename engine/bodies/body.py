@@ -34,13 +34,12 @@ class ModalBody(NamedTuple):
 
 def remember_positions(shape: Callable[[Any], np.ndarray]) -> Callable[[Any], np.ndarray]:
     """Return a `shape` of a ModalBody that computes the shapes at each single position once."""
-    known: dict[Any, np.ndarray] = {}
+    known: dict[str, np.ndarray] = {}
 
     def remembered(position: Any) -> np.ndarray:
-        key = tuple(position) if isinstance(position, list) else position
-        if isinstance(key, np.ndarray) or (isinstance(key, tuple) and not all(map(is_number, key))):
+        if isinstance(position, np.ndarray):
             return shape(position)
-        if key not in known:
+        if (key := repr(position)) not in known:
             known[key] = shape(position)
             known[key].flags.writeable = False
         return known[key]

@@ -73,14 +73,13 @@ class String(LineBody):
         """
         number = np.arange(1.0, omega.size + 1)
         beta, density = number * math.pi / self.length, self.mass_per_length()
-        slope = math.sqrt(2 / (density * self.length)) * beta * (np.where(number % 2 == 0, 1.0, -1.0) if end else 1.0)
+        slope = self._scale() * beta * (np.where(number % 2 == 0, 1.0, -1.0) if end else 1.0)
         return (1.0 if end else -1.0) * omega**2 * density * slope / beta**2
 
     def modes_beyond(self, omega: float) -> StaticModes | None:
-        beyond = self._frequencies(NUMBERS)
-        chosen = slice(*np.searchsorted(beyond, [np.nextafter(omega * (1 + 1e-12), math.inf), math.inf]).tolist())
-        scale = self._scale()
-        return StaticModes(beyond[chosen], lambda x: scale * sines_at(x)[..., chosen])
+        all_omega, scale = self._frequencies(NUMBERS), self._scale()
+        first = int(np.searchsorted(all_omega, omega * (1 + 1e-12), "right"))
+        return StaticModes(all_omega[first:], lambda x: scale * sines_at(x)[..., first:])
 
     def free_modes(self, max_omega: float) -> ModeSet:
         """ω² = (T·β² + EI·β⁴)/μ, β = iπ/L; shapes sin βx, with modal mass μL/2 (Fletcher & Rossing, Physics of
@@ -94,11 +93,7 @@ class String(LineBody):
         """Angular frequencies of modes [modes], rad/s."""
         tension, bending = self.tension_and_bending()
         wave_number = number * (math.pi / self.length)
-        omega = wave_number**2
-        omega *= bending
-        omega += tension
-        omega /= self.mass_per_length()
-        return np.asarray(np.sqrt(omega, out=omega) * wave_number)
+        return np.asarray(np.sqrt((tension + bending * wave_number**2) / self.mass_per_length()) * wave_number)
 
     def _scale(self) -> float:
         """Largest value of a mode shape, 1/√kg."""
@@ -106,10 +101,11 @@ class String(LineBody):
 
 
 def sines_at(x: Any) -> np.ndarray:
-    """sin nπx of n = 1, 2, … at a position, or at many [..., MAX_MODES]."""
-    return _sines_at_one(x) if isinstance(x, float | int) else np.sin(math.pi * NUMBERS * np.asarray(x)[..., None])
+    """sin nπx of n = 1, 2, … [..., MAX_MODES] at positions; at a single one they are kept."""
+    return sines_at_one(x) if isinstance(x, float) else np.asarray(np.sin(math.pi * NUMBERS * np.asarray(x)[..., None]))
 
 
-@lru_cache(128)  # 20 MB: a piano has a place for each of its keys, and its strings at other pitches have the same
-def _sines_at_one(x: float) -> np.ndarray:
+@lru_cache(128)  # 20 MB: a piano has a place for each of its keys, where its strings at all pitches have the same
+def sines_at_one(x: float) -> np.ndarray:
+    """`sines_at` of a single position."""
     return np.asarray(np.sin(math.pi * NUMBERS * x))

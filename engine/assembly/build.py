@@ -134,7 +134,7 @@ def find_layout(
     if like is None:
         bodies = with_residual_modes(scene, bodies, samplerate)
     else:
-        bodies = fit_modes(scene, bodies, samplerate, like)
+        bodies = fit_modes(scene, bodies, samplerate, like, known)
     bodies = [known.get(n) or body._replace(shape=remember_positions(body.shape)) for n, body in enumerate(bodies)]
     limits.check_sizes(scene, bodies)
     limits.check_forces(scene, samplerate, seconds)

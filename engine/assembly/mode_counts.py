@@ -10,7 +10,7 @@ this compliance, and is as passive as any other. A compliance added to that of t
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,16 +23,17 @@ from engine.patch.scene import Scene
 
 
 def fit_modes(
-    scene: Scene, bodies: Sequence[ModalBody], samplerate: float, like: Sequence[ModalBody]
+    scene: Scene, bodies: Sequence[ModalBody], samplerate: float, like: Sequence[ModalBody], fit: Container[int] = ()
 ) -> list[ModalBody]:
     """Return the modes of bodies, with residual ones, as many of each as another build has. The highest are left out if
     there are too many. Silent modes, which nothing moves, replace those that are missing.
 
+    fit: numbers of bodies that are as they should be
     Raises BuildError if the two cannot have the same modes.
     """
     cut = [_first_modes(body, other.omega.size - other.residual) for body, other in zip(bodies, like, strict=True)]
     fitted: list[ModalBody] = []
-    for i, (body, other) in enumerate(zip(with_residual_modes(scene, cut, samplerate), like, strict=True)):
+    for i, (body, other) in enumerate(zip(with_residual_modes(scene, cut, samplerate, fit), like, strict=True)):
         if body.residual != other.residual:
             message = "this change needs other modes than those that sound; stop and start again"
             raise BuildError(Fault(f"body[{i}]", message))
@@ -41,7 +42,7 @@ def fit_modes(
 
 
 def _first_modes(body: ModalBody, count: int) -> ModalBody:
-    """Return a body with its first `count` modes; one that has residual modes was here before."""
+    """Return a body with its first `count` modes; one that has residual modes is as it should be."""
     if body.omega.size <= count or body.residual:
         return body
     rows = (body.omega, body.sigma, body.q, body.p, body.gravity_participation)
@@ -74,17 +75,17 @@ SLOW = 20.0  # Hz
 MIN_PART = 1e-3  # of the largest: smaller residual modes are left out
 
 
-def with_residual_modes(scene: Scene, bodies: Sequence[ModalBody], samplerate: float) -> list[ModalBody]:
-    """Return the modes of bodies, with residual modes where they help and are not there yet. samplerate: of the steps,
-    Hz"""
+def with_residual_modes(
+    scene: Scene, bodies: Sequence[ModalBody], samplerate: float, fit: Container[int] = ()
+) -> list[ModalBody]:
+    """Return the modes of bodies, with residual modes where they help. samplerate: of the steps, Hz; fit: numbers of
+    bodies that are as they should be"""
     places = _contact_places(scene)
     return [
         _with_residual(body, modal, places[body.name], samplerate)
-        if isinstance(body, DistributedBody)
-        and not (body.residual is False or modal.residual)
-        and places.get(body.name)
+        if isinstance(body, DistributedBody) and body.residual is not False and n not in fit and places.get(body.name)
         else modal
-        for body, modal in zip(scene.body, bodies, strict=True)
+        for n, (body, modal) in enumerate(zip(scene.body, bodies, strict=True))
     ]
 
 

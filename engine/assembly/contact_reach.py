@@ -148,6 +148,8 @@ def contacts_to_build(system: ModalSystem, live: bool = False) -> list[int]:
     driven = {f.body for f in acting_forces(scene)} | {e.body for e in scene.event if isinstance(e, StrikeEvent)}
     driven |= {c.body for c in scene.connection if c.name in changed or not isinstance(c, SpringConnection)}
     driven |= {scene.contact[k].body for k in contacts if scene.contact[k].name in changed}
+    if all({scene.contact[k].body, scene.contact[k].on} & driven for k in contacts):
+        return contacts  # as of all that is driven
     islands, reachable = find_islands(system, contacts), list[int]()
     for n, of_island in enumerate(islands.contacts):
         reach = initial_reach(system, islands, n, driven) if of_island else 0.0

@@ -21,6 +21,8 @@ from engine.kernel.data.state import (
     State,
 )
 
+AXES = frozenset(Axis)
+
 
 def initial_state(layout: Layout, model: Model) -> State:
     """Return the state at time 0: bodies in the positions of the patch, and contacts and connections that follow from
@@ -82,7 +84,7 @@ def _initial_connections(layout: Layout, counts: dict[Axis, int]) -> ConnectionS
 def item_counts(model: Model) -> dict[Axis, int]:
     """Return the number of items of each axis in a model."""
     islands = model.islands
-    counts = {Axis(axis): int(begins[-1]) for axis, begins in islands._asdict().items() if axis in list(Axis)}
+    counts = {Axis(axis): int(begins[-1]) for axis, begins in islands._asdict().items() if axis in AXES}
     events = 0 if model.events is None else model.events.kind.size
     counts[Axis.DRIVE] = 0 if model.drive is None else model.drive.island.size
     counts |= {Axis.ISLAND: islands.mode.size - 1, Axis.PARTITION: islands.partition.size - 1, Axis.EVENT: events}

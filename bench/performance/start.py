@@ -1,18 +1,26 @@
-"""How long a user waits: for --help, for the first sound of each patch, and when it is compiled already; and how
-many kernels the patches need."""
+"""How long a user waits: for --help, for the first sound of each patch, and when it is compiled already; how long
+before a sound, in a program that runs; and how many kernels the patches need."""
 
+import math
 import os
 import resource
 import subprocess
 import sys
 import tempfile
 import time
+import timeit
+from collections.abc import Callable
 from typing import NamedTuple
 
+import numpy as np
+
 import engine
-from bench.publish.report import ROOT, publish
+from bench.publish.report import ROOT, pin, publish
 from engine.analysis.profile import kernel_id
 from engine.assembly.build import build
+from engine.live.key_allocator import KeyAllocator, live_scene
+from engine.live.midi_notes import Note
+from engine.live.player import Player
 
 NAMES = "repelled_oscillator", "tanpura"
 NOTHING_BESIDE = {"FDH_BACKGROUND": "off", "FDH_KERNEL": "auto"}
@@ -51,6 +59,7 @@ def run() -> None:
     """Measure and publish."""
     commands()
     kernels()
+    before_sound()
 
 
 def commands() -> None:
@@ -70,6 +79,33 @@ def commands() -> None:
             add(f"1 s of {name}, special kernel, compiled first", least(render, cache, 1, FDH_KERNEL="special"))
             add(f"1 s of {name}, special kernel, compiled before", least(render, cache, FDH_KERNEL="special"))
     publish("start", ["from command to finished file", "s", "CPU, s", "CPU / importing Numba"], rows)
+
+
+def before_sound() -> None:
+    """What a program that runs, with its kernels compiled, computes before a sound: the least of several times."""
+    short, piano = engine.load("piano_c4"), live_scene(engine.load("piano"))
+    pin()
+
+    def seconds(do: Callable[[], object], runs: int) -> float:
+        return min(timeit.repeat(do, number=1, repeat=runs))
+
+    def play_piano() -> KeyAllocator:
+        keys = KeyAllocator(Player(piano, 44_100, math.inf, waiting=True))
+        keys.player.render_into(np.zeros((128, keys.player.channels), np.float32))
+        return keys
+
+    def bend(keys: KeyAllocator, cents: float) -> float:
+        keys.play(Note(0.0, "bend", 0, cents))
+        return seconds(lambda: (keys.poll(), keys.player.make_tables()), 1)
+
+    bends = [[bend(keys, cents) for cents in (10.0, -150.0, 200.0)] for keys in [play_piano() for _ in range(3)]]
+    rows = [
+        ["0.1 s of piano_c4, rendered whole", seconds(lambda: engine.render(short, seconds=0.1, cores=1), 50)],
+        ["player of the piano, with all strings", seconds(lambda: Player(piano, 44_100, math.inf, waiting=True), 5)],
+        ["first move of its wheel: 226 strings are bent", min(first for first, *_ in bends)],
+        ["another move", min(min(later) for _, *later in bends)],
+    ]
+    publish("before_sound", ["in a program that runs", "ms"], [[w, f"{1000 * s:.2f}"] for w, s in rows], "start")
 
 
 def kernels() -> None:

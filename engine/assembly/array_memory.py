@@ -13,23 +13,17 @@ CACHE_LINE_BYTES = 64
 def align_to_cache_lines(value: Any) -> Any:
     """Return a copy of a record in which each array begins a cache line: vector loads that cross none are faster (24
     free modes: 19 → 14 ns), and times are the same in every run."""
-
-    memory = np.empty(sum(bytes_in_lines(array) for array in arrays_of(value)) + CACHE_LINE_BYTES, np.uint8)
+    memory = np.empty(sum(array.nbytes + CACHE_LINE_BYTES for array in arrays_of(value)) + CACHE_LINE_BYTES, np.uint8)
     end = -memory.ctypes.data % CACHE_LINE_BYTES  # of what is taken
 
     def align(array: np.ndarray, items: Items) -> np.ndarray:
         nonlocal end
-        begin, end = end, end + bytes_in_lines(array)
+        begin, end = end, end - (-array.nbytes // CACHE_LINE_BYTES) * CACHE_LINE_BYTES
         moved = np.ndarray(array.shape, array.dtype, memory, begin)
         moved[...] = array
         return moved
 
     return map_arrays(align, value)
-
-
-def bytes_in_lines(array: np.ndarray) -> int:
-    """Return the size of an array in whole cache lines, bytes."""
-    return -(-array.nbytes // CACHE_LINE_BYTES) * CACHE_LINE_BYTES
 
 
 def to_single_precision(value: Any) -> Any:

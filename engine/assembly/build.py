@@ -31,7 +31,7 @@ from engine.assembly.pickup_points import HeardPoint
 from engine.assembly.points import find_points
 from engine.assembly.refinement import build_refinement
 from engine.assembly.step_coefficients import basis_rows, find_bases, step_coefficients
-from engine.bodies.body import ModalBody
+from engine.bodies.body import ModalBody, remember_positions
 from engine.faults import BuildError, Fault
 from engine.kernel.data.enums import EventKind, Quantity
 from engine.kernel.data.laws import NO_NUMBERS, select_law
@@ -62,6 +62,7 @@ def build(
     event_capacity: int = 0,
     variable_exponents: bool = False,
     like: Sequence[ModalBody] | None = None,
+    before: Layout | None = None,
 ) -> BuildResult:
     """Build the Model, State and Layout of a scene at a sample rate (Hz).
 
@@ -71,12 +72,13 @@ def build(
     event_capacity:     free slots on each island for events that the scene does not name (engine.live.player)
     variable_exponents: True if exponents may change beyond what the score says
     like:               modal bodies of another build of the scene; each body gets as many modes as it has there
+    before:             layout of another build with the same `like`; what has not changed since is not computed again
     Raises BuildError if a body vibrates too fast for the sample rate, if the accuracy has steps back in time
     and modes are heavily damped, or if the scene needs too much memory (engine.assembly.limits).
     """
     accuracy = accuracy or scene.accuracy
     live = event_capacity > 0 or any(getattr(event, "parameter", None) for event in scene.event)
-    layout = find_layout(scene, samplerate, accuracy, seconds, live, like)
+    layout = find_layout(scene, samplerate, accuracy, seconds, live, like, before)
     stiffness = nominal_stiffness(layout)
     events, event_counts = event_table(layout, stiffness, samplerate, event_capacity)
     has_dampers = events is not None and bool((events.kind == EventKind.DAMP).any()) and not accuracy.is_refined
@@ -120,17 +122,20 @@ def find_layout(
     seconds: float,
     live: bool,
     like: Sequence[ModalBody] | None,
+    before: Layout | None,
 ) -> Layout:
     """Check that a scene can be built, and return its layout. Raises BuildError if it cannot.
 
     live: True if events may come that the score does not name
-    like: modal bodies of another build, to have as many modes of each
+    like: modal bodies of another build, to have as many modes of each; before: its layout, or that of a later one
     """
-    bodies = limits.build_modal_bodies(scene, samplerate, accuracy.scheme)
+    known = {} if before is None else before.same_bodies(scene)
+    bodies = limits.build_modal_bodies(scene, samplerate, accuracy.scheme, known)
     if like is None:
         bodies = with_residual_modes(scene, bodies, samplerate)
     else:
-        bodies = fit_modes(scene, bodies, samplerate, like)
+        bodies = fit_modes(scene, bodies, samplerate, like, known)
+    bodies = [known.get(n) or body._replace(shape=remember_positions(body.shape)) for n, body in enumerate(bodies)]
     limits.check_sizes(scene, bodies)
     limits.check_forces(scene, samplerate, seconds)
     system = ModalSystem(scene, bodies, {body.name: number for number, body in enumerate(scene.body)})

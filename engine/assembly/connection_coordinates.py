@@ -176,16 +176,17 @@ def _string_ends(system: ModalSystem, island_of: Sequence[int]) -> Iterator[Coor
         for y, ends in zip(range(1, len(coupling), 2), points.values(), strict=True):
             for _, c in ends:
                 ends_of.setdefault(c.body, []).append((y, c.at))
+        row_of = {(string, a): end_row(system, string, a) for string, moving in ends_of.items() for _, a in moving}
         for string, moving in ends_of.items():
             for i, a in moving:
                 for j, b in moving:
-                    coupling[i, j] += end_stiffness(system, string, a, b)
+                    coupling[i, j] += end_stiffness(system, string, row_of[string, a], row_of[string, b], a == b)
         items: list[Coordinate] = []
         for y, ends in zip(range(1, len(coupling), 2), points.values(), strict=True):
             rows: dict[int, Any] = {}
             for _, c in ends:
                 number = system.body_index[c.body]
-                rows[number] = rows.get(number, 0.0) + end_row(system, c.body, c.at) / coupling[y, y]
+                rows[number] = rows.get(number, 0.0) + row_of[c.body, c.at] / coupling[y, y]
             k, c = ends[0]
             shape = {system.body_index[c.on]: system.shape(c.on, c.on_at)}
             items += [Coordinate(f"connection[{k}]", k, parts) for parts in (rows, shape)]
@@ -198,25 +199,28 @@ def end_row(system: ModalSystem, name: str, end: float) -> np.ndarray:
     string, modal = system.scene.body[system.body_index[name]], system.modal_bodies[system.body_index[name]]
     assert isinstance(string, String)
     more = modal.residual + modal.silent
-    return np.pad(string.end_row(modal.omega[: modal.omega.size - more], end), (0, more))
+    return np.concatenate([string.end_row(modal.omega[: modal.omega.size - more], end), np.zeros(more)])
 
 
-def end_stiffness(system: ModalSystem, name: str, a: float, b: float) -> float:
-    """Return the stiffness in V between two ends a and b of a string, or of one end with itself, N/m: Σ cₙ·cₙ ± T/L."""
+def end_stiffness(system: ModalSystem, name: str, a: np.ndarray, b: np.ndarray, is_same: bool) -> float:
+    """Return the stiffness in V between two ends of a string, or of one end with itself, N/m: Σ cₙ·cₙ ± T/L. a, b: rows
+    of the ends"""
     string, omega = system.scene.body[system.body_index[name]], system.modal_bodies[system.body_index[name]].omega
     assert isinstance(string, String)
     tension = float(string.tension_and_bending()[0] / string.length)
-    product = float(np.sum(end_row(system, name, a) * end_row(system, name, b) / omega**2))
-    return product + (tension if a == b else -tension)
+    product = float(np.sum(a * b / omega**2))
+    return product + (tension if is_same else -tension)
 
 
 def end_force_parts(system: ModalSystem, name: str, end: float) -> list[tuple[str, np.ndarray]]:
     """Return the force of a string on its end (0 or 1), -∂V/∂y, as rows over the modes of the string and of the bodies
     that carry its ends [(name of the body, row [modes], N/(√kg·m))]."""
-    parts = [(name, -end_row(system, name, end))]
+    row = end_row(system, name, end)
+    parts = [(name, -row)]
     for c in system.scene.connection:
         if isinstance(c, EndConnection) and c.body == name and not c.one_way:
-            parts.append((c.on, -end_stiffness(system, name, end, c.at) * system.shape(c.on, c.on_at)))
+            stiffness = end_stiffness(system, name, row, end_row(system, name, c.at), end == c.at)
+            parts.append((c.on, -stiffness * system.shape(c.on, c.on_at)))
     return parts
 
 

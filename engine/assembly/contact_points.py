@@ -139,9 +139,9 @@ def find_basis(
     shapes, at_contacts = right[:rank] / root, left[:, :rank] * singular[:rank]
     held = np.zeros((rank, rank))
     if factors is not None:
-        lower = np.linalg.cholesky(factors.reduce(shapes, kick, np.eye(rank)))
+        lower = np.linalg.cholesky(factors.reduce(factors.contact_moves(shapes * kick), np.eye(rank)))
         shapes, at_contacts = np.linalg.solve(lower, shapes), at_contacts @ lower
-        held = factors.reduce(shapes, kick, held)
+        held = factors.reduce(factors.contact_moves(shapes * kick), held)
     rounding = np.empty((rank, rank))
     for i, drifts in enumerate(shapes * drift):
         for j, kicks in enumerate(shapes * kick):

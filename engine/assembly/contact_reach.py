@@ -28,32 +28,38 @@ def contact_reach(layout: Layout, seconds: float) -> np.ndarray:
     """
     reach = []
     for n, bodies in enumerate(layout.islands.bodies):
-        shapes = layout.points.contact_shapes[n].phi.copy()
-        for b in bodies:
-            if layout.islands.coordinates[n].items and b not in layout.islands.coordinates_of_body:
-                shapes[:, layout.modes.in_island[b]] = 0.0
-        limit = np.array([2 * math.sqrt(c) for c in _static_compliances(layout, n, shapes)])
-        reach.append(np.minimum(seconds * np.sqrt(np.sum(shapes**2, axis=1)), limit.reshape(-1)))
+        shapes, (contacts, modes) = layout.points.contact_shapes[n].phi, layout.points.contact_shapes[n].moved
+        size, modes_size = shapes.shape
+        is_connected = np.full(modes_size, not layout.islands.coordinates[n].items)
+        for b in layout.islands.coordinates_of_body.keys() & bodies:
+            is_connected[layout.modes.in_island[b]] = True
+        squares = np.where(is_connected[modes], shapes[contacts, modes] ** 2, 0.0)
+        whole = np.bincount(contacts, squares * np.where(is_connected, _modal_compliances(layout, n), 0.0)[modes], size)
+        limit = 2 * np.sqrt(_static_compliances(layout, n, shapes, whole))
+        reach.append(np.minimum(seconds * np.sqrt(np.bincount(contacts, squares, size)), limit))
     return np.concatenate(reach)
 
 
-def _static_compliances(layout: Layout, island: int, shapes: np.ndarray) -> list[float]:
-    """Return Φ·H⁻¹·Φᵀ of each mode shape. H is the stiffness of the modes with the ends of strings. The value is
-    infinite if a free mass takes part."""
-    coupling, omega = layout.islands.coordinates[island].coupling, layout.modes.omega[layout.modes.of_island[island]]
+def _modal_compliances(layout: Layout, island: int) -> np.ndarray:
+    """Return 1/ω² of the modes of an island [modes], s²; infinite for free masses."""
+    omega = layout.modes.omega[layout.modes.of_island[island]]
+    return np.where(omega == 0.0, math.inf, 1 / np.where(omega == 0.0, 1.0, omega) ** 2)
+
+
+def _static_compliances(layout: Layout, island: int, shapes: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    """Return Φ·H⁻¹·Φᵀ of each mode shape [shapes]. H is the stiffness of the modes with the ends of strings. The value
+    is infinite if a free mass takes part.
+
+    whole: ΣΦ²/ω² of the connected modes of each shape, infinite if a free mass is one
+    """
+    coupling, modal_compliance = layout.islands.coordinates[island].coupling, _modal_compliances(layout, island)
     ends = np.flatnonzero(np.any(coupling != 0.0, axis=1))
-    rows, compliances = layout.points.coordinate_rows[island][ends], []
-    free = omega == 0.0
-    modal_compliance = 1 / np.where(free, 1.0, omega) ** 2
-    held = coupling[np.ix_(ends, ends)]
-    factor = np.linalg.solve(np.eye(ends.size) + held @ (rows * modal_compliance) @ rows.T, held)
-    for phi in shapes:
-        if np.any(phi[free] != 0.0) or (ends.size and np.any(rows[:, free])):
-            compliances.append(math.inf)
-            continue
-        moved = (rows * modal_compliance) @ phi
-        compliances.append(max(0.0, float(phi * modal_compliance @ phi - moved @ factor @ moved)))
-    return compliances
+    rows, is_bound = layout.points.coordinate_rows[island][ends], np.isfinite(modal_compliance)
+    held, weighted = coupling[np.ix_(ends, ends)], rows * np.where(is_bound, modal_compliance, 0.0)
+    factor = np.linalg.solve(np.eye(ends.size) + held @ weighted @ rows.T, held)
+    moved, has_free_end = weighted @ shapes.T, np.any(rows[:, ~is_bound])
+    whole = np.full_like(whole, math.inf) if has_free_end else whole
+    return np.asarray(np.maximum(0.0, whole - np.einsum("ij,ij->j", moved, factor @ moved)))
 
 
 # --- by the forces of connections
@@ -74,7 +80,7 @@ def contact_reach_by_forces(layout: Layout, step: StepCoefficients, is_bounded: 
         if not len(shapes) or not len(rows):
             reach.append(np.zeros(len(shapes)))
         elif is_bounded[n] and not layout.islands.is_variable[n]:
-            moves = _sums_of_moves(shapes, rows, _modes_after_push(step, inside))
+            moves = _sums_of_moves(layout, n, _modes_after_push(step, inside))
             reach.append(np.minimum(moves @ np.minimum(_largest_forces(layout, n), UNBOUNDED), UNBOUNDED))
         else:
             reach.append(np.full(len(shapes), UNBOUNDED))
@@ -86,7 +92,8 @@ def _largest_forces(layout: Layout, island: int) -> np.ndarray:
     is infinite if a damper or a rigid joint takes part."""
     items, coupling = layout.islands.coordinates[island]
     rows = coupling @ layout.points.coordinate_rows[island]
-    by_coupling = np.sqrt(_static_compliances(layout, island, rows))
+    whole = np.sum(np.where(rows != 0.0, _modal_compliances(layout, island), 0.0) * rows**2, axis=1)
+    by_coupling = np.sqrt(_static_compliances(layout, island, rows, whole))
     forces = np.where(np.any(coupling != 0.0, axis=1), by_coupling, 0.0)
     forces += np.sqrt(np.array([item.stiffness for item in items]))
     return np.where([item.is_rigid or item.damping != 0.0 for item in items], math.inf, forces)
@@ -108,17 +115,23 @@ def _modes_after_push(step: StepCoefficients, inside: slice) -> np.ndarray:
     return moved.T
 
 
-def _sums_of_moves(shapes: np.ndarray, rows: np.ndarray, moved: np.ndarray) -> np.ndarray:
+def _sums_of_moves(layout: Layout, island: int, moved: np.ndarray) -> np.ndarray:
     """Return the sum over all samples of the size of each contact's displacement per newton at each coordinate, m/N
     [contacts, coordinates].
 
-    shapes: at contacts [contacts, modes]; rows: of coordinates [coordinates, modes]
+    moved: displacement of modes in each sample [modes, samples]
     """
-    sums = np.zeros((len(shapes), len(rows)))
-    for k, phi in enumerate(shapes):
-        used = np.flatnonzero(phi)
-        held = np.flatnonzero(np.any(rows[:, used] != 0.0, axis=1))
-        sums[k, held] = np.sum(np.abs((rows[np.ix_(held, used)] * phi[used]) @ moved[used]), axis=1)
+    islands, rows = layout.islands, layout.points.coordinate_rows[island]
+    inside = slice(*islands.contact_begins[island : island + 2])
+    sums = np.zeros((inside.stop - inside.start, len(rows)))
+    points = zip(islands.contact_points[inside], layout.points.contacts[inside], strict=True)
+    for k, ((contact, point), sides) in enumerate(points):
+        moves = np.zeros((len(rows), moved.shape[1]))
+        for side, row in zip(contact_sides(layout.scene.contact[contact], point), sides, strict=True):
+            number = -1 if side.body is None else layout.body_index[side.body]
+            for coordinate in islands.coordinates_of_body.get(number, ()):
+                moves[coordinate] += (rows[coordinate, row.in_island] * row.phi) @ moved[row.in_island]
+        sums[k] = np.sum(np.abs(moves), axis=1)
     return sums
 
 
@@ -133,6 +146,8 @@ def contacts_to_build(system: ModalSystem, live: bool = False) -> list[int]:
     driven = {f.body for f in acting_forces(scene)} | {e.body for e in scene.event if isinstance(e, StrikeEvent)}
     driven |= {c.body for c in scene.connection if c.name in changed or not isinstance(c, SpringConnection)}
     driven |= {scene.contact[k].body for k in contacts if scene.contact[k].name in changed}
+    if all({scene.contact[k].body, scene.contact[k].on} & driven for k in contacts):
+        return contacts  # as of all that is driven
     islands, reachable = find_islands(system, contacts), list[int]()
     for n, of_island in enumerate(islands.contacts):
         reach = initial_reach(system, islands, n, driven) if of_island else 0.0

@@ -49,15 +49,17 @@ class IslandFactors(NamedTuple):
     per_move: np.ndarray  # Y
     drifts: np.ndarray  # v·rows [coordinates, modes]
 
-    def reduce(self, shapes: np.ndarray, kick: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-        """Return the compliance [rows, rows] of points with the given mode shapes while connections act. `matrix` is
-        their compliance without connections."""
-        moves = self.contact_moves(shapes, kick)
+    def reduce(self, moves: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+        """Return the compliance [rows, rows] of points while connections act. `matrix` is that without connections.
+
+        moves: of the coordinates by the points (contact_moves)
+        """
         return np.asarray(matrix - moves.T @ self.per_move @ moves)
 
-    def contact_moves(self, shapes: np.ndarray, kick: np.ndarray) -> np.ndarray:
-        """Return the displacement of each coordinate per newton at each point [coordinates, rows], m/N."""
-        return np.asarray(self.drifts @ (shapes * kick).T)
+    def contact_moves(self, kicks: np.ndarray) -> np.ndarray:
+        """Return the displacement of each coordinate per newton at each point [coordinates, rows], m/N. kicks: t·Φ of
+        the points [rows, modes]"""
+        return np.asarray(self.drifts @ kicks.T)
 
 
 def find_factors(

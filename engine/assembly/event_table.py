@@ -36,13 +36,16 @@ def event_table(
     """
     islands = range(len(layout.islands.bodies))
     rows = [row for event in layout.scene.event for row in event_rows(layout, event, stiffness, samplerate)]
-    rows += [EventRow(EventKind.DAMP, n, 0, 0, UNUSED_SLOT, 0, 1.0) for n in islands for _ in range(capacity)]
-    rows.sort(key=lambda row: (row.island, row.start))
-    counts = np.bincount(np.array([row.island for row in rows], np.int64), minlength=len(islands))
-    if not rows:
+    slots = [EventRow(EventKind.DAMP, n, 0, 0, UNUSED_SLOT, 0, 1.0) for n in islands]
+    times = [1] * len(rows) + [capacity] * len(slots)  # of each row
+    whole = np.repeat(np.array([row[:6] for row in rows + slots], np.int64), times, axis=0)
+    values = np.repeat(np.array([row[6:] for row in rows + slots], float), times, axis=0)
+    counts = np.bincount(whole[:, 1], minlength=len(islands))
+    if not len(whole):
         return None, counts
-    kind, _, target_begin, target_end, start, length = np.array([row[:6] for row in rows], np.int64).T.copy()
-    value, value2 = np.array([row[6:] for row in rows], float).T.copy()
+    order = np.lexsort((whole[:, 4], whole[:, 1]))  # by island, then by time
+    kind, _, target_begin, target_end, start, length = whole[order].T.copy()
+    value, value2 = values[order].T.copy()
     return Events(kind, start, start + length, target_begin, target_end, value, value2), counts
 
 

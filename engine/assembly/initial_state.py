@@ -7,6 +7,7 @@ import numpy as np
 from engine.assembly.array_memory import allocate
 from engine.assembly.connections import lowest_energies
 from engine.assembly.layout import Layout
+from engine.assembly.mode_shape_rows import ShapeRow
 from engine.kernel.data.axes import Axis
 from engine.kernel.data.enums import COLUMNS, DRIVE_FRAMES, LANES, Row
 from engine.kernel.data.model import Model
@@ -19,6 +20,8 @@ from engine.kernel.data.state import (
     Scratch,
     State,
 )
+
+AXES = frozenset(Axis)
 
 
 def initial_state(layout: Layout, model: Model) -> State:
@@ -81,7 +84,7 @@ def _initial_connections(layout: Layout, counts: dict[Axis, int]) -> ConnectionS
 def item_counts(model: Model) -> dict[Axis, int]:
     """Return the number of items of each axis in a model."""
     islands = model.islands
-    counts = {Axis(axis): int(begins[-1]) for axis, begins in islands._asdict().items() if axis in list(Axis)}
+    counts = {Axis(axis): int(begins[-1]) for axis, begins in islands._asdict().items() if axis in AXES}
     events = 0 if model.events is None else model.events.kind.size
     counts[Axis.DRIVE] = 0 if model.drive is None else model.drive.island.size
     counts |= {Axis.ISLAND: islands.mode.size - 1, Axis.PARTITION: islands.partition.size - 1, Axis.EVENT: events}
@@ -102,5 +105,10 @@ def _initial_compressions(layout: Layout) -> np.ndarray:
     for inside, (first, last) in zip(layout.modes.of_island, pairwise(begins), strict=True):
         q = layout.modes.q[inside]
         for a, b in layout.points.contacts[first:last]:
-            compressions.append(a.over_island(q.size) @ q + b.over_island(q.size) @ q)
+            compressions.append(_displacement(a, q) + _displacement(b, q))
     return np.array(compressions)
+
+
+def _displacement(row: ShapeRow, q: np.ndarray) -> float:
+    """Return the displacement at a point. q: of the modes of its island"""
+    return float(row.over_island(q.size) @ q) if q[row.in_island].any() else 0.0

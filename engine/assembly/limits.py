@@ -2,7 +2,7 @@
 memory or time, and name the paths in the patch."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -27,15 +27,20 @@ MAX_FORCE_STEPS = 1 << 28  # of the tables of all forces: 2 GB
 MIN_BODY_MASS = 1e-12  # kg, as of masses
 
 
-def build_modal_bodies(scene: Scene, samplerate: float, scheme: str) -> list[ModalBody]:
-    """Return the modes of all bodies. Raises BuildError, which names each body that cannot be built."""
+def build_modal_bodies(
+    scene: Scene, samplerate: float, scheme: str, known: Mapping[int, ModalBody] | None = None
+) -> list[ModalBody]:
+    """Return the modes of all bodies. Raises BuildError, which names each body that cannot be built.
+
+    known: bodies that are built already, by their numbers
+    """
     bodies: list[ModalBody] = []
     faults: list[Fault] = []
     total = 0
     for i, body in enumerate(scene.body):
         path = f"body[{i}]"
         try:
-            modal = build_modal_body(body, path, samplerate, scheme)
+            modal = (known or {}).get(i) or build_modal_body(body, path, samplerate, scheme)
         except BuildError as error:
             faults += error.faults
             continue

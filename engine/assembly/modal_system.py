@@ -33,6 +33,14 @@ class ModalSystem:
             return point.phi
         return point.factor * self.modal_bodies[self.body_index[point.body]].shape(point.position)
 
+    def same_bodies(self, scene: Scene) -> dict[int, ModalBody]:
+        """Return the modal bodies that another scene has too, by their numbers. Contacts at other places change the
+        residual modes of all."""
+        if scene.contact is not self.scene.contact:
+            return {}
+        pairs = enumerate(zip(self.scene.body, scene.body, strict=True))
+        return {number: self.modal_bodies[number] for number, (ours, theirs) in pairs if ours is theirs}
+
     def points_of(self, contact: Contact) -> list[ContactPoint]:
         """Return the points of a contact."""
         on = None if contact.on is None else self.scene.body[self.body_index[contact.on]]

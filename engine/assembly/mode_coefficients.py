@@ -1,6 +1,7 @@
 """Coefficients of a step of each mode: kick t and drift v (engine.kernel.modes.mode_step), and the factors of loss."""
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -41,23 +42,33 @@ def exact_coefficients(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple[
     For ω = 0, t = (h/2)·√(tanh(σh)/σh): a free mass falls exactly, and coasts with an error of about (σh)²/3;
     `damped_coefficients` makes both exact. Valid for ω_d·h < π.
     """
-    pairs = [_exact_mode(w, s, h) for w, s in zip(omega.tolist(), sigma.tolist(), strict=True)]
-    table = np.array(pairs).reshape(-1, 2)
-    return table[:, 0].copy(), table[:, 1].copy()
+    kick, drift = np.empty((2, omega.size))
+    swings = sigma < omega
+    w, s = omega[swings], sigma[swings]
+    half_angle = np.sqrt((w - s) * (w + s)) * h / 2
+    lost = _squares(math.sinh, s * h / 2)
+    below = lost + _squares(math.sin, half_angle)  # (1 - cos θ)·cosh(σh)/2
+    above = lost + _squares(math.cos, half_angle)  # (1 + cos θ)·cosh(σh)/2
+    kick[swings] = np.sqrt(below / above) / w
+    drift[swings] = 2 * kick[swings] / (1 + _squares(float, w * kick[swings]))
+    for n in np.flatnonzero(~swings):
+        kick[n], drift[n] = _exact_creep(float(omega[n]), float(sigma[n]), h)
+    return kick, drift
 
 
-def _exact_mode(w: float, s: float, h: float) -> tuple[float, float]:
+def _squares(function: Callable[[float], float], values: np.ndarray) -> np.ndarray:
+    """Return the squares of a function. Those of NumPy round otherwise on each processor."""
+    return np.array([function(value) ** 2 for value in values.tolist()])
+
+
+def _exact_creep(w: float, s: float, h: float) -> tuple[float, float]:
+    """Return kick and drift (s) of a mode that does not swing: overdamped, or a free mass."""
     if w == 0.0:
         half = h / 2 * (math.sqrt(math.tanh(s * h) / (s * h)) if s * h > 0.0 else 1.0)
         return half, 2 * half
-    if s < w:
-        half_angle = math.sqrt((w - s) * (w + s)) * h / 2
-        below = math.sinh(s * h / 2) ** 2 + math.sin(half_angle) ** 2  # (1 - cos θ)·cosh(σh)/2
-        above = math.sinh(s * h / 2) ** 2 + math.cos(half_angle) ** 2  # (1 + cos θ)·cosh(σh)/2
-    else:
-        slow = math.sqrt((s - w) * (s + w))
-        below = math.sinh((s + slow) * h / 2) * math.sinh(w * w / (s + slow) * h / 2)
-        above = math.sinh(s * h / 2) ** 2 + math.cosh(slow * h / 2) ** 2
+    slow = math.sqrt((s - w) * (s + w))
+    below = math.sinh((s + slow) * h / 2) * math.sinh(w * w / (s + slow) * h / 2)
+    above = math.sinh(s * h / 2) ** 2 + math.cosh(slow * h / 2) ** 2
     kick = math.sqrt(below / above) / w
     return kick, 2 * kick / (1 + (w * kick) ** 2)
 

@@ -10,7 +10,7 @@ this compliance, and is as passive as any other. A compliance added to that of t
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,16 +23,17 @@ from engine.patch.scene import Scene
 
 
 def fit_modes(
-    scene: Scene, bodies: Sequence[ModalBody], samplerate: float, like: Sequence[ModalBody]
+    scene: Scene, bodies: Sequence[ModalBody], samplerate: float, like: Sequence[ModalBody], fit: Container[int] = ()
 ) -> list[ModalBody]:
     """Return the modes of bodies, with residual ones, as many of each as another build has. The highest are left out if
     there are too many. Silent modes, which nothing moves, replace those that are missing.
 
+    fit: numbers of bodies that are as they should be
     Raises BuildError if the two cannot have the same modes.
     """
     cut = [_first_modes(body, other.omega.size - other.residual) for body, other in zip(bodies, like, strict=True)]
     fitted: list[ModalBody] = []
-    for i, (body, other) in enumerate(zip(with_residual_modes(scene, cut, samplerate), like, strict=True)):
+    for i, (body, other) in enumerate(zip(with_residual_modes(scene, cut, samplerate, fit), like, strict=True)):
         if body.residual != other.residual:
             message = "this change needs other modes than those that sound; stop and start again"
             raise BuildError(Fault(f"body[{i}]", message))
@@ -41,8 +42,8 @@ def fit_modes(
 
 
 def _first_modes(body: ModalBody, count: int) -> ModalBody:
-    """Return a body with its first `count` modes."""
-    if body.omega.size <= count:
+    """Return a body with its first `count` modes; one that has residual modes is as it should be."""
+    if body.omega.size <= count or body.residual:
         return body
     rows = (body.omega, body.sigma, body.q, body.p, body.gravity_participation)
     omega, sigma, q, p, gravity_participation = (row[:count] for row in rows)
@@ -74,14 +75,17 @@ SLOW = 20.0  # Hz
 MIN_PART = 1e-3  # of the largest: smaller residual modes are left out
 
 
-def with_residual_modes(scene: Scene, bodies: Sequence[ModalBody], samplerate: float) -> list[ModalBody]:
-    """Return the modes of bodies, with residual modes where they help. samplerate: of the steps, Hz"""
+def with_residual_modes(
+    scene: Scene, bodies: Sequence[ModalBody], samplerate: float, fit: Container[int] = ()
+) -> list[ModalBody]:
+    """Return the modes of bodies, with residual modes where they help. samplerate: of the steps, Hz; fit: numbers of
+    bodies that are as they should be"""
     places = _contact_places(scene)
     return [
         _with_residual(body, modal, places[body.name], samplerate)
-        if isinstance(body, DistributedBody) and body.residual is not False and places.get(body.name)
+        if isinstance(body, DistributedBody) and body.residual is not False and n not in fit and places.get(body.name)
         else modal
-        for body, modal in zip(scene.body, bodies, strict=True)
+        for n, (body, modal) in enumerate(zip(scene.body, bodies, strict=True))
     ]
 
 
@@ -89,7 +93,8 @@ def _with_residual(body: DistributedBody, modal: ModalBody, places: list[object]
     """Return the modes of a body with its residual modes, whose shapes are combinations of static deflections."""
     if body.residual is None and len(places) > MAX_POINTS:
         return modal
-    beyond = body.modes_beyond(float(np.max(modal.omega)))
+    highest = float(np.max(modal.omega))
+    beyond = body.modes_beyond(highest)
     if beyond is None:
         return modal
     shapes_beyond = np.array([beyond.shape(place) for place in places])
@@ -104,22 +109,23 @@ def _with_residual(body: DistributedBody, modal: ModalBody, places: list[object]
     kept = value > MIN_PART * value[-1]
     omega = 2 * math.pi * FREQUENCY_SHARE * samplerate
     mixture = omega * vector[:, kept] / np.sqrt(value[kept])  # Φ = ω·C_r(x, places)·V·Λ^(-1/2)
-    at_places = shapes_beyond / beyond.omega**2
+    at_places = (shapes_beyond / beyond.omega**2).T
+    rows_at_places = [shapes @ at_places @ mixture for shapes in shapes_beyond]
 
     def shape(position: object) -> np.ndarray:
-        row = beyond.shape(position) @ at_places.T @ mixture
+        if not isinstance(position, np.ndarray) and position in places:
+            row = rows_at_places[places.index(position)]
+        else:  # computed again: 20 000 modes of each string of a piano would take 70 MB
+            modes = body.modes_beyond(highest)
+            assert modes is not None
+            row = modes.shape(position) @ (np.array([modes.shape(p) for p in places]) / modes.omega**2).T @ mixture
         return np.concatenate([modal.shape(position), row], axis=-1)
 
     more = int(np.count_nonzero(kept))
-    return ModalBody(
-        omega=np.concatenate([modal.omega, np.full(more, omega)]),
-        sigma=np.concatenate([modal.sigma, np.full(more, DAMPING_PER_STEP * samplerate)]),
-        shape=shape,
-        q=np.pad(modal.q, (0, more)),
-        p=np.pad(modal.p, (0, more)),
-        gravity_participation=np.pad(modal.gravity_participation, (0, more)),
-        residual=more,
-    )
+    rows = modal.omega, modal.sigma, modal.q, modal.p, modal.gravity_participation
+    ends = omega, DAMPING_PER_STEP * samplerate, 0.0, 0.0, 0.0
+    omegas, sigma, q, p, participation = (np.append(row, [end] * more) for row, end in zip(rows, ends, strict=True))
+    return ModalBody(omegas, sigma, shape, q, p, participation, more)
 
 
 def _contact_places(scene: Scene) -> dict[str, list[object]]:

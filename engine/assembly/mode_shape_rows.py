@@ -22,15 +22,20 @@ class ShapeRow(NamedTuple):
         """Modes of the row, counted from the first of all."""
         return slice(self.mode_begin_of_all, self.mode_begin_of_all + self.phi.size)
 
+    @property
+    def in_island(self) -> slice:
+        """Modes of the row, counted from the first of their island."""
+        return slice(self.mode_begin, self.mode_begin + self.phi.size)
+
     def over_island(self, size: int) -> np.ndarray:
         """Return the mode shapes over all modes of an island; they are zero for other bodies [size], 1/√kg."""
         phi = np.zeros(size)
-        phi[self.mode_begin : self.mode_begin + self.phi.size] = self.phi
+        phi[self.in_island] = self.phi
         return phi
 
     def cut_from(self, phi: np.ndarray) -> "ShapeRow":
         """Return the row with its part of the given mode shapes [modes of the island]."""
-        return self._replace(phi=phi[self.mode_begin : self.mode_begin + self.phi.size])
+        return self._replace(phi=phi[self.in_island])
 
 
 def mode_shape_rows(rows: Sequence[ShapeRow]) -> ModeShapeRows:

@@ -4,11 +4,12 @@ the compliance of contacts: the displacement at the contacts of an island per ne
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from engine.assembly.connections import all_factors, connection_coefficients
+from engine.assembly.connections import ContactMotion, all_factors, connection_coefficients, contact_motions
 from engine.assembly.contact_points import BasisOfIsland, BasisUse, entries_by_row, find_basis, products_by_contact
 from engine.assembly.coordinates import IslandFactors
 from engine.assembly.double_double import two_product
@@ -19,7 +20,10 @@ from engine.kernel.data.model import BasisCoefficients, ContactCoefficients, Ste
 
 
 def contact_compliance(
-    layout: Layout, modes: ModeCoefficients, factors: Sequence[IslandFactors | None]
+    layout: Layout,
+    modes: ModeCoefficients,
+    factors: Sequence[IslandFactors | None],
+    motions: Sequence[ContactMotion],
 ) -> tuple[list[np.ndarray], np.ndarray]:
     """Return the contact compliance matrix B = Φ diag(e) Φᵀ of each island, with e = v·t, and the rounding errors of
     its diagonal. B is the displacement at contact i per newton at contact j over one step, m/N. An error is what
@@ -28,18 +32,20 @@ def contact_compliance(
     Where contacts are solved in the space of a basis, the basis holds these errors, and they are 0 here.
 
     factors: of the connections of each island, which reduce the displacement at contacts
+    motions: of each island
     """
     matrices, low = [], []
-    for shapes, inside, connected in zip(layout.points.contact_shapes, layout.modes.of_island, factors, strict=True):
-        kick = modes.kick[inside]
-        kicks, drifts = shapes.phi * kick, shapes.phi * modes.drift[inside]
-        matrix = kicks @ drifts.T
-        for k in range(len(matrix)):
-            product, error = two_product(kicks[k], drifts[k])
-            matrix[k, k] = math.fsum([*product, *error])
-            is_in_basis = shapes.basis_use is BasisUse.FIRST
-            low.append(0.0 if is_in_basis else math.fsum([*product, *error, -matrix[k, k]]))
-        matrices.append(matrix if connected is None else connected.reduce(shapes.phi, kick, matrix))
+    islands = zip(layout.points.contact_shapes, layout.modes.of_island, factors, motions, strict=True)
+    for shapes, inside, connected, motion in islands:
+        matrix, phi, modes_at = motion.compliance.copy(), shapes.phi[shapes.moved], shapes.moved[1]
+        product, error = two_product(phi * modes.kick[inside][modes_at], phi * modes.drift[inside][modes_at])
+        products, errors = product.tolist(), error.tolist()
+        ends = np.searchsorted(shapes.moved[0], np.arange(len(matrix) + 1)).tolist()
+        for k, (begin, end) in enumerate(pairwise(ends)):
+            terms = products[begin:end] + errors[begin:end]
+            matrix[k, k] = total = math.fsum(terms)
+            low.append(0.0 if shapes.basis_use is BasisUse.FIRST else math.fsum([*terms, -total]))
+        matrices.append(matrix if connected is None else connected.reduce(motion.moves, matrix))
     return matrices, np.array(low)
 
 
@@ -58,6 +64,7 @@ def step_coefficients(
     omega, weight, forces = layout.modes.omega, layout.modes.weight, layout.points.forces
     rate = samplerate / length if loses_at_points else 0.0
     factors = all_factors(layout, modes, rate)
+    motions = contact_motions(layout, modes, factors)
     return StepCoefficients(
         kick=modes.kick,
         drift=modes.drift,
@@ -65,21 +72,25 @@ def step_coefficients(
         weight_kick=modes.kick * weight if weight.any() else None,
         loss=modes.loss,
         drag=modes.drag,
-        connection=connection_coefficients(layout, modes, factors, rate),
-        contact=contact_coefficients(layout, modes, factors, rate) if layout.points.contacts else None,
+        connection=connection_coefficients(layout, modes, factors, motions, rate),
+        contact=contact_coefficients(layout, modes, factors, motions, rate) if layout.points.contacts else None,
         force=row_coefficients(forces, modes.kick, modes.drift) if forces else None,
     )
 
 
 def contact_coefficients(
-    layout: Layout, modes: ModeCoefficients, factors: Sequence[IslandFactors | None], rate: float
+    layout: Layout,
+    modes: ModeCoefficients,
+    factors: Sequence[IslandFactors | None],
+    motions: Sequence[ContactMotion],
+    rate: float,
 ) -> ContactCoefficients:
     """Return the coefficients of the contacts of a layout, which must have some.
 
-    factors: of the connections of each island
+    factors: of the connections of each island; motions: by its contacts
     rate:    one over the length of the step, 1/s; 0 if contact loss acts outside it
     """
-    matrices, low = contact_compliance(layout, modes, factors)
+    matrices, low = contact_compliance(layout, modes, factors, motions)
     loss = np.array([layout.scene.contact[k].loss for k, _ in layout.islands.contact_points])
     ours, theirs = zip(*layout.points.contacts, strict=True)
     bases = find_bases(layout, modes, factors)

@@ -15,6 +15,7 @@ from engine.assembly import limits
 from engine.assembly.build import BuildResult, build
 from engine.assembly.pickup_points import channel_gains
 from engine.assembly.table_exchange import Copies, collect_copies, make_copies
+from engine.kernel.data.axes import map_arrays
 from engine.kernel.data.model import Model
 from engine.patch.frames import nearest_frame
 from engine.patch.live_parameters import LivePath, check_range, live_paths, value_at, with_value
@@ -63,8 +64,11 @@ class TableChanges:
         **options: Any,
     ) -> None:
         self._scene, self._state, self._layout = scene, built.state, built.layout
+        self._latest = built.layout  # of what was built last
         self._targets, self._coarser, self._options = list(models) or [built.model], coarser, options
-        self._known: list[Model] | None = None  # the numbers that the targets have, or are to have
+        # the numbers that the targets have, or are to have
+        self._known = [map_arrays(lambda array, items: array.copy(), model) for model in self._targets]
+        self._changed: tuple[Scene, tuple[NewValue, ...], Scene] | None = None  # a scene with values, made last
         self._busy_until: dict[int, int] = {}  # frame, by island: changes of one follow each other
         self._kept: list[Exchange] = []  # exchanges whose numbers the audio thread may still read
         self.lock = threading.Lock()
@@ -90,11 +94,14 @@ class TableChanges:
         """Raise ValueError (BuildError) if values are out of range, or if a body whose modes are computed quickly
         cannot have them. Other errors are found when the tables are built."""
         scene, accuracy = self._with_values(values), self._options.get("accuracy") or self._scene.accuracy
-        for number in {path.number for path, _, _ in values if path.section == "body"}:
+        names: dict[int, list[str]] = {}
+        for path, parameter, _ in values:
+            if path.section == "body":
+                names.setdefault(path.number, []).append(parameter)
+        for number, parameters in names.items():
             body = scene.body[number]
             if body.IS_LUMPED or body.HAS_LENGTH:
-                name = ", ".join(new.parameter for new in values if new.path[:2] == ("body", number))
-                limits.build_modal_body(body, name, self.samplerate, accuracy.scheme)
+                limits.build_modal_body(body, ", ".join(parameters), self.samplerate, accuracy.scheme)
 
     def steps(
         self,
@@ -154,7 +161,7 @@ class TableChanges:
 
     def _table_copies(self, glide: Sequence[tuple[NewValue, ...]], last: list[Model]) -> list[Copies]:
         """Return the copies that make the targets the Models of each step of a glide. last: Models of the last step"""
-        known, copies = self._known or self._build(self._scene), list[Copies]()
+        known, copies = self._known, list[Copies]()
         for step in glide:
             after = last if step is glide[-1] else self._build(self._with_values(step))
             copies.append(make_copies(self._targets, self._state, known, after))
@@ -164,17 +171,22 @@ class TableChanges:
 
     def _with_values(self, values: Sequence[NewValue]) -> Scene:
         """Return the scene with other values. Raises ValueError if they are out of range."""
-        scene = self._scene
-        for path, parameter, value in values:
-            scene = with_value(scene, path, parameter, value)
-        return scene
+        last, before, chosen = self._changed, self._scene, tuple(values)
+        if last is None or last[0] is not before or last[1] != chosen:
+            scene = before
+            for path, parameter, value in values:
+                scene = with_value(scene, path, parameter, value)
+            self._changed = last = before, chosen, scene
+        return last[2]
 
     def forget(self) -> None:
         """Forget all exchanges; the audio thread must have made them before."""
         self._kept.clear()
 
     def _build(self, scene: Scene) -> list[Model]:
-        built = build(scene, self.samplerate, like=self._layout.modal_bodies, **self._options)
+        like = self._layout.modal_bodies
+        built = build(scene, self.samplerate, like=like, before=self._latest, **self._options)
+        self._latest = built.layout
         return [built.model, *self._coarser(built)]
 
     def _level_pairs(self, scene: Scene, path: LivePath) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -14,7 +14,7 @@ from engine.kernel.data.model import ConnectionCoefficients, Model
 from engine.kernel.data.state import State
 
 WORD_BYTES = 8
-KEPT = ("events",)  # fields of a Model that live sound writes to
+KEPT = ("events", "start", "scale")  # fields of a Model, and of its forces, that live sound writes to
 
 
 class CannotExchange(ValueError):

@@ -9,7 +9,7 @@ from pydantic import Field
 from pydantic_core import InitErrorDetails
 
 from engine.bodies.body import TO_60_DB
-from engine.bodies.distributed import LineBody, ModeSet, above, mode_numbers, rise_from_one
+from engine.bodies.distributed import LineBody, ModeSet, StaticModes, above, mode_numbers, rise_from_one
 from engine.bodies.table import KeyPath, Positive, Table, are_positive, is_given, make_fault
 
 MODES_OF_STATICS = 2_000  # whose compliances fall off with the fourth power of their number
@@ -85,7 +85,7 @@ class Bar(LineBody):
 
         return ModeSet(np.concatenate([omega, rigid_omega]), np.concatenate([sigma, rigid_sigma]), shape)
 
-    def modes_beyond(self, omega: float) -> ModeSet | None:
+    def modes_beyond(self, omega: float) -> StaticModes | None:
         if self.ratios is not None:
             return None
         return above(self.model_copy(update={"modes": MODES_OF_STATICS}).free_modes(math.inf), omega)

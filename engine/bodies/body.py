@@ -32,6 +32,21 @@ class ModalBody(NamedTuple):
     silent: int = 0  # how many before these have no shape: they only take places (engine.assembly.mode_counts)
 
 
+def remember_positions(shape: Callable[[Any], np.ndarray]) -> Callable[[Any], np.ndarray]:
+    """Return a `shape` of a ModalBody that computes the shapes at each single position once."""
+    known: dict[str, np.ndarray] = {}
+
+    def remembered(position: Any) -> np.ndarray:
+        if isinstance(position, np.ndarray):
+            return shape(position)
+        if (key := repr(position)) not in known:
+            known[key] = shape(position)
+            known[key].flags.writeable = False
+        return known[key]
+
+    return remembered
+
+
 class TooManyModes(ValueError):
     """A body has more modes below the highest frequency than can be built."""
 

@@ -25,6 +25,7 @@ from engine.bodies.table import KeyPath, Positions, Positive, Table, is_given, m
 from engine.wording import format_value
 
 AUDIBLE = 20_000.0  # Hz
+FEW_MODES = 512  # of a body, if that is all it has: so many are tried first, which takes less time
 MAX_SUPPORTS = 256  # of a body
 
 
@@ -33,6 +34,13 @@ class ModeSet(NamedTuple):
 
     omega: np.ndarray  # [modes], rad/s
     sigma: np.ndarray  # [modes], 1/s
+    shape: Callable[[Any], np.ndarray]  # positions → [..., modes], 1/√kg
+
+
+class StaticModes(NamedTuple):
+    """Modes that only the static compliance counts."""
+
+    omega: np.ndarray  # [modes], rad/s
     shape: Callable[[Any], np.ndarray]  # positions → [..., modes], 1/√kg
 
 
@@ -100,7 +108,7 @@ class DistributedBody(BodyTable):
     def peak(self, at: Any) -> Profile:
         """The profile that is 1 at a place, and falls to 0 at the ends or the rim."""
 
-    def modes_beyond(self, omega: float) -> ModeSet | None:
+    def modes_beyond(self, omega: float) -> StaticModes | None:
         """Modes above an angular frequency (rad/s), as many as amount to anything at a point; None if not known."""
         return None
 
@@ -187,10 +195,10 @@ class LineBody(DistributedBody):
         return peak_of_line(at)
 
 
-def above(modes: ModeSet, omega: float) -> ModeSet:
+def above(modes: ModeSet, omega: float) -> StaticModes:
     """The modes above an angular frequency, rad/s."""
     chosen = modes.omega > omega * (1 + 1e-12)
-    return ModeSet(modes.omega[chosen], modes.sigma[chosen], lambda position: modes.shape(position)[..., chosen])
+    return StaticModes(modes.omega[chosen], lambda position: modes.shape(position)[..., chosen])
 
 
 def at_rest(modes: ModeSet) -> ModalBody:
@@ -208,6 +216,8 @@ def mode_numbers(frequencies: Callable[[np.ndarray], np.ndarray], limit: int | N
     """
     count = limit or MAX_MODES + 1
     number = np.arange(1.0, count + 1)
+    if count > FEW_MODES and frequencies(number[FEW_MODES - 1 : FEW_MODES])[0] >= max_omega:
+        number = number[:FEW_MODES]
     number = number[frequencies(number) < max_omega]
     if limit is None and number.size > MAX_MODES:
         raise TooManyModes(f"has more than {MAX_MODES} modes below {max_omega / 2 / math.pi:.0f} Hz")

@@ -11,7 +11,7 @@ from pydantic_core import InitErrorDetails
 
 from engine.bodies.bar import Cords
 from engine.bodies.circular_plate_modes import circular_plate_modes
-from engine.bodies.distributed import ModeSet, above
+from engine.bodies.distributed import ModeSet, StaticModes, above
 from engine.bodies.plate_modes import MAX_RITZ_MODES, PlateModes, PlateStiffness, rectangle_plate_modes
 from engine.bodies.sheet import MAX_SHEET_MODES, TunedSheet
 from engine.bodies.table import KeyPath, are_positive, is_given, is_number, make_fault
@@ -89,7 +89,7 @@ class Plate(TunedSheet):
             lambda position: np.roll(shape(position), -rigid, axis=-1),
         )
 
-    def modes_beyond(self, omega: float) -> ModeSet | None:
+    def modes_beyond(self, omega: float) -> StaticModes | None:
         if self.edges != "supported" or self.size is None:
             return None
         return above(self.model_copy(update={"modes": MODES_OF_STATICS}).free_modes(math.inf), omega)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -9,10 +10,11 @@ from pydantic import Field
 from pydantic_core import InitErrorDetails
 
 from engine.bodies.body import MAX_MODES
-from engine.bodies.distributed import LineBody, ModeSet, above, mode_numbers
+from engine.bodies.distributed import LineBody, ModeSet, StaticModes, mode_numbers
 from engine.bodies.table import KeyPath, are_positive, make_fault
 
 MAX_TENSION = 1e9  # N
+NUMBERS = np.arange(1.0, MAX_MODES + 1)
 
 
 class String(LineBody):
@@ -71,24 +73,39 @@ class String(LineBody):
         """
         number = np.arange(1.0, omega.size + 1)
         beta, density = number * math.pi / self.length, self.mass_per_length()
-        slope = math.sqrt(2 / (density * self.length)) * beta * (np.where(number % 2 == 0, 1.0, -1.0) if end else 1.0)
+        slope = self._scale() * beta * (np.where(number % 2 == 0, 1.0, -1.0) if end else 1.0)
         return (1.0 if end else -1.0) * omega**2 * density * slope / beta**2
 
-    def modes_beyond(self, omega: float) -> ModeSet | None:
-        return above(self.model_copy(update={"modes": MAX_MODES}).free_modes(math.inf), omega)
+    def modes_beyond(self, omega: float) -> StaticModes | None:
+        all_omega, scale = self._frequencies(NUMBERS), self._scale()
+        first = int(np.searchsorted(all_omega, omega * (1 + 1e-12), "right"))
+        return StaticModes(all_omega[first:], lambda x: scale * sines_at(x)[..., first:])
 
     def free_modes(self, max_omega: float) -> ModeSet:
         """ω² = (T·β² + EI·β⁴)/μ, β = iπ/L; shapes sin βx, with modal mass μL/2 (Fletcher & Rossing, Physics of
         Musical Instruments, sec. 2.18)."""
-        density = self.mass_per_length()
-        tension, bending = self.tension_and_bending()
-        root = math.pi / self.length
-
-        def frequencies(n: np.ndarray) -> np.ndarray:
-            return np.asarray(np.sqrt((tension + bending * (n * root) ** 2) / density) * (n * root))
-
-        number = mode_numbers(frequencies, self.modes, max_omega)
-        scale = math.sqrt(2 / (density * self.length))
-        omega = frequencies(number)
-        decay = self.decay_rates(omega, number * root)
+        number = mode_numbers(self._frequencies, self.modes, max_omega)
+        scale, omega = self._scale(), self._frequencies(number)
+        decay = self.decay_rates(omega, number * (math.pi / self.length))
         return ModeSet(omega, decay, lambda x: scale * np.sin(math.pi * number * np.asarray(x)[..., None]))
+
+    def _frequencies(self, number: np.ndarray) -> np.ndarray:
+        """Angular frequencies of modes [modes], rad/s."""
+        tension, bending = self.tension_and_bending()
+        wave_number = number * (math.pi / self.length)
+        return np.asarray(np.sqrt((tension + bending * wave_number**2) / self.mass_per_length()) * wave_number)
+
+    def _scale(self) -> float:
+        """Largest value of a mode shape, 1/√kg."""
+        return math.sqrt(2 / (self.mass_per_length() * self.length))
+
+
+def sines_at(x: Any) -> np.ndarray:
+    """sin nπx of n = 1, 2, … [..., MAX_MODES] at positions; at a single one they are kept."""
+    return sines_at_one(x) if isinstance(x, float) else np.asarray(np.sin(math.pi * NUMBERS * np.asarray(x)[..., None]))
+
+
+@lru_cache(128)  # 20 MB: a piano has a place for each of its keys, where its strings at all pitches have the same
+def sines_at_one(x: float) -> np.ndarray:
+    """`sines_at` of a single position."""
+    return np.asarray(np.sin(math.pi * NUMBERS * x))

@@ -19,7 +19,7 @@ from engine.runtime.helpers import start_helpers
 from engine.runtime.job_memory import RENDER_USE, JobMemory
 from engine.runtime.kernel_choice import is_ready, prepare
 
-MIN_BUFFER_FRAMES = 1024  # that a block may have at first
+MIN_BUFFER_FRAMES = 4096  # that a block may have at first: so many need no second memory
 
 
 class Simulation:

@@ -9,6 +9,7 @@ import soundfile
 from test_keyboards import RATE, SCORE, STRINGS
 
 import engine
+from engine.assembly.modal_system import ModalSystem
 from engine.cli import main
 from engine.live.instrument_notes import scene_of_file, score_of_notes
 from engine.live.key_allocator import KeyAllocator, live_scene
@@ -202,6 +203,26 @@ def test_a_wheel_that_moves_live_bends_as_one_in_a_file(path):
     bent, plain = (player.value("body.C4_string1.frequency") for player in (allocator.player, play(path)[1].player))
     assert bent == pytest.approx(2 ** (1 / 12) * plain)
     assert np.array_equal(replay(allocator.player.log()), out) and allocator.refused == 0
+
+
+def test_bent_keys_sound_as_if_all_bodies_were_built_again(monkeypatch):
+    """The wheel moves twice; what it does not bend keeps its modes, and the samples are the same, bit for bit."""
+
+    def sound():
+        keys = KeyAllocator(Player(live_scene(engine.load("piano"), [45, 60]), RATE, math.inf, waiting=True))
+        heard = np.zeros((4096, keys.player.channels), np.float32)
+        notes = [Note(0, "on", 60, 100), Note(0, "bend", 0, 150.0), Note(0, "bend", 0, -80.0), Note(0, "on", 45, 100)]
+        for block, note in zip(np.split(heard, 4), notes, strict=True):
+            keys.play(note)
+            keys.poll()
+            keys.player.render_into(block)
+        return heard, keys.player.layout
+
+    quick, layout = sound()
+    assert layout.same_bodies(layout.scene).keys() == set(range(len(layout.scene.body)))
+    monkeypatch.setattr(ModalSystem, "same_bodies", lambda self, scene: {})
+    np.testing.assert_array_equal(sound()[0], quick)
+    assert np.abs(quick).max() > 0.0
 
 
 def test_of_a_zone_each_key_has_its_own_wheel(path):

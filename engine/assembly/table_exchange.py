@@ -10,10 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from engine.kernel.data.model import ConnectionCoefficients, Model
+from engine.kernel.data.model import Model, StepCoefficients
 from engine.kernel.data.state import State
 
 WORD_BYTES = 8
+MADE_FOR_CONNECTIONS = ("force_per_extension", "force_per_move", "made_for_stiffness", "made_for_damping")
+REDUCED_BY_CONNECTIONS = ("compliance", "compliance_low", "coupling")
 KEPT = ("events", "start", "scale")  # fields of a Model, and of its forces, that live sound writes to
 
 
@@ -40,7 +42,7 @@ def make_copies(target: Sequence[Model], state: State, before: Sequence[Model], 
     for ours, old, new in zip(target, before, after, strict=True):
         pairs += _differences(ours, old, new, "")
     if pairs:
-        pairs += [pair for ours in target for pair in _invalidated(ours)]
+        pairs += [pair for ours, new in zip(target, after, strict=True) for pair in _factors(ours, new)]
         if state.refinement is not None:
             pairs.append((state.refinement.margin_valid, np.zeros_like(state.refinement.margin_valid)))
     return collect_copies(pairs)
@@ -80,12 +82,17 @@ def _differences(ours: Any, old: Any, new: Any, name: str) -> Iterator[tuple[np.
                 yield from _differences(mine, was, now, field)
 
 
-def _invalidated(record: Any) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield copies that make the audio thread compute the factors of connections again, as those depend on the present
-    stiffness."""
-    if isinstance(record, ConnectionCoefficients):
-        never = np.full(record.made_for_stiffness.size, np.nan)
-        yield record.made_for_stiffness.reshape(-1), never
-    elif hasattr(record, "_fields"):
-        for value in record:
-            yield from _invalidated(value)
+def _factors(ours: Any, new: Any) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield all numbers that the audio thread computes again where a connection's stiffness or damping changes, in
+    pairs: to write to, and to read from. Those of `new` are for what the patch says; where the State has other values,
+    the next step computes them again."""
+    if isinstance(ours, StepCoefficients):
+        for record, names in ((ours.connection, MADE_FOR_CONNECTIONS), (ours.contact, REDUCED_BY_CONNECTIONS)):
+            target = new.connection if record is ours.connection else new.contact
+            for name in names if record is not None and ours.connection is not None else ():
+                mine, now = getattr(record, name), getattr(target, name)
+                if mine is not None:
+                    yield mine.reshape(-1), np.ascontiguousarray(now).reshape(-1)
+    elif hasattr(ours, "_fields"):
+        for mine, now in zip(ours, new, strict=True):
+            yield from _factors(mine, now)

@@ -128,31 +128,32 @@ def test_what_a_new_mass_brings_into_contact_is_in_contact(connection):
         assert player.meter().energy_error <= 1e-12
 
 
-def joined_pair(mass, stiffness):
-    """A mass on a spring to another, which a ball hits; the spring and a mass can be turned."""
-    return small_scene(
-        [
-            {"name": "ball", "kind": "mass", "mass": 0.01, "displacement": -2e-4, "velocity": 1.0},
-            {"name": "s", "kind": "oscillator", "mass": 1.0, "frequency": 100.0},
-            {"name": "t", "kind": "oscillator", "mass": mass, "frequency": 150.0},
-        ],
-        contact=[{"name": "felt", "body": "ball", "on": "s", "stiffness": 1e6, "exponent": 1.5}],
-        connection=[{"name": "spring", "body": "s", "on": "t", "stiffness": stiffness}],
-        pickup=[{"body": "t"}],
-    )
+def two_pairs(mass, stiffness):
+    """Two pairs of oscillators, joined by springs, that balls hit: the spring of one and a mass of the other can be
+    turned."""
+    bodies, contacts, springs = [], [], []
+    for n, (of_pair, spring) in enumerate(((mass, 1e3), (1.0, stiffness))):
+        bodies += [
+            {"name": f"ball{n}", "kind": "mass", "mass": 0.01, "displacement": -2e-4, "velocity": 1.0},
+            {"name": f"s{n}", "kind": "oscillator", "mass": 1.0, "frequency": 100.0},
+            {"name": f"t{n}", "kind": "oscillator", "mass": of_pair, "frequency": 150.0},
+        ]
+        contacts.append({"body": f"ball{n}", "on": f"s{n}", "stiffness": 1e6, "exponent": 1.5})
+        springs.append({"name": f"spring{n}", "body": f"s{n}", "on": f"t{n}", "stiffness": spring})
+    return small_scene(bodies, contact=contacts, connection=springs, pickup=[{"body": "t0"}, {"body": "t1"}])
 
 
 @pytest.mark.parametrize("turns", [[3e4], [3e4, 1e3], [3e4, 1e3, 3e4]])
 def test_a_mass_and_a_spring_turned_at_once_are_those_of_the_patch(turns):
-    """The tables of a new mass hold factors for the spring of the patch; it sounds as the spring that is set by then,
-    whether that was turned before the mass, after it, or back again."""
-    player = engine.Player(joined_pair(1.0, 1e3), gain=1.0, kernel="general")
-    player.set("connection.spring.stiffness", turns[0], seconds=0.0)
-    player.read(1)  # factors are made for it; nothing moves yet but the ball
+    """The tables of a new mass hold factors for the springs of the patch. A spring sounds as it is set by then, whether
+    that was before the mass was turned, in the same sample, or back to what it was."""
+    player = engine.Player(two_pairs(1.0, 1e3), gain=1.0, kernel="general")
+    player.set("connection.spring1.stiffness", turns[0], seconds=0.0)
+    player.read(1)  # factors are made for it; nothing moves yet but the balls
     for turn in turns[1:]:
-        player.set("connection.spring.stiffness", turn, seconds=0.0)
-    player.set("body.t.mass", 0.4, seconds=0.0)
+        player.set("connection.spring1.stiffness", turn, seconds=0.0)
+    player.set("body.t0.mass", 0.4, seconds=0.0)
     heard = player.read(600)[:, 0]
-    built = engine.render(joined_pair(0.4, turns[-1]), seconds=0.02).audio[:, 0]
+    built = engine.render(two_pairs(0.4, turns[-1]), seconds=0.02).audio[:, 0]
     np.testing.assert_allclose(heard[300:], built[301:601], atol=2e-6 * np.abs(built).max())
     assert player.meter().energy_error <= 1e-12

@@ -174,9 +174,15 @@ def forget_next_steps(state):
     """Let no island use what it knows of its next step: with another quality, that step has another length."""
     for n in range(state.drift_kind.shape[0]):
         state.drift_kind[n] = StepKind.UNKNOWN
-    if state.refinement is not None:
-        for n in range(state.drift_kind.shape[0]):
-            state.refinement.margin_valid[n] = 0
+    forget_margins(state.refinement)
+
+
+@inline
+def forget_margins(refinement):
+    """Let no island use the margins of its last samples in stages. refinement: RefinementState or None"""
+    if refinement is not None:
+        for n in range(refinement.margin_valid.shape[0]):
+            refinement.margin_valid[n] = 0
 
 
 @inline

@@ -7,7 +7,7 @@ then optimised and translated for the target.
 import importlib
 import re
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
@@ -46,11 +46,8 @@ class NeutralCode(NamedTuple):
 def neutral_code(module: str, function: str, kinds: tuple[Kind, ...]) -> NeutralCode:
     """Return the intermediate code of a kernel for arguments of these kinds, pointers or integers."""
     dispatcher = kernel(getattr(importlib.import_module(module), function).py_func, from_python=False)
-    with garbage_kept(), _first_code_kept(function) as kept:
-        try:
-            dispatcher.compile(tuple(map(numba_type, kinds)))
-        except _CodeKept:
-            pass
+    with garbage_kept(), _first_code_kept(function) as kept, suppress(_CodeKept):
+        dispatcher.compile(tuple(map(numba_type, kinds)))
     text = str(kept[0])
     names = [f.name for f in llvm.parse_assembly(text).functions if not f.is_declaration]
     symbol = next(name for name in names if function in name and not name.startswith("cfunc"))
@@ -64,18 +61,19 @@ class _CodeKept(Exception):
 @contextmanager
 def _first_code_kept(function: str) -> Iterator[list[Any]]:
     """Let Numba stop at the intermediate code of a kernel, before it is optimised; it is put in the list."""
-    plain, kept = (CPUCodeLibrary._optimize_functions, CPUCodeLibrary._optimize_final_module), list[Any]()
+    library_class: Any = CPUCodeLibrary
+    plain, kept = (library_class._optimize_functions, library_class._optimize_final_module), list[Any]()
 
     def keep(library: Any) -> None:
         if not SkipInlinedLibraries.active() and library.name == function:
             kept.append(library._final_module)
             raise _CodeKept
 
-    CPUCodeLibrary._optimize_functions, CPUCodeLibrary._optimize_final_module = lambda self, module: None, keep
+    library_class._optimize_functions, library_class._optimize_final_module = lambda self, module: None, keep
     try:
         yield kept
     finally:
-        CPUCodeLibrary._optimize_functions, CPUCodeLibrary._optimize_final_module = plain
+        library_class._optimize_functions, library_class._optimize_final_module = plain
 
 
 def object_code(code: NeutralCode, entry: str, target: Target, tables: Mapping[str, bytes]) -> bytes:

@@ -59,7 +59,7 @@ def set_quality(memory, level):
     quietest islands sleep."""
     last, level = memory.models.shape[0] - 1, max(0, min(level, memory.lowest_quality))
     before, memory.counters[Slot.QUALITY] = memory.counters[Slot.QUALITY], level
-    if level > last or before > last:
+    if level != before:
         insert_order(memory, EventKind.SLEEP_QUIETEST, 0, max(0, level - last))
 
 

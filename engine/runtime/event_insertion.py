@@ -12,6 +12,7 @@ from engine.kernel.data.enums import (
     Quantity,
     Sleep,
     SleepMonitor,
+    StepKind,
 )
 from engine.kernel.data.island_view import island_bounds, island_model, island_state
 from engine.kernel.interactions.connections import reset_connections
@@ -47,6 +48,7 @@ def insert_event(model, state, event, value, frame):
     energy. If the score is full, the event is dropped, and marked as DROPPED."""
     n, start, kind = event[EventSlot.ISLAND], max(event[EventSlot.START], frame), event[EventSlot.KIND]
     if kind == EventKind.SLEEP_QUIETEST:
+        forget_next_steps(state)
         sleep_quietest(model, state, event[EventSlot.TARGET_BEGIN], frame)
         return
     if kind == EventKind.BOOK_ENERGY:
@@ -165,6 +167,22 @@ def sleep_quietest(model, state, count, frame):
         if quietest >= 0 and awake > 1:
             force_to_sleep(model, state, quietest, frame)
             awake -= 1
+
+
+@inline
+def forget_next_steps(state):
+    """Let no island use what it knows of its next step: with another quality, that step has another length."""
+    for n in range(state.drift_kind.shape[0]):
+        state.drift_kind[n] = StepKind.UNKNOWN
+    forget_margins(state.refinement)
+
+
+@inline
+def forget_margins(refinement):
+    """Let no island use the margins of its last samples in stages. refinement: RefinementState or None"""
+    if refinement is not None:
+        for n in range(refinement.margin_valid.shape[0]):
+            refinement.margin_valid[n] = 0
 
 
 @inline

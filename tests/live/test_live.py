@@ -348,6 +348,21 @@ def test_the_knob_turned_last_wins():
     assert player.state.potential_coefficient[0] == pytest.approx(9e9 / 3.5)
 
 
+@pytest.mark.parametrize("start", [0, 64, 640])
+def test_quality_may_change_while_hammers_touch(voices, start):
+    """The next step has another length then, and what was known of it no longer holds."""
+    player = Player(voices, gain=0.01, seconds=math.inf)
+    player.gauges[Gauge.LOAD_HIGH], player.gauges[Gauge.LOAD_LOW] = math.inf, -2.0
+    if start:
+        called(player, start, np.array([64]))
+    player.gauges[Gauge.LOAD_HIGH] = -1.0
+    called(player, 256, np.array([64]))
+    player.gauges[Gauge.LOAD_HIGH] = math.inf
+    called(player, 4096, np.array([64]))
+    assert player.meter()["quality_steps"] >= 3 and player.state.contact_samples[0] > 0
+    assert player.meter()["energy_error"] <= 1e-12
+
+
 def test_who_is_put_to_sleep_waits_and_misses_nothing(voices):
     """A hammer in flight stays where it is; what the score says comes in its time; the last voice is never silenced."""
     strike = {"kind": "strike", "time": 0.5, "body": "h0", "velocity": 3.0, "displacement": -1e-3}

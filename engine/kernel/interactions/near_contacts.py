@@ -16,7 +16,7 @@ from engine.compiler.overloads import is_none, overload_by_source, overload_by_t
 from engine.kernel.contact.contact_law import LossyLaw, item_or_zero, law_in_step
 from engine.kernel.data.enums import FLIGHT_FRAMES, StepKind
 from engine.kernel.data.model import Connections
-from engine.kernel.interactions.connections import has_connections
+from engine.kernel.interactions.connections import has_connections, product_at
 from engine.kernel.interactions.contacts import (
     Reach,
     compression_from_modes,
@@ -28,7 +28,6 @@ from engine.kernel.interactions.external_forces import has_external_forces
 from engine.kernel.interactions.island_energy import island_energy
 from engine.kernel.modes.event_dampers import is_damping
 from engine.kernel.modes.mode_energies import bound_modal_displacements
-from engine.kernel.modes.ordered_sums import sum_products
 from engine.kernel.modes.point_rows import bound_at_row
 
 FOUND = 2  # of NearContacts.is_far: near, but what it pushes is still taken for bounded
@@ -64,7 +63,7 @@ def contacts_beside_connections(connection, model, settings, state):
         reach = all_contacts(contact, state.connection.near.contact, h.connection.contact_moves, h.contact, state)
     g, f = reach.free_displacement, state.connection.force
     for n in range(reach.size):
-        g[n] -= sum_products(reach.moves, np.int64(n) * f.shape[0], f, INT64_0, f.shape[0])
+        g[n] -= product_at(reach.moves, n, f)
     return reach
 
 

@@ -12,6 +12,7 @@ from typing import Any
 from engine.cli import standard_streams
 from engine.cli.accuracy_command import add_accuracy_command
 from engine.cli.arguments import CommandParser, Parser
+from engine.cli.export_command import add_export_command
 from engine.cli.inspect_command import add_inspect_command
 from engine.cli.machine_commands import add_machine_commands
 from engine.cli.messages import (
@@ -38,6 +39,7 @@ COMMAND_GROUPS = (
     add_replay_command,
     add_accuracy_command,
     add_score_command,
+    add_export_command,
     add_inspect_command,
     add_patch_commands,
     add_machine_commands,

@@ -15,7 +15,7 @@ from engine.compiler.struct_types import StructHandleType
 def compile_kernel(module: str, function: str, kinds: tuple[Kind, ...]) -> bytes:
     """Compile a function for arguments of these kinds. Return the bytes that engine.compiler.code_objects loads."""
     dispatcher = kernel(getattr(importlib.import_module(module), function).py_func, from_python=False)
-    signature = tuple(map(_numba_type, kinds))
+    signature = tuple(map(numba_type, kinds))
     with garbage_kept():
         dispatcher.compile(signature)
     compiled = dispatcher.overloads[signature]
@@ -23,7 +23,8 @@ def compile_kernel(module: str, function: str, kinds: tuple[Kind, ...]) -> bytes
     return to_content(compiled.fndesc.llvm_cfunc_wrapper_name, _needed(compiled.library), machine_code)
 
 
-def _numba_type(kind: Kind) -> Any:
+def numba_type(kind: Kind) -> Any:
+    """Return Numba's type for the kind of an argument."""
     if isinstance(kind, str):
         return {INT: types.int64, FLOAT: types.float64}[kind]
     return StructHandleType(numba.typeof(example_of(kind[1])))

@@ -5,13 +5,69 @@ calls from outside Python, has nothing but addresses.
 """
 
 import struct
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from engine.compiler.kinds import POINTER, Kind, kind_of
 
-ARRAY_LAYOUTS = [struct.Struct(f"<{5 + 2 * axes}q") for axes in range(4)]  # of arrays with so many axes
+
+def address_of(array: np.ndarray) -> int:
+    """Return where the numbers of an array lie. Raises ValueError if they are not in one piece."""
+    interface = array.__array_interface__  # half the time of `ctypes` and `flags`
+    if interface["strides"] is not None:
+        raise ValueError("an array of compiled code lies in one piece")
+    return int(interface["data"][0])
+
+
+class Layout:
+    """How compiled code lays out values: numbers as C does; of an array its owners, which it has none of here, how many
+    numbers, their size, their address, shape and strides; and of nothing an empty pointer.
+
+    pointer_bytes: 4 or 8
+    address_of:    where the numbers of an array lie
+    pointers:      the places that hold these addresses
+    """
+
+    def __init__(
+        self, pointer_bytes: int = 8, address_of: Callable[[np.ndarray], int] = address_of, keeps_pointers: bool = False
+    ) -> None:
+        pointer, gap = {4: ("I", 4), 8: ("Q", 0)}[pointer_bytes]
+        self.pointer_bytes, self.address_of = pointer_bytes, address_of
+        self.pointers: list[int] | None = [] if keeps_pointers else None
+        self._arrays = [struct.Struct(f"<2{pointer}2q{pointer}{gap}x{2 * axes}q") for axes in range(4)]
+
+    def pack(self, value: Any, content: bytearray) -> None:
+        """Add a value to the content."""
+        if isinstance(value, bool | np.bool_):
+            content += struct.pack("<B", value)
+            return
+        alignment = self._alignment(value)
+        content += bytes(-len(content) % alignment)
+        if value is None:
+            content += bytes(self.pointer_bytes)
+        elif isinstance(value, np.ndarray):
+            if self.pointers is not None:
+                self.pointers.append(len(content) + 2 * self.pointer_bytes + 16)
+            numbers = (0, 0, value.size, value.itemsize, self.address_of(value), *value.shape, *value.strides)
+            content += self._arrays[value.ndim].pack(*numbers)
+        elif isinstance(value, tuple):
+            for item in value:
+                self.pack(item, content)
+            content += bytes(-len(content) % alignment)
+        else:
+            content += struct.pack("<d" if isinstance(value, float | np.floating) else "<q", value)
+
+    def _alignment(self, value: Any) -> int:
+        if self.pointer_bytes == 8 or not (value is None or isinstance(value, tuple)):
+            return 8
+        if value is None:
+            return self.pointer_bytes
+        return max((1 if isinstance(item, bool | np.bool_) else self._alignment(item) for item in value), default=1)
+
+
+HERE = Layout()  # of this process
 
 
 class StructHandle:
@@ -23,7 +79,7 @@ class StructHandle:
     def __init__(self, value: Any, kind: Kind | None = None) -> None:
         self.value, self.kind = value, kind or pointer_kind(value)
         content = bytearray()
-        pack(value, content)
+        HERE.pack(value, content)
         self._bytes = np.frombuffer(bytes(content) + bytes(-len(content) % 8 + 8), np.int64)
         self.address = self._bytes.ctypes.data
 
@@ -31,26 +87,3 @@ class StructHandle:
 def pointer_kind(value: Any) -> Kind:
     """The kind of a pointer to a value."""
     return POINTER, kind_of(value)
-
-
-def pack(value: Any, content: bytearray) -> None:
-    """Add a value as Numba lays it out: numbers as C does; of an array its owners, which it has none of here, how many
-    numbers, their size, their address, shape and strides; and of nothing an empty pointer."""
-    if isinstance(value, bool | np.bool_):
-        content += struct.pack("<B", value)
-        return
-    content += bytes(-len(content) % 8)
-    if value is None:
-        content += bytes(8)
-    elif isinstance(value, np.ndarray):
-        interface = value.__array_interface__  # half the time of `ctypes` and `flags`
-        if interface["strides"] is not None:
-            raise ValueError("an array of compiled code lies in one piece")
-        numbers = (0, 0, value.size, value.itemsize, interface["data"][0], *value.shape, *value.strides)
-        content += ARRAY_LAYOUTS[value.ndim].pack(*numbers)
-    elif isinstance(value, tuple):
-        for item in value:
-            pack(item, content)
-        content += bytes(-len(content) % 8)
-    else:
-        content += struct.pack("<d" if isinstance(value, float | np.floating) else "<q", value)

@@ -21,7 +21,7 @@ ORDER = [
     ["assembly"],
     ["runtime"],
     ["offline"],
-    ["live", "analysis"],
+    ["live", "analysis", "export"],
     ["sweep", "report", "problems"],
     ["api"],
     ["cli"],

@@ -1,0 +1,1 @@
+"""Patches that sound without Python: as a library in C."""

@@ -1,0 +1,61 @@
+"""A patch in C: its samples are those of `engine.render`, with nothing but a C compiler and the C library."""
+
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+import engine
+from engine.cli.main import main
+from engine.export.c_library import CannotExport, export_c
+from engine.export.scene_bytes import lay_out
+
+COMPILER = shutil.which("cc")
+SECONDS = 0.2
+
+
+@pytest.mark.hard
+@pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+@pytest.mark.parametrize("name", ["repelled_oscillator", "piano_c4", "marimba"])
+def test_the_samples_in_c_are_those_of_the_engine(name, tmp_path):
+    scene = engine.load(name)
+    export_c(scene, tmp_path / "c", seconds=SECONDS)
+    sources = [tmp_path / "c" / file for file in ("main.c", "fdh.c", "fdh_patch.o")]
+    program = tmp_path / "program"
+    subprocess.run([COMPILER, "-O2", "-Wall", "-Wextra", "-Werror", "-o", program, *sources, "-lm"], check=True)
+    ran = subprocess.run([program], check=True, capture_output=True)
+    heard = np.frombuffer(ran.stdout).reshape(-1, scene.channels)
+    np.testing.assert_array_equal(heard, engine.render(scene, seconds=SECONDS, cores=1).audio)
+    assert float(ran.stderr.split()[-1]) < 1e-12  # the energy error
+
+
+def test_each_pointer_of_a_narrow_machine_is_where_its_compiler_looks():
+    """Two arrays, nothing and a truth value, for pointers of four bytes and of eight."""
+    a, b = np.arange(3.0), np.arange(4).reshape(2, 2)
+    for width, places in ((4, (24, 88)), (8, (32, 96))):
+        laid_out = lay_out({"value": (a, (None, b), True)}, width)
+        begin = laid_out.values["value"]
+        assert laid_out.pointers[0] == begin + places[0]
+        for place, array in zip(laid_out.pointers, (a, b), strict=True):
+            at = int.from_bytes(laid_out.content[place : place + width], "little")
+            assert at == laid_out.place_of(array)
+            np.testing.assert_array_equal(np.frombuffer(laid_out.content, array.dtype, array.size, at), array.ravel())
+
+
+def test_what_cannot_be_exported_is_said_before_anything_is_made(tmp_path):
+    scene = engine.load("barrier_linear")
+    coarse = scene.model_copy(update={"accuracy": scene.accuracy.replace(oversample=2)})
+    with pytest.raises(CannotExport, match="oversample"):
+        export_c(coarse, tmp_path / "c")
+    with pytest.raises(ValueError, match="no target is called 'vax'; there are x86_64-linux"):
+        export_c(scene, tmp_path / "c", "vax")
+    assert not (tmp_path / "c").exists()
+
+
+def test_bad_options_of_the_command_are_said_at_once(tmp_path, capsys):
+    assert main(["export", "barrier_linear"]) == 2
+    assert "--c: give the folder" in capsys.readouterr().err
+    assert main(["export", "barrier_linear", "--c", str(tmp_path / "none" / "c"), "--target", "vax"]) == 2
+    said = capsys.readouterr().err
+    assert "the folder that it would be in is not there" in said and "no target is called 'vax'" in said

@@ -87,6 +87,7 @@ class Player(player.Player):
         super().__init__(played, samplerate, seconds, gain, **options)
         if input is not None:
             self._input = InputForce(self, input)
+            self.rows.input = self._input.place
 
     # --- block by block
 
@@ -132,10 +133,6 @@ class Player(player.Player):
         if self._input is not None:
             raise RuntimeError("audio input is in no log; keep it as a file, and render it as a force of kind file")
         return super().log()
-
-    def _brief_forces(self) -> Any:
-        forces = super()._brief_forces()
-        return forces if self._input is None else [(j, force) for j, force in forces if j != self._input.place]
 
     # --- on a device
 

@@ -10,8 +10,9 @@ from engine.assembly.build import build
 from engine.assembly.table_changes import scored_exchanges
 from engine.compiler.kinds import INT
 from engine.compiler.struct_handle import pointer_kind
+from engine.export.faults import CannotExport
 from engine.export.machine_code import TARGETS, neutral_code, object_code
-from engine.export.scene_bytes import SceneBytes, lay_out
+from engine.export.scene_bytes import SceneBytes
 from engine.export.whole_scene import Whole, render_whole
 from engine.kernel.data.enums import BALANCE_SIZE, Balance, Energies, Ledger
 from engine.output_files import atomic_write, write_text
@@ -22,10 +23,6 @@ from engine.runtime.job_memory import block_output
 BLOCK = 128  # samples computed at a time
 SOURCES = ("fdh.h", "fdh.c", "main.c", "CMakeLists.txt")
 HEADER, OBJECT = "fdh_patch.h", "fdh_patch.o"
-
-
-class CannotExport(ValueError):
-    """A scene that cannot leave Python, with the reason."""
 
 
 def export_c(
@@ -54,10 +51,12 @@ def export_c(
     whole = Whole(np.zeros((BLOCK, scene.channels)), np.zeros((len(Ledger), BLOCK)), np.zeros(BALANCE_SIZE))
     values = {"model": built.model, "state": built.state, "output": output, "whole": whole}
     kinds = (*map(pointer_kind, values.values()), INT)
-    laid_out = lay_out(values, pointer_bytes=8)
+    laid_out = SceneBytes(pointer_bytes=8)
+    for name, value in values.items():
+        laid_out.add(name, value)
     code = neutral_code(render_whole.py_func.__module__, render_whole.py_func.__name__, kinds)
-    tables = {"fdh_scene": laid_out.content, "fdh_pointers": np.array(laid_out.pointers, np.int64).tobytes()}
-    content = object_code(code, "fdh_render", TARGETS[target], tables)
+    tables = {"fdh_scene": bytes(laid_out.content), "fdh_pointers": np.array(laid_out.pointers, np.int64).tobytes()}
+    content = object_code({"fdh_render": code}, TARGETS[target], tables)
     numbers = _numbers(laid_out, whole) | {
         "CHANNELS": scene.channels,
         "SAMPLERATE": samplerate,

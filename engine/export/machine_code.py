@@ -1,4 +1,4 @@
-"""Machine code of a kernel for any machine that LLVM knows, as an object file that needs the C library alone.
+"""Machine code of kernels for any machine that LLVM knows, as an object file that needs the C library alone.
 
 Numba makes LLVM's intermediate code, which is taken before anything in it is fitted to the machine that compiles. It is
 then optimised and translated for the target.
@@ -17,6 +17,7 @@ from engine.compiler.decorators import garbage_kept, kernel
 from engine.compiler.kernel_compiler import numba_type
 from engine.compiler.kinds import INT, Kind
 from engine.compiler.numba_patches import SkipInlinedLibraries
+from engine.export.wasm_arithmetic import wasm_arithmetic
 
 
 class Target(NamedTuple):
@@ -25,8 +26,19 @@ class Target(NamedTuple):
     triple: str  # as LLVM names it
     processor: str
     is_tested: bool  # False: such a machine was not at hand
+    features: str = ""  # beyond those of the processor
+    relocation: str = "pic"
+    integers: bool = False  # True: entries take integers for addresses, as `call_address` passes them
 
 
+WASM = Target(
+    "wasm32-unknown-unknown",
+    "generic",
+    True,
+    "+simd128,+relaxed-simd,+bulk-memory,+sign-ext,+nontrapping-fptoint,+mutable-globals",
+    relocation="static",  # its constants stay where they are: it is linked with nothing
+    integers=True,
+)
 TARGETS = {
     "x86_64-linux": Target("x86_64-unknown-linux-gnu", "x86-64-v3", True),
     "aarch64-linux": Target("aarch64-unknown-linux-gnu", "generic", False),
@@ -76,36 +88,55 @@ def _first_code_kept(function: str) -> Iterator[list[Any]]:
         library_class._optimize_functions, library_class._optimize_final_module = plain
 
 
-def object_code(code: NeutralCode, entry: str, target: Target, tables: Mapping[str, bytes]) -> bytes:
-    """Return an object file with one function, `entry`, that takes pointers and 64-bit integers and returns nothing,
-    and with constant tables, by name."""
+def object_code(codes: Mapping[str, NeutralCode], target: Target, tables: Mapping[str, bytes]) -> bytes:
+    """Return an object file with functions, by name, that take pointers and 64-bit integers and return nothing, and
+    with constant tables, by name."""
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
     machine = llvm.Target.from_triple(target.triple).create_target_machine(
-        cpu=target.processor, opt=3, reloc="pic", codemodel="default"
+        cpu=target.processor,
+        features=target.features,
+        opt=3,
+        reloc="static" if target is WASM else "pic",
+        codemodel="default",
     )
+    modules = [_module(code, entry, target, machine) for entry, code in codes.items()]
+    modules.append(llvm.parse_assembly("".join(map(_table, tables, tables.values()))))
+    for module in modules:
+        for value in (*module.functions, *module.global_variables):
+            if not value.is_declaration and value.name not in {**codes, **tables}:
+                value.linkage = "internal"
+    whole = modules[0]
+    for module in modules[1:]:
+        whole.link_in(module)
+    whole.verify()
+    _optimise(whole, machine)
+    return bytes(machine.emit_object(whole))
+
+
+def _module(code: NeutralCode, entry: str, target: Target, machine: Any) -> Any:
+    """Return the module of a kernel, fitted to a target."""
     text = re.sub(r"^target datalayout.*$", f'target datalayout = "{machine.target_data}"', code.text, flags=re.M)
     text = re.sub(r"^target triple.*$", f'target triple = "{target.triple}"', text, flags=re.M)
     text = re.sub(r'"target-(cpu|features)"="[^"]*"', "", text)
     text = re.sub(r'^define [^\n]*@"?cfunc\.[^\n]*\{\n.*?^\}\n', "", text, flags=re.M | re.S)  # for callers in Python
-    module = llvm.parse_assembly(text + _entry(code, entry) + "".join(map(_table, tables, tables.values())))
-    for value in (*module.functions, *module.global_variables):
-        if not value.is_declaration and value.name != entry and value.name not in tables:
-            value.linkage = "internal"
-    module.verify()
-    _optimise(module, machine)
-    return bytes(machine.emit_object(module))
+    if target is WASM:
+        text = wasm_arithmetic(text)
+    return llvm.parse_assembly(text + _entry(code, entry, target.integers))
 
 
-def _entry(code: NeutralCode, entry: str) -> str:
-    """Return the source of the function that C calls: it passes its arguments on, in Numba's calling convention."""
-    types = ["i64" if kind == INT else "ptr" for kind in code.kinds]
-    arguments = ", ".join(f"{type_} %a{i}" for i, type_ in enumerate(types))
+def _entry(code: NeutralCode, entry: str, integers: bool) -> str:
+    """Return the source of the function that others call: it passes its arguments on, in Numba's calling convention."""
+    given = ["i64" if integers or kind == INT else "ptr" for kind in code.kinds]
+    taken = ["i64" if kind == INT else "ptr" for kind in code.kinds]
+    places = range(len(given))
+    changed = [f"  %p{i} = inttoptr i64 %a{i} to ptr\n" for i in places if given[i] != taken[i]]
+    passed = ", ".join(f"{taken[i]} %{'a' if given[i] == taken[i] else 'p'}{i}" for i in places)
     return f"""
-define void @{entry}({arguments}) {{
-  %result = alloca i64
+define void @{entry}({", ".join(f"{given[i]} %a{i}" for i in places)}) {{
+{"".join(changed)}  %result = alloca i64
   %exception = alloca ptr
-  %status = call i32 @"{code.symbol}"(ptr %result, ptr %exception, {arguments})
+  %status = call i32 @"{code.symbol}"(ptr %result, ptr %exception, {passed})
   ret void
 }}
 """

@@ -24,6 +24,7 @@ QUEUE_SIZE = 1024  # events
 LOAD_COUNT = 8192  # blocks whose loads are kept
 RECORD_SECONDS = 20.0  # of what was played, until it is fetched
 LOAD_HIGH, LOAD_LOW = 0.8, 0.4  # of its deadline: a block above lowers the quality, one below is at ease
+LIMITER_RELEASE = 0.1  # s, in which the limiter lets go
 MAX_FRAMES = 1 << 40  # that are played if a scene goes on and on
 
 
@@ -34,6 +35,7 @@ class AudioMemory:
     gain:    factor on SI units
     kernel:  which is to run (engine.runtime.kernel_choice); `kernel` says which does
     models:  what is played, and coarser ones
+    kinds:   of pointers to a model and to the state
     shared:  what compiled code finds at `address`
     """
 
@@ -49,9 +51,11 @@ class AudioMemory:
         model, samplerate = built.model, round(built.model.samplerate)
         self.models, uses = [model, *coarser_models(built, accuracy)], [RENDER_USE, INSERT_USE]
         prepared = prepare(self.models, built.state, uses, kernel)
-        self.kernel, self.missing_kernels = prepared.name, prepared.missing
-        self._models, self._state = prepared.handles()
-        self.job_memory = JobMemory(self._models[0], self._state, (RENDERED_AT_ONCE, channels), Energies.AT_CHECKS)
+        self.kernel, self.missing_kernels, self.kinds = prepared.name, prepared.missing, prepared.kinds
+        self.model_handles, self.state_handle = prepared.handles()
+        self.job_memory = JobMemory(
+            self.model_handles[0], self.state_handle, (RENDERED_AT_ONCE, channels), Energies.AT_CHECKS
+        )
         self.shared = SharedMemory(
             counters=np.zeros(len(Slot), np.int64),
             gauges=np.zeros(len(Gauge)),
@@ -59,17 +63,18 @@ class AudioMemory:
             values=np.zeros((QUEUE_SIZE, VALUES_PER_EVENT)),
             exchanges=np.zeros((QUEUE_SIZE, len(EventSlot)), np.int64),
             order=np.zeros(len(EventSlot), np.int64),
-            models=np.array([handle.address for handle in self._models], np.int64),
+            models=np.array([handle.address for handle in self.model_handles], np.int64),
             quality_log=np.zeros((QUEUE_SIZE, 2), np.int64),
             loads=np.zeros(LOAD_COUNT),
             record=np.zeros((nearest_frame(RECORD_SECONDS, samplerate), channels), np.float32),
             spare=np.zeros((RENDERED_AT_ONCE, channels), np.float32),
             audio=self.job_memory.audio,
             job=self.job_memory.address,
-            state=self._state.address,
-            insert_event=INSERT_EVENT.address(self._models[0].kind, self._state.kind, *INSERT_USE.others),
+            state=self.state_handle.address,
+            insert_event=INSERT_EVENT.address(self.model_handles[0].kind, self.state_handle.kind, *INSERT_USE.others),
             samplerate=samplerate,
-            lowest_quality=len(self._models) - 1 + model.islands.mode.size - 2,
+            lowest_quality=len(self.model_handles) - 1 + model.islands.mode.size - 2,
+            release=math.exp(-1.0 / (LIMITER_RELEASE * samplerate)),
         )
         counters, gauges, fade = self.shared.counters, self.shared.gauges, frame_count(FADE_SECONDS, samplerate)
         counters[[Slot.FADE_IN_FRAMES, Slot.FADE_OUT_FRAMES]] = fade

@@ -27,7 +27,6 @@ COPY_BYTES = 24  # of a row of a table of copies: addresses to write to and to r
 UNSIGNED_LONG = 0xFFFFFFFF  # the bits of one that every system has
 OUTPUT_UNDERFLOW = 4  # flag of PortAudio: the driver ran dry before this block
 CONTINUE, COMPLETE = 0, 1  # answers to PortAudio
-LIMITER_RELEASE = 0.1  # s, in which the limiter lets go
 MAX_ENVELOPE = 1e6  # of full scale: the largest level that the limiter follows
 EASE_SECONDS = 1.0  # after which quality rises again
 
@@ -163,7 +162,6 @@ def output_stage(memory, out, frames):
     """Write the mix to the output, with gain, fades at start and stop, and a limiter as a last protection."""
     counters, gauges, audio = memory.counters, memory.gauges, memory.audio
     channels = audio.shape[1]
-    release = math.exp(-1.0 / (LIMITER_RELEASE * memory.samplerate))
     for i in range(frames):
         frame = counters[Slot.FRAME] + i
         risen = (frame + 0.5) / counters[Slot.FADE_IN_FRAMES]
@@ -176,7 +174,7 @@ def output_stage(memory, out, frames):
                 counters[Slot.NONFINITE_SAMPLES] += 1
             loudest = max(loudest, abs(audio[i, c]) * abs(level))
         gauges[Gauge.PEAK] = max(gauges[Gauge.PEAK], loudest)
-        gauges[Gauge.ENVELOPE] = min(MAX_ENVELOPE, max(loudest, gauges[Gauge.ENVELOPE] * release))
+        gauges[Gauge.ENVELOPE] = min(MAX_ENVELOPE, max(loudest, gauges[Gauge.ENVELOPE] * memory.release))
         if gauges[Gauge.ENVELOPE] > 1.0:
             level /= gauges[Gauge.ENVELOPE]
             counters[Slot.LIMITED_SAMPLES] += 1

@@ -112,7 +112,7 @@ class KeyAllocator:
         self._held.down.add(key)
         self._sounding = [*(k for k in self._sounding if k != key), key]
         self._played[key] = self._played.get(key, 0) + 1
-        self._lift(key, frame)
+        self.lift(key, frame)
         names = {"v": v, "soft": self._held.pedals["soft"], "release": 0.5}
         for event, _, _ in events_of_key(self._writer, "on", key, names, 0.0):
             self._do(event, key, frame)
@@ -124,29 +124,29 @@ class KeyAllocator:
         names = {"v": 0.5, "soft": self._held.pedals["soft"], "release": release}
         for event, _, _ in events_of_key(self._writer, "off", key, names, 0.0):
             self._do(event, key, frame)
-        self._damp(key, release, frame)
+        self.damp(key, release, frame)
 
     def _make_room(self, key: int, frame: int) -> None:
         """End the notes that cannot go on beside a new one: of its group, or one too many."""
         if self._mono is not None:
             group = self._writer.names(key).get(self._mono)
             for other in [k for k in self._sounding if self._writer.names(k).get(self._mono) == group and k != key]:
-                self._end(other, frame)
+                self.end(other, frame)
         others = [k for k in self._sounding if k != key]
         while len(others) >= self.polyphony:
             oldest = next((k for k in others if k not in self._held.down), others[0])
             self.stolen += 1
-            self._end(oldest, frame)
+            self.end(oldest, frame)
             others.remove(oldest)
 
-    def _end(self, key: int, frame: int) -> None:
+    def end(self, key: int, frame: int) -> None:
         """End a note soon, whatever the pedals say."""
         self._held.down.discard(key)
         self._held.kept.discard(key)
         self._sounding = [k for k in self._sounding if k != key]
         for event in self._damper_events(key, 0.5):
             self.player.damp(event["body"], *STEAL_DAMPER, frame=frame)
-        self._damp(key, 0.5, frame)
+        self.damp(key, 0.5, frame)
 
     # --- dampers and pedals
 
@@ -154,11 +154,11 @@ class KeyAllocator:
         names = {"release": release, "v": 0.0, "soft": 0.0}
         return [event for event, _, _ in events_of_key(self._writer, "damper", key, names, 0.0)]
 
-    def _lift(self, key: int, frame: int) -> None:
+    def lift(self, key: int, frame: int) -> None:
         for event in self._damper_events(key, 0.5):
             self.player.lift(event["body"], frame)
 
-    def _damp(self, key: int, release: float, frame: int) -> None:
+    def damp(self, key: int, release: float, frame: int) -> None:
         """Put the dampers of a key down as far as the pedals let them."""
         share = self._held.damper_share(key)
         if share == 0.0:
@@ -173,8 +173,8 @@ class KeyAllocator:
             return
         for key in self.keys if name == "sustain" else kept:
             if key not in self._held.down and key not in self._held.kept:
-                self._lift(key, frame)
-                self._damp(key, UNKNOWN_RELEASE / FULL_VELOCITY, frame)
+                self.lift(key, frame)
+                self.damp(key, UNKNOWN_RELEASE / FULL_VELOCITY, frame)
 
     # --- events
 

@@ -19,41 +19,33 @@ from typing import Any
 import numpy as np
 
 from engine.argument_checks import checked_integer, checked_number
-from engine.assembly.build import build, nominal_stiffness
-from engine.assembly.event_table import EventRow, event_rows
+from engine.assembly.build import build
+from engine.assembly.event_table import EventRow
 from engine.assembly.table_changes import TableChanges
-from engine.bodies import Mass, Oscillator
+from engine.bodies import Mass
 from engine.faults import BuildError, Fault
-from engine.kernel.data.enums import UNUSED_SLOT, EventKind, Sleep
+from engine.kernel.data.enums import UNUSED_SLOT, Sleep
 from engine.kernel.data.laws import Power
 from engine.live.audio_memory import AudioMemory, coarser_models
-from engine.live.event_queue import EventQueue, checked_frame, event_capacity, make_event
+from engine.live.event_queue import EventQueue, checked_frame, event_capacity
+from engine.live.event_rows import MUTE_SECONDS, MUTE_SIGMA, EventRows
 from engine.live.kernels import PLAY_INTO, kernel_of_memory
 from engine.live.meter import MeterReading
 from engine.live.parameter_queue import ParameterQueue
 from engine.live.player_options import checked_options
 from engine.live.retuning import VoiceTuning
 from engine.live.shared_memory import Gauge, Slot
-from engine.live.voices import replicate, retune, striker_velocities
+from engine.live.voices import replicate, retune
 from engine.offline.energy_statistics import energy_statistics
 from engine.offline.statistics import capped_samples, newton_statistics
 from engine.patch.frames import nearest_frame
 from engine.patch.live_parameters import LivePath, live_paths
 from engine.patch.scene import Scene, check_scene
-from engine.patch.tables import (
-    ChangeEvent,
-    DampEvent,
-    LastingForce,
-    PluckEvent,
-    PluckForce,
-    StrikeEvent,
-)
 from engine.runtime.helpers import start_helpers
 
 CROSS_FADE_SECONDS = 0.02
 GLIDE_SECONDS = 0.02  # of a live parameter
 HEADROOM = 0.5  # of full scale, for the peak of what is played first: what is struck later may be louder
-MUTE_SIGMA, MUTE_SECONDS = 40.0, 0.4  # decay rate, 1/s, and how long it damps
 MAX_LIVE_SUBSTEPS = 64  # of a sample whose steps are chosen by error
 
 
@@ -98,6 +90,7 @@ class Player:
         self.model, self.state, self.layout = built = build(scene, samplerate, **built_with)
         if self.waiting and self.model.force is not None:
             self.model.force.start[:] = UNUSED_SLOT
+        self.rows = EventRows(self.patch, self.layout, samplerate, self.voices)
         self.memory = AudioMemory(built, scene.accuracy, self.channels, seconds, gain, chosen.kernel)
         shared = self.memory.shared
         self.counters, self.gauges = shared.counters, shared.gauges
@@ -187,43 +180,23 @@ class Player:
         if body is None:
             for name in self.strikers:
                 self.strike(name, velocity, displacement, frame)
-            for name in dict.fromkeys(f.body for f in self.layout.islands.forces if isinstance(f, PluckForce)):
+            for name in self.rows.plucked_at_first:
                 self.pluck(name, frame=frame)
             return
-        if not isinstance(self._body(body), Mass | Oscillator):
-            strikers = f"the hammers are {', '.join(self.strikers)}" if self.strikers else "the patch has no hammers"
-            raise KeyError(f"{body} is not a hammer; {strikers}")
-        speed = self.default_velocity(body) if velocity is None else velocity
-        event = make_event(StrikeEvent, kind="strike", body=body, velocity=speed, displacement=displacement)
-        for row in self._rows(event):
-            self._queue.put(["strike", body], row._replace(kind=EventKind.LAUNCH_AND_LIFT, start=frame))
+        self._put(["strike", body], self.rows.strike(body, velocity, displacement), frame)
 
     def pluck(self, body: str, scale: float = 1.0, frame: int = 0) -> None:
         """Pluck a body again, by its forces that are over after a while, so many times as strong; and lift its dampers.
         A body has one pluck at a time: one that is planned for a later frame replaces the one before it at once.
         Raises KeyError if there is none such, ValueError if `scale` is not above 0."""
-        if not 0.0 < checked_number("scale", scale) <= 1e6:
-            raise ValueError(f"scale = {scale:g} is out of range; give more than 0, at most 1e6")
-        self._body(body)
-        chosen = [j for j, force in self._brief_forces() if force.body == body]
-        if not chosen:
-            raise KeyError(f"no force plucks {body}; the plucked bodies are {', '.join(self.plucked) or 'none'}")
+        rows = self.rows.pluck(body, scale)
         self.lift(body, frame)
-        island = self.layout.islands.of_body[self.layout.body_index[body]]
-        for j in chosen:
-            self._queue.put(["pluck", j], EventRow(EventKind.PLUCK, island, j, j + 1, frame, 1, scale))
-
-    def _brief_forces(self) -> list[tuple[int, Any]]:
-        """The forces that are over after a while, by their place in the model."""
-        forces = enumerate(self.layout.islands.forces)
-        return [(j, force) for j, force in forces if not isinstance(force, LastingForce)]
+        for row in rows:
+            self._put(["pluck", row.target_begin], [row], frame)
 
     def lift(self, body: str, frame: int = 0) -> None:
         """Lift the dampers of a body; one that is to come down for good, by the score, stays up."""
-        self._body(body)
-        number = self.layout.body_index[body]
-        modes, island = self.layout.modes.in_island[number], self.layout.islands.of_body[number]
-        self._queue.put(["lift", body], EventRow(EventKind.LIFT, island, modes.start, modes.stop, frame, 1))
+        self._put(["lift", body], self.rows.lift(body), frame)
 
     def damp(
         self, body: str | None = None, sigma: float = MUTE_SIGMA, seconds: float = MUTE_SECONDS, frame: int = 0
@@ -232,9 +205,7 @@ class Player:
         names = [body] if body is not None else [b.name for b in self.scene.body if not isinstance(b, Mass)]
         duration = checked_number("seconds", seconds)
         for name in names:
-            self._body(name)
-            event = make_event(DampEvent, kind="damp", body=name, sigma=sigma, duration=duration)
-            self._put_event(["damp", name], event, frame)
+            self._put(["damp", name], self.rows.damp(name, sigma, duration), frame)
 
     def set(
         self, parameter: str | Mapping[str, float], value: float = 0.0, seconds: float = GLIDE_SECONDS, frame: int = 0
@@ -254,9 +225,7 @@ class Player:
         duration, frame = checked_number("seconds", seconds), checked_frame(frame)
         for path, name, one in chosen:
             if path.is_glided:
-                keys = {path.section: path.name, str(path.keys[0]): one}
-                event = make_event(ChangeEvent, name, kind="change", duration=duration, **keys)
-                self._put_event([name, one], event, frame)
+                self._put([name, one], self.rows.change(path, name, one, duration), frame)
                 self._parameters.keep(name, one)
         if tabled := [new for new in chosen if not new.path.is_glided]:
             self._parameters.put(tabled, duration, frame)
@@ -287,13 +256,12 @@ class Player:
     @property
     def strikers(self) -> list[str]:
         """Masses and oscillators that are thrown, at first or by an event; of all voices."""
-        names = list(striker_velocities(self.patch))
-        return [f"{name}_{n}" for n in range(self.voices) for name in names] if self.voices else names
+        return self.rows.strikers
 
     @property
     def plucked(self) -> list[str]:
         """Bodies that `pluck` can pluck; of all voices."""
-        return list(dict.fromkeys(force.body for _, force in self._brief_forces()))
+        return self.rows.plucked
 
     @property
     def live_parameters(self) -> list[str]:
@@ -312,21 +280,10 @@ class Player:
 
     def default_velocity(self, striker: str) -> float:
         """Velocity at which a hammer is thrown at time 0, or else first, m/s."""
-        return striker_velocities(self.patch).get(striker.rpartition("_")[0] if self.voices else striker, 0.0)
+        return self.rows.default_velocity(striker)
 
-    def _body(self, name: str) -> Any:
-        if name not in self.layout.body_index:
-            raise KeyError(f"there is no body {name}; the bodies are {', '.join(self.layout.body_index)}")
-        return self.scene.body[self.layout.body_index[name]]
-
-    def _rows(self, event: StrikeEvent | DampEvent | ChangeEvent | PluckEvent) -> list[EventRow]:
-        """An event as rows of the score."""
-        return event_rows(self.layout, event, nominal_stiffness(self.layout), self.samplerate)
-
-    def _put_event(
-        self, description: list[Any], event: StrikeEvent | DampEvent | ChangeEvent | PluckEvent, frame: int
-    ) -> None:
-        for row in self._rows(event):
+    def _put(self, description: list[Any], rows: list[EventRow], frame: int) -> None:
+        for row in rows:
             self._queue.put(list(description), row._replace(start=frame))
 
     def queue_unlogged(self, row: EventRow) -> None:

@@ -64,6 +64,7 @@ class SharedMemory(NamedTuple):
     insert_event: int  # address of the kernel that takes an event
     samplerate: int
     lowest_quality: int
+    release: float  # share of the limiter's envelope that is left after a sample
 
 
 def _empty(dtype: type, dimensions: int) -> np.ndarray:
@@ -88,4 +89,5 @@ EMPTY = SharedMemory(  # says what compiled code gets
     insert_event=0,
     samplerate=0,
     lowest_quality=0,
+    release=0.0,
 )

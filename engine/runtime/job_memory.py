@@ -40,7 +40,9 @@ class JobMemory:
     model, state: handles of a Model and of a State
     audio:        [frames, channels], the sum of all partitions
     balance:      see Balance; all zeros if energies are not measured
+    ledger:       [rows, frames], the sum of all partitions
     job:          see Job
+    addresses:    of the outputs, the audio and the ledgers of all partitions, by the slot of the job that names them
     """
 
     def __init__(
@@ -59,19 +61,21 @@ class JobMemory:
         self.outputs = [StructHandle(output) for output in outputs]
         several = partitions > 1  # or their sum is that of the only one
         self.audio = np.zeros((frames, channels)) if several else self.outputs[0].value.audio
-        self._ledger = np.zeros((len(Ledger), frames)) if several else ledgers[0]
+        self.ledger = np.zeros((len(Ledger), frames)) if several else ledgers[0]
         self.balance = np.zeros(BALANCE_SIZE) if balance is None else balance
-        self._outputs_at = _addresses([output.address for output in self.outputs])
-        self._audios = _addresses([output.value.audio.ctypes.data for output in self.outputs])
-        self._ledgers = _addresses([ledger.ctypes.data for ledger in ledgers])
+        self.addresses = {
+            Job.OUTPUTS: _addresses([output.address for output in self.outputs]),
+            Job.AUDIOS: _addresses([output.value.audio.ctypes.data for output in self.outputs]),
+            Job.LEDGERS: _addresses([ledger.ctypes.data for ledger in ledgers]),
+        }
         self.job = np.zeros(len(Job), np.int64)
         self.job[Job.RENDER_BLOCK] = RENDER_BLOCK.address(model.kind, state.kind, *RENDER_USE.others)
         self.job[[Job.MODEL, Job.STATE]] = model.address, state.address
         self.job[[Job.PARTITIONS, Job.CHANNELS, Job.CAPACITY]] = partitions, channels, frames
-        self.job[[Job.OUTPUTS, Job.AUDIOS]] = self._outputs_at.ctypes.data, self._audios.ctypes.data
+        self.job[[Job.OUTPUTS, Job.AUDIOS]] = [self.addresses[s].ctypes.data for s in (Job.OUTPUTS, Job.AUDIOS)]
         self.job[[Job.AUDIO, Job.BALANCE]] = self.audio.ctypes.data, self.balance.ctypes.data
         if energies:
-            self.job[[Job.LEDGERS, Job.LEDGER]] = self._ledgers.ctypes.data, self._ledger.ctypes.data
+            self.job[[Job.LEDGERS, Job.LEDGER]] = self.addresses[Job.LEDGERS].ctypes.data, self.ledger.ctypes.data
         self.address = int(self.job.ctypes.data)
         self._render = RENDER_JOB.callable(*RENDER_JOB_KINDS)
 

@@ -8,8 +8,9 @@ import pytest
 
 import engine
 from engine.cli.main import main
-from engine.export.c_library import CannotExport, export_c
-from engine.export.scene_bytes import lay_out
+from engine.export.c_library import export_c
+from engine.export.faults import CannotExport
+from engine.export.scene_bytes import SceneBytes
 
 COMPILER = shutil.which("cc")
 SECONDS = 0.2
@@ -34,7 +35,8 @@ def test_each_pointer_of_a_narrow_machine_is_where_its_compiler_looks():
     """Two arrays, nothing and a truth value, for pointers of four bytes and of eight."""
     a, b = np.arange(3.0), np.arange(4).reshape(2, 2)
     for width, places in ((4, (24, 88)), (8, (32, 96))):
-        laid_out = lay_out({"value": (a, (None, b), True)}, width)
+        laid_out = SceneBytes(width)
+        laid_out.add("value", (a, (None, b), True))
         begin = laid_out.values["value"]
         assert laid_out.pointers[0] == begin + places[0]
         for place, array in zip(laid_out.pointers, (a, b), strict=True):

@@ -4,11 +4,11 @@ All compressions are in metres; `k` is the contact's index in its law's arrays. 
 `potential_coefficient` = kc/(α+1), in N/m^α: V(s) = potential_coefficient·[s]₊^(α+1).
 """
 
-import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from engine.compiler.decorators import inline
+from engine.compiler.elementary import expm1_of, log1p_of, power_of
 from engine.compiler.overloads import overload_by_type
 from engine.kernel.data.laws import SPECIAL_LAWS, Law, Power
 
@@ -37,8 +37,17 @@ def _either(exponent: float, case: Any, otherwise: Any) -> Callable[[Any, Any], 
 
 
 def _overload_of_one(function: Callable[..., Any], name: str, otherwise: Any) -> None:
-    """Compile a function of x for laws of all kinds. name: of the function that laws of one exponent have for it"""
-    cases = {law: inline(getattr(law, name)) for law in SPECIAL_LAWS}
+    """Compile a function of x for laws of all kinds.
+
+    name:      of the function that laws of one exponent may have for it
+    otherwise: a function of the exponent and x, for all other laws
+    """
+    of_exponent = inline(otherwise)
+
+    def at(alpha: float) -> Any:
+        return lambda x: of_exponent(alpha, x)
+
+    cases = {law: inline(getattr(law, name, None) or at(law.ALPHA)) for law in SPECIAL_LAWS}
     branch = branch_on_exponent(cases, otherwise)
 
     def of_kind(case: Any) -> Any:
@@ -80,12 +89,12 @@ def general_quotient(alpha, value):
     # based on the larger of the two, or it overflows
     a, b, d = value
     m = max(a, b)
-    n, part, whole = alpha + 1.0, d / m, m**alpha
+    n, part, whole = alpha + 1.0, d / m, power_of(m, alpha)
     if part == 0.0:
         return whole * n
     if part >= 1.0:
         return whole
-    return whole * (-math.expm1(n * math.log1p(-part))) / part
+    return whole * (-expm1_of(n * log1p_of(-part))) / part
 
 
 def _constant(alpha: float) -> Any:
@@ -100,9 +109,9 @@ def _quotient(law: Any) -> tuple[Any, Any]:
 
 _quotients = {law: _quotient(law) for law in SPECIAL_LAWS}
 _any_quotient = branch_on_exponent({law: of_value for law, (of_value, _) in _quotients.items()}, general_quotient)
-_overload_of_one(power, "power", lambda alpha, x: x**alpha)
-_overload_of_one(inverse_power, "inverse_power", lambda alpha, x: x ** (1.0 / alpha))
-_overload_of_one(root_of_potential, "root_of_potential", lambda alpha, x: x ** (1.0 / (alpha + 1.0)))
+_overload_of_one(power, "power", lambda alpha, x: power_of(x, alpha))
+_overload_of_one(inverse_power, "inverse_power", lambda alpha, x: power_of(x, 1.0 / alpha))
+_overload_of_one(root_of_potential, "root_of_potential", lambda alpha, x: power_of(x, 1.0 / (alpha + 1.0)))
 overload_by_type(
     exponent, {law: _constant(law.ALPHA) for law in SPECIAL_LAWS} | {Power: lambda law, k: law.exponent[k]}
 )

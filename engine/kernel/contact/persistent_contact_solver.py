@@ -8,6 +8,7 @@ rounds. All other cases are left to engine.kernel.contact.coupled_contact_solver
 import math
 
 from engine.compiler.decorators import INT64_0, inline, noinline
+from engine.compiler.elementary import expm1_of, log1p_of
 from engine.kernel.contact.contact_law import elastic_force, exponent, loss_rate_of
 from engine.kernel.contact.coupled_contact_round import (
     ForceEstimate,
@@ -35,7 +36,7 @@ def mean_of_power(alpha, e):
             slope = ratio * (mean + e * slope)
             mean = 1.0 + ratio * e * mean
         return mean, slope
-    growth = math.expm1((alpha + 1.0) * math.log1p(e))
+    growth = expm1_of((alpha + 1.0) * log1p_of(e))
     mean = growth / ((alpha + 1.0) * e)
     return mean, ((1.0 + growth) / (1.0 + e) - mean) / e
 

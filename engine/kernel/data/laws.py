@@ -18,6 +18,8 @@ class Law(NamedTuple):
 
     power, inverse_power, root_of_potential: x^α, x^(1/α) and x^(1/(α+1)) for x ≥ 0
     quotient: (b^(α+1) - a^(α+1))/(b - a) for a, b ≥ 0, not both 0: α + 1 times the mean of x^α over [a, b]
+
+    Where there is none for a root, it is found as a power.
     """
 
     potential_coefficient: PerContact  # kc/(α+1), N/m^α
@@ -43,8 +45,6 @@ class Hertz(Law):
 
     ALPHA = 1.5
     power = staticmethod(lambda x: x * math.sqrt(x))
-    inverse_power = staticmethod(lambda x: x ** (1.0 / 1.5))
-    root_of_potential = staticmethod(lambda x: x ** (1.0 / 2.5))
 
     @staticmethod
     def quotient(a, b):
@@ -59,7 +59,6 @@ class Quadratic(Law):
     ALPHA = 2.0
     power = staticmethod(lambda x: x * x)
     inverse_power = staticmethod(lambda x: math.sqrt(x))
-    root_of_potential = staticmethod(lambda x: x ** (1.0 / 3.0))
     quotient = staticmethod(lambda a, b: a * a + a * b + b * b)
 
 
@@ -68,8 +67,6 @@ class Felt(Law):
 
     ALPHA = 2.5
     power = staticmethod(lambda x: x * x * math.sqrt(x))
-    inverse_power = staticmethod(lambda x: x ** (1.0 / 2.5))
-    root_of_potential = staticmethod(lambda x: x ** (1.0 / 3.5))
 
     @staticmethod
     def quotient(a, b):
@@ -84,8 +81,7 @@ class Cubic(Law):
 
     ALPHA = 3.0
     power = staticmethod(lambda x: x * x * x)
-    inverse_power = staticmethod(lambda x: x ** (1.0 / 3.0))
-    root_of_potential = staticmethod(lambda x: x ** (1.0 / 4.0))
+    root_of_potential = staticmethod(lambda x: math.sqrt(math.sqrt(x)))
     quotient = staticmethod(lambda a, b: (a + b) * (a * a + b * b))
 
 

@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from engine.compiler.decorators import INT64_0, inline, noinline
+from engine.compiler.elementary import expm1_of
 from engine.compiler.lanes import multiply_add, number_at, place_after, put_number, splat
 from engine.kernel.data.enums import EventKind
 from engine.kernel.interactions.connection_factors import update_factors
@@ -237,7 +238,7 @@ def damp_coordinate(connection, i, impulse, p):
                 mobility += connection.rows.phi[begin + m] * connection.rows.phi[begin + m]
     if mobility == 0.0:
         return 0.0
-    share = -math.expm1(-impulse * mobility)
+    share = -expm1_of(-impulse * mobility)
     push = velocity * share / mobility
     for r in range(connection.coordinate.shape[0]):
         if connection.coordinate[r] == i:

@@ -5,9 +5,8 @@ e^(-c·W·t), W = Φ·Φᵀ, whatever t. It acts between the stages of a sample,
 stages, some of which go back in time, have no loss. Where the loss is not small, it stays in the solve, at order 2.
 """
 
-import math
-
 from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
+from engine.compiler.elementary import expm1_of
 from engine.kernel.contact.contact_law import elastic_force
 from engine.kernel.modes.mode_step import forget_drift
 from engine.kernel.modes.point_rows import project, push_at_row
@@ -94,7 +93,7 @@ def lose_at_contact(contact_loss, contact, duration, k, rate, state):
     """Let the loss of contact k act for a duration, s. Returns the energy lost, J."""
     f, mobility = elastic_force(contact.law, k, state.compression[k]), contact_loss.mobility[k]
     velocity = relative_velocity(contact, contact.other_rows, k, state.p)
-    impulse = -velocity * math.expm1(-contact_loss.loss[k] * f * mobility * duration) / mobility
+    impulse = -velocity * expm1_of(-contact_loss.loss[k] * f * mobility * duration) / mobility
     impulse = max(impulse, -f * duration)  # it never takes more than the elastic force gives
     if impulse < 0.0 and rate > 0.0:  # nor more than what the contact has pushed in this sample
         pushed = state.refinement.mean_force[k] / rate + state.refinement.loss_impulse[k]

@@ -4,9 +4,8 @@ All energy that an event adds to the stored energy counts as supplied, all that 
 stays closed: turning a knob cannot blow up the sound.
 """
 
-import math
-
 from engine.compiler.decorators import inline, noinline
+from engine.compiler.elementary import rise
 from engine.kernel.data.enums import NO_END, UNUSED_SLOT, DampedModes, EnergyTotal, EventCursor, EventKind
 from engine.kernel.interactions.connections import (
     connection_parameter,
@@ -62,7 +61,7 @@ def glide_value(events, state, j, frame, now):
     if frame + 1 >= events.end[j]:
         return events.value[j]
     share = (frame + 1 - events.start[j]) / (events.end[j] - events.start[j])
-    return state.glide_start[j] + (events.value[j] - state.glide_start[j]) * 0.5 * (1.0 - math.cos(math.pi * share))
+    return state.glide_start[j] + (events.value[j] - state.glide_start[j]) * rise(share)
 
 
 @noinline

@@ -1,0 +1,214 @@
+"""A patch as a page: one HTML file in which it sounds, in any browser, without a network.
+
+The kernels are those of live sound, as WebAssembly; the scene is the memory of a player that has not begun. The page's
+script moves bytes and draws: it writes events to the player's queue, and lets the kernel play.
+"""
+
+import base64
+import gzip
+import hashlib
+import json
+import math
+import re
+from collections.abc import Mapping
+from html import escape
+from importlib.resources import files
+from typing import Any
+
+from engine.assembly.build import BuildResult
+from engine.assembly.table_changes import scored_exchanges
+from engine.compiler.kernel_name import KernelName
+from engine.export.faults import CannotExport
+from engine.export.player_bytes import MEMORY, KernelNumber, lay_out_player
+from engine.export.scene_bytes import SceneBytes
+from engine.export.told_player import (
+    LEVELS,
+    ToldPlayer,
+    keys_of_player,
+    pads_of_player,
+    rows_of_score,
+    sliders_of_player,
+)
+from engine.export.wasm_kernels import INSERT, PLAY, RENDER, compile_module, read_general_module, requests_of
+from engine.instrument.score import Score, read_score
+from engine.kernel.data.enums import Balance, EventKind, Sleep
+from engine.live.key_allocator import DEFAULT_POLYPHONY, live_scene
+from engine.live.shared_memory import Gauge, Slot
+from engine.patch.scene import Scene
+from engine.runtime.event_slots import EventSlot
+
+BASE = 1 << 20  # address of the scene in the memory of the page; the stack and the kernels' constants lie below
+BLOCK = 128  # samples that a browser asks for at a time
+MEGABYTE = 1 << 20
+MAX_MEGABYTES = 400  # of a scene: browsers give pages some thousand
+MAX_SLIDERS = 24  # an instrument of many keys has hundreds of numbers
+PAGE = "page"  # the folder of the template
+
+
+def make_page(
+    scene: Scene,
+    gain: float,
+    samplerate: int = 44_100,
+    kernel: str = KernelName.GENERAL,
+    about: Mapping[str, str] | None = None,
+) -> str:
+    """Return a scene as a page.
+
+    gain:   factor on SI units
+    kernel: general, or special: compiled for this scene, which takes a minute
+    about:  what the page says of itself: its `title`, the `text` of the patch and the `command` that made it
+
+    Raises CannotExport (a ValueError) with the reason if the scene cannot become a page, BuildError (a ValueError) if
+    it cannot be built.
+    """
+    player = told_player(scene, samplerate, gain, kernel)
+    laid_out = lay_out_player(player, pointer_bytes=4, base=BASE)
+    if len(laid_out.content) > MAX_MEGABYTES * MEGABYTE:
+        size = len(laid_out.content) // MEGABYTE
+        raise CannotExport(f"the patch needs {size} MB of memory; a page has {MAX_MEGABYTES} MB at most")
+    requests = requests_of(player)
+    module = compile_module(requests) if kernel == KernelName.SPECIAL else read_general_module()
+    data = {
+        "kernel": _packed(module),
+        "scene": _packed(bytes(laid_out.content)),
+        "size": len(laid_out.content),
+        "base": BASE,
+        "block": BLOCK,
+        "samplerate": samplerate,
+        "channels": player.channels,
+        "gain": gain,
+        "coarsest": player.memory.shared.lowest_quality,
+        "at": places_of_player(laid_out, player),
+        "names": names_of_numbers(),
+        "functions": {"play": PLAY, RENDER: int(KernelNumber.RENDER_BLOCK), INSERT: int(KernelNumber.INSERT_EVENT)},
+        **_controls(scene, player),
+    }
+    return compose(data, about or {})
+
+
+def told_player(scene: Scene, samplerate: int, gain: float, kernel: str) -> ToldPlayer:
+    """Return the player of a page, which waits for its keys if the scene is an instrument. Raises CannotExport."""
+    accuracy = scene.accuracy
+    if accuracy.oversample > 1:
+        raise CannotExport("a patch with oversample cannot become a page: there is no filter to decimate it")
+    if accuracy.order != 2 and kernel != KernelName.SPECIAL:
+        raise CannotExport(
+            f"the general kernel for browsers has order 2, the patch has {accuracy.order}; give --kernel special"
+        )
+    is_instrument = scene.instrument is not None
+    played = live_scene(scene) if is_instrument else scene
+    player = ToldPlayer(
+        played, samplerate, math.inf if is_instrument else None, gain=gain, kernel=kernel, waiting=is_instrument
+    )
+    if not is_instrument and scored_exchanges(
+        scene, BuildResult(player.model, player.state, player.layout), accuracy=accuracy, seconds=scene.seconds
+    ):
+        raise CannotExport("a patch whose events change bodies cannot become a page yet")
+    player.counters[[Slot.FADE_IN_FRAMES, Slot.END]] = 0, 1 << 40
+    return player
+
+
+def places_of_player(laid_out: SceneBytes, player: ToldPlayer) -> dict[str, int]:
+    """Return the addresses of what the page's script reads and writes."""
+    shared, state = player.memory.shared, player.state
+    arrays = {
+        "counters": shared.counters,
+        "gauges": shared.gauges,
+        "events": shared.events,
+        "values": shared.values,
+        "balance": player.memory.job_memory.balance,
+        "sleep": state.sleep,
+        "iterations": state.iteration_histogram,
+        "force": state.contact_force,
+    }
+    counts = {"queue": len(shared.events), "islands": len(state.sleep), "contacts": state.contact_force.size}
+    counts |= {"solves": state.iteration_histogram.shape[-1], "event": len(EventSlot), "rest": state.sleep.shape[1]}
+    return {MEMORY: laid_out.address(MEMORY)} | {n: laid_out.address(a) for n, a in arrays.items()} | counts
+
+
+def names_of_numbers() -> dict[str, dict[str, int]]:
+    """Return the numbers of the engine that the page's script uses, by name."""
+    return {
+        "Slot": {slot.name: int(slot) for slot in Slot},
+        "Gauge": {gauge.name: int(gauge) for gauge in Gauge},
+        "Balance": {one.name: int(one) for one in Balance},
+        "Sleep": {one.name: int(one) for one in Sleep},
+        "EventKind": {"QUALITY": int(EventKind.QUALITY)},
+    }
+
+
+def _controls(scene: Scene, player: ToldPlayer) -> dict[str, Any]:
+    """Return what can be told to the scene."""
+    sliders = [slider._asdict() for slider in sliders_of_player(player)]
+    if scene.instrument is None:
+        damped = damp_rows(player)
+        return {"keys": [], "pads": [p._asdict() for p in pads_of_player(player)], "sliders": sliders, "damp": damped}
+    keys = [key._asdict() for key in keys_of_player(player)]
+    keyboard = scene.instrument["keyboard"]
+    polyphony = keyboard.get("polyphony") or DEFAULT_POLYPHONY
+    score = score_of(scene, [key["number"] for key in keys])
+    song = rows_of_score(player, score)
+    return {
+        "keys": keys,
+        "levels": LEVELS,
+        "polyphony": polyphony,
+        "sliders": sliders if len(sliders) <= MAX_SLIDERS else [],
+        "song": song,
+        "song_seconds": score.end,
+        "pads": [],
+        "damp": [],
+    }
+
+
+def damp_rows(player: ToldPlayer) -> list[list[float]]:
+    """Return the rows that damp all bodies for a while."""
+    player.damp()
+    return player.take_rows()
+
+
+def score_of(scene: Scene, keys: list[int]) -> Score:
+    """Return the score of an instrument: its own, or a note of its middle."""
+    score = read_score(scene.instrument or {})
+    return score if score.notes else score.with_middle_note(keys)
+
+
+# --- the file
+
+
+def compose(data: Mapping[str, Any], about: Mapping[str, str]) -> str:
+    """Return the HTML of a page of this data. It loads nothing from anywhere, and runs no scripts but its own."""
+    parts = {name: _template(name) for name in ("page.html", "page.css", "page.js", "worklet.js")}
+    content = _escaped_json(data)
+    script, style = parts["page.js"], parts["page.css"]
+    policy = (
+        f"default-src 'none'; script-src 'sha256-{_digest(script)}' 'wasm-unsafe-eval' data:;"
+        f" style-src 'sha256-{_digest(style)}'; img-src data:; media-src blob:"
+    )
+    filled = {
+        "TITLE": escape(about.get("title", "A patch")),
+        "POLICY": escape(policy, quote=True),
+        "TEXT": escape(about.get("text", "")),
+        "COMMAND": escape(about.get("command", "")),
+        "STYLE": style,
+        "SCRIPT": script,
+        "WORKLET": _escaped_json({"source": parts["worklet.js"]}),
+        "DATA": content,
+    }
+    return re.sub(r"\{\{([A-Z]+)\}\}", lambda place: filled[place[1]], parts["page.html"])
+
+
+def _template(name: str) -> str:
+    return files("engine.export").joinpath(PAGE, name).read_text("utf-8")
+
+
+def _digest(text: str) -> str:
+    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+def _packed(content: bytes) -> str:
+    return base64.b64encode(gzip.compress(content, 9, mtime=0)).decode()
+
+
+def _escaped_json(data: Mapping[str, Any]) -> str:
+    """Return data as JSON that may stand in a script element."""
+    return json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")

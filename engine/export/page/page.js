@@ -1,0 +1,387 @@
+"use strict";
+const $ = id => document.getElementById(id);
+const data = JSON.parse($("data").textContent);
+const WORKLET = JSON.parse($("worklet").textContent).source;
+const COMPUTER_KEYS = "zsxdcvgbhnjmq2w3er5t6y7ui9o0p"; // two octaves and a half, as on many synthesisers
+const SIMD = "AGFzbQEAAAABBQFgAAF7AwIBAAoTAREAQQD9D0EA/Q9BAP0P/YcCCw=="; // a module with a fused multiply-add
+
+// --- faults, in plain sentences
+
+function say(text) {
+  $("fault").textContent = text;
+  $("fault").hidden = !text;
+}
+
+const bytesOf = text => Uint8Array.from(atob(text), c => c.charCodeAt(0));
+
+function missing() {
+  if (!window.WebAssembly || !window.AudioWorkletNode || !window.DecompressionStream)
+    return "This browser has no WebAssembly or no AudioWorklet. A recent Chrome, Edge or Firefox plays this page.";
+  if (!WebAssembly.validate(bytesOf(SIMD)))
+    return "This browser lacks the relaxed SIMD of WebAssembly. Chrome or Edge from version 114 on and Firefox from 145"
+      + " on have it.";
+  return "";
+}
+
+// --- the sound
+
+async function unpack(text) {
+  const stream = new Blob([bytesOf(text)]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
+let unpacked;
+async function options(messages) {
+  unpacked ||= Promise.all([unpack(data.kernel), unpack(data.scene)]);
+  const [kernel, scene] = await unpacked;
+  const { at, names, functions, base, size, block, samplerate, channels, gain, coarsest } = data;
+  return { at, names, functions, base, size, block, samplerate, channels, gain, coarsest, kernel, scene, messages };
+}
+
+async function makeNode(context, messages) {
+  // a blob: URL has no origin in a page opened from disk
+  await context.audioWorklet.addModule("data:text/javascript;charset=utf-8," + encodeURIComponent(WORKLET));
+  const processorOptions = await options(messages);
+  return new AudioWorkletNode(context, "fdh-patch", {
+    numberOfInputs: 0, outputChannelCount: [data.channels], processorOptions,
+  });
+}
+
+let playing, context, analyser;
+async function begin() {
+  const reason = missing();
+  if (reason) throw new Error(reason);
+  context = new AudioContext({ sampleRate: data.samplerate, latencyHint: "interactive" });
+  if (context.sampleRate !== data.samplerate)
+    say(`The device plays at ${context.sampleRate} Hz, the patch was made for ${data.samplerate} Hz: the pitch is wrong.`);
+  const node = await makeNode(context, [{ gain: gain() }]);
+  analyser = new AnalyserNode(context, { fftSize: 4096, smoothingTimeConstant: 0.6 });
+  node.connect(analyser).connect(context.destination);
+  node.port.onmessage = ({ data: message }) => message.recorded ? keep(message.recorded) : show(message);
+  node.onprocessorerror = () => say("The sound has stopped because of an error. Load the page again.");
+  await context.resume();
+  requestAnimationFrame(draw);
+  return node;
+}
+
+async function send(message) {
+  try {
+    playing ||= begin();
+    const node = await playing;
+    if (context.state === "suspended") await context.resume();
+    node.port.postMessage(message);
+  } catch (error) {
+    playing = undefined;
+    say(error.message);
+  }
+}
+
+const gain = () => data.gain * 10 ** ($("gain").value / 20);
+$("gain").oninput = () => {
+  $("gain-value").textContent = `${(+$("gain").value).toFixed(1)} dB`;
+  if (playing) send({ gain: gain() });
+};
+
+// --- meters
+
+const decimals = (x, digits) => Number.isFinite(x) ? x.toPrecision(digits) : "–";
+
+function show(m) {
+  $("level").textContent = m.level > 0 ? `${(20 * Math.log10(m.level)).toFixed(1)} dB` : "silent";
+  $("level").classList.toggle("bad", m.level > 1);
+  $("load").textContent = `${(100 * m.load).toFixed(0)} %` + (m.quality ? `, coarser by ${m.quality}` : "");
+  $("load").classList.toggle("bad", m.quality > 0);
+  $("error").textContent = m.error.toExponential(1);
+  $("error").classList.toggle("bad", !(m.error < 1e-9));
+  $("iterations").textContent = m.iterations ? decimals(m.iterations, 2) : "none";
+  if (m.force > 0) $("force").textContent = `${decimals(m.force, 3)} N`;
+  $("awake").textContent = `${m.awake} of ${data.at.islands}`;
+  if (m.silenced) say(`${m.silenced} samples were not finite, and are silent. Play again to start anew.`);
+}
+
+function frameOf(canvas) {
+  const { clientWidth: w, clientHeight: h } = canvas, scale = devicePixelRatio || 1;
+  if (canvas.width !== Math.round(w * scale)) {
+    canvas.width = Math.round(w * scale);
+    canvas.height = Math.round(h * scale);
+  }
+  const g = canvas.getContext("2d");
+  g.setTransform(scale, 0, 0, scale, 0, 0);
+  g.clearRect(0, 0, w, h);
+  g.strokeStyle = getComputedStyle(document.documentElement).getPropertyValue("--accent");
+  g.lineWidth = 1.5;
+  g.beginPath();
+  return [g, w, h];
+}
+
+function draw() {
+  const samples = new Float32Array(analyser.fftSize), bins = new Float32Array(analyser.frequencyBinCount);
+  analyser.getFloatTimeDomainData(samples);
+  analyser.getFloatFrequencyData(bins);
+  let [g, w, h] = frameOf($("wave"));
+  const count = 1024, first = Math.max(0, samples.findIndex((x, i) => i > 0 && samples[i - 1] < 0 && x >= 0));
+  for (let i = 0; i < count; i++)
+    g.lineTo(i / count * w, h / 2 * (1 - samples[Math.min(first + i, samples.length - 1)]));
+  g.stroke();
+  [g, w, h] = frameOf($("spectrum"));
+  const top = data.samplerate / 2, octaves = Math.log2(top / 30);
+  for (let x = 0; x < w; x++) {
+    const bin = 30 * 2 ** (x / w * octaves) / top * bins.length;
+    g.lineTo(x, h * Math.min(1, Math.max(0, -bins[Math.min(bins.length - 1, Math.floor(bin))] / 110)));
+  }
+  g.stroke();
+  requestAnimationFrame(draw);
+}
+
+// --- rows of events
+
+// Rows between those of two velocities, of which the page has a few.
+function rowsAt(key, velocity) {
+  const { levels } = data, v = Math.min(levels[levels.length - 1], Math.max(levels[0], velocity));
+  let n = levels.findIndex(level => level >= v);
+  if (levels[n] === v) return key.on[n];
+  const a = key.on[n - 1], b = key.on[n], share = (v - levels[n - 1]) / (levels[n] - levels[n - 1]);
+  if (a.length !== b.length) return share < 0.5 ? a : b;
+  return a.map((row, i) => row.map((x, j) => j < 6 ? x : x + share * (b[i][j] - x)));
+}
+
+const scaled = (pad, share) => pad.rows.map(row => {
+  const changed = [...row];
+  if (pad.is_hammer) changed[7] *= share;
+  else if (row[6]) changed[6] *= share;
+  return changed;
+});
+
+const sliderRows = (slider, value) => slider.rows.map((row, i) => row.map((x, j) =>
+  j < 6 ? x : x + value * (slider.rows_at_one[i][j] - x)));
+
+// --- keys: which are down, and which the pedal keeps
+
+const down = new Set(), kept = new Set();
+let pedal = false, sounding = [];
+
+function press(key, velocity) {
+  const rows = [];
+  for (const other of [...sounding]) {
+    const mono = key.group !== null && other.group === key.group && other !== key;
+    if (mono || (other !== key && sounding.length >= data.polyphony && other === sounding[0])) {
+      rows.push(...other.end);
+      release(other, false);
+    }
+  }
+  sounding = [...sounding.filter(k => k !== key), key];
+  down.add(key);
+  kept.delete(key);
+  rows.push(...rowsAt(key, velocity));
+  send({ rows });
+  mark(key, true);
+}
+
+function release(key, isTold = true) {
+  if (!down.delete(key)) return;
+  if (pedal) kept.add(key);
+  else sounding = sounding.filter(k => k !== key);
+  if (isTold) send({ rows: pedal ? key.off : [...key.off, ...key.damp] });
+  mark(key, false);
+}
+
+function movePedal(isDown) {
+  if (isDown === pedal) return;
+  pedal = isDown;
+  $("pedal").setAttribute("aria-pressed", isDown);
+  const free = data.keys.filter(key => !down.has(key));
+  send({ rows: free.flatMap(key => isDown ? key.lift : key.damp) });
+  if (!isDown) {
+    sounding = sounding.filter(key => down.has(key));
+    kept.clear();
+  }
+}
+
+const elements = new Map();
+const mark = (key, isDown) => elements.get(key)?.classList.toggle("down", isDown);
+
+// How far up a button was touched, as a velocity of MIDI: the lower, the louder, as on a key.
+function velocityOf(event) {
+  const box = event.currentTarget.getBoundingClientRect();
+  return Math.round(20 + 107 * Math.min(1, Math.max(0, (event.clientY - box.top) / box.height)));
+}
+
+function makeKeyboard() {
+  const box = document.createElement("div"), { keys } = data;
+  const isChromatic = keys.length > 1 && keys.every((key, i) => key.number === keys[0].number + i);
+  box.className = "keys";
+  for (const key of keys) {
+    const button = document.createElement("button"), isBlack = [1, 3, 6, 8, 10].includes(key.number % 12);
+    button.className = !isChromatic ? "plain" : isBlack ? "black" : "white";
+    button.textContent = !isChromatic || key.number % 12 === 0 ? key.name : "";
+    button.setAttribute("aria-label", key.name);
+    button.onpointerdown = event => {
+      button.setPointerCapture(event.pointerId);
+      press(key, velocityOf(event));
+    };
+    button.onpointerup = button.onpointercancel = () => release(key);
+    button.onkeydown = event => { if ([" ", "Enter"].includes(event.key) && !event.repeat) press(key, 80); };
+    button.onkeyup = event => { if ([" ", "Enter"].includes(event.key)) release(key); };
+    elements.set(key, button);
+    box.append(button);
+  }
+  $("keyboard").append(box);
+  $("keyboard").hidden = false;
+  $("pedal").hidden = false;
+  $("pedal").onclick = () => movePedal(!pedal);
+  const middle = keys.reduce((a, b) => Math.abs(b.number - 60) < Math.abs(a.number - 60) ? b : a);
+  const button = elements.get(middle);
+  $("keyboard").scrollLeft = button.offsetLeft - $("keyboard").clientWidth / 2;
+  const first = keys.findIndex(key => key.number >= 48 && key.number % 12 === 0);
+  const offset = Math.max(0, first);
+  const keyOf = event => event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input") ? undefined
+    : keys[offset + COMPUTER_KEYS.indexOf(event.key.toLowerCase())];
+  const played = event => COMPUTER_KEYS.includes(event.key.toLowerCase()) && event.key.length === 1;
+  document.addEventListener("keydown", event => {
+    const key = played(event) ? keyOf(event) : undefined;
+    if (key && !event.repeat) press(key, 80);
+    if (event.key === "Shift") movePedal(true);
+  });
+  document.addEventListener("keyup", event => {
+    const key = played(event) ? keyOf(event) : undefined;
+    if (key) release(key);
+    if (event.key === "Shift") movePedal(false);
+  });
+  $("hint").textContent = "Lower on a key is louder. The computer's keys Z to M and Q to P play too; Shift is the pedal.";
+}
+
+function makePads() {
+  data.pads.forEach((pad, n) => {
+    const button = document.createElement("button"), name = document.createElement("span");
+    const size = document.createElement("small");
+    button.className = "pad";
+    name.textContent = pad.name;
+    size.textContent = pad.is_hammer ? `throw, ${decimals(Math.abs(pad.size), 3)} ${pad.unit}` : "pluck";
+    button.append(name, size);
+    const strike = share => {
+      send({ rows: scaled(pad, share) });
+      size.textContent = pad.is_hammer ? `${decimals(Math.abs(pad.size * share), 3)} ${pad.unit}`
+        : `× ${decimals(share, 2)}`;
+      button.classList.add("down");
+      setTimeout(() => button.classList.remove("down"), 150);
+    };
+    button.onpointerdown = event => strike(2 * velocityOf(event) / 127);
+    button.onkeydown = event => { if ([" ", "Enter"].includes(event.key) && !event.repeat) strike(1); };
+    if (n < 9) document.addEventListener("keydown", event => {
+      if (event.key === String(n + 1) && !event.repeat && !event.target.matches("input")) strike(1);
+    });
+    $("pads").append(button);
+  });
+  $("pads").hidden = !data.pads.length;
+  if (data.pads.length) $("hint").textContent = "Lower on a pad is harder. The computer's keys 1 to 9 strike as the patch does.";
+}
+
+function makeSliders() {
+  $("sliders").hidden = !data.sliders.length;
+  for (const slider of data.sliders) {
+    const label = document.createElement("label"), name = document.createElement("span");
+    const input = document.createElement("input"), output = document.createElement("output");
+    label.className = "slider";
+    name.textContent = slider.path;
+    const toPlace = x => slider.is_logarithmic ? Math.log10(x) : x;
+    const value = () => slider.is_logarithmic ? 10 ** +input.value : +input.value;
+    Object.assign(input, {
+      type: "range", min: toPlace(slider.low), max: toPlace(slider.high), step: "any", value: toPlace(slider.value),
+    });
+    const tell = () => {
+      output.textContent = `${decimals(value(), 3)} ${slider.unit}`;
+      input.setAttribute("aria-valuetext", output.textContent);
+    };
+    input.oninput = () => {
+      tell();
+      send({ rows: sliderRows(slider, value()) });
+    };
+    tell();
+    label.append(name, input, output);
+    $("sliders").append(label);
+  }
+}
+
+// --- buttons
+
+$("play").onclick = () => {
+  if (playing) send({ reset: true });
+  send({ rows: data.song || [] });
+};
+$("damp").onclick = () => send({ rows: data.keys.length ? data.keys.flatMap(key => key.end) : data.damp });
+$("copy").onclick = async () => {
+  await navigator.clipboard.writeText($("text").textContent);
+  $("copy").textContent = "Copied";
+};
+
+let isRecording = false;
+$("record").onclick = () => {
+  isRecording = !isRecording;
+  $("record").setAttribute("aria-pressed", isRecording);
+  $("record").textContent = isRecording ? "Stop and save" : "Record";
+  send(isRecording ? { record: true } : { keep: true });
+};
+
+// A WAV of 32-bit floating-point numbers.
+function wavOf(blocks) {
+  const count = blocks.reduce((sum, block) => sum + block.length, 0), head = new DataView(new ArrayBuffer(44));
+  const { channels, samplerate } = data;
+  const text = (place, word) => [...word].forEach((c, i) => head.setUint8(place + i, c.charCodeAt(0)));
+  text(0, "RIFF"); head.setUint32(4, 36 + 4 * count, true); text(8, "WAVEfmt "); head.setUint32(16, 16, true);
+  head.setUint16(20, 3, true); head.setUint16(22, channels, true); head.setUint32(24, samplerate, true);
+  head.setUint32(28, 4 * channels * samplerate, true); head.setUint16(32, 4 * channels, true);
+  head.setUint16(34, 32, true); text(36, "data"); head.setUint32(40, 4 * count, true);
+  return new Blob([head, ...blocks], { type: "audio/wav" });
+}
+
+function keep(blocks) {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(wavOf(blocks));
+  link.download = `${document.title.replace(/[^\w-]+/g, "_")}.wav`;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+}
+
+async function useMidi() {
+  try {
+    const access = await navigator.requestMIDIAccess();
+    const listen = () => access.inputs.forEach(input => { input.onmidimessage = hear; });
+    access.onstatechange = listen;
+    listen();
+    say(access.inputs.size ? "" : "No MIDI keyboard is connected; one that you plug in is heard.");
+  } catch {
+    say("The browser was not allowed to use MIDI; allow it for this page, and press the button again.");
+  }
+}
+
+function hear({ data: [status, number, value] }) {
+  const kind = status & 0xf0, key = data.keys.find(one => one.number === number);
+  if (kind === 0x90 && value > 0 && key) press(key, value);
+  else if ((kind === 0x80 || kind === 0x90) && key) release(key);
+  else if (kind === 0xb0 && number === 64) movePedal(value >= 64);
+}
+
+$("midi").hidden = !navigator.requestMIDIAccess || !data.keys.length;
+$("midi").onclick = useMidi;
+
+say(missing());
+if (data.keys.length) makeKeyboard();
+else makePads();
+makeSliders();
+
+// --- for tests: the sound without a device
+
+window.fdh = {
+  data,
+  async render(frames, messages) {
+    const offline = new OfflineAudioContext(data.channels, frames, data.samplerate);
+    const node = await makeNode(offline, messages);
+    let meter;
+    node.port.onmessage = ({ data: message }) => { meter = message; };
+    node.connect(offline.destination);
+    const begin = performance.now(), buffer = await offline.startRendering(), took = performance.now() - begin;
+    await new Promise(resolve => setTimeout(resolve, 200));
+    const channels = Array.from({ length: data.channels }, (_, c) => buffer.getChannelData(c));
+    return { channels, meter, took };
+  },
+};

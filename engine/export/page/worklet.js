@@ -1,0 +1,143 @@
+// The audio side of a page: the kernels of fdh-engine in WebAssembly play the memory of a player of the engine.
+// This script only moves numbers: it writes events into the player's queue, lets the kernel play, and reads meters.
+class Patch extends AudioWorkletProcessor {
+  constructor({ processorOptions: o }) {
+    super();
+    this.o = o;
+    const { at, names } = o, room = (o.base + o.size + 63) & ~63, bytes = 4 * o.block * o.channels;
+    const memory = new WebAssembly.Memory({ initial: Math.ceil((room + bytes) / 65536) });
+    const table = new WebAssembly.Table({ initial: 4, element: "anyfunc" });
+    const module = new WebAssembly.Module(o.kernel), env = {
+      __linear_memory: memory,
+      __indirect_function_table: table,
+      __stack_pointer: new WebAssembly.Global({ value: "i32", mutable: true }, o.base), // it grows down from here
+      clock_gettime: () => 0,
+    };
+    this.x = new WebAssembly.Instance(module, { env }).exports;
+    for (const name of ["render", "insert"]) table.set(o.functions[name], this.x[name]);
+    const view = (type, place, count) => new type(memory.buffer, place, count);
+    this.memory = view(Uint8Array, o.base, o.size);
+    this.counters = view(BigInt64Array, at.counters, Object.keys(names.Slot).length);
+    this.gauges = view(Float64Array, at.gauges, Object.keys(names.Gauge).length);
+    this.events = view(BigInt64Array, at.events, at.queue * at.event);
+    this.values = view(Float64Array, at.values, at.queue * 2);
+    this.balance = view(Float64Array, at.balance, Object.keys(names.Balance).length);
+    this.sleep = view(BigInt64Array, at.sleep, at.islands * at.rest);
+    this.iterations = view(BigInt64Array, at.iterations, at.islands * at.solves);
+    this.force = view(Float64Array, at.force, at.contacts);
+    this.out = view(Float32Array, room, o.block * o.channels);
+    this.call = [BigInt(at.memory), BigInt(room)];
+    this.now = globalThis.performance ? () => performance.now() : Date.now;
+    this.gain = o.gain;
+    this.recorded = null;
+    this.reset();
+    for (const message of o.messages) this.take(message);
+    this.port.onmessage = ({ data }) => this.take(data);
+  }
+  // Back to the first sample.
+  reset() {
+    this.memory.set(this.o.scene);
+    this.waiting = [];
+    this.gauges[this.o.names.Gauge.GAIN] = this.gain;
+    this.frame = 0;
+    this.quality = this.limited = this.ease = 0;
+    this.solves = new Float64Array(this.o.at.solves);
+    this.clearMeters();
+  }
+  clearMeters() {
+    this.spent = this.frames = this.largestForce = 0;
+  }
+  take(message) {
+    if (message.reset) this.reset();
+    if (message.gain !== undefined) this.gauges[this.o.names.Gauge.GAIN] = this.gain = message.gain;
+    if (message.record) this.recorded = [];
+    if (message.keep && this.recorded) {
+      this.port.postMessage({ recorded: this.recorded });
+      this.recorded = null;
+    }
+    if (message.rows) {
+      const rows = message.rows.map(row => [...row.slice(0, 4), row[4] + this.frame, ...row.slice(5)]);
+      this.waiting = [...this.waiting, ...rows].sort((a, b) => a[4] - b[4]);
+    }
+  }
+  // Write the events that begin soon into the player's queue.
+  tell() {
+    const { Slot } = this.o.names, { queue, event } = this.o.at, { counters, waiting } = this;
+    let told = 0;
+    while (told < waiting.length && waiting[told][4] < this.frame + 4 * this.o.block) {
+      const index = counters[Slot.WRITE_INDEX];
+      if (index - counters[Slot.READ_INDEX] >= BigInt(queue)) break;
+      const row = waiting[told++], slot = Number(index % BigInt(queue));
+      for (let i = 0; i < event; i++) this.events[slot * event + i] = i < 6 ? BigInt(Math.round(row[i])) : 0n;
+      this.values[2 * slot] = row[6];
+      this.values[2 * slot + 1] = row[7];
+      counters[Slot.WRITE_INDEX] = index + 1n;
+    }
+    if (told) this.waiting = waiting.slice(told);
+  }
+  process(inputs, [out]) {
+    const { channels } = this.o, frames = out[0].length, begin = this.now();
+    this.tell();
+    for (let done = 0; done < frames;) { // browsers ask for 128 frames, and may ask for more one day
+      const count = Math.min(frames - done, this.o.block);
+      this.x.play(...this.call, BigInt(count));
+      for (let c = 0; c < out.length; c++) {
+        const to = out[c], from = c % channels;
+        for (let i = 0; i < count; i++) to[done + i] = this.out[i * channels + from];
+      }
+      if (this.recorded) this.recorded.push(this.out.slice(0, count * channels));
+      done += count;
+      this.frame += count;
+    }
+    for (const f of this.force) if (f > this.largestForce) this.largestForce = f;
+    this.spent += this.now() - begin;
+    this.frames += frames;
+    if (this.frames >= 2048) this.report();
+    return true;
+  }
+  report() {
+    const { at, names } = this.o, { gauges, balance, counters } = this, { Gauge, Balance, Slot, Sleep } = names;
+    const load = this.spent / 1000 / (this.frames / this.o.samplerate), awake = [];
+    for (let n = 0; n < at.islands; n++) if (this.sleep[n * at.rest + Sleep.WAKE_FRAME] <= this.frame) awake.push(n);
+    this.adapt(load);
+    this.port.postMessage({
+      level: gauges[Gauge.PEAK],
+      load,
+      awake: awake.length,
+      error: balance[Balance.LARGEST] > 0 ? balance[Balance.MAX_ERROR] / balance[Balance.LARGEST] : 0,
+      iterations: this.meanIterations(),
+      limited: Number(counters[Slot.LIMITED_SAMPLES]),
+      silenced: Number(counters[Slot.NONFINITE_SAMPLES]),
+      quality: this.quality,
+      force: this.largestForce,
+      seconds: this.frame / this.o.samplerate,
+    });
+    gauges[Gauge.PEAK] = 0;
+    this.clearMeters();
+  }
+  // Mean of the rounds of the contact solves since the last report.
+  meanIterations() {
+    const { at } = this.o;
+    let rounds = 0, solves = 0;
+    for (let n = 0; n < at.solves; n++) {
+      let count = 0;
+      for (let island = 0; island < at.islands; island++) count += Number(this.iterations[island * at.solves + n]);
+      rounds += n * (count - this.solves[n]);
+      solves += count - this.solves[n];
+      this.solves[n] = count;
+    }
+    return solves ? rounds / solves : 0;
+  }
+  // A page that is too slow gets coarser before it breaks, as live sound does.
+  adapt(load) {
+    this.ease = load < 0.4 ? this.ease + this.frames : 0;
+    const before = this.quality;
+    if (load > 0.85) this.quality++;
+    else if (this.ease > this.o.samplerate && this.quality) this.quality--;
+    if (this.quality === before) return;
+    this.quality = Math.min(this.quality, this.o.coarsest);
+    this.ease = 0;
+    this.waiting.unshift([this.o.names.EventKind.QUALITY, 0, this.quality, 0, this.frame, 0, 0, 0]);
+  }
+}
+registerProcessor("fdh-patch", Patch);

@@ -1,0 +1,183 @@
+"""What a page can tell a scene: rows of events, made once, for each key, hammer, pluck and number of a patch.
+
+A page scales their values, by velocity or by a slider; it computes nothing else.
+"""
+
+from typing import Any, NamedTuple
+
+from engine.assembly.event_table import EventRow
+from engine.export.faults import CannotExport
+from engine.instrument.key_names import note_name
+from engine.instrument.key_writer import KeyWriter
+from engine.instrument.score import Score
+from engine.instrument.score_events import FULL_VELOCITY
+from engine.live.key_allocator import KeyAllocator
+from engine.live.midi_notes import Note
+from engine.live.player import Player
+from engine.patch.live_parameters import value_at
+from engine.patch.scene import Scene
+
+LEVELS = (1, 16, 32, 48, 64, 80, 96, 112, 127)  # MIDI velocities; rows between two of them are interpolated
+RELEASE = 64  # MIDI velocity with which a page lets keys go
+TIMES = 1e3  # a slider of a stiffness goes so many times beyond the value of the patch, and below
+LEAST_GAP = 1e-3  # m, that a slider of a gap goes either way
+SLIDER_SECONDS = 0.02  # that its parameter takes to glide
+
+Rows = list[list[float]]
+
+
+class ToldPlayer(Player):
+    """A player that does not play: the rows of what it is told to do are kept."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        samplerate: int = 44_100,
+        seconds: float | None = None,
+        gain: float = 1.0,
+        **options: Any,
+    ) -> None:
+        self._told: list[EventRow] = []
+        super().__init__(scene, samplerate, seconds, gain, **options)
+
+    def take_rows(self) -> Rows:
+        """Return the rows since the last call: kind, island, target begin and end, start, length, and two values."""
+        rows, self._told = self._told, []
+        return [list(map(float, row)) for row in rows]
+
+    def make_tables(self) -> None:
+        """Raise CannotExport: a key that changes a body would need its tables."""
+        raise CannotExport("a key of this instrument changes a body as it is pressed, which no page can do yet")
+
+    def _put(self, description: list[Any], rows: list[EventRow], frame: int) -> None:
+        self._told += [row._replace(start=frame + row.start) for row in rows]
+
+
+class Key(NamedTuple):
+    """A key of an instrument."""
+
+    number: int  # of MIDI
+    name: str
+    on: list[Rows]  # at each of LEVELS
+    off: Rows  # when it is let go …
+    damp: Rows  # … and its dampers come down, which a pedal may keep up
+    lift: Rows  # its dampers
+    end: Rows  # another key needs its place
+    group: float | None  # keys of which one sounds at a time
+
+
+def keys_of_player(player: ToldPlayer) -> list[Key]:
+    """Return the keys of an instrument. player: of a `live_scene`, with `waiting = True`"""
+    allocator = KeyAllocator(player)
+    document = player.patch.instrument or {}
+    mono, writer = document["keyboard"].get("mono"), KeyWriter(document)
+
+    def rows_of(kind: str, number: int, value: int) -> Rows:
+        allocator.play(Note(0.0, kind, number, value))
+        return player.take_rows()
+
+    keys = []
+    for number in allocator.keys:
+        on = []
+        for level in LEVELS:
+            on.append(rows_of("on", number, level))
+            rows_of("off", number, RELEASE)
+        rows_of("on", number, LEVELS[0])
+        allocator.end(number, 0)
+        end = player.take_rows()
+        rows_of("on", number, LEVELS[0])
+        whole = rows_of("off", number, RELEASE)
+        allocator.lift(number, 0)
+        lift = player.take_rows()
+        allocator.damp(number, RELEASE / FULL_VELOCITY, 0)
+        damp = player.take_rows()
+        off = whole[: len(whole) - len(damp)]
+        group = None if mono is None else writer.names(number).get(mono)
+        keys.append(Key(number, note_name(number), on, off, damp, lift, end, group))
+    return keys
+
+
+def rows_of_score(player: ToldPlayer, score: Score) -> Rows:
+    """Return the notes and pedals of a score as rows with their frames, in order."""
+    allocator, rate = KeyAllocator(player), player.samplerate
+    moves = [(move.time, 0, Note(0.0, move.name, 0, round(127 * move.value))) for move in score.pedals]
+    for note in score.notes:
+        moves.append((note.time, 2, Note(0.0, "on", note.key, note.velocity)))
+        moves.append((note.end, 1, Note(0.0, "off", note.key, note.release)))
+    for time, _, move in sorted(moves, key=lambda one: one[:2]):
+        allocator.play(move, round(time * rate))
+    return sorted(player.take_rows(), key=lambda row: row[4])
+
+
+class Pad(NamedTuple):
+    """A hammer that can be thrown or a body that can be plucked."""
+
+    name: str
+    unit: str  # of its size; "" for times the patch's own
+    size: float  # as the patch has it
+    rows: Rows  # at that size: their second value, of a hammer, or their first, of a pluck, goes with it
+    is_hammer: bool
+
+
+def pads_of_player(player: ToldPlayer) -> list[Pad]:
+    """Return what can be struck and plucked in a patch without keys."""
+    pads = []
+    for name in player.strikers:
+        player.strike(name)
+        pads.append(Pad(name, "m/s", player.default_velocity(name), player.take_rows(), True))
+    for name in player.plucked:
+        player.pluck(name)
+        pads.append(Pad(name, "", 1.0, player.take_rows(), False))
+    return pads
+
+
+class Slider(NamedTuple):
+    """A number of a patch that glides while it sounds."""
+
+    path: str
+    unit: str
+    value: float  # of the patch
+    low: float
+    high: float
+    is_logarithmic: bool
+    rows: Rows  # for a value of 0 …
+    rows_at_one: Rows  # … and of 1: between them and beyond, their values lie on lines
+
+
+def sliders_of_player(player: ToldPlayer) -> list[Slider]:
+    """Return the numbers of a patch that glide."""
+    sliders = []
+    for parameter, path in player.live_paths.items():
+        if not path.is_glided:
+            continue
+        value, key = value_at(player.scene, path), str(path.keys[0])
+        is_length = key in ("barrier", "gap", "rest")
+        if not is_length and value <= 0.0:
+            continue
+        reach = max(LEAST_GAP, 2.0 * abs(value))
+        ends = (value - reach, value + reach) if is_length else (value / TIMES, value * TIMES)
+        unit = {"barrier": "m", "gap": "m", "rest": "m", "stiffness": "N/m^α", "damping_coefficient": "kg/s"}[key]
+        rows = [_rows_at(player, parameter, one) for one in (value, value + _step(value, is_length))]
+        sliders.append(_slider(parameter, unit, value, ends, is_length, *rows))
+    return sliders
+
+
+def _rows_at(player: ToldPlayer, parameter: str, value: float) -> Rows:
+    player.set(parameter, value, SLIDER_SECONDS)
+    return player.take_rows()
+
+
+def _step(value: float, is_length: bool) -> float:
+    """Return how far apart the two values of a slider are whose rows are looked at."""
+    return LEAST_GAP if is_length else value
+
+
+def _slider(
+    parameter: str, unit: str, value: float, ends: tuple[float, float], is_length: bool, low: Rows, high: Rows
+) -> Slider:
+    """Return a slider whose rows at two values are known: at `value`, and a step beyond."""
+    step = _step(value, is_length)
+    slopes = [(b[6] - a[6]) / step for a, b in zip(low, high, strict=True)]
+    at_zero = [[*row[:6], row[6] - slope * value, row[7]] for row, slope in zip(low, slopes, strict=True)]
+    at_one = [[*row[:6], row[6] + slope, row[7]] for row, slope in zip(at_zero, slopes, strict=True)]
+    return Slider(parameter, unit, value, *ends, not is_length, at_zero, at_one)

@@ -1,0 +1,56 @@
+"""The kernels of a page as one WebAssembly module: those of live sound, which the engine runs as well.
+
+The general ones come with the engine, so that nothing is compiled. The special ones of a scene are compiled for it,
+which takes a minute; they are half as large and fast.
+"""
+
+import zipfile
+from pathlib import Path
+
+from engine.compiler import cache
+from engine.compiler.kinds import Kind
+from engine.compiler.shipped import FOLDER, sources_of
+from engine.export.faults import CannotExport
+from engine.export.machine_code import WASM, neutral_code, object_code
+from engine.export.wasm_module import with_exports
+from engine.live.kernels import KINDS, PLAY_INTO
+from engine.live.player import Player
+from engine.runtime.exchange import INSERT_USE
+from engine.runtime.job_memory import RENDER_USE
+
+ARCHIVE, MODULE = FOLDER / "wasm32.zip", "general.wasm"
+PLAY, RENDER, INSERT = "play", "render", "insert"  # functions of the module
+Requests = dict[str, tuple[str, str, tuple[Kind, ...]]]  # module, function and kinds, by the function of the module
+
+
+def requests_of(player: Player) -> Requests:
+    """Return the kernels that a player runs, by the functions of the module."""
+    memory = player.memory
+    kinds = memory.kinds
+    uses = {RENDER: RENDER_USE, INSERT: INSERT_USE}
+    wanted = {name: (u.kernel.module, u.kernel.function, (*kinds, *u.others)) for name, u in uses.items()}
+    return {PLAY: (PLAY_INTO.module, PLAY_INTO.function, KINDS[PLAY_INTO])} | wanted
+
+
+def compile_module(requests: Requests) -> bytes:
+    """Compile kernels to a WebAssembly module, whose functions take 64-bit integers. It needs a minute, and of the
+    general ones minutes and much memory."""
+    codes = {name: neutral_code(*request) for name, request in requests.items()}
+    return with_exports(object_code(codes, WASM, {}), list(codes))
+
+
+def read_general_module() -> bytes:
+    """Return the module of the general kernels that comes with the engine. Raises CannotExport without one that fits
+    these sources."""
+    return read_module(ARCHIVE)
+
+
+def read_module(path: Path) -> bytes:
+    """Return the module of an archive. Raises CannotExport if it is not there, or of other sources."""
+    if sources_of(path) != cache.source_digest():
+        raise CannotExport(
+            "the kernel for browsers that came with the engine is not of these sources; give --kernel special, or make"
+            " it with: python -m bench shipped wasm"
+        )
+    with zipfile.ZipFile(path) as archive:
+        return archive.read(MODULE)

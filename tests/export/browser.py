@@ -1,0 +1,113 @@
+"""A browser without a window, to open pages and to ask them: Chromium, spoken to through two pipes."""
+
+import base64
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any, Self
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+OPTIONS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--remote-debugging-pipe",
+    "--autoplay-policy=no-user-gesture-required",
+    "--allow-file-access-from-files",
+)
+
+
+class Browser:
+    """Chromium with one page. Use it in a `with` statement."""
+
+    def __init__(self, folder: Path, size: tuple[int, int] = (1200, 900)) -> None:
+        assert CHROMIUM is not None
+        to_browser, from_browser = os.pipe(), os.pipe()
+        window = f"--window-size={size[0]},{size[1]}"
+        read_end, write_end = to_browser[0], from_browser[1]
+
+        def use_pipes() -> None:  # Chromium reads from 3 and writes to 4
+            a, b = os.dup(read_end), os.dup(write_end)
+            os.dup2(a, 3)
+            os.dup2(b, 4)
+
+        self._process = subprocess.Popen(
+            [CHROMIUM, *OPTIONS, window, f"--user-data-dir={folder}", "about:blank"],
+            preexec_fn=use_pipes,
+            close_fds=False,
+            stderr=subprocess.DEVNULL,
+        )
+        os.close(read_end), os.close(write_end)
+        self._out, self._in = os.fdopen(to_browser[1], "wb"), os.fdopen(from_browser[0], "rb")
+        self._number, self._session, self._rest = 0, "", b""
+        self.errors: list[str] = []  # of the page's scripts
+        self.requests: list[str] = []  # to anywhere
+        target = next(t for t in self._call("Target.getTargets")["targetInfos"] if t["type"] == "page")
+        attached = self._call("Target.attachToTarget", targetId=target["targetId"], flatten=True)
+        self._session = attached["sessionId"]
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self._call(f"{domain}.enable")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.wait()
+        self._out.close()
+        self._in.close()
+
+    def open(self, path: Path) -> None:
+        """Open a page from disk, and wait until it is loaded."""
+        self._call("Page.navigate", url=path.absolute().as_uri())
+        while self.ask("document.readyState") != "complete":
+            pass
+
+    def ask(self, expression: str) -> Any:
+        """Return the value of an expression of the page's script, of a promise when it is kept."""
+        asked = self._call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
+        if "exceptionDetails" in asked:
+            raise RuntimeError(json.dumps(asked["exceptionDetails"])[:1000])
+        return asked["result"].get("value")
+
+    def emulate(self, width: int, height: int, is_dark: bool = False) -> None:
+        """Let the page believe in a window of this size, and in a dark room."""
+        self._call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        scheme = [{"name": "prefers-color-scheme", "value": "dark" if is_dark else "light"}]
+        self._call("Emulation.setEmulatedMedia", features=scheme)
+
+    def picture(self) -> bytes:
+        """Return a picture of the whole page, PNG."""
+        return base64.b64decode(self._call("Page.captureScreenshot", captureBeyondViewport=True)["data"])
+
+    def _call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        self._number += 1
+        message = {"id": self._number, "method": method, "params": parameters}
+        if self._session:
+            message["sessionId"] = self._session
+        self._out.write(json.dumps(message).encode() + b"\0")
+        self._out.flush()
+        while True:
+            answer = self._next()
+            if answer.get("id") == self._number:
+                if "error" in answer:
+                    raise RuntimeError(f"{method}: {answer['error']}")
+                return dict(answer["result"])
+
+    def _next(self) -> dict[str, Any]:
+        while b"\0" not in self._rest:
+            part = os.read(self._in.fileno(), 1 << 20)
+            if not part:
+                raise RuntimeError("the browser has ended")
+            self._rest += part
+        text, _, self._rest = self._rest.partition(b"\0")
+        message = json.loads(text)
+        if message.get("method") == "Runtime.exceptionThrown":
+            self.errors.append(json.dumps(message["params"])[:1000])
+        elif message.get("method") == "Log.entryAdded" and message["params"]["entry"]["level"] == "error":
+            self.errors.append(json.dumps(message["params"])[:1000])
+        elif message.get("method") == "Network.requestWillBeSent":
+            self.requests.append(message["params"]["request"]["url"][:200])
+        return dict(message)

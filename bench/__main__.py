@@ -1,9 +1,9 @@
 """`uv run python -m bench`: list the names; `… bench NAME …`: run some measurements, and `… bench all`: all that make
 tables; `… bench compare OLD NEW`: which times have moved; `… bench golden OLD [NEW]`: whether the samples are the same;
 `… bench pairs OLD [NEW]`: both timed in turn; `… bench shipped`: make the machine code that comes with the engine;
-`… bench stale`: which tables are of older kernels; `… bench site [FOLDER]`: the guides as a site; `… bench
-ruler_package FOLDER`: the problems of the ruler as a package of their own; `… bench recordings
-FOLDER`: how far the pianos are from recorded ones."""
+`… bench stale`: which tables are of older kernels; `… bench site [FOLDER]`: the guides as a site; `… bench playable
+[FOLDER]`: a site on which every patch plays; `… bench ruler_package FOLDER`: the problems of the ruler as a package of
+their own; `… bench recordings FOLDER`: how far the pianos are from recorded ones."""
 
 import ast
 import difflib
@@ -18,7 +18,7 @@ from pathlib import Path
 
 from bench.accuracy import golden
 from bench.performance import pairs
-from bench.publish import compare, ruler_package, shipped, site, stale
+from bench.publish import compare, playable, ruler_package, shipped, site, stale
 from bench.recordings import command
 
 SENTENCE_END = re.compile(r"[.?] (?=[A-Z])")
@@ -42,6 +42,7 @@ OTHERS: dict[str, Callable[[list[str]], int]] = {  # that are no tables, and hav
     "shipped": shipped.main,
     "stale": stale.main,
     "site": site.main,
+    "playable": playable.main,
     "ruler_package": ruler_package.main,
     "recordings": command.main,
 }

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from engine.analysis.error_estimate import ErrorEstimate, estimate_error
     from engine.api.audio_input import AudioInput
+    from engine.api.page import Page, export_page
     from engine.api.player import Player
     from engine.api.rendering import Rendering, render
     from engine.api.sweeping import run_sweep, run_sweep_rows
@@ -25,12 +26,14 @@ __all__ = [
     "AudioInput",
     "BuildError",
     "ErrorEstimate",
+    "Page",
     "PatchError",
     "PatchWarning",
     "Player",
     "Rendering",
     "Scene",
     "estimate_error",
+    "export_page",
     "load",
     "read_sweep",
     "read_sweep_rows",
@@ -44,6 +47,8 @@ _HOME = {
     "BuildError": "faults",
     "ErrorEstimate": "analysis.error_estimate",
     "estimate_error": "analysis.error_estimate",
+    "export_page": "api.page",
+    "Page": "api.page",
     "PatchError": "faults",
     "PatchWarning": "faults",
     "Player": "api.player",

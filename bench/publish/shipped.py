@@ -14,6 +14,8 @@ from engine.compiler import cache
 from engine.compiler.kernel_name import KernelName
 from engine.compiler.kinds import Kind
 from engine.compiler.shipped import ABOUT, FOLDER, TARGETS, archive, member_name
+from engine.export.page import told_player
+from engine.export.wasm_kernels import ARCHIVE, compile_module, general_module_of, requests_of
 from engine.live.audio_memory import INSERT_USE
 from engine.live.kernels import KINDS
 from engine.patch.scene import Scene
@@ -21,6 +23,7 @@ from engine.runtime.helpers import HELP_CREW, HELP_CREW_KINDS
 from engine.runtime.job_memory import RENDER_JOB, RENDER_JOB_KINDS, RENDER_USE
 from engine.runtime.kernel_choice import Prepared, kinds_of
 
+WASM = "wasm"
 EPOCH = (1980, 1, 1, 0, 0, 0)  # of all members, so that the same sources make the same archive
 SIMPLE = {
     "body": [{"name": "a", "kind": "oscillator", "mass": 1.0, "frequency": 100.0, "displacement": 1.0}],
@@ -45,10 +48,14 @@ def requests() -> list[Request]:
 def main(words: list[str]) -> int:
     """Make an archive for each target, each in a process of its own; returns the exit code.
 
-    words: the folder, if not that of the engine, and the names of targets, if not all
+    words: the folder, if not that of the engine, and the names of targets, if not all; that of the page is `wasm`
     """
     folder, *names = words or [str(FOLDER)]
     Path(folder).mkdir(exist_ok=True)
+    if not names or WASM in names:
+        code = "from bench.publish import shipped; shipped.make_module()"
+        subprocess.run([sys.executable, "-c", code, folder], check=True)
+        print(f"{folder}/{ARCHIVE.name}: {(Path(folder) / ARCHIVE.name).stat().st_size / 1e3:.0f} kB", flush=True)
     for target in TARGETS:
         if names and target.name not in names:
             continue
@@ -61,6 +68,21 @@ def main(words: list[str]) -> int:
     if Path(folder) == FOLDER:
         stale.mark_pages()  # tables that measured the kernels before these are older now
     return 0
+
+
+def make_module() -> None:
+    """Compile the kernels of pages, and write their archive into the folder that the command line names. It takes six
+    minutes and 5 GB."""
+    import llvmlite
+    import numba
+
+    about = {"sources": cache.source_digest(), "made_with": [numba.__version__, llvmlite.__version__]}
+    members = {ABOUT: json.dumps(about, indent=1).encode()}
+    for order in (2, 4):  # with one step a sample, and with stages
+        scene = Scene.model_validate(SIMPLE | {"accuracy": {"order": order}})
+        player = told_player(scene, 44_100, KernelName.GENERAL)
+        members[general_module_of(player)] = compile_module(requests_of(player))
+    write_archive(Path(sys.argv[1]) / ARCHIVE.name, members)
 
 
 def make_archive() -> None:

@@ -3,26 +3,41 @@
 import argparse
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from engine.cli import arguments
 from engine.cli.messages import CommandError, memory_errors_explained, print_result, read_patch, require_scene
 from engine.cli.option_checks import read_options, samplerate_of
+from engine.export.faults import CannotExport
 from engine.faults import Fault
-from engine.output_files import error_reason
+from engine.output_files import error_reason, to_utf8_text, write_text
+
+if TYPE_CHECKING:
+    from engine.patch.scene import Scene
 
 NATIVE = "x86_64-linux"
+KERNELS = ("general", "special")
 
 
 def add_export_command(commands: "arguments.Commands") -> None:
     """Add `export` and its options."""
-    summary = "write a patch as a library in C, which sounds without Python"
-    description = f"{summary.capitalize()}. Its kernel is compiled for the patch, which takes half a minute."
+    summary = "write a patch as a page that plays in any browser, or as a library in C"
+    description = (
+        f"{summary.capitalize()}. A page is one HTML file, which computes the sound itself and needs no network. A"
+        " library needs a C compiler; its kernel is compiled for the patch, which takes half a minute."
+    )
     parser = arguments.add_command(commands, "export", export_command, summary, description=description)
     arguments.add_patch(parser)
+    parser.add_argument("-o", "--output", metavar="PAGE", help="file of the page (default: PATCH.html)")
+    parser.add_argument(
+        "--kernel",
+        metavar="NAME",
+        help="of a page: general, or special, which is compiled for the patch in a minute (default: general)",
+    )
     arguments.add_options(
         parser,
-        ("--c", "FOLDER", "folder of the library; it is made if it is not there"),
-        ("--target", "NAME", f"machine that it is for, such as aarch64-linux (default: {NATIVE})"),
+        ("--c", "FOLDER", "write a library to a folder, which is made if it is not there"),
+        ("--target", "NAME", f"of a library: machine that it is for, such as aarch64-linux (default: {NATIVE})"),
         "--seconds",
         "--samplerate",
     )
@@ -30,20 +45,86 @@ def add_export_command(commands: "arguments.Commands") -> None:
 
 
 def export_command(args: argparse.Namespace) -> int:
-    """Write the library of a patch; returns the exit code."""
-    from engine.export.c_library import export_c
+    """Write the page or the library of a patch; returns the exit code."""
+    scene, faults = read_patch(args.patch)
+    faults += [*read_options(args), *(_faults_of_library(args) if args.c else _faults_of_page(args))]
+    scene = require_scene(scene, faults)
+    try:
+        return _export_library(args, scene) if args.c else _export_page(args, scene)
+    except CannotExport as error:
+        raise CommandError(f"{args.patch}: {error}") from None
+
+
+# --- a page
+
+
+def page_path(args: argparse.Namespace) -> Path:
+    """Return the file of a page."""
+    return Path(args.output or f"{Path(args.patch).stem}.html")
+
+
+def _faults_of_page(args: argparse.Namespace) -> list[Fault]:
+    faults, path = list[Fault](), page_path(args)
+    if args.kernel and args.kernel not in KERNELS:
+        faults.append(Fault("--kernel", f"no kernel is called {args.kernel!r}; there are {' and '.join(KERNELS)}"))
+    if path.suffix.lower() not in (".html", ".htm"):
+        faults.append(Fault("-o", f"{path}: a page is an .html file"))
+    if not path.absolute().parent.is_dir():
+        faults.append(Fault("-o", f"{path}: the folder is not there"))
+    for name in ("target", "seconds"):
+        if getattr(args, name) is not None:
+            faults.append(Fault(f"--{name}", "a page takes none; it is an option of a library (--c FOLDER)"))
+    return faults
+
+
+def _export_page(args: argparse.Namespace, scene: "Scene") -> int:
+    from engine.api.page import export_page
+
+    path, command = page_path(args), " ".join(["fdh", "export", *_words(args)])
+    text = Path(args.patch).read_text("utf-8-sig")
+    with memory_errors_explained("take a patch with fewer modes"):
+        page = export_page(scene, samplerate_of(args), args.kernel or KERNELS[0], text, command)
+    try:
+        write_text(path, to_utf8_text(page.html))
+    except OSError as error:
+        raise CommandError(f"{path}: {error_reason(error)}") from None
+    size = len(page.html.encode())
+    values: dict[str, Any] = {"patch": args.patch, "output": str(path), "bytes": size}
+    print_result(args.json, values, lambda: print(f"wrote {path} ({size / 1e3:.0f} kB); open it in a browser"))
+    return 0
+
+
+def _words(args: argparse.Namespace) -> list[str]:
+    """Return the words that make the page again."""
+    given = {"-o": args.output, "--kernel": args.kernel, "--samplerate": args.samplerate}
+    return [
+        Path(args.patch).name,
+        *(word for name, value in given.items() if value is not None for word in (name, str(value))),
+    ]
+
+
+# --- a library
+
+
+def _faults_of_library(args: argparse.Namespace) -> list[Fault]:
     from engine.export.machine_code import TARGETS
 
-    scene, faults = read_patch(args.patch)
-    faults += read_options(args)
-    target = args.target or NATIVE
-    if args.c is None:
-        faults.append(Fault("--c", "give the folder of the library, such as --c my_patch"))
-    elif not Path(args.c).absolute().parent.is_dir():
+    faults, target = list[Fault](), args.target or NATIVE
+    if not Path(args.c).absolute().parent.is_dir():
         faults.append(Fault("--c", f"{args.c}: the folder that it would be in is not there"))
     if target not in TARGETS:
         faults.append(Fault("--target", f"no target is called {target!r}; there are {', '.join(TARGETS)}"))
-    scene = require_scene(scene, faults)
+    for name, value in (("-o", args.output), ("--kernel", args.kernel)):
+        if value is not None:
+            faults.append(Fault(name, "it belongs to a page; a library goes to the folder of --c"))
+    return faults
+
+
+def _export_library(args: argparse.Namespace, scene: "Scene") -> int:
+    from engine.export.c_library import export_c
+    from engine.export.machine_code import TARGETS
+
+    target = args.target or NATIVE
     with memory_errors_explained("give fewer --seconds"):
         try:
             written = export_c(scene, Path(args.c), target, args.seconds, samplerate_of(args))

@@ -10,16 +10,18 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from html import escape
 from importlib.resources import files
 from typing import Any
+
+import numpy as np
 
 from engine.assembly.build import BuildResult
 from engine.assembly.table_changes import scored_exchanges
 from engine.compiler.kernel_name import KernelName
 from engine.export.faults import CannotExport
-from engine.export.player_bytes import MEMORY, KernelNumber, lay_out_player
+from engine.export.player_bytes import INSERT_EVENT, MEMORY, RENDER_BLOCK, lay_out_player, leave_out_products
 from engine.export.scene_bytes import SceneBytes
 from engine.export.told_player import (
     LEVELS,
@@ -29,7 +31,7 @@ from engine.export.told_player import (
     rows_of_score,
     sliders_of_player,
 )
-from engine.export.wasm_kernels import INSERT, PLAY, RENDER, compile_module, read_general_module, requests_of
+from engine.export.wasm_kernels import INSERT, RENDER, compile_module, general_module_of, read_module, requests_of
 from engine.instrument.score import Score, read_score
 from engine.kernel.data.enums import Balance, EventKind, Sleep
 from engine.live.key_allocator import DEFAULT_POLYPHONY, live_scene
@@ -41,65 +43,59 @@ BASE = 1 << 20  # address of the scene in the memory of the page; the stack and 
 BLOCK = 128  # samples that a browser asks for at a time
 MEGABYTE = 1 << 20
 MAX_MEGABYTES = 400  # of a scene: browsers give pages some thousand
-MAX_SLIDERS = 24  # an instrument of many keys has hundreds of numbers
 PAGE = "page"  # the folder of the template
 
 
 def make_page(
     scene: Scene,
-    gain: float,
+    find_gain: Callable[[], float],
     samplerate: int = 44_100,
     kernel: str = KernelName.GENERAL,
     about: Mapping[str, str] | None = None,
 ) -> str:
     """Return a scene as a page.
 
-    gain:   factor on SI units
+    find_gain: returns the factor on SI units, once it is known that the scene can become a page
     kernel: general, or special: compiled for this scene, which takes a minute
     about:  what the page says of itself: its `title`, the `text` of the patch and the `command` that made it
 
     Raises CannotExport (a ValueError) with the reason if the scene cannot become a page, BuildError (a ValueError) if
     it cannot be built.
     """
-    player = told_player(scene, samplerate, gain, kernel)
+    player = told_player(scene, samplerate, kernel)
     laid_out = lay_out_player(player, pointer_bytes=4, base=BASE)
     if len(laid_out.content) > MAX_MEGABYTES * MEGABYTE:
         size = len(laid_out.content) // MEGABYTE
         raise CannotExport(f"the patch needs {size} MB of memory; a page has {MAX_MEGABYTES} MB at most")
-    requests = requests_of(player)
-    module = compile_module(requests) if kernel == KernelName.SPECIAL else read_general_module()
+    left_out = leave_out_products(laid_out, player.memory.model_handles[0].value)
+    is_special = kernel == KernelName.SPECIAL
+    module = compile_module(requests_of(player)) if is_special else read_module(general_module_of(player))
     data = {
         "kernel": _packed(module),
-        "scene": _packed(bytes(laid_out.content)),
+        "scene": _packed(by_place(laid_out.content)),
         "size": len(laid_out.content),
         "base": BASE,
         "block": BLOCK,
         "samplerate": samplerate,
         "channels": player.channels,
-        "gain": gain,
+        "gain": find_gain(),
         "coarsest": player.memory.shared.lowest_quality,
         "at": places_of_player(laid_out, player),
         "names": names_of_numbers(),
-        "functions": {"play": PLAY, RENDER: int(KernelNumber.RENDER_BLOCK), INSERT: int(KernelNumber.INSERT_EVENT)},
-        **_controls(scene, player),
+        "functions": {RENDER: RENDER_BLOCK, INSERT: INSERT_EVENT},
     }
-    return compose(data, about or {})
+    controls = _packed(_json({"left_out": left_out, **_controls(scene, player)}).encode())
+    return compose({**data, "controls": controls}, about or {})
 
 
-def told_player(scene: Scene, samplerate: int, gain: float, kernel: str) -> ToldPlayer:
+def told_player(scene: Scene, samplerate: int, kernel: str) -> ToldPlayer:
     """Return the player of a page, which waits for its keys if the scene is an instrument. Raises CannotExport."""
     accuracy = scene.accuracy
     if accuracy.oversample > 1:
         raise CannotExport("a patch with oversample cannot become a page: there is no filter to decimate it")
-    if accuracy.order != 2 and kernel != KernelName.SPECIAL:
-        raise CannotExport(
-            f"the general kernel for browsers has order 2, the patch has {accuracy.order}; give --kernel special"
-        )
     is_instrument = scene.instrument is not None
     played = live_scene(scene) if is_instrument else scene
-    player = ToldPlayer(
-        played, samplerate, math.inf if is_instrument else None, gain=gain, kernel=kernel, waiting=is_instrument
-    )
+    player = ToldPlayer(played, samplerate, math.inf if is_instrument else None, kernel=kernel, waiting=is_instrument)
     if not is_instrument and scored_exchanges(
         scene, BuildResult(player.model, player.state, player.layout), accuracy=accuracy, seconds=scene.seconds
     ):
@@ -152,7 +148,7 @@ def _controls(scene: Scene, player: ToldPlayer) -> dict[str, Any]:
         "keys": keys,
         "levels": LEVELS,
         "polyphony": polyphony,
-        "sliders": sliders if len(sliders) <= MAX_SLIDERS else [],
+        "sliders": sliders,
         "song": song,
         "song_seconds": score.end,
         "pads": [],
@@ -177,7 +173,7 @@ def score_of(scene: Scene, keys: list[int]) -> Score:
 
 def compose(data: Mapping[str, Any], about: Mapping[str, str]) -> str:
     """Return the HTML of a page of this data. It loads nothing from anywhere, and runs no scripts but its own."""
-    parts = {name: _template(name) for name in ("page.html", "page.css", "page.js", "worklet.js")}
+    parts = {name: template(name) for name in ("page.html", "page.css", "page.js", "worklet.js")}
     content = _escaped_json(data)
     script, style = parts["page.js"], parts["page.css"]
     policy = (
@@ -197,7 +193,8 @@ def compose(data: Mapping[str, Any], about: Mapping[str, str]) -> str:
     return re.sub(r"\{\{([A-Z]+)\}\}", lambda place: filled[place[1]], parts["page.html"])
 
 
-def _template(name: str) -> str:
+def template(name: str) -> str:
+    """Return a file that pages are made of."""
     return files("engine.export").joinpath(PAGE, name).read_text("utf-8")
 
 
@@ -205,10 +202,21 @@ def _digest(text: str) -> str:
     return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
+def by_place(content: bytearray) -> bytes:
+    """Return numbers of eight bytes with all their first bytes first, then all their second ones, …: neighbours are
+    alike then, which packs better."""
+    whole = bytes(content) + bytes(-len(content) % 8)
+    return np.frombuffer(whole, np.uint8).reshape(-1, 8).T.tobytes()
+
+
 def _packed(content: bytes) -> str:
     return base64.b64encode(gzip.compress(content, 9, mtime=0)).decode()
 
 
+def _json(data: Mapping[str, Any]) -> str:
+    return json.dumps(data, separators=(",", ":"), allow_nan=False)
+
+
 def _escaped_json(data: Mapping[str, Any]) -> str:
     """Return data as JSON that may stand in a script element."""
-    return json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    return _json(data).replace("<", "\\u003c")

@@ -1,20 +1,18 @@
 """A player as bytes: all that the audio thread reads and writes, for a program that runs its kernels without Python."""
 
-from enum import IntEnum
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
 
 from engine.export.scene_bytes import SceneBytes
+from engine.kernel.data.model import Model
 from engine.live.audio_memory import AudioMemory
 from engine.live.player import Player
 from engine.runtime.jobs import Job
 
 MEMORY, STATE = "memory", "state"
-
-
-class KernelNumber(IntEnum):
-    """Numbers of the kernels that are called by their addresses: places in a table of functions."""
-
-    RENDER_BLOCK = 1
-    INSERT_EVENT = 2
+RENDER_BLOCK, INSERT_EVENT = 1, 2  # places in a table of functions: the addresses of the kernels that are called so
 
 
 def lay_out_player(player: Player, pointer_bytes: int, base: int) -> SceneBytes:
@@ -26,19 +24,44 @@ def lay_out_player(player: Player, pointer_bytes: int, base: int) -> SceneBytes:
     laid_out = SceneBytes(pointer_bytes, base)
     models = [f"model {n}" for n in range(len(memory.models))]
     for name, handle in zip(models, memory.model_handles, strict=True):
-        laid_out.add(name, handle.value)
+        laid_out.add(name, without_unused_flights(handle.value))
     laid_out.add(STATE, memory.state_handle.value)
     outputs = [f"output {n}" for n in range(len(job_memory.outputs))]
     for name, handle in zip(outputs, job_memory.outputs, strict=True):
         laid_out.add(name, handle.value)
     _add_job(laid_out, memory, models[0], outputs)
     shared = memory.shared._replace(
-        job=laid_out.address("job"), state=laid_out.address(STATE), insert_event=KernelNumber.INSERT_EVENT
+        job=laid_out.address("job"), state=laid_out.address(STATE), insert_event=INSERT_EVENT
     )
     laid_out.add(MEMORY, shared)
     for n, name in enumerate(models):
         laid_out.set_number(shared.models, n, laid_out.address(name))
     return laid_out
+
+
+def without_unused_flights(model: Model) -> Model:
+    """Return a model whose tables of free flight are zero for islands with connections, which never fly: they would be
+    half of an instrument."""
+    connected = np.flatnonzero(np.diff(model.islands.connection))
+    flight, rows = model.flight, model.pickups.rows
+    if not len(connected):
+        return model
+    is_unused = np.zeros(flight.bound_per_speed.size, bool)
+    for n in connected:
+        is_unused[model.islands.mode[n] : model.islands.mode[n + 1]] = True
+
+    def emptied(table: Any) -> Any:
+        if isinstance(table, np.ndarray):
+            return np.where(is_unused, 0.0, table) if table.size else table
+        return table if table is None else table._replace(**{k: emptied(v) for k, v in table._asdict().items()})
+
+    pickup_tables = flight.pickup_tables.copy()
+    for n in connected:
+        for r in range(model.islands.pickup[n], model.islands.pickup[n + 1]):
+            begin, count = rows.offset[r], rows.mode_end[r] - rows.mode_begin[r]
+            pickup_tables[begin : begin + count] = 0.0
+    changed = {name: emptied(getattr(flight, name)) for name in ("motion", "motion_low", "part", "loss")}
+    return model._replace(flight=flight._replace(**changed, pickup_tables=pickup_tables))
 
 
 def _add_job(laid_out: SceneBytes, memory: AudioMemory, model: str, outputs: list[str]) -> None:
@@ -62,5 +85,40 @@ def _add_job(laid_out: SceneBytes, memory: AudioMemory, model: str, outputs: lis
         laid_out.set_number(job, slot, laid_out.address(addresses[slot]))
         for n, what in enumerate(each):
             laid_out.set_number(addresses[slot], n, laid_out.address(what))
-    laid_out.set_number(job, Job.RENDER_BLOCK, KernelNumber.RENDER_BLOCK)
+    laid_out.set_number(job, Job.RENDER_BLOCK, RENDER_BLOCK)
     laid_out.set_number(job, Job.CREW, 0)
+
+
+def leave_out_products(laid_out: SceneBytes, model: Model) -> list[list[int]]:
+    """Set the products t·Φ and v·Φ of contacts and connections to zero in the bytes: they would be a fifth of an
+    instrument. Return for each row of mode shapes the addresses of Φ, of t and v of its modes, and of both products;
+    and how many modes it has."""
+    h, islands, left_out = model.step, model.islands, list[list[int]]()
+    contact, connection = (model.contact, h.contact), (model.connection, h.connection)
+    for (rows_of, products_of), items in ((contact, islands.contact), (connection, islands.connection)):
+        for name in ("rows", "other_rows"):
+            rows, products = getattr(rows_of, name, None), getattr(products_of, name, None)
+            if rows is None or products is None:
+                continue
+            tables = (rows.phi, h.kick, h.drift, products.kick_phi, products.drift_phi)
+            places = [laid_out.place_of(table) for table in tables]
+            for n, (first, last) in enumerate(pairwise(items)):
+                for r in range(first, last):
+                    at, mode = int(rows.offset[r]), int(islands.mode[n] + rows.mode_begin[r])
+                    count = int(rows.mode_end[r] - rows.mode_begin[r])
+                    if not _is_product(tables, at, mode, count):
+                        continue
+                    for place in places[3:]:
+                        begin = place + 8 * at
+                        laid_out.content[begin : begin + 8 * count] = bytes(8 * count)
+                    starts = [p + 8 * n for p, n in zip(places, (at, mode, mode, at, at), strict=True)]
+                    left_out.append([*(laid_out.base + start for start in starts), count])
+    return left_out
+
+
+def _is_product(tables: tuple[np.ndarray, ...], at: int, mode: int, count: int) -> bool:
+    """True if the last two tables are products of the first with the others, to the last bit."""
+    phi, kick, drift, kick_phi, drift_phi = tables
+    row, modes = slice(at, at + count), slice(mode, mode + count)
+    pairs = (kick_phi[row], kick[modes] * phi[row]), (drift_phi[row], drift[modes] * phi[row])
+    return count > 1 and all(np.array_equal(a, b) for a, b in pairs)

@@ -28,11 +28,13 @@ class SceneBytes:
     def __init__(self, pointer_bytes: int, base: int = 0) -> None:
         self.base, self.content, self.values = base, bytearray(), dict[str, int]()
         self._arrays = dict[tuple[int, int], int]()  # where each array begins, by its place in this process
+        self._kept = list[Any]()  # values, so that no later array takes the place of one of theirs
         self._layout = Layout(pointer_bytes, lambda array: base + self.place_of(array), keeps_pointers=True)
 
     def add(self, name: str, value: Any) -> None:
         """Add a record with its arrays, or an array. Arrays that are there already are shared. Raises ValueError if an
         array is not in one piece."""
+        self._kept.append(value)
         for array in _arrays_of(value):
             if _key(array) not in self._arrays:
                 self._align()

@@ -21,6 +21,8 @@ LEVELS = (1, 16, 32, 48, 64, 80, 96, 112, 127)  # MIDI velocities; rows between 
 RELEASE = 64  # MIDI velocity with which a page lets keys go
 TIMES = 1e3  # a slider of a stiffness goes so many times beyond the value of the patch, and below
 LEAST_GAP = 1e-3  # m, that a slider of a gap goes either way
+UNITS = {"barrier": "m", "gap": "m", "rest": "m", "stiffness": "N/m^α", "damping_coefficient": "kg/s"}
+MAX_SLIDERS = 24  # an instrument of many keys has hundreds of such numbers: then none is shown
 SLIDER_SECONDS = 0.02  # that its parameter takes to glide
 
 Rows = list[list[float]]
@@ -145,20 +147,17 @@ class Slider(NamedTuple):
 
 
 def sliders_of_player(player: ToldPlayer) -> list[Slider]:
-    """Return the numbers of a patch that glide."""
-    sliders = []
-    for parameter, path in player.live_paths.items():
-        if not path.is_glided:
-            continue
+    """Return the numbers of a patch that glide, unless there are too many."""
+    sliders, glided = list[Slider](), {name: path for name, path in player.live_paths.items() if path.is_glided}
+    for parameter, path in glided.items() if len(glided) <= MAX_SLIDERS else ():
         value, key = value_at(player.scene, path), str(path.keys[0])
         is_length = key in ("barrier", "gap", "rest")
         if not is_length and value <= 0.0:
             continue
         reach = max(LEAST_GAP, 2.0 * abs(value))
         ends = (value - reach, value + reach) if is_length else (value / TIMES, value * TIMES)
-        unit = {"barrier": "m", "gap": "m", "rest": "m", "stiffness": "N/m^α", "damping_coefficient": "kg/s"}[key]
         rows = [_rows_at(player, parameter, one) for one in (value, value + _step(value, is_length))]
-        sliders.append(_slider(parameter, unit, value, ends, is_length, *rows))
+        sliders.append(_slider(parameter, UNITS.get(key, ""), value, ends, is_length, *rows))
     return sliders
 
 

@@ -18,7 +18,8 @@ from engine.live.player import Player
 from engine.runtime.exchange import INSERT_USE
 from engine.runtime.job_memory import RENDER_USE
 
-ARCHIVE, MODULE = FOLDER / "wasm32.zip", "general.wasm"
+ARCHIVE = FOLDER / "wasm32.zip"
+GENERAL, REFINED = "general.wasm", "refined.wasm"  # its modules: of scenes with one step a sample, and with stages
 PLAY, RENDER, INSERT = "play", "render", "insert"  # functions of the module
 Requests = dict[str, tuple[str, str, tuple[Kind, ...]]]  # module, function and kinds, by the function of the module
 
@@ -39,18 +40,18 @@ def compile_module(requests: Requests) -> bytes:
     return with_exports(object_code(codes, WASM, {}), list(codes))
 
 
-def read_general_module() -> bytes:
-    """Return the module of the general kernels that comes with the engine. Raises CannotExport without one that fits
-    these sources."""
-    return read_module(ARCHIVE)
+def general_module_of(player: Player) -> str:
+    """Return the name of the module of the general kernels that a player needs."""
+    return GENERAL if player.model.refinement is None else REFINED
 
 
-def read_module(path: Path) -> bytes:
-    """Return the module of an archive. Raises CannotExport if it is not there, or of other sources."""
+def read_module(name: str, path: Path = ARCHIVE) -> bytes:
+    """Return a module of an archive, that which comes with the engine if no other is given. Raises CannotExport if it
+    is not there, or of other sources."""
     if sources_of(path) != cache.source_digest():
         raise CannotExport(
             "the kernel for browsers that came with the engine is not of these sources; give --kernel special, or make"
-            " it with: python -m bench shipped wasm"
+            " it with: python -m bench shipped"
         )
     with zipfile.ZipFile(path) as archive:
-        return archive.read(MODULE)
+        return archive.read(name)

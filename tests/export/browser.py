@@ -104,10 +104,10 @@ class Browser:
             self._rest += part
         text, _, self._rest = self._rest.partition(b"\0")
         message = json.loads(text)
-        if message.get("method") == "Runtime.exceptionThrown":
-            self.errors.append(json.dumps(message["params"])[:1000])
-        elif message.get("method") == "Log.entryAdded" and message["params"]["entry"]["level"] == "error":
-            self.errors.append(json.dumps(message["params"])[:1000])
-        elif message.get("method") == "Network.requestWillBeSent":
-            self.requests.append(message["params"]["request"]["url"][:200])
+        method, given = message.get("method"), message.get("params", {})
+        is_error = method == "Log.entryAdded" and given["entry"]["level"] == "error"
+        if method == "Runtime.exceptionThrown" or is_error:
+            self.errors.append(json.dumps(given)[:1000])
+        elif method == "Network.requestWillBeSent":
+            self.requests.append(given["request"]["url"][:200])
         return dict(message)

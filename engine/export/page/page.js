@@ -30,18 +30,42 @@ async function unpack(text) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
+// Numbers of eight bytes come with all their first bytes first (engine.export.page.by_place).
+function inOrder(packed) {
+  const out = new Uint8Array(packed.length), count = packed.length / 8;
+  for (let place = 0; place < 8; place++)
+    for (let n = 0, from = place * count; n < count; n++) out[8 * n + place] = packed[from + n];
+  return fillIn(out.subarray(0, data.size));
+}
+
+// Products of two numbers are left out of the scene (engine.export.player_bytes.leave_out_products).
+function fillIn(scene) {
+  for (const [phi, kick, drift, kickPhi, driftPhi, count] of data.left_out) {
+    const [a, t, v, x, y] = [phi, kick, drift, kickPhi, driftPhi].map(at =>
+      new Float64Array(scene.buffer, at - data.base, count));
+    for (let n = 0; n < count; n++) {
+      x[n] = t[n] * a[n];
+      y[n] = v[n] * a[n];
+    }
+  }
+  return scene;
+}
+
 let unpacked;
-async function options(messages) {
-  unpacked ||= Promise.all([unpack(data.kernel), unpack(data.scene)]);
+async function options(messages, isLive) {
+  await started;
+  unpacked ||= Promise.all([unpack(data.kernel), unpack(data.scene).then(inOrder)]);
   const [kernel, scene] = await unpacked;
   const { at, names, functions, base, size, block, samplerate, channels, gain, coarsest } = data;
-  return { at, names, functions, base, size, block, samplerate, channels, gain, coarsest, kernel, scene, messages };
+  const numbers = { at, names, functions, base, size, block, samplerate, channels, gain, coarsest };
+  return { ...numbers, kernel, scene, messages, isLive };
 }
 
 async function makeNode(context, messages) {
+  const isLive = context instanceof AudioContext;
   // a blob: URL has no origin in a page opened from disk
   await context.audioWorklet.addModule("data:text/javascript;charset=utf-8," + encodeURIComponent(WORKLET));
-  const processorOptions = await options(messages);
+  const processorOptions = await options(messages, isLive);
   return new AudioWorkletNode(context, "fdh-patch", {
     numberOfInputs: 0, outputChannelCount: [data.channels], processorOptions,
   });
@@ -361,18 +385,24 @@ function hear({ data: [status, number, value] }) {
   else if (kind === 0xb0 && number === 64) movePedal(value >= 64);
 }
 
-$("midi").hidden = !navigator.requestMIDIAccess || !data.keys.length;
 $("midi").onclick = useMidi;
 
-say(missing());
-if (data.keys.length) makeKeyboard();
-else makePads();
-makeSliders();
+async function start() {
+  say(missing());
+  if (!window.DecompressionStream) return;
+  Object.assign(data, JSON.parse(new TextDecoder().decode(await unpack(data.controls))));
+  if (data.keys.length) makeKeyboard();
+  else makePads();
+  makeSliders();
+  $("midi").hidden = !navigator.requestMIDIAccess || !data.keys.length;
+}
+const started = start();
 
 // --- for tests: the sound without a device
 
 window.fdh = {
   data,
+  started,
   async render(frames, messages) {
     const offline = new OfflineAudioContext(data.channels, frames, data.samplerate);
     const node = await makeNode(offline, messages);

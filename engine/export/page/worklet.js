@@ -130,6 +130,7 @@ class Patch extends AudioWorkletProcessor {
   }
   // A page that is too slow gets coarser before it breaks, as live sound does.
   adapt(load) {
+    if (!this.o.isLive || this.frame < this.o.samplerate) return; // at first, the browser still compiles
     this.ease = load < 0.4 ? this.ease + this.frames : 0;
     const before = this.quality;
     if (load > 0.85) this.quality++;

@@ -1,0 +1,82 @@
+"""A patch as a page that plays, from Python and in a notebook."""
+
+import math
+from dataclasses import dataclass
+from functools import partial
+from html import escape
+from pathlib import Path
+
+from engine.api.pilot import Pilot
+from engine.argument_checks import checked_integer
+from engine.compiler.kernel_name import KernelName
+from engine.export.page import make_page
+from engine.live.key_allocator import live_scene
+from engine.live.player import Player
+from engine.output_files import write_text
+from engine.patch.scene import Scene, check_scene
+
+PILOT_SECONDS = 2.0  # of a scene, that are played to find its level
+BLOCK = 256  # frames
+NOTEBOOK_HEIGHT = 760  # pixels, of a page in a notebook
+KERNELS = (KernelName.GENERAL, KernelName.SPECIAL)
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page that plays a patch. A notebook shows it.
+
+    html: the whole file
+    """
+
+    html: str
+
+    def save(self, path: str | Path) -> None:
+        """Write the page to a file, which a browser opens. Raises OSError if it cannot be written; what was there
+        before is kept then."""
+        write_text(Path(path), self.html)
+
+    def _repr_html_(self) -> str:
+        """Return the HTML that a notebook shows: the page in a frame."""
+        style = f"width: 100%; height: {NOTEBOOK_HEIGHT}px; border: 0"
+        return f'<iframe srcdoc="{escape(self.html)}" style="{style}" allow="autoplay; midi"></iframe>'
+
+
+def export_page(
+    scene: Scene,
+    samplerate: int = 44_100,
+    kernel: str = "general",
+    text: str | None = None,
+    command: str = "engine.export_page(scene)",
+) -> Page:
+    """Make a page that plays a scene in any browser, computed there: one HTML file that needs no network.
+
+    samplerate: Hz
+    kernel:  general, the same for all patches; or special, compiled for this one, which takes a minute: a page of half
+             the size, which takes half the time
+    text:    of the patch, which the page shows; the scene as JSON if None
+    command: that makes the page, which it shows
+
+    >>> import engine
+    >>> page = engine.export_page(engine.load("piano_c4"))  # doctest: +SKIP
+    >>> page.save("piano_c4.html")  # doctest: +SKIP
+
+    Raises TypeError or ValueError for a wrong argument; CannotExport (a ValueError) with the reason if the scene cannot
+    become a page; BuildError (a ValueError) if it cannot be built.
+    """
+    check_scene(scene)
+    samplerate = checked_integer("samplerate", samplerate)
+    if kernel not in KERNELS:
+        raise ValueError(f"no kernel of a page is called {kernel!r}; there are {' and '.join(KERNELS)}")
+    if text is None:
+        text = scene.model_dump_json(exclude_unset=True, indent=2)
+    about = {"title": scene.title or "A patch", "text": text, "command": command}
+    return Page(make_page(scene, partial(level_of, scene, samplerate), samplerate, kernel, about))
+
+
+def level_of(scene: Scene, samplerate: int) -> float:
+    """Return the gain that brings a scene to half of full scale: its first two seconds, or the middle key of an
+    instrument, as loud as can be."""
+    is_instrument = scene.instrument is not None
+    played = live_scene(scene) if is_instrument else scene
+    make = partial(Player, played, samplerate, math.inf, waiting=is_instrument)
+    return Pilot(make, BLOCK, 0.0 if is_instrument else PILOT_SECONDS, plays_keys=is_instrument).gain

@@ -1,0 +1,224 @@
+"""A page plays a patch with the samples of the engine, loads nothing from anywhere, and says plainly what it cannot."""
+
+import base64
+import json
+import math
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import engine
+from engine.api.page import level_of
+from engine.cli.main import main
+from engine.export.faults import CannotExport
+from engine.export.page import compose
+from engine.live.key_allocator import KeyAllocator, live_scene
+from engine.live.midi_notes import Note
+from engine.live.player import Player
+from engine.live.shared_memory import Slot
+from tests.export.browser import CHROMIUM, Browser
+
+SECONDS = 0.5
+PATCHES = [  # contacts with and without loss, bridges, connections, several islands, forces, events
+    "repelled_oscillator",
+    "lossy_bounce",
+    "bouncing_ball",
+    "piano_c4",
+    "grand_c4",
+    "tanpura",
+    "guitar_frets",
+    "snare_wires",
+    "marimba",
+    "kalimba",
+    "rattle",
+    "ball_on_drum",
+    "guitar_body",
+    "sympathetic_strings",
+]
+INSTRUMENTS = ["vibraphone", "toms", "piano"]
+needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium; Debian's package is called chromium")
+
+
+def page_of(name, **options):
+    """Return the page of a shipped patch, and its data."""
+    page = engine.export_page(engine.load(name), **options)
+    return page, data_of(page.html)
+
+
+def data_of(html):
+    return json.loads(re.search(r'id="data">(.*?)</script>', html, re.S)[1])
+
+
+def heard(browser, frames, messages):
+    """Return what the open page plays, [frames, channels], and its last meter."""
+    asked = f"""(async () => {{
+      await fdh.started;
+      const played = await fdh.render({frames}, {messages});
+      const text = played.channels.map(channel => {{
+        const bytes = new Uint8Array(channel.buffer, channel.byteOffset, channel.byteLength);
+        let out = "";
+        for (let i = 0; i < bytes.length; i += 8192) out += String.fromCharCode(...bytes.subarray(i, i + 8192));
+        return btoa(out);
+      }});
+      return {{ text, meter: played.meter }};
+    }})()"""
+    answer = browser.ask(asked)
+    channels = [np.frombuffer(base64.b64decode(text), np.float32) for text in answer["text"]]
+    return np.stack(channels, axis=1), answer["meter"]
+
+
+@pytest.mark.slow
+@needs_browser
+@pytest.mark.parametrize("name", PATCHES)
+def test_a_page_has_the_samples_of_the_engine(name, tmp_path):
+    """All single-precision samples are those of `engine.render`, brought to the level of the page."""
+    page, data = page_of(name)
+    page.save(tmp_path / "page.html")
+    frames = round(SECONDS * 44_100)
+    rendered = engine.render(engine.load(name), seconds=SECONDS, cores=1).audio
+    with Browser(tmp_path / "browser") as browser:
+        browser.open(tmp_path / "page.html")
+        audio, meter = heard(browser, frames, "[]")
+        assert browser.errors == []
+        assert [url for url in browser.requests if not url.startswith(("file:", "data:"))] == []
+    np.testing.assert_array_equal(audio, (rendered * data["gain"]).astype(np.float32))
+    assert np.abs(audio).max() > 0.01
+    assert 0.0 < meter["error"] < 1e-11
+
+
+@pytest.mark.slow
+@needs_browser
+@pytest.mark.parametrize("name", INSTRUMENTS)
+def test_the_keys_and_the_pedal_of_a_page_do_what_those_of_live_sound_do(name, tmp_path):
+    page, data = page_of(name)
+    page.save(tmp_path / "page.html")
+    frames = round(SECONDS * 44_100) // 128 * 128
+    player = Player(live_scene(engine.load(name)), 44_100, math.inf, data["gain"], waiting=True, kernel="general")
+    player.counters[Slot.FADE_IN_FRAMES] = 0
+    keys = KeyAllocator(player)
+    for note in (Note(0.0, "sustain", 0, 127), Note(0.0, "on", keys.keys[3], 80), Note(0.0, "off", keys.keys[3], 64)):
+        keys.play(note)
+    keys.play(Note(0.0, "sustain", 0, 0), 8192)
+    expected = np.zeros((frames, player.channels), np.float32)
+    for begin in range(0, frames, 128):
+        player.render_into(expected[begin : begin + 128])
+    with Browser(tmp_path / "browser") as browser:
+        browser.open(tmp_path / "page.html")
+        browser.ask("fdh.started")
+        told = """(() => {
+          const told = [];
+          let later = 0;
+          window.send = ({ rows }) => told.push({ rows: rows.map(r => [...r.slice(0, 4), later, ...r.slice(5)]) });
+          movePedal(true);
+          press(fdh.data.keys[3], 80);
+          release(fdh.data.keys[3]);
+          later = 8192;
+          movePedal(false);
+          return told;
+        })()"""
+        audio, meter = heard(browser, frames, told)
+        assert browser.errors == []
+    np.testing.assert_array_equal(audio, expected)
+    assert np.abs(audio).max() > 0.001
+    assert meter["error"] < 1e-11
+
+
+@pytest.mark.slow
+@needs_browser
+def test_a_page_is_played_by_mouse_and_by_keyboard(tmp_path):
+    """Pads and keys sound, at both widths, and no text is wider than the page."""
+    for name in ("piano_c4", "marimba_keys"):
+        page_of(name)[0].save(tmp_path / f"{name}.html")
+        with Browser(tmp_path / name) as browser:
+            browser.open(tmp_path / f"{name}.html")
+            browser.ask("fdh.started")
+            for width, is_dark in ((1200, False), (390, True)):
+                browser.emulate(width, 900, is_dark)
+                assert browser.ask("document.documentElement.scrollWidth <= innerWidth")
+                assert browser.picture()[:4] == b"\x89PNG"
+            key = "z" if name == "marimba_keys" else "1"
+            pressed = f"document.dispatchEvent(new KeyboardEvent('keydown', {{ key: '{key}', bubbles: true }}))"
+            browser.ask(pressed.replace("document.dispatch", "document.body.dispatch"))
+            level = "document.getElementById('level').textContent"
+            browser.ask(
+                f"(async () => {{ while (!{level}.includes('dB')) await new Promise(r => setTimeout(r, 20)) }})()"
+            )
+            assert browser.ask("document.getElementById('fault').textContent") == ""
+            assert browser.errors == []
+
+
+class Tags(HTMLParser):
+    """The elements of a page, with their attributes."""
+
+    def __init__(self, html):
+        super().__init__()
+        self.found = []
+        self.feed(html)
+
+    def handle_starttag(self, tag, attributes):
+        self.found.append((tag, dict(attributes)))
+
+
+def test_a_page_loads_nothing_and_runs_its_own_scripts_alone():
+    html = compose(
+        {"a": "</script><script>alert(1)</script>"}, {"title": "<b>&", "text": "{{DATA}} <i>", "command": "x"}
+    )
+    tags = Tags(html)
+    assert not [a for _, a in tags.found if "src" in a or "href" in a]
+    assert [t for t, _ in tags.found if t in ("b", "i")] == []
+    assert sum(tag == "script" for tag, _ in tags.found) == 3
+    assert "alert(1)</script>" not in html
+    assert "{{DATA}} &lt;i&gt;" in html
+    policy = next(a["content"] for _, a in tags.found if a.get("http-equiv") == "Content-Security-Policy")
+    assert policy.startswith("default-src 'none'; script-src 'sha256-")
+    assert "unsafe-inline" not in policy
+    assert "'unsafe-eval'" not in policy
+
+
+@pytest.mark.parametrize(("name", "kilobytes"), [("piano_c4", 500), ("piano", 1500)])
+def test_a_page_is_small(name, kilobytes):
+    page, data = page_of(name)
+    assert len(page.html.encode()) < 1000 * kilobytes
+    assert data["samplerate"] == 44_100
+
+
+def test_the_level_of_a_page_is_half_of_full_scale():
+    scene = engine.load("repelled_oscillator")
+    peak = np.abs(engine.render(scene, seconds=2.0).audio).max()
+    assert level_of(scene, 44_100) == pytest.approx(0.5 / peak, rel=1e-6)
+
+
+def test_what_cannot_become_a_page_is_said_before_anything_is_made(tmp_path, capsys, monkeypatch):
+    scene = engine.load("barrier_linear")
+    with pytest.raises(CannotExport, match="oversample"):
+        engine.export_page(scene.model_copy(update={"accuracy": scene.accuracy.replace(oversample=2)}))
+    with pytest.raises(ValueError, match="no kernel of a page is called 'fast'; there are general and special"):
+        engine.export_page(scene, kernel="fast")
+    monkeypatch.chdir(tmp_path)
+    assert main(["export", "barrier_linear", "-o", "none/page.txt", "--kernel", "fast", "--seconds", "1"]) == 2
+    said = capsys.readouterr().err
+    for words in (
+        "a page is an .html file",
+        "the folder is not there",
+        "no kernel is called 'fast'",
+        "a page takes none",
+    ):
+        assert words in said
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_command_writes_a_page_that_says_how_it_was_made(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["export", "barrier_linear"]) == 0
+    page = Path("barrier_linear.html")
+    html = page.read_text("utf-8")
+    assert "fdh export barrier_linear.toml" in html
+    assert "[[contact]]" in html
+    assert str(page) in capsys.readouterr().out
+    page.unlink()
+    page.mkdir()
+    assert main(["export", "barrier_linear", "--json"]) == 1
+    assert "barrier_linear.html" in capsys.readouterr().err

@@ -21,7 +21,14 @@ from engine.assembly.build import BuildResult
 from engine.assembly.table_changes import scored_exchanges
 from engine.compiler.kernel_name import KernelName
 from engine.export.faults import CannotExport
-from engine.export.player_bytes import INSERT_EVENT, MEMORY, RENDER_BLOCK, lay_out_player, leave_out_products
+from engine.export.player_bytes import (
+    INSERT_EVENT,
+    MEMORY,
+    RENDER_BLOCK,
+    lay_out_player,
+    leave_out_products,
+    leave_out_symmetry,
+)
 from engine.export.scene_bytes import SceneBytes
 from engine.export.told_player import (
     LEVELS,
@@ -67,7 +74,8 @@ def make_page(
     if len(laid_out.content) > MAX_MEGABYTES * MEGABYTE:
         size = len(laid_out.content) // MEGABYTE
         raise CannotExport(f"the patch needs {size} MB of memory; a page has {MAX_MEGABYTES} MB at most")
-    left_out = leave_out_products(laid_out, player.memory.model_handles[0].value)
+    model = player.memory.model_handles[0].value
+    left_out = {"left_out": leave_out_products(laid_out, model), "symmetric": leave_out_symmetry(laid_out, model)}
     is_special = kernel == KernelName.SPECIAL
     module = compile_module(requests_of(player)) if is_special else read_module(general_module_of(player))
     data = {
@@ -84,7 +92,7 @@ def make_page(
         "names": names_of_numbers(),
         "functions": {RENDER: RENDER_BLOCK, INSERT: INSERT_EVENT},
     }
-    controls = _packed(_json({"left_out": left_out, **_controls(scene, player)}).encode())
+    controls = _packed(_json(left_out | _controls(scene, player)).encode())
     return compose({**data, "controls": controls}, about or {})
 
 

@@ -122,3 +122,22 @@ def _is_product(tables: tuple[np.ndarray, ...], at: int, mode: int, count: int) 
     row, modes = slice(at, at + count), slice(mode, mode + count)
     pairs = (kick_phi[row], kick[modes] * phi[row]), (drift_phi[row], drift[modes] * phi[row])
     return count > 1 and all(np.array_equal(a, b) for a, b in pairs)
+
+
+def leave_out_symmetry(laid_out: SceneBytes, model: Model) -> list[list[int]]:
+    """Replace what lies below the diagonal of each matrix B of contacts by how its bits, as integers, differ from those
+    above: rounding apart, B is symmetric. Return the address and the size of each."""
+    contact, islands = model.step.contact, model.islands
+    if contact is None or contact.coupling is None:
+        return []
+    coupling = contact.coupling
+    bits, left_out, place = coupling.view(np.int64).copy(), list[list[int]](), laid_out.place_of(coupling)
+    for first, size in zip(islands.compliance[:-1], np.diff(islands.contact), strict=True):
+        if size < 2 or first + size**2 > bits.size:
+            continue
+        square = bits[first : first + size**2].reshape(size, size)
+        below = np.tril_indices(size, -1)
+        square[below] -= square.T[below]
+        left_out.append([laid_out.base + place + 8 * int(first), int(size)])
+    laid_out.content[place : place + bits.nbytes] = bits.tobytes()
+    return left_out

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 import engine
+from bench.publish.playable import make_pages
 from engine.api.page import level_of
 from engine.cli.main import main
 from engine.export.faults import CannotExport
 from engine.export.page import compose
+from engine.files import shipped_names
 from engine.live.key_allocator import KeyAllocator, live_scene
 from engine.live.midi_notes import Note
 from engine.live.player import Player
@@ -148,6 +150,23 @@ def test_a_page_is_played_by_mouse_and_by_keyboard(tmp_path):
             )
             assert browser.ask("document.getElementById('fault').textContent") == ""
             assert browser.errors == []
+
+
+@pytest.mark.slow
+@needs_browser
+def test_every_shipped_patch_has_a_page_that_sounds(tmp_path):
+    """The site of all patches, each page opened and struck or played."""
+    names = make_pages(tmp_path)
+    assert names == shipped_names()
+    with Browser(tmp_path / "browser") as browser:
+        for name in names:
+            browser.open(tmp_path / f"{name}.html")
+            struck = "fdh.data.keys.length ? fdh.data.keys[0].on[8] : fdh.data.pads.flatMap(pad => pad.rows)"
+            audio, meter = heard(browser, 44_100, f"[{{ rows: {struck} }}]")
+            assert np.isfinite(audio).all(), name
+            assert np.abs(audio).max() > 1e-4, name
+            assert meter["error"] < 1e-10, name
+            assert browser.errors == [], name
 
 
 class Tags(HTMLParser):

@@ -38,7 +38,8 @@ function inOrder(packed) {
   return fillIn(out.subarray(0, data.size));
 }
 
-// Products of two numbers are left out of the scene (engine.export.player_bytes.leave_out_products).
+// What follows from other numbers is left out of the scene (engine.export.player_bytes): products of two, and how much
+// the lower half of a symmetric matrix is like the upper.
 function fillIn(scene) {
   for (const [phi, kick, drift, kickPhi, driftPhi, count] of data.left_out) {
     const [a, t, v, x, y] = [phi, kick, drift, kickPhi, driftPhi].map(at =>
@@ -47,6 +48,11 @@ function fillIn(scene) {
       x[n] = t[n] * a[n];
       y[n] = v[n] * a[n];
     }
+  }
+  for (const [at, size] of data.symmetric) {
+    const bits = new BigInt64Array(scene.buffer, at - data.base, size * size);
+    for (let row = 1; row < size; row++)
+      for (let column = 0; column < row; column++) bits[row * size + column] += bits[column * size + row];
   }
   return scene;
 }

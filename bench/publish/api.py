@@ -42,7 +42,7 @@ one it is. The command `fdh` works in such a folder, too; `python -m engine` doe
 PLAYING = "read", "start", "wait", "close", "stop", "cross_fade_to", "render_into", "fetch_recording"
 EVENTS = "strike", "pluck", "lift", "damp", "set", "tune"
 READINGS = "live_parameters", "refused", "strikers", "frame", "finished", "meter", "log"
-MADE_BY_FUNCTIONS = "Scene", "Parameter", "Rendering", "TraceArrays", "ContactSummary", "ErrorEstimate"
+MADE_BY_FUNCTIONS = "Scene", "Parameter", "Rendering", "TraceArrays", "ContactSummary", "ErrorEstimate", "Page"
 # in the order of the page: where each name is imported from, and those of its methods and properties that are for users
 NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "load": ("engine", ()),
@@ -61,6 +61,8 @@ NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "read_sweep_rows": ("engine", ()),
     "Player": ("engine", (*PLAYING, *EVENTS, *READINGS)),
     "AudioInput": ("engine", ()),
+    "export_page": ("engine", ()),
+    "Page": ("engine", ("save",)),
     "PatchError": ("engine", ()),
     "BuildError": ("engine", ()),
     "PatchWarning": ("engine", ()),

@@ -107,7 +107,7 @@ def _words(args: argparse.Namespace) -> list[str]:
 
 
 def _faults_of_library(args: argparse.Namespace) -> list[Fault]:
-    from engine.export.machine_code import TARGETS
+    from engine.compiler.machine_code import TARGETS
 
     faults, target = list[Fault](), args.target or NATIVE
     if not Path(args.c).absolute().parent.is_dir():
@@ -121,8 +121,8 @@ def _faults_of_library(args: argparse.Namespace) -> list[Fault]:
 
 
 def _export_library(args: argparse.Namespace, scene: "Scene") -> int:
+    from engine.compiler.machine_code import TARGETS
     from engine.export.c_library import export_c
-    from engine.export.machine_code import TARGETS
 
     target = args.target or NATIVE
     with memory_errors_explained("give fewer --seconds"):

@@ -22,8 +22,8 @@ def address_of(array: np.ndarray) -> int:
 
 
 class Layout:
-    """How compiled code lays out values: numbers as C does; of an array its owners, which it has none of here, how many
-    numbers, their size, their address, shape and strides; and of nothing an empty pointer.
+    """The layout of values in compiled code: numbers as in C; of an array its owners, of which it has none here, how
+    many numbers, their size, their address, shape and strides; and of nothing an empty pointer.
 
     pointer_bytes: 4 or 8
     address_of:    where the numbers of an array lie

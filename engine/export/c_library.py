@@ -9,9 +9,9 @@ import numpy as np
 from engine.assembly.build import build
 from engine.assembly.table_changes import scored_exchanges
 from engine.compiler.kinds import INT
+from engine.compiler.machine_code import TARGETS, neutral_code, object_code
 from engine.compiler.struct_handle import pointer_kind
 from engine.export.faults import CannotExport
-from engine.export.machine_code import TARGETS, neutral_code, object_code
 from engine.export.scene_bytes import SceneBytes
 from engine.export.whole_scene import Whole, render_whole
 from engine.kernel.data.enums import BALANCE_SIZE, Balance, Energies, Ledger

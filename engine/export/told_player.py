@@ -1,4 +1,4 @@
-"""What a page can tell a scene: rows of events, made once, for each key, hammer, pluck and number of a patch.
+"""Rows of events that a page sends to a scene, made once for each key, hammer, pluck and number of a patch.
 
 A page scales their values, by velocity or by a slider; it computes nothing else.
 """
@@ -29,7 +29,7 @@ Rows = list[list[float]]
 
 
 class ToldPlayer(Player):
-    """A player that does not play: the rows of what it is told to do are kept."""
+    """A player that does not play: it keeps the rows of its events."""
 
     def __init__(
         self,

@@ -9,10 +9,10 @@ from pathlib import Path
 
 from engine.compiler import cache
 from engine.compiler.kinds import Kind
+from engine.compiler.machine_code import WASM, neutral_code, object_code
 from engine.compiler.shipped import FOLDER, sources_of
+from engine.compiler.wasm_module import with_exports
 from engine.export.faults import CannotExport
-from engine.export.machine_code import WASM, neutral_code, object_code
-from engine.export.wasm_module import with_exports
 from engine.live.kernels import KINDS, PLAY_INTO
 from engine.live.player import Player
 from engine.runtime.exchange import INSERT_USE

@@ -13,7 +13,7 @@ from engine.runtime.partitions import LEDGER_ROWS
 
 
 class Whole(NamedTuple):
-    """What a block of a scene is added up in."""
+    """The sums of a block of a scene."""
 
     audio: np.ndarray  # [frames, channels], of all partitions
     ledger: np.ndarray  # [rows (engine.kernel.data.enums.Ledger), frames]

@@ -1,4 +1,4 @@
-"""What a player can be told to do, as rows for the queue of its audio thread. Player and exports share them."""
+"""Rows of events for the queue of an audio thread: strikes, plucks, dampers, changes. Player and exports share them."""
 
 from functools import cached_property
 from typing import Any

@@ -7,19 +7,9 @@ import numpy as np
 
 from engine.compiler.decorators import INT64_0, INT64_1, inline, noinline
 from engine.compiler.lanes import lane_sum, multiply_add, number_at, place_after, splat
-from engine.kernel.interactions.connections import (
-    clear,
-    connection_energy,
-    has_connections,
-)
+from engine.kernel.interactions.connections import clear, connection_energy, has_connections
 from engine.kernel.modes.mode_energies import vibration_energy_of
-from engine.kernel.modes.moving_modes import (
-    PushedPoint,
-    count_loss,
-    move_pushed_rows,
-    move_some_modes,
-    plain_step,
-)
+from engine.kernel.modes.moving_modes import PushedPoint, count_loss, move_pushed_rows, move_some_modes, plain_step
 from engine.kernel.modes.ordered_sums import fold_lanes
 from engine.kernel.modes.potential import add_elastic, add_potential, potential_of, squared_pull
 

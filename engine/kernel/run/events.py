@@ -23,11 +23,7 @@ from engine.kernel.interactions.contacts import (
 from engine.kernel.interactions.external_forces import next_external_force
 from engine.kernel.interactions.island_energy import island_energy
 from engine.kernel.interactions.near_contacts import keep_all_contacts
-from engine.kernel.modes.event_dampers import (
-    damp_modes,
-    find_damped_loss,
-    is_damping,
-)
+from engine.kernel.modes.event_dampers import damp_modes, find_damped_loss, is_damping
 from engine.kernel.modes.mode_step import forget_drift
 from engine.kernel.modes.ordered_sums import accumulate
 from engine.kernel.run.adaptive_steps import steps_of_sample

@@ -17,7 +17,7 @@ from engine.compiler.decorators import garbage_kept, kernel
 from engine.compiler.kernel_compiler import numba_type
 from engine.compiler.kinds import INT, Kind
 from engine.compiler.numba_patches import SkipInlinedLibraries
-from engine.export.wasm_arithmetic import wasm_arithmetic
+from engine.compiler.wasm_arithmetic import wasm_arithmetic
 
 
 class Target(NamedTuple):

@@ -1,4 +1,4 @@
-"""What WebAssembly lacks, for intermediate code.
+"""Intermediate code without what WebAssembly lacks.
 
 It has no fused multiply-add but a relaxed one, which is fused wherever the processor can. Nor can it load and store the
 first lanes of a vector alone: here all are, which the margins of the scene's arrays allow

@@ -14,7 +14,7 @@ from engine.compiler import cache
 from engine.compiler.kernel_name import KernelName
 from engine.compiler.kinds import Kind
 from engine.compiler.shipped import ABOUT, FOLDER, TARGETS, archive, member_name
-from engine.export.page import told_player
+from engine.export.page import player_of_page
 from engine.export.wasm_kernels import ARCHIVE, compile_module, general_module_of, requests_of
 from engine.live.audio_memory import INSERT_USE
 from engine.live.kernels import KINDS
@@ -80,7 +80,7 @@ def make_module() -> None:
     members = {ABOUT: json.dumps(about, indent=1).encode()}
     for order in (2, 4):  # with one step a sample, and with stages
         scene = Scene.model_validate(SIMPLE | {"accuracy": {"order": order}})
-        player = told_player(scene, 44_100, KernelName.GENERAL)
+        player = player_of_page(scene, 44_100, KernelName.GENERAL)
         members[general_module_of(player)] = compile_module(requests_of(player))
     write_archive(Path(sys.argv[1]) / ARCHIVE.name, members)
 

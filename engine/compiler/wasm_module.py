@@ -90,7 +90,7 @@ def _named(body: bytes, name: str) -> Reader | None:
 def _function_numbers(linking: Reader) -> dict[str, int]:
     """Return the numbers of the functions that a file defines, by their names, from its section "linking"."""
     linking.number()  # version
-    found = dict[str, int]()
+    numbers = dict[str, int]()
     while not linking.is_over:
         kind = linking.byte()
         part = Reader(linking.take(linking.number()))
@@ -106,5 +106,5 @@ def _function_numbers(linking: Reader) -> dict[str, int]:
                 number, is_here = part.number(), not flags & UNDEFINED
                 name = part.name() if is_here or flags & EXPLICIT_NAME else ""
                 if symbol == FUNCTION and is_here:
-                    found[name] = number
-    return found
+                    numbers[name] = number
+    return numbers

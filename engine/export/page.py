@@ -29,15 +29,15 @@ from engine.export.player_bytes import (
     leave_out_products,
     leave_out_symmetry,
 )
-from engine.export.scene_bytes import SceneBytes
-from engine.export.told_player import (
+from engine.export.row_recorder import (
     LEVELS,
-    ToldPlayer,
+    RowRecorder,
     keys_of_player,
     pads_of_player,
     rows_of_score,
     sliders_of_player,
 )
+from engine.export.scene_bytes import SceneBytes
 from engine.export.wasm_kernels import INSERT, RENDER, compile_module, general_module_of, read_module, requests_of
 from engine.instrument.score import Score, read_score
 from engine.kernel.data.enums import Balance, EventKind, Sleep
@@ -69,7 +69,7 @@ def make_page(
     Raises CannotExport (a ValueError) with the reason if the scene cannot become a page, BuildError (a ValueError) if
     it cannot be built.
     """
-    player = told_player(scene, samplerate, kernel)
+    player = player_of_page(scene, samplerate, kernel)
     laid_out = lay_out_player(player, pointer_bytes=4, base=BASE)
     if len(laid_out.content) > MAX_MEGABYTES * MEGABYTE:
         size = len(laid_out.content) // MEGABYTE
@@ -96,14 +96,14 @@ def make_page(
     return compose({**data, "controls": controls}, about or {})
 
 
-def told_player(scene: Scene, samplerate: int, kernel: str) -> ToldPlayer:
+def player_of_page(scene: Scene, samplerate: int, kernel: str) -> RowRecorder:
     """Return the player of a page, which waits for its keys if the scene is an instrument. Raises CannotExport."""
     accuracy = scene.accuracy
     if accuracy.oversample > 1:
         raise CannotExport("a patch with oversample cannot become a page: there is no filter to decimate it")
     is_instrument = scene.instrument is not None
     played = live_scene(scene) if is_instrument else scene
-    player = ToldPlayer(played, samplerate, math.inf if is_instrument else None, kernel=kernel, waiting=is_instrument)
+    player = RowRecorder(played, samplerate, math.inf if is_instrument else None, kernel=kernel, waiting=is_instrument)
     if not is_instrument and scored_exchanges(
         scene, BuildResult(player.model, player.state, player.layout), accuracy=accuracy, seconds=scene.seconds
     ):
@@ -112,7 +112,7 @@ def told_player(scene: Scene, samplerate: int, kernel: str) -> ToldPlayer:
     return player
 
 
-def places_of_player(laid_out: SceneBytes, player: ToldPlayer) -> dict[str, int]:
+def places_of_player(laid_out: SceneBytes, player: RowRecorder) -> dict[str, int]:
     """Return the addresses of what the page's script reads and writes."""
     shared, state = player.memory.shared, player.state
     arrays = {
@@ -141,8 +141,8 @@ def names_of_numbers() -> dict[str, dict[str, int]]:
     }
 
 
-def _controls(scene: Scene, player: ToldPlayer) -> dict[str, Any]:
-    """Return what can be told to the scene."""
+def _controls(scene: Scene, player: RowRecorder) -> dict[str, Any]:
+    """Return the controls of a scene: keys or pads, sliders, and its score."""
     sliders = [slider._asdict() for slider in sliders_of_player(player)]
     if scene.instrument is None:
         damped = damp_rows(player)
@@ -164,7 +164,7 @@ def _controls(scene: Scene, player: ToldPlayer) -> dict[str, Any]:
     }
 
 
-def damp_rows(player: ToldPlayer) -> list[list[float]]:
+def damp_rows(player: RowRecorder) -> list[list[float]]:
     """Return the rows that damp all bodies for a while."""
     player.damp()
     return player.take_rows()

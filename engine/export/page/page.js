@@ -81,9 +81,11 @@ let playing, context, analyser;
 async function begin() {
   const reason = missing();
   if (reason) throw new Error(reason);
-  context = new AudioContext({ sampleRate: data.samplerate, latencyHint: "interactive" });
-  if (context.sampleRate !== data.samplerate)
-    say(`The device plays at ${context.sampleRate} Hz, the patch was made for ${data.samplerate} Hz: the pitch is wrong.`);
+  try {
+    context = new AudioContext({ sampleRate: data.samplerate, latencyHint: "interactive" });
+  } catch {
+    throw new Error(`The browser refuses the ${data.samplerate} Hz of this page. fdh export --samplerate makes another.`);
+  }
   const node = await makeNode(context, [{ gain: gain() }]);
   analyser = new AnalyserNode(context, { fftSize: 4096, smoothingTimeConstant: 0.6 });
   node.connect(analyser).connect(context.destination);
@@ -207,11 +209,11 @@ function press(key, velocity) {
   mark(key, true);
 }
 
-function release(key, isTold = true) {
+function release(key, isSent = true) {
   if (!down.delete(key)) return;
   if (pedal) kept.add(key);
   else sounding = sounding.filter(k => k !== key);
-  if (isTold) send({ rows: pedal ? key.off : [...key.off, ...key.damp] });
+  if (isSent) send({ rows: pedal ? key.off : [...key.off, ...key.damp] });
   mark(key, false);
 }
 
@@ -277,6 +279,7 @@ function makeKeyboard() {
     if (key) release(key);
     if (event.key === "Shift") movePedal(false);
   });
+  window.addEventListener("blur", () => [...down].forEach(key => release(key))); // no key is left hanging
   $("hint").textContent = "Lower on a key is louder. The computer's keys Z to M and Q to P play too; Shift is the pedal.";
 }
 

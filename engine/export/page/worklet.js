@@ -61,23 +61,23 @@ class Patch extends AudioWorkletProcessor {
     }
   }
   // Write the events that begin soon into the player's queue.
-  tell() {
+  sendEvents() {
     const { Slot } = this.o.names, { queue, event } = this.o.at, { counters, waiting } = this;
-    let told = 0;
-    while (told < waiting.length && waiting[told][4] < this.frame + 4 * this.o.block) {
+    let sent = 0;
+    while (sent < waiting.length && waiting[sent][4] < this.frame + 4 * this.o.block) {
       const index = counters[Slot.WRITE_INDEX];
       if (index - counters[Slot.READ_INDEX] >= BigInt(queue)) break;
-      const row = waiting[told++], slot = Number(index % BigInt(queue));
+      const row = waiting[sent++], slot = Number(index % BigInt(queue));
       for (let i = 0; i < event; i++) this.events[slot * event + i] = i < 6 ? BigInt(Math.round(row[i])) : 0n;
       this.values[2 * slot] = row[6];
       this.values[2 * slot + 1] = row[7];
       counters[Slot.WRITE_INDEX] = index + 1n;
     }
-    if (told) this.waiting = waiting.slice(told);
+    if (sent) this.waiting = waiting.slice(sent);
   }
   process(inputs, [out]) {
     const { channels } = this.o, frames = out[0].length, begin = this.now();
-    this.tell();
+    this.sendEvents();
     for (let done = 0; done < frames;) { // browsers ask for 128 frames, and may ask for more one day
       const count = Math.min(frames - done, this.o.block);
       this.x.play(...this.call, BigInt(count));

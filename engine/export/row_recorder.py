@@ -15,7 +15,6 @@ from engine.live.key_allocator import KeyAllocator
 from engine.live.midi_notes import Note
 from engine.live.player import Player
 from engine.patch.live_parameters import value_at
-from engine.patch.scene import Scene
 
 LEVELS = (1, 16, 32, 48, 64, 80, 96, 112, 127)  # MIDI velocities; rows between two of them are interpolated
 RELEASE = 64  # MIDI velocity with which a page lets keys go
@@ -28,23 +27,16 @@ SLIDER_SECONDS = 0.02  # that its parameter takes to glide
 Rows = list[list[float]]
 
 
-class ToldPlayer(Player):
+class RowRecorder(Player):
     """A player that does not play: it keeps the rows of its events."""
 
-    def __init__(
-        self,
-        scene: Scene,
-        samplerate: int = 44_100,
-        seconds: float | None = None,
-        gain: float = 1.0,
-        **options: Any,
-    ) -> None:
-        self._told: list[EventRow] = []
-        super().__init__(scene, samplerate, seconds, gain, **options)
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        self._rows_kept: list[EventRow] = []
+        super().__init__(*arguments, **options)
 
     def take_rows(self) -> Rows:
         """Return the rows since the last call: kind, island, target begin and end, start, length, and two values."""
-        rows, self._told = self._told, []
+        rows, self._rows_kept = self._rows_kept, []
         return [list(map(float, row)) for row in rows]
 
     def make_tables(self) -> None:
@@ -52,7 +44,7 @@ class ToldPlayer(Player):
         raise CannotExport("a key of this instrument changes a body as it is pressed, which no page can do yet")
 
     def _put(self, description: list[Any], rows: list[EventRow], frame: int) -> None:
-        self._told += [row._replace(start=frame + row.start) for row in rows]
+        self._rows_kept += [row._replace(start=frame + row.start) for row in rows]
 
 
 class Key(NamedTuple):
@@ -68,7 +60,7 @@ class Key(NamedTuple):
     group: float | None  # keys of which one sounds at a time
 
 
-def keys_of_player(player: ToldPlayer) -> list[Key]:
+def keys_of_player(player: RowRecorder) -> list[Key]:
     """Return the keys of an instrument. player: of a `live_scene`, with `waiting = True`"""
     allocator = KeyAllocator(player)
     document = player.patch.instrument or {}
@@ -99,7 +91,7 @@ def keys_of_player(player: ToldPlayer) -> list[Key]:
     return keys
 
 
-def rows_of_score(player: ToldPlayer, score: Score) -> Rows:
+def rows_of_score(player: RowRecorder, score: Score) -> Rows:
     """Return the notes and pedals of a score as rows with their frames, in order."""
     allocator, rate = KeyAllocator(player), player.samplerate
     moves = [(move.time, 0, Note(0.0, move.name, 0, round(127 * move.value))) for move in score.pedals]
@@ -121,7 +113,7 @@ class Pad(NamedTuple):
     is_hammer: bool
 
 
-def pads_of_player(player: ToldPlayer) -> list[Pad]:
+def pads_of_player(player: RowRecorder) -> list[Pad]:
     """Return what can be struck and plucked in a patch without keys."""
     pads = []
     for name in player.strikers:
@@ -146,7 +138,7 @@ class Slider(NamedTuple):
     rows_at_one: Rows  # … and of 1: between them and beyond, their values lie on lines
 
 
-def sliders_of_player(player: ToldPlayer) -> list[Slider]:
+def sliders_of_player(player: RowRecorder) -> list[Slider]:
     """Return the numbers of a patch that glide, unless there are too many."""
     sliders, glided = list[Slider](), {name: path for name, path in player.live_paths.items() if path.is_glided}
     for parameter, path in glided.items() if len(glided) <= MAX_SLIDERS else ():
@@ -161,7 +153,7 @@ def sliders_of_player(player: ToldPlayer) -> list[Slider]:
     return sliders
 
 
-def _rows_at(player: ToldPlayer, parameter: str, value: float) -> Rows:
+def _rows_at(player: RowRecorder, parameter: str, value: float) -> Rows:
     player.set(parameter, value, SLIDER_SECONDS)
     return player.take_rows()
 

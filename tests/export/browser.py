@@ -1,14 +1,18 @@
-"""A browser without a window, to open pages and to ask them: Chromium, spoken to through two pipes."""
+"""Browsers without a window, to open pages and to ask them: Chromium, spoken to through two pipes, and Firefox."""
 
 import base64
 import json
 import os
 import shutil
+import socket
 import subprocess
+import time
 from pathlib import Path
 from typing import Any, Self
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+FIREFOX = shutil.which("firefox-esr") or shutil.which("firefox")
+MARIONETTE_PORT = 28_281  # of Firefox, for one test at a time
 OPTIONS = (
     "--headless=new",
     "--no-sandbox",
@@ -72,6 +76,10 @@ class Browser:
             raise RuntimeError(json.dumps(asked["exceptionDetails"])[:1000])
         return asked["result"].get("value")
 
+    def render(self, frames: int, messages: str) -> str:
+        """Return what the page plays, as its `fdh.render` does."""
+        return str(self.ask(f"fdh.render({frames}, {json.dumps(messages)})"))
+
     def emulate(self, width: int, height: int, is_dark: bool = False) -> None:
         """Let the page believe in a window of this size, and in a dark room."""
         self._call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
@@ -111,3 +119,68 @@ class Browser:
         elif method == "Network.requestWillBeSent":
             self.requests.append(given["request"]["url"][:200])
         return dict(message)
+
+
+class Firefox:
+    """Firefox with one page, spoken to in its own protocol (Marionette). Use it in a `with` statement."""
+
+    def __init__(self, folder: Path) -> None:
+        assert FIREFOX is not None
+        folder.mkdir()
+        (folder / "user.js").write_text(f'user_pref("marionette.port", {MARIONETTE_PORT});\n')
+        command = [FIREFOX, "--headless", "--marionette", "--profile", str(folder)]
+        self._process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        self._socket, self._rest, self._number = self._connect(), b"", 0
+        self._next()
+        self._call("WebDriver:NewSession", {})
+        self._call("WebDriver:SetTimeouts", {"script": 60_000})
+
+    def _connect(self) -> socket.socket:
+        for _ in range(300):
+            try:
+                return socket.create_connection(("127.0.0.1", MARIONETTE_PORT))
+            except OSError:
+                time.sleep(0.1)
+        raise RuntimeError("Firefox does not answer")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._socket.close()
+        self._process.kill()
+        self._process.wait()
+
+    def open(self, path: Path) -> None:
+        """Open a page from disk, and wait until it is loaded."""
+        self._call("WebDriver:Navigate", {"url": path.absolute().as_uri()})
+
+    def render(self, frames: int, messages: str) -> str:
+        """Return what the page plays, as its `fdh.render` does."""
+        script = "const [frames, text, done] = arguments, { fdh } = window.wrappedJSObject ?? window;"
+        script += " fdh.render(frames, text).then(done, error => done(String(error)));"
+        return str(self._call("WebDriver:ExecuteAsyncScript", {"script": script, "args": [frames, messages]})["value"])
+
+    def _call(self, method: str, parameters: dict[str, Any]) -> dict[str, Any]:
+        self._number += 1
+        message = json.dumps([0, self._number, method, parameters]).encode()
+        self._socket.sendall(str(len(message)).encode() + b":" + message)
+        _, _, error, value = self._next()
+        if error is not None:
+            raise RuntimeError(f"{method}: {str(error)[:1000]}")
+        return dict(value or {})
+
+    def _next(self) -> Any:
+        """Return the next message: its length, a colon, and JSON."""
+        while b":" not in self._rest or len(self._rest) < self._end():
+            part = self._socket.recv(1 << 20)
+            if not part:
+                raise RuntimeError("Firefox has ended")
+            self._rest += part
+        end = self._end()
+        message, self._rest = self._rest[self._rest.index(b":") + 1 : end], self._rest[end:]
+        return json.loads(message)
+
+    def _end(self) -> int:
+        length, _, _ = self._rest.partition(b":")
+        return len(length) + 1 + int(length)

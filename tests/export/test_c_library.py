@@ -13,22 +13,41 @@ from engine.export.faults import CannotExport
 from engine.export.scene_bytes import SceneBytes
 
 COMPILER = shutil.which("cc")
+ARM_COMPILER, EMULATOR = shutil.which("aarch64-linux-gnu-gcc"), shutil.which("qemu-aarch64")
 SECONDS = 0.2
+PATCHES = ["repelled_oscillator", "piano_c4", "marimba"]
+
+
+def samples_in_c(folder, scene, compiler, runner=()):
+    """Compile the example of a library, and return what it writes, [frames, channels], and the energy error it says."""
+    program = folder / "program"
+    sources = [folder / file for file in ("main.c", "fdh.c", "fdh_patch.o")]
+    subprocess.run([*compiler, "-O2", "-Wall", "-Wextra", "-Werror", "-o", program, *sources, "-lm"], check=True)
+    ran = subprocess.run([*runner, program], check=True, capture_output=True)
+    return np.frombuffer(ran.stdout).reshape(-1, scene.channels), float(ran.stderr.split()[-1])
 
 
 @pytest.mark.hard
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler")
-@pytest.mark.parametrize("name", ["repelled_oscillator", "piano_c4", "marimba"])
+@pytest.mark.parametrize("name", PATCHES)
 def test_the_samples_in_c_are_those_of_the_engine(name, tmp_path):
     scene = engine.load(name)
-    export_c(scene, tmp_path / "c", seconds=SECONDS)
-    sources = [tmp_path / "c" / file for file in ("main.c", "fdh.c", "fdh_patch.o")]
-    program = tmp_path / "program"
-    subprocess.run([COMPILER, "-O2", "-Wall", "-Wextra", "-Werror", "-o", program, *sources, "-lm"], check=True)
-    ran = subprocess.run([program], check=True, capture_output=True)
-    heard = np.frombuffer(ran.stdout).reshape(-1, scene.channels)
-    np.testing.assert_array_equal(heard, engine.render(scene, seconds=SECONDS, cores=1).audio)
-    assert float(ran.stderr.split()[-1]) < 1e-12  # the energy error
+    export_c(scene, tmp_path, seconds=SECONDS)
+    audio, error = samples_in_c(tmp_path, scene, [COMPILER])
+    np.testing.assert_array_equal(audio, engine.render(scene, seconds=SECONDS, cores=1).audio)
+    assert error < 1e-12
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(None in (ARM_COMPILER, EMULATOR), reason="Debian: gcc-aarch64-linux-gnu, qemu-user")
+@pytest.mark.parametrize("name", PATCHES)
+def test_another_processor_computes_the_same_samples(name, tmp_path):
+    """An emulator of 64-bit ARM, whose C library is another build."""
+    scene = engine.load(name)
+    export_c(scene, tmp_path, target="aarch64-linux", seconds=SECONDS)
+    audio, error = samples_in_c(tmp_path, scene, [ARM_COMPILER, "-static"], [EMULATOR])
+    np.testing.assert_array_equal(audio, engine.render(scene, seconds=SECONDS, cores=1).audio)
+    assert error < 1e-12
 
 
 def test_each_pointer_of_a_narrow_machine_is_where_its_compiler_looks():

@@ -407,20 +407,27 @@ async function start() {
 }
 const started = start();
 
-// --- for tests: the sound without a device
+// --- for tests: the sound without a device, as text
+
+const textOf = channel => {
+  const bytes = new Uint8Array(channel.buffer, channel.byteOffset, channel.byteLength);
+  let text = "";
+  for (let i = 0; i < bytes.length; i += 8192) text += String.fromCharCode(...bytes.subarray(i, i + 8192));
+  return btoa(text);
+};
 
 window.fdh = {
   data,
-  started,
   async render(frames, messages) {
+    await started;
     const offline = new OfflineAudioContext(data.channels, frames, data.samplerate);
-    const node = await makeNode(offline, messages);
+    const node = await makeNode(offline, JSON.parse(messages));
     let meter;
     node.port.onmessage = ({ data: message }) => { meter = message; };
     node.connect(offline.destination);
     const begin = performance.now(), buffer = await offline.startRendering(), took = performance.now() - begin;
     await new Promise(resolve => setTimeout(resolve, 200));
-    const channels = Array.from({ length: data.channels }, (_, c) => buffer.getChannelData(c));
-    return { channels, meter, took };
+    const channels = Array.from({ length: data.channels }, (_, c) => textOf(buffer.getChannelData(c)));
+    return JSON.stringify({ channels, meter, took });
   },
 };

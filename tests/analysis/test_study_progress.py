@@ -58,6 +58,7 @@ def test_references_that_are_not_needed_shorten_it(monkeypatch):
     assert progress.seconds_left() < 0.2 * before
 
 
+@pytest.mark.hard
 def test_a_study_names_its_phases(monkeypatch):
     monkeypatch.setenv("FDH_KERNEL", "general")
     phases, shares = [], []

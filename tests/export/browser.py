@@ -27,7 +27,6 @@ class Browser:
     """Chromium with one page. Use it in a `with` statement."""
 
     def __init__(self, folder: Path, size: tuple[int, int] = (1200, 900)) -> None:
-        assert CHROMIUM is not None
         to_browser, from_browser = os.pipe(), os.pipe()
         window = f"--window-size={size[0]},{size[1]}"
         read_end, write_end = to_browser[0], from_browser[1]
@@ -38,7 +37,7 @@ class Browser:
             os.dup2(b, 4)
 
         self._process = subprocess.Popen(
-            [CHROMIUM, *OPTIONS, window, f"--user-data-dir={folder}", "about:blank"],
+            [str(CHROMIUM), *OPTIONS, window, f"--user-data-dir={folder}", "about:blank"],
             preexec_fn=use_pipes,
             close_fds=False,
             stderr=subprocess.DEVNULL,
@@ -125,10 +124,9 @@ class Firefox:
     """Firefox with one page, spoken to in its own protocol (Marionette). Use it in a `with` statement."""
 
     def __init__(self, folder: Path) -> None:
-        assert FIREFOX is not None
         folder.mkdir()
         (folder / "user.js").write_text(f'user_pref("marionette.port", {MARIONETTE_PORT});\n')
-        command = [FIREFOX, "--headless", "--marionette", "--profile", str(folder)]
+        command = [str(FIREFOX), "--headless", "--marionette", "--profile", str(folder)]
         self._process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         self._socket, self._rest, self._number = self._connect(), b"", 0
         self._next()

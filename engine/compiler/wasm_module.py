@@ -61,7 +61,7 @@ def number_bytes(number: int) -> bytes:
 
 def with_exports(content: bytes, names: Sequence[str]) -> bytes:
     """Return an object file as a module that exports some of its functions. Raises KeyError if one is not in it."""
-    sections = list(_sections(content))
+    sections = list(read_sections(content))
     linking = next(reader for kind, body in sections if kind == CUSTOM and (reader := _named(body, "linking")))
     index = _function_numbers(linking)
     exports = number_bytes(len(names))
@@ -72,7 +72,8 @@ def with_exports(content: bytes, names: Sequence[str]) -> bytes:
     return content[:8] + b"".join(bytes([kind]) + number_bytes(len(body)) + body for kind, body in kept)
 
 
-def _sections(content: bytes) -> Iterator[tuple[int, bytes]]:
+def read_sections(content: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield the kind and the content of each section of a module. Raises ValueError if it is none."""
     reader = Reader(content)
     if reader.take(8) != b"\0asm\1\0\0\0":
         raise ValueError("this is no WebAssembly")

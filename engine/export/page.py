@@ -20,6 +20,7 @@ import numpy as np
 from engine.assembly.build import BuildResult
 from engine.assembly.table_changes import scored_exchanges
 from engine.compiler.kernel_name import KernelName
+from engine.compiler.wasm_multiply_add import make_replaceable
 from engine.export.faults import CannotExport
 from engine.export.player_bytes import (
     INSERT_EVENT,
@@ -79,7 +80,7 @@ def make_page(
     is_special = kernel == KernelName.SPECIAL
     module = compile_module(requests_of(player)) if is_special else read_module(general_module_of(player))
     data = {
-        "kernel": _packed(module),
+        "kernel": _packed(make_replaceable(module)),
         "scene": _packed(by_place(laid_out.content)),
         "size": len(laid_out.content),
         "base": BASE,

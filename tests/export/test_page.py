@@ -4,6 +4,8 @@ import base64
 import json
 import math
 import re
+import shutil
+import subprocess
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -41,6 +43,8 @@ PATCHES = [  # contacts with and without loss, bridges, connections, several isl
     "sympathetic_strings",
 ]
 INSTRUMENTS = ["vibraphone", "toms", "piano"]
+NODE = shutil.which("node")
+PLAIN = "#plain"  # at the end of a page's address: multiply-adds in two steps, as in browsers without fused ones
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium; Debian's package is called chromium")
 
 
@@ -57,8 +61,19 @@ def data_of(html):
 def heard(browser, frames, messages):
     """Return what the open page plays, [frames, channels], and its last meter. messages: to its audio side, JSON"""
     answer = json.loads(browser.render(frames, messages))
-    channels = [np.frombuffer(base64.b64decode(text), np.float32) for text in answer["channels"]]
-    return np.stack(channels, axis=1), answer["meter"]
+    return sound_of(answer), answer["meter"]
+
+
+def sound_of(answer):
+    return np.stack([np.frombuffer(base64.b64decode(text), np.float32) for text in answer["channels"]], axis=1)
+
+
+def played_in_node(page, frames):
+    """Return what Node plays of a page without fused multiply-adds, and its last meter."""
+    command = [NODE, Path(__file__).with_name("play_page.cjs"), page, str(frames), "[]", PLAIN]
+    answer = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    assert not answer["isFused"]  # and the page says so
+    return sound_of(answer), answer["meter"]
 
 
 @pytest.mark.slow
@@ -78,6 +93,34 @@ def test_a_page_has_the_samples_of_the_engine(name, tmp_path):
     np.testing.assert_array_equal(audio, (rendered * data["gain"]).astype(np.float32))
     assert np.abs(audio).max() > 0.01
     assert 0.0 < meter["error"] < 1e-11
+
+
+@pytest.mark.skipif(NODE is None, reason="no Node; Debian's package is called nodejs")
+@pytest.mark.parametrize(("name", "order"), [("piano_c4", 2), ("sympathetic_strings", 2), ("bouncing_ball", 4)])
+def test_without_fused_multiply_add_the_samples_of_a_page_differ_in_their_last_bits(name, order, tmp_path):
+    """What its meter says of the level shows it in double precision: of the last 2048 samples that it has heard."""
+    scene = engine.load(name)
+    scene = scene.model_copy(update={"accuracy": scene.accuracy.replace(order=order)})
+    page = engine.export_page(scene)
+    page.save(tmp_path / "page.html")
+    audio = engine.render(scene, seconds=SECONDS, cores=1).audio * data_of(page.html)["gain"]
+    played, meter = played_in_node(tmp_path / "page.html", len(audio))
+    np.testing.assert_allclose(played, audio, rtol=0.0, atol=1e-7 * np.abs(audio).max())
+    end = len(audio) // 2048 * 2048
+    assert meter["level"] == pytest.approx(np.abs(audio[end - 2048 : end]).max(), rel=1e-12)
+    assert 0.0 < meter["error"] < 1e-12
+
+
+@pytest.mark.skipif(NODE is None, reason="no Node; Debian's package is called nodejs")
+def test_without_fused_multiply_add_contacts_keep_their_energy(tmp_path):
+    """Many contacts amplify last bits to another sound, as good as that of the engine."""
+    page, data = page_of("snare_wires")
+    page.save(tmp_path / "page.html")
+    audio = engine.render(engine.load("snare_wires"), seconds=SECONDS, cores=1).audio * data["gain"]
+    played, meter = played_in_node(tmp_path / "page.html", len(audio))
+    assert np.isfinite(played).all()
+    assert np.square(played).mean() == pytest.approx(np.square(audio).mean(), rel=0.1)
+    assert 0.0 < meter["error"] < 1e-12
 
 
 @pytest.mark.slow

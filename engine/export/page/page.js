@@ -3,7 +3,8 @@ const $ = id => document.getElementById(id);
 const data = JSON.parse($("data").textContent);
 const WORKLET = JSON.parse($("worklet").textContent).source;
 const COMPUTER_KEYS = "zsxdcvgbhnjmq2w3er5t6y7ui9o0p"; // two octaves and a half, as on many synthesisers
-const SIMD = "AGFzbQEAAAABBQFgAAF7AwIBAAoTAREAQQD9D0EA/Q9BAP0P/YcCCw=="; // a module with a fused multiply-add
+const FUSED = "AGFzbQEAAAABBQFgAAF7AwIBAAoTAREAQQD9D0EA/Q9BAP0P/YcCCw=="; // a module with a fused multiply-add
+const SIMD = "AGFzbQEAAAABBQFgAAF7AwIBAAoPAQ0AQQD9D0EA/Q/98gEL"; // a module with a product of pairs
 
 // --- faults, in plain sentences
 
@@ -16,14 +17,17 @@ const bytesOf = text => Uint8Array.from(atob(text), c => c.charCodeAt(0));
 
 function missing() {
   if (!window.WebAssembly || !window.AudioWorkletNode || !window.DecompressionStream)
-    return "This browser has no WebAssembly or no AudioWorklet. A recent Chrome, Edge or Firefox plays this page.";
+    return "This browser has no WebAssembly or no AudioWorklet. A recent Chrome, Edge, Firefox or Safari plays this page.";
   if (!WebAssembly.validate(bytesOf(SIMD)))
-    return "This browser lacks the relaxed SIMD of WebAssembly. Chrome or Edge from version 114 on and Firefox from 145"
-      + " on have it.";
+    return "This browser lacks the SIMD of WebAssembly. Chrome and Edge from version 91 on, Firefox from 89 on and Safari"
+      + " from 16.4 on have it.";
   return "";
 }
 
 // --- the sound
+
+// Without a fused multiply-add the page multiplies and then adds; #plain at the end of its address asks for that.
+const isFused = !missing() && WebAssembly.validate(bytesOf(FUSED)) && location.hash !== "#plain";
 
 async function unpack(text) {
   const stream = new Blob([bytesOf(text)]).stream().pipeThrough(new DecompressionStream("gzip"));
@@ -64,7 +68,7 @@ async function options(messages, isLive) {
   const [kernel, scene] = await unpacked;
   const { at, names, functions, base, size, block, samplerate, channels, gain, coarsest } = data;
   const numbers = { at, names, functions, base, size, block, samplerate, channels, gain, coarsest };
-  return { ...numbers, kernel, scene, messages, isLive };
+  return { ...numbers, kernel, scene, messages, isLive, isFused };
 }
 
 async function makeNode(context, messages) {
@@ -86,21 +90,28 @@ async function begin() {
   } catch {
     throw new Error(`The browser refuses the ${data.samplerate} Hz of this page. fdh export --samplerate makes another.`);
   }
+  resume();
+  if (navigator.audioSession) navigator.audioSession.type = "playback"; // an iPhone's switch would silence it otherwise
   const node = await makeNode(context, [{ gain: gain() }]);
   analyser = new AnalyserNode(context, { fftSize: 4096, smoothingTimeConstant: 0.6 });
   node.connect(analyser).connect(context.destination);
   node.port.onmessage = ({ data: message }) => message.recorded ? keep(message.recorded) : show(message);
   node.onprocessorerror = () => say("The sound has stopped because of an error. Load the page again.");
-  await context.resume();
   requestAnimationFrame(draw);
   return node;
 }
+
+// Phones let sound begin when a finger leaves the screen, not when it touches it.
+function resume() {
+  if (context && context.state !== "running") context.resume().catch(() => {}); // the next touch asks again
+}
+for (const kind of ["pointerup", "touchend", "click", "keydown"]) document.addEventListener(kind, resume);
 
 async function send(message) {
   try {
     playing ||= begin();
     const node = await playing;
-    if (context.state === "suspended") await context.resume();
+    resume();
     node.port.postMessage(message);
   } catch (error) {
     playing = undefined;
@@ -398,6 +409,7 @@ $("midi").onclick = useMidi;
 
 async function start() {
   say(missing());
+  $("unfused").hidden = isFused || !!missing();
   if (!window.DecompressionStream) return;
   Object.assign(data, JSON.parse(new TextDecoder().decode(await unpack(data.controls))));
   if (data.keys.length) makeKeyboard();

@@ -1,5 +1,18 @@
 // The audio side of a page: the kernels of fdh-engine in WebAssembly play the memory of a player of the engine.
 // This script only moves numbers: it writes events into the player's queue, lets the kernel play, and reads meters.
+
+// A multiply-add that can be replaced in its place (engine.compiler.wasm_multiply_add); its bytes 4 to 6 name a local.
+const FUSED = [0xfd, 0x87, 0x02, 0x41, null, null, null, 0x1a, 1, 1, 1, 1, 1, 1];
+
+// Multiply and then add wherever a module would fuse the two, which this browser cannot.
+function replaceFused(module) {
+  for (let at = module.indexOf(0xfd); at >= 0; at = module.indexOf(0xfd, at + 1)) {
+    if (!FUSED.every((byte, n) => byte === null || byte === module[at + n])) continue;
+    const local = module.subarray(at + 4, at + 7);
+    module.set([0x21, ...local, 0xfd, 0xf2, 0x01, 0x20, ...local, 0xfd, 0xf0, 0x01], at);
+  }
+}
+
 class Patch extends AudioWorkletProcessor {
   constructor({ processorOptions: o }) {
     super();
@@ -7,6 +20,7 @@ class Patch extends AudioWorkletProcessor {
     const { at, names } = o, room = (o.base + o.size + 63) & ~63, bytes = 4 * o.block * o.channels;
     const memory = new WebAssembly.Memory({ initial: Math.ceil((room + bytes) / 65536) });
     const table = new WebAssembly.Table({ initial: 4, element: "anyfunc" });
+    if (!o.isFused) replaceFused(o.kernel);
     const module = new WebAssembly.Module(o.kernel), env = {
       __linear_memory: memory,
       __indirect_function_table: table,

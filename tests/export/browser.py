@@ -1,4 +1,5 @@
-"""Browsers without a window, to open pages and to ask them: Chromium, spoken to through two pipes, and Firefox."""
+"""Browsers without a window, to open pages and to ask them: Chromium, spoken to through two pipes, Firefox, and WebKit,
+of which Safari is made."""
 
 import base64
 import json
@@ -7,11 +8,16 @@ import shutil
 import socket
 import subprocess
 import time
+import urllib.error
+import urllib.request
 from pathlib import Path
 from typing import Any, Self
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FIREFOX = shutil.which("firefox-esr") or shutil.which("firefox")
+WEBKIT_DRIVER, DISPLAY_SERVER = shutil.which("WebKitWebDriver"), shutil.which("Xvfb")
+WEBKIT = next(iter(Path("/usr/lib").glob("*/webkit2gtk-4.*/MiniBrowser")), None)
+WEBKIT_PORT = 28_282  # of its driver, for one test at a time
 MARIONETTE_PORT = 28_281  # of Firefox, for one test at a time
 OPTIONS = (
     "--headless=new",
@@ -62,9 +68,9 @@ class Browser:
         self._out.close()
         self._in.close()
 
-    def open(self, path: Path) -> None:
-        """Open a page from disk, and wait until it is loaded."""
-        self._call("Page.navigate", url=path.absolute().as_uri())
+    def open(self, path: Path, fragment: str = "") -> None:
+        """Open a page from disk, and wait until it is loaded. fragment: the end of its address, which begins with #"""
+        self._call("Page.navigate", url=path.absolute().as_uri() + fragment)
         while self.ask("document.readyState") != "complete":
             pass
 
@@ -182,3 +188,68 @@ class Firefox:
     def _end(self) -> int:
         length, _, _ = self._rest.partition(b":")
         return len(length) + 1 + int(length)
+
+
+class WebKit:
+    """WebKit with one page, on a display of its own, spoken to as the W3C's WebDriver says. Use it in a `with`
+    statement."""
+
+    def __init__(self) -> None:
+        read_end, write_end = os.pipe()
+        server = [str(DISPLAY_SERVER), "-displayfd", str(write_end)]
+        self._server = subprocess.Popen(server, pass_fds=[write_end], stderr=subprocess.DEVNULL)
+        os.close(write_end)
+        with os.fdopen(read_end) as told:
+            display = f":{told.readline().strip()}"
+        driver = [str(WEBKIT_DRIVER), f"--port={WEBKIT_PORT}"]
+        self._driver = subprocess.Popen(driver, env=os.environ | {"DISPLAY": display}, stderr=subprocess.DEVNULL)
+        self._session = ""
+        options = {"binary": str(WEBKIT), "args": ["--automation"]}
+        wanted = {"capabilities": {"alwaysMatch": {"webkitgtk:browserOptions": options}}}
+        self._session = f"/session/{self._first_answer('/session', wanted)['sessionId']}"
+        self._call("/timeouts", {"script": 60_000})
+
+    def _first_answer(self, path: str, body: dict[str, Any]) -> Any:
+        for _ in range(300):
+            try:
+                return self._call(path, body)
+            except urllib.error.URLError:
+                time.sleep(0.1)
+        raise RuntimeError("WebKit does not answer")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        try:
+            self._call("", {}, "DELETE")
+        finally:
+            for process in (self._driver, self._server):
+                process.kill()
+                process.wait()
+
+    def open(self, path: Path) -> None:
+        """Open a page from disk, and wait until it is loaded."""
+        self._call("/url", {"url": path.absolute().as_uri()})
+
+    def ask(self, expression: str) -> Any:
+        """Return the value of an expression of the page's script, of a promise when it is kept."""
+        script = "const done = arguments[0]; Promise.resolve().then(() => (EXPRESSION))"
+        script += ".then(done, error => done(String(error)));"
+        return self._call("/execute/async", {"script": script.replace("EXPRESSION", expression), "args": []})
+
+    def render(self, frames: int, messages: str) -> str:
+        """Return what the page plays, as its `fdh.render` does."""
+        return str(self.ask(f"fdh.render({frames}, {json.dumps(messages)})"))
+
+    def click(self, selector: str) -> None:
+        """Click on an element of the page, as a hand does."""
+        element = self._call("/element", {"using": "css selector", "value": selector})
+        self._call(f"/element/{next(iter(element.values()))}/click", {})
+
+    def _call(self, path: str, body: dict[str, Any], method: str = "POST") -> Any:
+        url = f"http://127.0.0.1:{WEBKIT_PORT}{self._session}{path}"
+        request = urllib.request.Request(url, json.dumps(body).encode(), {"Content-Type": "application/json"})
+        request.method = method
+        with urllib.request.urlopen(request, timeout=120) as answer:
+            return json.load(answer)["value"]

@@ -23,7 +23,7 @@ from engine.live.key_allocator import KeyAllocator, live_scene
 from engine.live.midi_notes import Note
 from engine.live.player import Player
 from engine.live.shared_memory import Slot
-from tests.export.browser import CHROMIUM, FIREFOX, Browser, Firefox
+from tests.export.browser import CHROMIUM, DISPLAY_SERVER, FIREFOX, WEBKIT, WEBKIT_DRIVER, Browser, Firefox, WebKit
 
 SECONDS = 0.5
 PATCHES = [  # contacts with and without loss, bridges, connections, several islands, forces, events
@@ -42,6 +42,7 @@ PATCHES = [  # contacts with and without loss, bridges, connections, several isl
     "guitar_body",
     "sympathetic_strings",
 ]
+SENSITIVE = "snare_wires", "guitar_frets", "rattle"  # whose contacts amplify last bits within half a second
 INSTRUMENTS = ["vibraphone", "toms", "piano"]
 NODE = shutil.which("node")
 PLAIN = "#plain"  # at the end of a page's address: multiply-adds in two steps, as in browsers without fused ones
@@ -135,6 +136,47 @@ def test_firefox_plays_the_same_samples(tmp_path):
             audio, meter = heard(browser, len(rendered), "[]")
             np.testing.assert_array_equal(audio, (rendered * data["gain"]).astype(np.float32), err_msg=name)
             assert 0.0 < meter["error"] < 1e-11
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    not (WEBKIT and WEBKIT_DRIVER and DISPLAY_SERVER),
+    reason="no WebKit; Debian's packages are called webkit2gtk-driver, gstreamer1.0-plugins-good and xvfb",
+)
+def test_webkit_plays_a_page_without_fused_multiply_add(tmp_path):
+    """It says so, sounds as the engine does, and a click starts it."""
+    said = "document.getElementById('unfused').hidden ? '' : document.getElementById('unfused').textContent"
+    with WebKit() as browser:
+        for name in PATCHES:
+            page, data = page_of(name)
+            page.save(tmp_path / "page.html")
+            audio = engine.render(engine.load(name), seconds=SECONDS, cores=1).audio * data["gain"]
+            browser.open(tmp_path / "page.html")
+            played, meter = heard(browser, len(audio), "[]")
+            assert np.isfinite(played).all(), name
+            if name not in SENSITIVE:
+                atol = 1e-7 * np.abs(audio).max()
+                np.testing.assert_allclose(played, audio, rtol=0.0, atol=atol, err_msg=name)
+            assert 0.0 < meter["error"] < 1e-12, name
+            assert "multiplies and adds in two steps" in browser.ask(said)
+        browser.click("#play")
+        level = "document.getElementById('level').textContent"
+        browser.ask(f"(async () => {{ while (!{level}.includes('dB')) await new Promise(r => setTimeout(r, 20)) }})()")
+        assert browser.ask("document.getElementById('fault').textContent") == ""
+
+
+@pytest.mark.slow
+@needs_browser
+def test_a_page_says_when_it_does_not_fuse_multiply_adds(tmp_path):
+    """Chromium can be told not to, by the address of the page."""
+    page_of("repelled_oscillator")[0].save(tmp_path / "page.html")
+    for address, is_fused in (("", True), (PLAIN, False)):
+        with Browser(tmp_path / f"browser{address}") as browser:
+            browser.open(tmp_path / "page.html", address)
+            audio, meter = heard(browser, 4096, "[]")
+            assert browser.ask("document.getElementById('unfused').hidden") == is_fused
+            assert np.abs(audio).max() > 0.01
+            assert meter["error"] < 1e-12
 
 
 @pytest.mark.slow

@@ -24,15 +24,15 @@ OPTIONS = (
     "--no-sandbox",
     "--disable-gpu",
     "--remote-debugging-pipe",
-    "--autoplay-policy=no-user-gesture-required",
     "--allow-file-access-from-files",
 )
+SOUND_AT_ONCE = "--autoplay-policy=no-user-gesture-required"  # not only after a click or a touch
 
 
 class Browser:
     """Chromium with one page. Use it in a `with` statement."""
 
-    def __init__(self, folder: Path, size: tuple[int, int] = (1200, 900)) -> None:
+    def __init__(self, folder: Path, size: tuple[int, int] = (1200, 900), options: tuple[str, ...] = ()) -> None:
         to_browser, from_browser = os.pipe(), os.pipe()
         window = f"--window-size={size[0]},{size[1]}"
         read_end, write_end = to_browser[0], from_browser[1]
@@ -43,7 +43,7 @@ class Browser:
             os.dup2(b, 4)
 
         self._process = subprocess.Popen(
-            [str(CHROMIUM), *OPTIONS, window, f"--user-data-dir={folder}", "about:blank"],
+            [str(CHROMIUM), *OPTIONS, *options, window, f"--user-data-dir={folder}", "about:blank"],
             preexec_fn=use_pipes,
             close_fds=False,
             stderr=subprocess.DEVNULL,
@@ -90,6 +90,15 @@ class Browser:
         self._call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
         scheme = [{"name": "prefers-color-scheme", "value": "dark" if is_dark else "light"}]
         self._call("Emulation.setEmulatedMedia", features=scheme)
+
+    def touch(self, selector: str) -> None:
+        """Touch an element of the page with a finger for a while."""
+        place = f"document.querySelector({json.dumps(selector)}).getBoundingClientRect()"
+        x, y = self.ask(f"(({{ x, y, width, height }}) => [x + width / 2, y + height / 2])({place})")
+        self._call("Emulation.setTouchEmulationEnabled", enabled=True)
+        for kind, points in (("touchStart", [{"x": x, "y": y}]), ("touchEnd", [])):
+            self._call("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+            time.sleep(0.2)
 
     def picture(self) -> bytes:
         """Return a picture of the whole page, PNG."""

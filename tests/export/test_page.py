@@ -23,7 +23,17 @@ from engine.live.key_allocator import KeyAllocator, live_scene
 from engine.live.midi_notes import Note
 from engine.live.player import Player
 from engine.live.shared_memory import Slot
-from tests.export.browser import CHROMIUM, DISPLAY_SERVER, FIREFOX, WEBKIT, WEBKIT_DRIVER, Browser, Firefox, WebKit
+from tests.export.browser import (
+    CHROMIUM,
+    DISPLAY_SERVER,
+    FIREFOX,
+    SOUND_AT_ONCE,
+    WEBKIT,
+    WEBKIT_DRIVER,
+    Browser,
+    Firefox,
+    WebKit,
+)
 
 SECONDS = 0.5
 PATCHES = [  # contacts with and without loss, bridges, connections, several islands, forces, events
@@ -46,6 +56,9 @@ SENSITIVE = "snare_wires", "guitar_frets", "rattle"  # whose contacts amplify la
 INSTRUMENTS = ["vibraphone", "toms", "piano"]
 NODE = shutil.which("node")
 PLAIN = "#plain"  # at the end of a page's address: multiply-adds in two steps, as in browsers without fused ones
+WAIT_FOR_LEVEL = """(async () => {
+  while (!document.getElementById("level").textContent.includes("dB")) await new Promise(r => setTimeout(r, 20));
+})()"""
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium; Debian's package is called chromium")
 
 
@@ -160,8 +173,7 @@ def test_webkit_plays_a_page_without_fused_multiply_add(tmp_path):
             assert 0.0 < meter["error"] < 1e-12, name
             assert "multiplies and adds in two steps" in browser.ask(said)
         browser.click("#play")
-        level = "document.getElementById('level').textContent"
-        browser.ask(f"(async () => {{ while (!{level}.includes('dB')) await new Promise(r => setTimeout(r, 20)) }})()")
+        browser.ask(WAIT_FOR_LEVEL)
         assert browser.ask("document.getElementById('fault').textContent") == ""
 
 
@@ -222,7 +234,7 @@ def test_a_page_is_played_by_mouse_and_by_keyboard(tmp_path):
     """Pads and keys sound, at both widths, and no text is wider than the page."""
     for name in ("piano_c4", "marimba_keys"):
         page_of(name)[0].save(tmp_path / f"{name}.html")
-        with Browser(tmp_path / name) as browser:
+        with Browser(tmp_path / name, options=(SOUND_AT_ONCE,)) as browser:
             browser.open(tmp_path / f"{name}.html")
             browser.ask("started")
             for width, is_dark in ((1200, False), (390, True)):
@@ -232,12 +244,23 @@ def test_a_page_is_played_by_mouse_and_by_keyboard(tmp_path):
             key = "z" if name == "marimba_keys" else "1"
             pressed = f"document.dispatchEvent(new KeyboardEvent('keydown', {{ key: '{key}', bubbles: true }}))"
             browser.ask(pressed.replace("document.dispatch", "document.body.dispatch"))
-            level = "document.getElementById('level').textContent"
-            browser.ask(
-                f"(async () => {{ while (!{level}.includes('dB')) await new Promise(r => setTimeout(r, 20)) }})()"
-            )
+            browser.ask(WAIT_FOR_LEVEL)
             assert browser.ask("document.getElementById('fault').textContent") == ""
             assert browser.errors == []
+
+
+@pytest.mark.slow
+@needs_browser
+def test_a_page_on_a_phone_sounds_at_the_first_touch(tmp_path):
+    """Of a pad, though phones let no sound begin until the finger leaves the screen."""
+    page_of("piano_c4")[0].save(tmp_path / "page.html")
+    with Browser(tmp_path / "browser") as browser:
+        browser.emulate(390, 900)
+        browser.open(tmp_path / "page.html")
+        browser.ask("started")
+        browser.touch(".pad")
+        browser.ask(WAIT_FOR_LEVEL)
+        assert browser.errors == []
 
 
 @pytest.mark.slow

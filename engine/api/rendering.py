@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from html import escape
 from io import BytesIO
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from engine.patch.error_messages import suggestion
 from engine.patch.scene import Scene, check_scene
 from engine.report.figures import PICTURE_ENDINGS, PLOT_STYLES, PlotStyle, save_figure, set_title
 from engine.wording import join_with_or
+
+if TYPE_CHECKING:
+    from engine.api.page import Page
 
 PANELS_WITHOUT_TRACE = ("waveform", "spectrogram")
 PANEL_SIZE = 10.0, 2.5  # inches
@@ -89,6 +92,20 @@ class Rendering(RenderedArrays):
         if self.trace is None:
             raise ValueError("contacts need a trace; render with trace=True")
         return ContactSummaries(self.trace, contact_names(self.scene))
+
+    def page(self) -> "Page":
+        """Make a page that plays the scene in any browser, where it can be struck and changed: `engine.export_page` of
+        the scene, at the sample rate of the rendering. A notebook shows it.
+
+        Raises CannotExport (a ValueError) with the reason if the scene cannot become a page.
+
+        >>> import engine
+        >>> rendering = engine.render(engine.load("bouncing_ball"), seconds=0.5)
+        >>> rendering.page().save("ball.html")
+        """
+        from engine.api.page import export_page
+
+        return export_page(self.scene, self.samplerate)
 
     def plot(self, *panels: str, style: str = "screen") -> np.ndarray:
         """Draw the rendering with matplotlib's pyplot, a panel below another, as `fdh render --plot` does.
@@ -174,6 +191,7 @@ class Rendering(RenderedArrays):
         yield f'<audio controls src="{data_uri(data, mime_type)}"></audio>'
         if len(shown) < len(self.audio):
             yield f"<p>The first {SHOWN_SECONDS:g} s of it.</p>"
+        yield "<p>Its method <code>page()</code> lets you play the patch here.</p>"
         for line in [*self.stats.reasons, *self.stats.warnings]:
             yield f"<p>{escape(line)}</p>"
         try:

@@ -4,11 +4,14 @@ The general ones come with the engine, so that nothing is compiled. The special 
 which takes a minute; they are half as large and fast.
 """
 
+import json
+import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
 from engine.compiler import cache
-from engine.compiler.kinds import Kind
+from engine.compiler.kinds import Kind, as_kind
 from engine.compiler.machine_code import WASM, neutral_code, object_code
 from engine.compiler.shipped import FOLDER, sources_of
 from engine.compiler.wasm_module import with_exports
@@ -35,7 +38,18 @@ def requests_of(player: Player) -> Requests:
 
 def compile_module(requests: Requests) -> bytes:
     """Compile kernels to a WebAssembly module, whose functions take 64-bit integers. It needs a minute, and of the
-    general ones minutes and much memory."""
+    general ones minutes and much memory.
+
+    It is done in a process of its own: of functions that were compiled here before, Numba would link code that is
+    already fitted to this machine. Raises subprocess.CalledProcessError if it fails.
+    """
+    command = [sys.executable, "-m", __name__]
+    asked, folder = json.dumps(requests).encode(), Path(__file__).parents[2]
+    return subprocess.run(command, input=asked, stdout=subprocess.PIPE, cwd=folder, check=True).stdout
+
+
+def compile_here(requests: Requests) -> bytes:
+    """Compile kernels to a WebAssembly module, in a process that has compiled nothing yet."""
     codes = {name: neutral_code(*request) for name, request in requests.items()}
     return with_exports(object_code(codes, WASM, {}), list(codes))
 
@@ -55,3 +69,9 @@ def read_module(name: str, path: Path = ARCHIVE) -> bytes:
         )
     with zipfile.ZipFile(path) as archive:
         return archive.read(name)
+
+
+if __name__ == "__main__":
+    asked = json.load(sys.stdin)
+    requests = {name: (module, function, as_kind(kinds)) for name, (module, function, kinds) in asked.items()}
+    sys.stdout.buffer.write(compile_here(requests))

@@ -97,7 +97,14 @@ def test_a_notebook_shows_sound_picture_and_numbers(pyplot, plain):
     backend = pyplot.get_backend()
     page = plain._repr_html_()
     assert "data:audio/flac;base64," in page and "data:image/png;base64," in page and "energy error" in page
+    assert "<code>page()</code> lets you play the patch here" in page
     assert pyplot.get_backend() == backend and not pyplot.get_fignums(), "figures of the user's own are left alone"
+
+
+def test_a_rendering_makes_a_page_of_its_scene():
+    rendering = engine.render(BALL, samplerate=48_000)
+    assert rendering.page() == engine.export_page(BALL, samplerate=48_000)
+    assert "<iframe" in rendering.page()._repr_html_()
 
 
 @pytest.mark.parametrize(

@@ -59,6 +59,7 @@ PLAIN = "#plain"  # at the end of a page's address: multiply-adds in two steps, 
 WAIT_FOR_LEVEL = """(async () => {
   while (!document.getElementById("level").textContent.includes("dB")) await new Promise(r => setTimeout(r, 20));
 })()"""
+needs_node = pytest.mark.skipif(NODE is None, reason="no Node; Debian's package is called nodejs")
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium; Debian's package is called chromium")
 
 
@@ -109,7 +110,7 @@ def test_a_page_has_the_samples_of_the_engine(name, tmp_path):
     assert 0.0 < meter["error"] < 1e-11
 
 
-@pytest.mark.skipif(NODE is None, reason="no Node; Debian's package is called nodejs")
+@needs_node
 @pytest.mark.parametrize(("name", "order"), [("piano_c4", 2), ("sympathetic_strings", 2), ("bouncing_ball", 4)])
 def test_without_fused_multiply_add_the_samples_of_a_page_differ_in_their_last_bits(name, order, tmp_path):
     """What its meter says of the level shows it in double precision: of the last 2048 samples that it has heard."""
@@ -125,7 +126,7 @@ def test_without_fused_multiply_add_the_samples_of_a_page_differ_in_their_last_b
     assert 0.0 < meter["error"] < 1e-12
 
 
-@pytest.mark.skipif(NODE is None, reason="no Node; Debian's package is called nodejs")
+@needs_node
 def test_without_fused_multiply_add_contacts_keep_their_energy(tmp_path):
     """Many contacts amplify last bits to another sound, as good as that of the engine."""
     page, data = page_of("snare_wires")
@@ -135,6 +136,21 @@ def test_without_fused_multiply_add_contacts_keep_their_energy(tmp_path):
     assert np.isfinite(played).all()
     assert np.square(played).mean() == pytest.approx(np.square(audio).mean(), rel=0.1)
     assert 0.0 < meter["error"] < 1e-12
+
+
+@pytest.mark.slow
+@needs_node
+def test_a_page_with_a_kernel_of_its_own_has_the_samples_of_the_engine(tmp_path, monkeypatch):
+    """Also where the engine compiles its own kernel for the first time just before."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    name = "barrier_quadratic"
+    page, data = page_of(name, kernel="special")
+    page.save(tmp_path / "page.html")
+    assert len(page.html) < 100_000
+    audio = engine.render(engine.load(name), seconds=SECONDS, cores=1).audio * data["gain"]
+    played, meter = played_in_node(tmp_path / "page.html", len(audio))
+    np.testing.assert_allclose(played, audio, rtol=0.0, atol=1e-7 * np.abs(audio).max())
+    assert meter["error"] < 1e-12
 
 
 @pytest.mark.slow

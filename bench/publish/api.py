@@ -23,6 +23,7 @@ Whole scripts to copy are in the [examples](examples/README.md).
 | compute a sound, its forces and its energies | `render`, `Rendering` |
 | know how exact it is | `rendering.stats.energy`, `rendering.stats.trusted`, `estimate_error` |
 | compute many sounds | `run_sweep_rows`, `run_sweep` |
+| play in a browser, or in a notebook | `Rendering.page`, `export_page` |
 | play on an audio device | `Player.start`, `Player.strike`, `Player.set` |
 | play in your own callback | `Player.render_into`, `Player.read`; [the rules](live.md#your-own-audio-callback) |
 | handle errors | `PatchError` and `BuildError` are ValueErrors, and their `faults` list what is wrong |
@@ -49,7 +50,7 @@ NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "Scene": ("engine", ("parameters", "replace", "channels")),
     "Parameter": ("engine.patch.parameters", ()),
     "render": ("engine", ()),
-    "Rendering": ("engine", ("contacts", "silence", "plot", "save")),
+    "Rendering": ("engine", ("contacts", "silence", "page", "plot", "save")),
     "TraceArrays": ("engine.offline.trace", ()),
     "ContactSummary": ("engine.analysis.contact_summaries", ()),
     "estimate_error": ("engine", ()),

@@ -35,8 +35,8 @@ li a:hover {{ outline: 2px solid var(--accent); }}
 </head>
 <body>
 <h1>Patches that play</h1>
-<p class="soft">Each page computes its sound itself: bodies that vibrate and really collide. Recent Chrome, Edge and
-Firefox play them.</p>
+<p class="soft">Each page computes its sound itself: bodies that vibrate and really collide. Recent Chrome, Edge,
+Firefox and Safari play them.</p>
 <ul>
 """
 

@@ -1,4 +1,5 @@
-"""`uv run python -m bench site [FOLDER]`: the guides as a static site, in build/site if no folder is given.
+"""`uv run python -m bench site [FOLDER] [--play]`: the guides as a static site, in build/site if no folder is given.
+With --play, the patches play on it: the gallery links a page for each (bench/publish/playable.py).
 
 README.md is its front page, and all of docs/*.md is in it, with the files that they link to: pictures and sounds as
 they are, sources and notebooks as pages. A link or an anchor that leads nowhere stops the build. The site loads nothing
@@ -15,6 +16,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from bench.publish.playable import make_pages
+
 ROOT = Path(__file__).parents[2]
 CONFIGURATION = Path(__file__).with_name("site.yml")
 NAVIGATION = {  # pages of docs; those that are not named here come last
@@ -30,12 +33,15 @@ MATH_CHARACTERS = [  # Latin, Greek, punctuation, letter-like, arrows and operat
     *((0x1D434, 0x1D467), (0x1D5A0, 0x1D5D3), (0x1D6E2, 0x1D71B)),
 ]
 LINK = re.compile(r"(?<=\]\()([^()\s#]+)(?=(?:#[^()\s]*)?\))")
+PLAYABLE = "play"  # the folder of the pages that play
+LISTEN = re.compile(r"^Listen: \[(\w+)\.ogg\]\(.*\)$", re.MULTILINE)  # in the gallery
 TITLE = re.compile(r"^# (.+)$", re.MULTILINE)
 LANGUAGES = {".py": "python", ".toml": "toml", ".json": "json", ".csv": "text", ".sh": "sh", ".txt": "text"}
 
 
 def main(words: list[str]) -> int:
     """Build the site; returns the exit code."""
+    plays, words = "--play" in words, [word for word in words if word != "--play"]
     if len(words) > 1 or words[:1] in (["--help"], ["-h"]):
         print(__doc__)
         return 2 if len(words) > 1 else 0
@@ -43,11 +49,14 @@ def main(words: list[str]) -> int:
     if folder.exists() and any(folder.iterdir()) and not (folder / "404.html").exists():
         print(f"bench site: {folder} has files that are no site; name an empty folder", file=sys.stderr)
         return 2
-    return build(folder)
+    return build(folder, plays=plays)
 
 
-def build(folder: Path, root: Path = ROOT) -> int:
-    """Build the site of a copy of the project; returns 0, or 1 if something is broken, and the folder is as before."""
+def build(folder: Path, root: Path = ROOT, plays: bool = False) -> int:
+    """Build the site of a copy of the project; returns 0, or 1 if something is broken, and the folder is as before.
+
+    plays: the gallery has a page for each patch that plays it
+    """
     from mkdocs.commands.build import build as build_site
     from mkdocs.config import load_config
     from mkdocs.exceptions import MkDocsException
@@ -56,6 +65,8 @@ def build(folder: Path, root: Path = ROOT) -> int:
         source, built = Path(place) / "source", Path(place) / "built"
         source.mkdir()
         stage(root, source)
+        if plays:
+            add_playable_pages(source)
         write_math_font(source / "styles" / "math.woff")
         settings: dict[str, Any] = {"docs_dir": str(source), "site_dir": str(built), "nav": navigation(source)}
         try:
@@ -90,6 +101,17 @@ def stage(root: Path, folder: Path) -> None:
         target = folder / page_of(name)
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_text(text, "utf-8")
+
+
+def add_playable_pages(source: Path) -> None:
+    """Make a page for each patch that plays it, and link them where the gallery has the sounds of the patches."""
+    (source / PLAYABLE).mkdir()
+    names, gallery = make_pages(source / PLAYABLE), source / "docs" / "gallery.md"
+
+    def add_link(match: re.Match[str]) -> str:
+        return f"{match[0]} – [play it](../{PLAYABLE}/{match[1]}.html)" if match[1] in names else match[0]
+
+    gallery.write_text(LISTEN.sub(add_link, gallery.read_text("utf-8")), "utf-8")
 
 
 def write_math_font(path: Path) -> None:

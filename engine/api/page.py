@@ -78,5 +78,6 @@ def level_of(scene: Scene, samplerate: int) -> float:
     instrument, as loud as can be."""
     is_instrument = scene.instrument is not None
     played = live_scene(scene) if is_instrument else scene
-    make = partial(Player, played, samplerate, math.inf, waiting=is_instrument)
+    kernel = KernelName.GENERAL  # which need not be compiled
+    make = partial(Player, played, samplerate, math.inf, waiting=is_instrument, kernel=kernel)
     return Pilot(make, BLOCK, 0.0 if is_instrument else PILOT_SECONDS, plays_keys=is_instrument).gain

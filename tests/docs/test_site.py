@@ -67,6 +67,20 @@ def pages(built):
     return {path: Page(path) for path in built.rglob("*.html") if path.name != "404.html"}
 
 
+def test_the_gallery_links_pages_that_play(tmp_path, monkeypatch):
+    """Those of the patches that can become one; each is among the files of the site."""
+
+    def make_pages(folder):
+        (folder / "marimba.html").write_text("<p>a page</p>")
+        return ["marimba"]
+
+    monkeypatch.setattr(site, "make_pages", make_pages)
+    assert site.main([str(tmp_path / "site"), "--play"]) == 0
+    links = Page(tmp_path / "site" / "docs" / "gallery.html").links
+    assert [link for link in links if link.startswith("../play/")] == ["../play/marimba.html"]
+    assert (tmp_path / "site" / "play" / "marimba.html").read_text() == "<p>a page</p>"
+
+
 def guides() -> list[Path]:
     return [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 

@@ -48,8 +48,8 @@ def lay_out_player(
     for name, handle in zip(outputs, job_memory.outputs, strict=True):
         laid_out.add(name, handle.value)
     _add_job(laid_out, memory, models[0], outputs)
-    unread = {"record": np.zeros((1, memory.shared.record.shape[1]), np.float32), "loads": np.zeros(1)}
-    shared = memory.shared._replace(**unread, models=np.zeros(len(models), np.int64))
+    short = np.zeros((1, memory.shared.record.shape[1]), np.float32)  # nobody reads what was played
+    shared = memory.shared._replace(record=short, models=np.zeros(len(models), np.int64))
     laid_out.add(MEMORY, shared)
     laid_out.set_address(laid_out.place_in(MEMORY, "job"), "job")
     laid_out.set_address(laid_out.place_in(MEMORY, "state"), STATE)

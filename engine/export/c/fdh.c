@@ -1,3 +1,4 @@
+/* For GCC and Clang: threads see each other's numbers by their __atomic functions. */
 #include "fdh.h"
 
 #include <stdlib.h>
@@ -105,7 +106,7 @@ int64_t fdh_length(void) { return FDH_LENGTH; }
 /* The keys of an instrument rest until the first of them is pressed. */
 static int sounds(const fdh *patch, int part) {
     if (part > 0) return __atomic_load_n(counter(patch, part, FDH_WRITE_INDEX), __ATOMIC_ACQUIRE) > 0;
-    return !patch->skips_score;
+    return !__atomic_load_n(&patch->skips_score, __ATOMIC_RELAXED);
 }
 
 void fdh_process(fdh *patch, double *out, int frames) {
@@ -282,6 +283,6 @@ int fdh_pedal(fdh *patch, int down) {
 
 int fdh_skip_score(fdh *patch) {
     if (FDH_KEYS == 0) return FDH_UNKNOWN;
-    patch->skips_score = 1;
+    __atomic_store_n(&patch->skips_score, 1, __ATOMIC_RELAXED);
     return FDH_DONE;
 }

@@ -86,6 +86,16 @@ def test_the_samples_in_c_are_those_of_the_engine(name, library):
 
 @pytest.mark.hard
 @needs_compiler
+def test_steps_chosen_by_error_are_as_many_as_in_a_rendering(tmp_path):
+    """Live sound has 64 for a sample at most; a library has as many as the patch allows."""
+    scene = engine.load("barrier_linear")
+    scene = scene.model_copy(update={"accuracy": scene.accuracy.replace(max_error=1e-12)})
+    audio, _ = Library(scene, tmp_path).example()
+    np.testing.assert_array_equal(audio, engine.render(scene, seconds=SECONDS, cores=1).audio)
+
+
+@pytest.mark.hard
+@needs_compiler
 def test_a_hammer_in_c_strikes_as_in_live_sound(library):
     """While it sounds, with a stiffer felt, and after a reset."""
     player = Player(engine.load("piano_c4"), seconds=math.inf, kernel="general")

@@ -27,7 +27,7 @@ fdh *fdh_create(void);
 /* Free it. NULL is allowed. */
 void fdh_destroy(fdh *patch);
 
-/* Go back to the first sample, with no key pressed and the values of the patch. No memory is asked for. No other thread
+/* Go back to the first sample, with no key pressed and the values of the patch. No memory is allocated. No other thread
  * may use the patch meanwhile. */
 void fdh_reset(fdh *patch);
 
@@ -41,7 +41,7 @@ int fdh_samplerate(void);
 int64_t fdh_length(void);
 
 /* Compute the next samples: frames * channels numbers, in SI units. As long as nothing below is called, they are those
- * of `engine.render(…).audio`. No memory is asked for, and nothing waits, so that an audio callback may call it. */
+ * of `engine.render(…).audio`. No memory is allocated, and nothing waits, so that an audio callback may call it. */
 void fdh_process(fdh *patch, double *out, int frames);
 
 /* Largest error of the energy so far, as a share of the largest energy; read every 64 samples. Beyond 1e-9, something

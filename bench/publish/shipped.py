@@ -14,8 +14,9 @@ from engine.compiler import cache
 from engine.compiler.kernel_name import KernelName
 from engine.compiler.kinds import Kind
 from engine.compiler.shipped import ABOUT, FOLDER, TARGETS, archive, member_name
-from engine.export.page import player_of_page
-from engine.export.wasm_kernels import ARCHIVE, compile_module, general_module_of, requests_of
+from engine.export.player_bytes import requests_of
+from engine.export.row_recorder import player_of_scene
+from engine.export.wasm_kernels import ARCHIVE, compile_module, general_module_of
 from engine.live.audio_memory import INSERT_USE
 from engine.live.kernels import KINDS
 from engine.patch.scene import Scene
@@ -80,8 +81,8 @@ def make_module() -> None:
     members = {ABOUT: json.dumps(about, indent=1).encode()}
     for order in (2, 4):  # with one step a sample, and with stages
         scene = Scene.model_validate(SIMPLE | {"accuracy": {"order": order}})
-        player = player_of_page(scene, 44_100, KernelName.GENERAL)
-        members[general_module_of(player)] = compile_module(requests_of(player))
+        player = player_of_scene(scene, 44_100, KernelName.GENERAL)
+        members[general_module_of(player)] = compile_module(requests_of(player.memory.kinds))
     write_archive(Path(sys.argv[1]) / ARCHIVE.name, members)
 
 

@@ -130,8 +130,9 @@ def _export_library(args: argparse.Namespace, scene: "Scene") -> int:
             written = export_c(scene, Path(args.c), target, args.seconds, samplerate_of(args))
         except OSError as error:
             raise CommandError(f"{args.c}: {error_reason(error)}") from None
-    if not TARGETS[target].is_tested:
-        print(f"note: no {target} machine was at hand to test its code", file=sys.stderr)
+    if (tested_in := TARGETS[target].tested_in) != "use":
+        known = f"its code was tested in {tested_in}" if tested_in else "its code was not tested"
+        print(f"note: no {target} machine was at hand; {known}", file=sys.stderr)
     values = {"patch": args.patch, "target": target, "files": [str(path) for path in written]}
     print_result(args.json, values, lambda: print(f"wrote {args.c}: {', '.join(path.name for path in written)}"))
     return 0

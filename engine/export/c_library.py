@@ -1,28 +1,52 @@
-"""A patch as a library in C: a header, an object file with the kernel and the tables of the patch, and an example."""
+"""A patch as a library in C: a header, an object file with the kernels and the memory of a player, and an example.
 
-from collections.abc import Mapping
+The kernels are those of live sound, compiled for the patch. An instrument has two players: one of its score, so that
+the samples are those of a rendering, and one of its keys.
+"""
+
+import re
+from collections.abc import Iterable, Mapping
 from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 
 from engine.assembly.build import build
-from engine.assembly.table_changes import scored_exchanges
-from engine.compiler.kinds import INT
-from engine.compiler.machine_code import TARGETS, neutral_code, object_code
+from engine.compiler.kernel_name import KernelName
+from engine.compiler.machine_code import TARGETS, NeutralCode, neutral_code, object_code
 from engine.compiler.struct_handle import pointer_kind
-from engine.export.faults import CannotExport
-from engine.export.scene_bytes import SceneBytes
-from engine.export.whole_scene import Whole, render_whole
-from engine.kernel.data.enums import BALANCE_SIZE, Balance, Energies, Ledger
+from engine.export.c_events import EventTables
+from engine.export.player_bytes import INSERT, MEMORY, PLAY, RENDER, arrays_of_player, lay_out_player, requests_of
+from engine.export.row_recorder import (
+    LEVELS,
+    Key,
+    Pad,
+    RowRecorder,
+    Slider,
+    check_oversample,
+    keys_of_player,
+    pads_of_player,
+    player_of_keys,
+    player_of_scene,
+    sliders_of_player,
+)
+from engine.instrument.key_names import plain_note_name
+from engine.kernel.data.enums import Balance
+from engine.kernel.data.model import Model
+from engine.kernel.data.state import State
+from engine.live.audio_memory import QUEUE_SIZE, RENDERED_AT_ONCE
+from engine.live.event_queue import event_capacity
+from engine.live.key_allocator import DEFAULT_POLYPHONY
+from engine.live.shared_memory import Slot
 from engine.output_files import atomic_write, write_text
 from engine.patch.frames import frame_count
 from engine.patch.scene import Scene
-from engine.runtime.job_memory import block_output
+from engine.runtime.event_slots import EventSlot
+from engine.runtime.jobs import Job
 
-BLOCK = 128  # samples computed at a time
 SOURCES = ("fdh.h", "fdh.c", "main.c", "CMakeLists.txt")
 HEADER, OBJECT = "fdh_patch.h", "fdh_patch.o"
+SCORE, KEYS = "score", "keys"  # parts of a library
 
 
 def export_c(
@@ -41,51 +65,141 @@ def export_c(
     """
     if target not in TARGETS:
         raise ValueError(f"no target is called {target!r}; there are {', '.join(TARGETS)}")
+    check_oversample(scene, "C")
     seconds = scene.seconds if seconds is None else seconds
-    built = build(scene, samplerate, scene.accuracy, seconds)
-    if scene.accuracy.oversample > 1:
-        raise CannotExport("a patch with oversample cannot be exported: in C there is no filter to decimate it")
-    if scored_exchanges(scene, built, accuracy=scene.accuracy, seconds=seconds):
-        raise CannotExport("a patch whose events change bodies cannot be exported yet")
-    output = block_output(np.zeros((BLOCK, scene.channels)), np.zeros((len(Ledger), BLOCK)), Energies.AT_EACH_SAMPLE)
-    whole = Whole(np.zeros((BLOCK, scene.channels)), np.zeros((len(Ledger), BLOCK)), np.zeros(BALANCE_SIZE))
-    values = {"model": built.model, "state": built.state, "output": output, "whole": whole}
-    kinds = (*map(pointer_kind, values.values()), INT)
-    laid_out = SceneBytes(pointer_bytes=8)
-    for name, value in values.items():
-        laid_out.add(name, value)
-    code = neutral_code(render_whole.py_func.__module__, render_whole.py_func.__name__, kinds)
-    tables = {"fdh_scene": bytes(laid_out.content), "fdh_pointers": np.array(laid_out.pointers, np.int64).tobytes()}
-    content = object_code({"fdh_render": code}, TARGETS[target], tables)
-    numbers = _numbers(laid_out, whole) | {
-        "CHANNELS": scene.channels,
-        "SAMPLERATE": samplerate,
-        "LENGTH": frame_count(seconds, samplerate),
-        "BLOCK": BLOCK,
+    players = {SCORE: player_of_scene(scene, samplerate, KernelName.AUTO, seconds)}
+    if scene.instrument is not None:
+        players[KEYS] = player_of_keys(scene, samplerate, KernelName.AUTO)
+    codes, tables, layouts = dict[str, NeutralCode](), dict[str, bytes](), list[str]()
+    for part, player in players.items():
+        layouts.append(_add_part(part, player, codes, tables))
+    events, names = _events_of(scene, list(players.values())[-1])
+    tables |= {"fdh_rows": bytes(events.rows), "fdh_keys": bytes(events.keys), "fdh_controls": bytes(events.controls)}
+    tables["fdh_levels"] = np.array(LEVELS, np.int64).tobytes()
+    content = object_code(codes, TARGETS[target], tables)
+    numbers = _numbers(scene) | {"SAMPLERATE": samplerate, "LENGTH": frame_count(seconds, samplerate)}
+    return _write_files(folder, [*names, *_defined(numbers), f"#define FDH_LAYOUTS {', '.join(layouts)}"], content)
+
+
+# --- the parts
+
+
+def _add_part(part: str, player: RowRecorder, codes: dict[str, NeutralCode], tables: dict[str, bytes]) -> str:
+    """Add the kernels and the tables of a part, by their names in C; kernels that are there already are shared. Return
+    its layout in C."""
+    memory, built = player.memory, _built_of(player)
+    laid_out = lay_out_player(memory, pointer_bytes=8, base=0, built=built)
+    tables[f"fdh_scene_{part}"] = bytes(laid_out.content)
+    tables[f"fdh_pointers_{part}"] = np.array(laid_out.pointers, np.int64).tobytes()
+    kinds, entries = (pointer_kind(built[0]), pointer_kind(built[1])), dict[str, str]()
+    for name, request in requests_of(kinds).items():
+        shared = (
+            entry for entry, code in codes.items() if entry.startswith(f"fdh_{name}") and code.kinds == request[2]
+        )
+        entries[name] = next(shared, "fdh_play" if name == PLAY else f"fdh_{name}_{part}")
+        if entries[name] not in codes:
+            codes[entries[name]] = neutral_code(*request)
+    arrays = arrays_of_player(memory) | {"audio": memory.shared.audio, "spare": memory.shared.spare}
+    numbers = {
+        "size": len(laid_out.content),
+        "pointer_count": len(laid_out.pointers),
+        "memory": laid_out.values[MEMORY],
+        "render_at": laid_out.place_of(memory.job_memory.job) + 8 * Job.RENDER_BLOCK,
+        "insert_at": laid_out.place_in(MEMORY, "insert_event"),
+        **{name: laid_out.place_of(array) for name, array in arrays.items() if name != "gauges"},
     }
-    return _write_files(folder, numbers, content)
+    named = {"scene": f"fdh_scene_{part}", "pointers": f"fdh_pointers_{part}"}
+    named |= {"render": entries[RENDER], "insert": entries[INSERT]}
+    return f"{{{', '.join(f'.{name} = {value}' for name, value in (named | numbers).items())}}}"
 
 
-def _numbers(laid_out: SceneBytes, whole: Whole) -> dict[str, int]:
-    """Return the numbers of the scene's bytes, by their names in C."""
+def _built_of(player: RowRecorder) -> tuple[Model, State]:
+    """Return the model and the state of a player for the kernel that is compiled for it. Live sound has no time for as
+    many steps of a sample as some patches allow: a library has."""
+    if player.waiting or player.patch.accuracy == player.scene.accuracy:
+        return player.model, player.state
+    built = build(player.patch, player.samplerate, event_capacity=event_capacity(player.patch, False))
+    return built.model, built.state
+
+
+# --- keys, pads and sliders
+
+
+def _events_of(scene: Scene, player: RowRecorder) -> tuple[EventTables, list[str]]:
+    """Return the tables of events, and the lines of the header that name keys, pads and sliders."""
+    tables = EventTables()
+    keys = [] if scene.instrument is None else keys_of_player(player)
+    pads = [] if keys else pads_of_player(player, velocity=1.0)
+    sliders = sliders_of_player(player)
+    groups = list(dict.fromkeys(key.group for key in keys if key.group is not None))
+    for key in keys:
+        tables.add_key(key, groups)
+    for pad in pads:
+        tables.add_pad(pad)
+    for slider in sliders:
+        tables.add_slider(slider)
+    middle = min((key.number for key in keys), key=lambda number: abs(number - 60), default=0)
+    numbers = {"KEYS": len(keys), "PADS": len(pads), "SLIDERS": len(sliders), "MIDDLE_KEY": middle}
+    first = {"FIRST_SIZE": (pads[0].size or 1.0) if pads else 0.0}
+    return tables, [*_named_keys(keys), *_named_pads(pads), *_named_sliders(sliders), *_defined(numbers | first)]
+
+
+def _named_keys(keys: list[Key]) -> list[str]:
+    return _defined({f"KEY_{plain_note_name(key.number).upper()}": key.number for key in keys})
+
+
+def _named_pads(pads: list[Pad]) -> list[str]:
+    told = [f"thrown, in the patch with {pad.size:g} m/s" if pad.is_hammer else "plucked" for pad in pads]
+    return _numbered("PAD", [pad.name for pad in pads], told)
+
+
+def _named_sliders(sliders: list[Slider]) -> list[str]:
+    told = [f"{s.low:g} to {s.high:g} {s.unit}, in the patch {s.value:g}" for s in sliders]
+    return _numbered("SLIDER", [slider.path for slider in sliders], told)
+
+
+def _numbered(kind: str, names: list[str], told: list[str]) -> list[str]:
+    """Return lines that number things by their names, and say what they are."""
+    words = [re.sub(r"\W", "_", f"{kind}_{name}".upper(), flags=re.ASCII) for name in names]
+    unique = [word if words.count(word) == 1 else f"{word}_{n}" for n, word in enumerate(words)]
+    return [f"#define FDH_{word} {n} /* {text} */" for n, (word, text) in enumerate(zip(unique, told, strict=True))]
+
+
+# --- the files
+
+
+def _numbers(scene: Scene) -> dict[str, int]:
+    """Return numbers of the engine and of the scene, by their names in C."""
+    keyboard = {} if scene.instrument is None else scene.instrument["keyboard"]
     return {
-        "SIZE": len(laid_out.content),
-        "POINTERS": len(laid_out.pointers),
-        **{name.upper(): place for name, place in laid_out.values.items()},
-        "AUDIO": laid_out.place_of(whole.audio),
-        "BALANCE": laid_out.place_of(whole.balance),
+        "PARTS": 1 if scene.instrument is None else 2,
+        "CHANNELS": scene.channels,
+        "POLYPHONY": keyboard.get("polyphony") or DEFAULT_POLYPHONY,
+        "LEVELS": len(LEVELS),
+        "BLOCK": RENDERED_AT_ONCE,
+        "QUEUE": QUEUE_SIZE,
+        "EVENT": len(EventSlot),
+        "START": int(EventSlot.START),
+        "WRITE_INDEX": int(Slot.WRITE_INDEX),
+        "READ_INDEX": int(Slot.READ_INDEX),
+        "FRAME": int(Slot.FRAME),
         "MAX_ERROR": int(Balance.MAX_ERROR),
         "LARGEST": int(Balance.LARGEST),
     }
 
 
-def _write_files(folder: Path, numbers: Mapping[str, int], content: bytes) -> list[Path]:
+def _defined(numbers: Mapping[str, float]) -> list[str]:
+    return [f"#define FDH_{name} {number}" for name, number in numbers.items()]
+
+
+def _write_files(folder: Path, lines: Iterable[str], content: bytes) -> list[Path]:
     """Write the files of a library; each is complete or not there. Returns them."""
     folder.mkdir(exist_ok=True)
     for name in SOURCES:
         write_text(folder / name, files("engine.export").joinpath("c", name).read_text("utf-8"))
-    lines = [f"#define FDH_{name} {number}" for name, number in numbers.items()]
-    write_text(folder / HEADER, "/* Numbers of this patch, for fdh.c. */\n" + "\n".join(lines) + "\n")
+    write_text(
+        folder / HEADER, "\n".join(["/* Keys, pads and sliders of this patch, and numbers for fdh.c. */", *lines, ""])
+    )
     with atomic_write(folder / OBJECT) as path:
         path.write_bytes(content)
     return [folder / name for name in (*SOURCES, HEADER, OBJECT)]

@@ -8,7 +8,6 @@ import base64
 import gzip
 import hashlib
 import json
-import math
 import re
 from collections.abc import Callable, Mapping
 from html import escape
@@ -17,32 +16,37 @@ from typing import Any
 
 import numpy as np
 
-from engine.assembly.build import BuildResult
-from engine.assembly.table_changes import scored_exchanges
 from engine.compiler.kernel_name import KernelName
 from engine.compiler.wasm_multiply_add import make_replaceable
 from engine.export.faults import CannotExport
 from engine.export.player_bytes import (
+    INSERT,
     INSERT_EVENT,
     MEMORY,
+    RENDER,
     RENDER_BLOCK,
+    arrays_of_player,
     lay_out_player,
     leave_out_products,
     leave_out_symmetry,
+    requests_of,
 )
 from engine.export.row_recorder import (
     LEVELS,
     RowRecorder,
+    check_oversample,
     keys_of_player,
     pads_of_player,
+    player_of_keys,
+    player_of_scene,
     rows_of_score,
     sliders_of_player,
 )
 from engine.export.scene_bytes import SceneBytes
-from engine.export.wasm_kernels import INSERT, RENDER, compile_module, general_module_of, read_module, requests_of
+from engine.export.wasm_kernels import compile_module, general_module_of, read_module
 from engine.instrument.score import Score, read_score
 from engine.kernel.data.enums import Balance, EventKind, Sleep
-from engine.live.key_allocator import DEFAULT_POLYPHONY, live_scene
+from engine.live.key_allocator import DEFAULT_POLYPHONY
 from engine.live.shared_memory import Gauge, Slot
 from engine.patch.scene import Scene
 from engine.runtime.event_slots import EventSlot
@@ -70,15 +74,17 @@ def make_page(
     Raises CannotExport (a ValueError) with the reason if the scene cannot become a page, BuildError (a ValueError) if
     it cannot be built.
     """
-    player = player_of_page(scene, samplerate, kernel)
-    laid_out = lay_out_player(player, pointer_bytes=4, base=BASE)
+    check_oversample(scene, "a page")
+    find_player = player_of_scene if scene.instrument is None else player_of_keys
+    player = find_player(scene, samplerate, kernel)
+    laid_out = lay_out_player(player.memory, pointer_bytes=4, base=BASE)
     if len(laid_out.content) > MAX_MEGABYTES * MEGABYTE:
         size = len(laid_out.content) // MEGABYTE
         raise CannotExport(f"the patch needs {size} MB of memory; a page has {MAX_MEGABYTES} MB at most")
     model = player.memory.model_handles[0].value
     left_out = {"left_out": leave_out_products(laid_out, model), "symmetric": leave_out_symmetry(laid_out, model)}
     is_special = kernel == KernelName.SPECIAL
-    module = compile_module(requests_of(player)) if is_special else read_module(general_module_of(player))
+    module = compile_module(requests_of(player.memory.kinds)) if is_special else read_module(general_module_of(player))
     data = {
         "kernel": _packed(make_replaceable(module)),
         "scene": _packed(by_place(laid_out.content)),
@@ -97,36 +103,12 @@ def make_page(
     return compose({**data, "controls": controls}, about or {})
 
 
-def player_of_page(scene: Scene, samplerate: int, kernel: str) -> RowRecorder:
-    """Return the player of a page, which waits for its keys if the scene is an instrument. Raises CannotExport."""
-    accuracy = scene.accuracy
-    if accuracy.oversample > 1:
-        raise CannotExport("a patch with oversample cannot become a page: there is no filter to decimate it")
-    is_instrument = scene.instrument is not None
-    played = live_scene(scene) if is_instrument else scene
-    player = RowRecorder(played, samplerate, math.inf if is_instrument else None, kernel=kernel, waiting=is_instrument)
-    if not is_instrument and scored_exchanges(
-        scene, BuildResult(player.model, player.state, player.layout), accuracy=accuracy, seconds=scene.seconds
-    ):
-        raise CannotExport("a patch whose events change bodies cannot become a page yet")
-    player.counters[[Slot.FADE_IN_FRAMES, Slot.END]] = 0, 1 << 40
-    return player
-
-
 def places_of_player(laid_out: SceneBytes, player: RowRecorder) -> dict[str, int]:
     """Return the addresses of what the page's script reads and writes."""
-    shared, state = player.memory.shared, player.state
-    arrays = {
-        "counters": shared.counters,
-        "gauges": shared.gauges,
-        "events": shared.events,
-        "values": shared.values,
-        "balance": player.memory.job_memory.balance,
-        "sleep": state.sleep,
-        "iterations": state.iteration_histogram,
-        "force": state.contact_force,
-    }
-    counts = {"queue": len(shared.events), "islands": len(state.sleep), "contacts": state.contact_force.size}
+    state = player.state
+    arrays = arrays_of_player(player.memory)
+    arrays |= {"sleep": state.sleep, "iterations": state.iteration_histogram, "force": state.contact_force}
+    counts = {"queue": len(arrays["events"]), "islands": len(state.sleep), "contacts": state.contact_force.size}
     counts |= {"solves": state.iteration_histogram.shape[-1], "event": len(EventSlot), "rest": state.sleep.shape[1]}
     return {MEMORY: laid_out.address(MEMORY)} | {n: laid_out.address(a) for n, a in arrays.items()} | counts
 

@@ -5,38 +5,75 @@ from typing import Any
 
 import numpy as np
 
-from engine.export.scene_bytes import SceneBytes
+from engine.compiler.kinds import Kind
+from engine.export.scene_bytes import NUMBER_BYTES, SceneBytes
 from engine.kernel.data.model import Model
+from engine.kernel.data.state import State
 from engine.live.audio_memory import AudioMemory
-from engine.live.player import Player
+from engine.live.kernels import KINDS, PLAY_INTO
+from engine.runtime.exchange import INSERT_USE
+from engine.runtime.job_memory import RENDER_USE
 from engine.runtime.jobs import Job
 
 MEMORY, STATE = "memory", "state"
 RENDER_BLOCK, INSERT_EVENT = 1, 2  # places in a table of functions: the addresses of the kernels that are called so
 
+PLAY, RENDER, INSERT = "play", "render", "insert"  # the kernels of a player
+Requests = dict[str, tuple[str, str, tuple[Kind, ...]]]  # module, function and kinds of each
 
-def lay_out_player(player: Player, pointer_bytes: int, base: int) -> SceneBytes:
+
+def requests_of(kinds: tuple[Kind, Kind]) -> Requests:
+    """Return the kernels that a player runs. kinds: of pointers to its model and to its state"""
+    uses = {RENDER: RENDER_USE, INSERT: INSERT_USE}
+    wanted = {name: (u.kernel.module, u.kernel.function, (*kinds, *u.others)) for name, u in uses.items()}
+    return {PLAY: (PLAY_INTO.module, PLAY_INTO.function, KINDS[PLAY_INTO])} | wanted
+
+
+def lay_out_player(
+    memory: AudioMemory, pointer_bytes: int, base: int, built: tuple[Model, State] | None = None
+) -> SceneBytes:
     """Lay out the memory of a player that has not begun. Its value MEMORY is what the kernels take.
 
-    base: address that the bytes will have
+    base:  address that the bytes will have
+    built: what is to be played instead of the player's models and state
     """
-    memory, job_memory = player.memory, player.memory.job_memory
+    job_memory = memory.job_memory
     laid_out = SceneBytes(pointer_bytes, base)
-    models = [f"model {n}" for n in range(len(memory.models))]
-    for name, handle in zip(models, memory.model_handles, strict=True):
-        laid_out.add(name, without_unused_flights(handle.value))
-    laid_out.add(STATE, memory.state_handle.value)
+    played = [handle.value for handle in memory.model_handles] if built is None else [built[0]]
+    models = [f"model {n}" for n in range(len(played))]
+    for name, model in zip(models, played, strict=True):
+        laid_out.add(name, without_unused_flights(model))
+    laid_out.add(STATE, memory.state_handle.value if built is None else built[1])
     outputs = [f"output {n}" for n in range(len(job_memory.outputs))]
     for name, handle in zip(outputs, job_memory.outputs, strict=True):
         laid_out.add(name, handle.value)
     _add_job(laid_out, memory, models[0], outputs)
-    shared = memory.shared._replace(
-        job=laid_out.address("job"), state=laid_out.address(STATE), insert_event=INSERT_EVENT
-    )
+    short = np.zeros((1, memory.shared.record.shape[1]), np.float32)  # nobody reads what was played
+    shared = memory.shared._replace(record=short, models=np.zeros(len(models), np.int64))
     laid_out.add(MEMORY, shared)
+    laid_out.set_address(laid_out.place_in(MEMORY, "job"), "job")
+    laid_out.set_address(laid_out.place_in(MEMORY, "state"), STATE)
+    laid_out.set_number(laid_out.place_in(MEMORY, "insert_event"), INSERT_EVENT)
     for n, name in enumerate(models):
-        laid_out.set_number(shared.models, n, laid_out.address(name))
+        laid_out.set_address(_number(laid_out, shared.models, n), name)
     return laid_out
+
+
+def arrays_of_player(memory: AudioMemory) -> dict[str, np.ndarray]:
+    """Return the arrays by which a program without Python sends events and reads how it sounds."""
+    shared = memory.shared
+    return {
+        "counters": shared.counters,
+        "gauges": shared.gauges,
+        "events": shared.events,
+        "values": shared.values,
+        "balance": memory.job_memory.balance,
+    }
+
+
+def _number(laid_out: SceneBytes, array: np.ndarray, number: int) -> int:
+    """Return the place of a number of an array of 64-bit integers."""
+    return laid_out.place_of(array) + NUMBER_BYTES * number
 
 
 def without_unused_flights(model: Model) -> Model:
@@ -79,14 +116,14 @@ def _add_job(laid_out: SceneBytes, memory: AudioMemory, model: str, outputs: lis
     for slot, what in named.items():
         if not isinstance(what, str):
             laid_out.add(slot.name, what)
-        laid_out.set_number(job, slot, laid_out.address(what))
+        laid_out.set_address(_number(laid_out, job, slot), what)
     for slot, each in parts.items():
         laid_out.add(slot.name, addresses[slot])
-        laid_out.set_number(job, slot, laid_out.address(addresses[slot]))
+        laid_out.set_address(_number(laid_out, job, slot), addresses[slot])
         for n, what in enumerate(each):
-            laid_out.set_number(addresses[slot], n, laid_out.address(what))
-    laid_out.set_number(job, Job.RENDER_BLOCK, RENDER_BLOCK)
-    laid_out.set_number(job, Job.CREW, 0)
+            laid_out.set_address(_number(laid_out, addresses[slot], n), what)
+    laid_out.set_number(_number(laid_out, job, Job.RENDER_BLOCK), RENDER_BLOCK)
+    laid_out.set_number(_number(laid_out, job, Job.CREW), 0)
 
 
 def leave_out_products(laid_out: SceneBytes, model: Model) -> list[list[int]]:

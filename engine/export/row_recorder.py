@@ -1,20 +1,26 @@
-"""Rows of events that a page sends to a scene, made once for each key, hammer, pluck and number of a patch.
+"""Rows of events that a page or a library in C sends to a scene, made once for each key, hammer, pluck and slider.
 
-A page scales their values, by velocity or by a slider; it computes nothing else.
+It scales their values, by velocity or by a slider, and computes nothing else.
 """
 
+import math
 from typing import Any, NamedTuple
 
+from engine.assembly.build import BuildResult
 from engine.assembly.event_table import EventRow
+from engine.assembly.table_changes import scored_exchanges
 from engine.export.faults import CannotExport
 from engine.instrument.key_names import note_name
 from engine.instrument.key_writer import KeyWriter
 from engine.instrument.score import Score
 from engine.instrument.score_events import FULL_VELOCITY
-from engine.live.key_allocator import KeyAllocator
+from engine.live.audio_memory import MAX_FRAMES
+from engine.live.key_allocator import KeyAllocator, live_scene
 from engine.live.midi_notes import Note
 from engine.live.player import Player
+from engine.live.shared_memory import Slot
 from engine.patch.live_parameters import value_at
+from engine.patch.scene import Scene
 
 LEVELS = (1, 16, 32, 48, 64, 80, 96, 112, 127)  # MIDI velocities; rows between two of them are interpolated
 RELEASE = 64  # MIDI velocity with which a page lets keys go
@@ -41,10 +47,35 @@ class RowRecorder(Player):
 
     def make_tables(self) -> None:
         """Raise CannotExport: a key that changes a body would need its tables."""
-        raise CannotExport("a key of this instrument changes a body as it is pressed, which no page can do yet")
+        raise CannotExport("a key of this instrument changes a body as it is pressed, which cannot be exported yet")
 
     def _put(self, description: list[Any], rows: list[EventRow], frame: int) -> None:
         self._rows_kept += [row._replace(start=frame + row.start) for row in rows]
+
+
+def player_of_scene(scene: Scene, samplerate: int, kernel: str, seconds: float | None = None) -> RowRecorder:
+    """Return the player of a scene with its score. Raises CannotExport."""
+    player = RowRecorder(scene, samplerate, seconds, kernel=kernel)
+    built = BuildResult(player.model, player.state, player.layout)
+    if scored_exchanges(scene, built, accuracy=scene.accuracy, seconds=scene.seconds if seconds is None else seconds):
+        raise CannotExport("a patch whose events change bodies cannot be exported yet")
+    return _without_fades(player)
+
+
+def player_of_keys(scene: Scene, samplerate: int, kernel: str) -> RowRecorder:
+    """Return the player of an instrument that waits for its keys."""
+    return _without_fades(RowRecorder(live_scene(scene), samplerate, math.inf, kernel=kernel, waiting=True))
+
+
+def check_oversample(scene: Scene, place: str) -> None:
+    """Raise CannotExport if a scene is oversampled. place: where there is no filter"""
+    if scene.accuracy.oversample > 1:
+        raise CannotExport(f"a patch with oversample cannot be exported: in {place} there is no filter to decimate it")
+
+
+def _without_fades(player: RowRecorder) -> RowRecorder:
+    player.counters[[Slot.FADE_IN_FRAMES, Slot.END]] = 0, MAX_FRAMES
+    return player
 
 
 class Key(NamedTuple):
@@ -109,15 +140,15 @@ class Pad(NamedTuple):
     name: str
     unit: str  # of its size; "" for times the patch's own
     size: float  # as the patch has it
-    rows: Rows  # at that size: their second value, of a hammer, or their first, of a pluck, goes with it
+    rows: Rows  # their second value, of a hammer, or their first, of a pluck, goes with the size
     is_hammer: bool
 
 
-def pads_of_player(player: RowRecorder) -> list[Pad]:
-    """Return what can be struck and plucked in a patch without keys."""
+def pads_of_player(player: RowRecorder, velocity: float | None = None) -> list[Pad]:
+    """Return what can be struck and plucked in a patch without keys. velocity: of hammers, m/s; the patch's if None"""
     pads = []
     for name in player.strikers:
-        player.strike(name)
+        player.strike(name, velocity)
         pads.append(Pad(name, "m/s", player.default_velocity(name), player.take_rows(), True))
     for name in player.plucked:
         player.pluck(name)

@@ -1,4 +1,4 @@
-"""A scene as bytes: its Model, its State and the output of a block, which a program without Python takes as they are.
+"""A scene as bytes: records and arrays, which a program without Python takes as they are.
 
 Each address in it counts from a base: that of the bytes in the memory of the program, if it is known, or else 0. Then
 the program adds the address of the bytes to each.
@@ -12,6 +12,7 @@ import numpy as np
 from engine.compiler.struct_handle import Layout, address_of
 
 ALIGNMENT = 64  # bytes, of each array: that of a cache line
+NUMBER_BYTES = 8
 MARGIN = 64  # bytes after each array, which vector instructions may read
 
 
@@ -22,19 +23,19 @@ class SceneBytes:
     base:          address of the first byte
     content:       the bytes
     values:        where each value begins, by its name
-    pointers:      places of addresses in records
+    pointers:      places of addresses, in records and where `set_address` wrote them
     """
 
     def __init__(self, pointer_bytes: int, base: int = 0) -> None:
         self.base, self.content, self.values = base, bytearray(), dict[str, int]()
         self._arrays = dict[tuple[int, int], int]()  # where each array begins, by its place in this process
-        self._kept = list[Any]()  # values, so that no later array takes the place of one of theirs
+        self._kept = dict[str, Any]()  # so that no later array takes the place of one of theirs
         self._layout = Layout(pointer_bytes, lambda array: base + self.place_of(array), keeps_pointers=True)
 
     def add(self, name: str, value: Any) -> None:
         """Add a record with its arrays, or an array. Arrays that are there already are shared. Raises ValueError if an
         array is not in one piece."""
-        self._kept.append(value)
+        self._kept[name] = value
         for array in _arrays_of(value):
             if _key(array) not in self._arrays:
                 self._align()
@@ -49,8 +50,9 @@ class SceneBytes:
 
     @property
     def pointers(self) -> list[int]:
-        """Places of addresses in records."""
-        return self._layout.pointers or []
+        """Places of addresses."""
+        assert self._layout.pointers is not None  # it was asked to keep them
+        return self._layout.pointers
 
     def place_of(self, array: np.ndarray) -> int:
         """Return where an array begins. Raises KeyError for one that was not added."""
@@ -60,10 +62,22 @@ class SceneBytes:
         """Return the address of a value, by its name, or of an array. Raises KeyError for one that was not added."""
         return self.base + (self.values[what] if isinstance(what, str) else self.place_of(what))
 
-    def set_number(self, array: np.ndarray, number: int, value: int) -> None:
-        """Set number `number` of an array of 64-bit integers that was added."""
-        place = self.place_of(array) + 8 * number
-        self.content[place : place + 8] = value.to_bytes(8, "little", signed=True)
+    def place_in(self, name: str, field: str) -> int:
+        """Return where an integer of a record lies that was added by this name."""
+        record, content = self._kept[name], bytearray()
+        Layout(self._layout.pointer_bytes, lambda array: 0).pack(
+            tuple(record[: record._fields.index(field) + 1]), content
+        )
+        return self.values[name] + len(content) - NUMBER_BYTES
+
+    def set_number(self, place: int, value: int) -> None:
+        """Set a 64-bit integer at a place."""
+        self.content[place : place + NUMBER_BYTES] = value.to_bytes(NUMBER_BYTES, "little", signed=True)
+
+    def set_address(self, place: int, what: str | np.ndarray) -> None:
+        """Set a 64-bit integer at a place to the address of what was added."""
+        self.set_number(place, self.address(what))
+        self.pointers.append(place)
 
     def _align(self) -> None:
         self.content += bytes(-len(self.content) % ALIGNMENT)

@@ -11,29 +11,16 @@ import zipfile
 from pathlib import Path
 
 from engine.compiler import cache
-from engine.compiler.kinds import Kind, as_kind
+from engine.compiler.kinds import as_kind
 from engine.compiler.machine_code import WASM, neutral_code, object_code
 from engine.compiler.shipped import FOLDER, sources_of
 from engine.compiler.wasm_module import with_exports
 from engine.export.faults import CannotExport
-from engine.live.kernels import KINDS, PLAY_INTO
+from engine.export.player_bytes import Requests
 from engine.live.player import Player
-from engine.runtime.exchange import INSERT_USE
-from engine.runtime.job_memory import RENDER_USE
 
 ARCHIVE = FOLDER / "wasm32.zip"
 GENERAL, REFINED = "general.wasm", "refined.wasm"  # its modules: of scenes with one step a sample, and with stages
-PLAY, RENDER, INSERT = "play", "render", "insert"  # functions of the module
-Requests = dict[str, tuple[str, str, tuple[Kind, ...]]]  # module, function and kinds, by the function of the module
-
-
-def requests_of(player: Player) -> Requests:
-    """Return the kernels that a player runs, by the functions of the module."""
-    memory = player.memory
-    kinds = memory.kinds
-    uses = {RENDER: RENDER_USE, INSERT: INSERT_USE}
-    wanted = {name: (u.kernel.module, u.kernel.function, (*kinds, *u.others)) for name, u in uses.items()}
-    return {PLAY: (PLAY_INTO.module, PLAY_INTO.function, KINDS[PLAY_INTO])} | wanted
 
 
 def compile_module(requests: Requests) -> bytes:

@@ -1,41 +1,222 @@
-"""A patch in C: its samples are those of `engine.render`, with nothing but a C compiler and the C library."""
+"""A patch in C: its samples are those of the engine, with nothing but a C compiler and the C library."""
 
+import math
 import shutil
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
+import soundfile
 
 import engine
 from engine.cli.main import main
 from engine.export.c_library import export_c
 from engine.export.faults import CannotExport
 from engine.export.scene_bytes import SceneBytes
+from engine.live.key_allocator import KeyAllocator, live_scene
+from engine.live.midi_notes import Note
+from engine.live.player import Player
 
-COMPILER = shutil.which("cc")
+COMPILER = shutil.which("gcc")
 ARM_COMPILER, EMULATOR = shutil.which("aarch64-linux-gnu-gcc"), shutil.which("qemu-aarch64")
+DRIVER = Path(__file__).with_name("driver.c")
 SECONDS = 0.2
 PATCHES = ["repelled_oscillator", "piano_c4", "marimba"]
+INSTRUMENTS = ["marimba_keys", "guitar"]
+DONE, UNKNOWN, OUT_OF_RANGE, FULL = 0, -1, -2, -3  # as in fdh.h
+needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no gcc")
 
 
-def samples_in_c(folder, scene, compiler, runner=()):
-    """Compile the example of a library, and return what it writes, [frames, channels], and the energy error it says."""
-    program = folder / "program"
-    sources = [folder / file for file in ("main.c", "fdh.c", "fdh_patch.o")]
-    subprocess.run([*compiler, "-O2", "-Wall", "-Wextra", "-Werror", "-o", program, *sources, "-lm"], check=True)
-    ran = subprocess.run([*runner, program], check=True, capture_output=True)
-    return np.frombuffer(ran.stdout).reshape(-1, scene.channels), float(ran.stderr.split()[-1])
+class Library:
+    """A patch in C, compiled once: its example, and a program that plays it by a script."""
+
+    def __init__(self, scene, folder, compiler=(COMPILER,), runner=(), **options):
+        export_c(scene, folder, seconds=SECONDS, **options)
+        self.scene, self.folder, self.runner = scene, folder, runner
+        flags = ["-O2", "-std=gnu99", "-Wall", "-Wextra", "-Werror", f"-I{folder}"]
+        for main_file in (folder / "main.c", DRIVER):
+            sources = [main_file, folder / "fdh.c", folder / "fdh_patch.o"]
+            subprocess.run([*compiler, *flags, "-o", folder / main_file.stem, *sources, "-lm"], check=True)
+
+    def example(self, *words):
+        """Return what the example writes, [frames, channels], and the energy error it says."""
+        ran = subprocess.run([*self.runner, self.folder / "main", *words], check=True, capture_output=True)
+        return np.frombuffer(ran.stdout).reshape(-1, self.scene.channels), float(ran.stderr.split()[-1])
+
+    def play(self, *lines):
+        """Return what instances play by lines of the driver, [frames, channels], and what each call returned."""
+        script = "\n".join(" ".join([*line.split(), "0", "0"][:4]) for line in lines)
+        program = [*self.runner, self.folder / "driver"]
+        ran = subprocess.run(program, input=script.encode(), check=True, capture_output=True)
+        return np.frombuffer(ran.stdout).reshape(-1, self.scene.channels), [int(word) for word in ran.stderr.split()]
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    """The library of a shipped patch, by its name."""
+    made = {}
+
+    def find(name):
+        if name not in made:
+            made[name] = Library(engine.load(name), tmp_path_factory.mktemp(name))
+        return made[name]
+
+    return find
+
+
+def played(player, frames):
+    """Return the next samples of a player before its gain, [frames, channels]."""
+    blocks, room = [], np.zeros((128, player.channels), np.float32)
+    for begin in range(0, frames, 128):
+        count = min(128, frames - begin)
+        player.render_into(room[:count])
+        blocks.append(player.memory.shared.audio[:count].copy())
+    return np.concatenate(blocks)
 
 
 @pytest.mark.hard
-@pytest.mark.skipif(COMPILER is None, reason="no C compiler")
-@pytest.mark.parametrize("name", PATCHES)
-def test_the_samples_in_c_are_those_of_the_engine(name, tmp_path):
-    scene = engine.load(name)
-    export_c(scene, tmp_path, seconds=SECONDS)
-    audio, error = samples_in_c(tmp_path, scene, [COMPILER])
-    np.testing.assert_array_equal(audio, engine.render(scene, seconds=SECONDS, cores=1).audio)
+@needs_compiler
+@pytest.mark.parametrize("name", PATCHES + INSTRUMENTS)
+def test_the_samples_in_c_are_those_of_the_engine(name, library):
+    audio, error = library(name).example()
+    np.testing.assert_array_equal(audio, engine.render(engine.load(name), seconds=SECONDS, cores=1).audio)
     assert error < 1e-12
+
+
+@pytest.mark.hard
+@needs_compiler
+def test_steps_chosen_by_error_are_as_many_as_in_a_rendering(tmp_path):
+    """Live sound has 64 for a sample at most; a library has as many as the patch allows."""
+    scene = engine.load("barrier_linear")
+    scene = scene.model_copy(update={"accuracy": scene.accuracy.replace(max_error=1e-12)})
+    audio, _ = Library(scene, tmp_path).example()
+    np.testing.assert_array_equal(audio, engine.render(scene, seconds=SECONDS, cores=1).audio)
+
+
+@pytest.mark.hard
+@needs_compiler
+def test_a_hammer_in_c_strikes_as_in_live_sound(library):
+    """While it sounds, with a stiffer felt, and after a reset."""
+    player = Player(engine.load("piano_c4"), seconds=math.inf, kernel="general")
+    player.strike("hammer", 3.3)
+    first = played(player, 1000)
+    player.strike("hammer", 1.7)
+    player.set("contact.felt.stiffness", 9e9)
+    expected = np.concatenate([first, played(player, 5000)])
+    script = ["0 strike 0 3.3", "0 play 1000", "0 strike 0 1.7", "0 set 0 9e9", "0 play 5000"]
+    audio, results = library("piano_c4").play(*script, "0 reset", *script)
+    assert set(results) == {DONE}
+    np.testing.assert_array_equal(audio[:6000], expected)
+    np.testing.assert_array_equal(audio[6000:], expected)
+    assert np.abs(expected[1000:]).max() > 1e-6
+
+
+@pytest.mark.hard
+@needs_compiler
+def test_a_pluck_in_c_is_that_of_live_sound(library):
+    player = Player(engine.load("guitar_frets"), seconds=math.inf, kernel="general")
+    first = played(player, 3000)
+    player.pluck(player.plucked[-1], 0.7)
+    pad = len(player.strikers) + len(player.plucked) - 1
+    audio, results = library("guitar_frets").play("0 play 3000", f"0 strike {pad} 0.7", "0 play 3000")
+    assert set(results) == {DONE}
+    np.testing.assert_array_equal(audio, np.concatenate([first, played(player, 3000)]))
+
+
+@pytest.mark.hard
+@needs_compiler
+@pytest.mark.parametrize("name", INSTRUMENTS)
+def test_the_keys_and_the_pedal_in_c_do_what_those_of_live_sound_do(name, library):
+    player = Player(live_scene(engine.load(name)), 44_100, math.inf, waiting=True, kernel="general")
+    keys, lines, expected = KeyAllocator(player), ["0 skip"], []
+    low, high = keys.keys[3], keys.keys[9]
+    moves = [("on", low, 80), ("on", high, 127), ("off", low, 64), ("sustain", 0, 127), ("on", low, 1)]
+    moves += [("off", high, 64), ("off", low, 64), ("sustain", 0, 0)]
+    for kind, number, value in moves:
+        keys.play(Note(0.0, kind, number, value))
+        lines += [f"0 pedal {value}" if kind == "sustain" else f"0 {kind} {number} {value}", "0 play 1100"]
+        expected.append(played(player, 1100))
+    audio, results = library(name).play(*lines)
+    assert set(results) == {DONE}
+    np.testing.assert_array_equal(audio, np.concatenate(expected))
+    assert np.abs(audio).max() > 1e-6
+
+
+@pytest.mark.hard
+@needs_compiler
+def test_keys_sound_beside_the_score(library):
+    marimba = library("marimba_keys")
+    score = marimba.play("0 play 2000")[0]
+    keys = marimba.play("0 skip", "0 on 60 64", "0 play 2000")[0]
+    both = marimba.play("0 on 60 64", "0 play 2000")[0]
+    np.testing.assert_array_equal(both, score + keys)
+    assert np.abs(keys).max() > 1e-6
+
+
+@pytest.mark.hard
+@needs_compiler
+def test_one_key_more_than_can_sound_ends_the_oldest(library):
+    guitar = engine.load("guitar")
+    player = Player(live_scene(guitar), 44_100, math.inf, waiting=True, kernel="general")
+    keys, lines, expected = KeyAllocator(player), ["0 skip"], []
+    for key in keys.keys[:30]:
+        keys.play(Note(0.0, "on", key, 64))
+        lines += [f"0 on {key} 64", "0 play 100"]
+        expected.append(played(player, 100))
+    assert keys.stolen or guitar.instrument["keyboard"].get("mono")
+    np.testing.assert_array_equal(library("guitar").play(*lines)[0], np.concatenate(expected))
+
+
+@pytest.mark.hard
+@needs_compiler
+def test_two_instances_sound_each_by_itself(library):
+    piano = library("piano_c4")
+    struck = piano.play("0 strike 0 2", "0 play 1000")[0]
+    as_written = piano.play("0 play 1000")[0]
+    both = piano.play("0 strike 0 2", "0 play 300", "1 play 500", "0 play 700", "1 play 500")[0]
+    np.testing.assert_array_equal(np.concatenate([both[:300], both[800:1500]]), struck)
+    np.testing.assert_array_equal(np.concatenate([both[300:800], both[1500:]]), as_written)
+    assert np.any(struck != as_written)
+
+
+@pytest.mark.hard
+@needs_compiler
+def test_what_the_patch_does_not_have_is_refused_and_changes_nothing(library):
+    piano, marimba = library("piano_c4"), library("marimba_keys")
+    for one, lines in (
+        (
+            piano,
+            {"strike 1 1": UNKNOWN, "strike -1 1": UNKNOWN, "strike 0 nan": OUT_OF_RANGE, "strike 0 1e5": OUT_OF_RANGE},
+        ),
+        (piano, {"set 99 1": UNKNOWN, "set 0 1": OUT_OF_RANGE, "set 0 inf": OUT_OF_RANGE}),
+        (piano, {"on 60 64": UNKNOWN, "off 60": UNKNOWN, "pedal 1": UNKNOWN, "skip": UNKNOWN}),
+        (marimba, {"on 0 64": UNKNOWN, "on 60 0": OUT_OF_RANGE, "on 60 128": OUT_OF_RANGE, "off 127": UNKNOWN}),
+        (marimba, {"strike 0 1": UNKNOWN, "off 60": DONE}),
+    ):
+        audio, results = one.play(*(f"0 {line}" for line in lines), "0 play 1000")
+        assert results[:-1] == list(lines.values())
+        np.testing.assert_array_equal(audio, one.play("0 play 1000")[0])
+
+
+@pytest.mark.hard
+@needs_compiler
+def test_events_that_wait_for_no_sound_are_refused_at_some_time(library):
+    audio, results = library("piano_c4").play(*["0 strike 0 1"] * 1025, "0 play 100", "0 strike 0 1", "0 play 100")
+    assert results == [DONE] * 1024 + [FULL, DONE, DONE, DONE]
+    assert np.isfinite(audio).all()
+
+
+@pytest.mark.hard
+@needs_compiler
+def test_the_example_writes_a_struck_note(library):
+    for name in ("piano_c4", "marimba_keys"):
+        one = library(name)
+        file = one.folder / "struck.wav"
+        one.example(str(file))
+        audio, rate = soundfile.read(file, always_2d=True)
+        assert (rate, audio.shape) == (44_100, (3 * 44_100, one.scene.channels))
+        assert np.abs(audio).max() == pytest.approx(0.5)
 
 
 @pytest.mark.slow
@@ -44,8 +225,8 @@ def test_the_samples_in_c_are_those_of_the_engine(name, tmp_path):
 def test_another_processor_computes_the_same_samples(name, tmp_path):
     """An emulator of 64-bit ARM, whose C library is another build."""
     scene = engine.load(name)
-    export_c(scene, tmp_path, target="aarch64-linux", seconds=SECONDS)
-    audio, error = samples_in_c(tmp_path, scene, [ARM_COMPILER, "-static"], [EMULATOR])
+    arm = Library(scene, tmp_path, [ARM_COMPILER, "-static"], [EMULATOR], target="aarch64-linux")
+    audio, error = arm.example()
     np.testing.assert_array_equal(audio, engine.render(scene, seconds=SECONDS, cores=1).audio)
     assert error < 1e-12
 

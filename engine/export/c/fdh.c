@@ -1,3 +1,4 @@
+/* For GCC and Clang: threads see each other's numbers by their __atomic functions. */
 #include "fdh.h"
 
 #include <stdlib.h>
@@ -5,23 +6,75 @@
 
 #include "fdh_patch.h" /* numbers of this patch */
 
-extern const unsigned char fdh_scene[FDH_SIZE];           /* its tables and its state, at their first sample */
-extern const int64_t fdh_pointers[FDH_POINTERS];          /* where pointers stand in it: offsets, until it is copied */
-void fdh_render(void *model, void *state, void *output, void *whole, int64_t frames); /* all three in fdh_patch.o */
+/* --- what is in fdh_patch.o */
+
+typedef struct {
+    int64_t number[6]; /* as the engine's queue of events has them; FDH_START: frame, counted from now */
+    double value[2];
+} row;
+typedef struct {
+    int64_t first, count;
+} rows;
+typedef struct {
+    int64_t number, group; /* keys of one group, if it is not negative, sound one at a time */
+    rows on[FDH_LEVELS], off, damp, lift, end;
+} key;
+typedef struct {
+    int64_t at_zero, at_one, count; /* rows for a value of 0 and of 1: others lie on a line through these */
+    double low, high;
+} control;
+
+extern const row fdh_rows[];
+extern const key fdh_keys[];
+extern const control fdh_controls[]; /* pads, then sliders */
+extern const int64_t fdh_levels[FDH_LEVELS];
+extern const unsigned char fdh_scene_score[], fdh_scene_keys[];
+extern const int64_t fdh_pointers_score[], fdh_pointers_keys[];
+void fdh_play(void *memory, int64_t output, int64_t frames);
+void fdh_render_score(void), fdh_insert_score(void), fdh_render_keys(void), fdh_insert_keys(void);
+
+/* A part of the patch: the memory of a player of the engine. An instrument has two: its score, and its keys. */
+typedef struct {
+    const unsigned char *scene; /* at its first sample */
+    const int64_t *pointers;    /* places of addresses in it; they count from its beginning */
+    void (*render)(void), (*insert)(void);
+    int64_t size, pointer_count, memory, render_at, insert_at, counters, events, values, audio, spare, balance;
+} layout;
+static const layout LAYOUTS[FDH_PARTS] = {FDH_LAYOUTS};
+
+/* --- a patch */
+
+typedef struct {
+    int pedal;
+    int64_t presses, pressed[FDH_KEYS + 1]; /* which press of a key sounds; 0: none */
+    char down[FDH_KEYS + 1];
+} keyboard;
 
 struct fdh {
-    unsigned char *memory, *scene; /* as it was given, and the first place in it that is a multiple of 64 */
+    unsigned char *memory, *parts[FDH_PARTS]; /* as it was given, and places in it that are multiples of 64 */
+    int skips_score;
+    keyboard keyboard;
 };
+
+static int64_t *counter(const fdh *patch, int part, int slot) {
+    return (int64_t *)(patch->parts[part] + LAYOUTS[part].counters) + slot;
+}
 
 fdh *fdh_create(void) {
     fdh *patch = calloc(1, sizeof *patch);
+    size_t size = 64;
     if (patch == NULL) return NULL;
-    patch->memory = malloc(FDH_SIZE + 64);
+    for (int n = 0; n < FDH_PARTS; n++) size += LAYOUTS[n].size + 64;
+    patch->memory = malloc(size);
     if (patch->memory == NULL) {
         free(patch);
         return NULL;
     }
-    patch->scene = patch->memory + (64 - (uintptr_t)patch->memory % 64) % 64;
+    unsigned char *place = patch->memory;
+    for (int n = 0; n < FDH_PARTS; n++) {
+        patch->parts[n] = place + (64 - (uintptr_t)place % 64) % 64;
+        place = patch->parts[n] + LAYOUTS[n].size;
+    }
     fdh_reset(patch);
     return patch;
 }
@@ -32,13 +85,16 @@ void fdh_destroy(fdh *patch) {
 }
 
 void fdh_reset(fdh *patch) {
-    memcpy(patch->scene, fdh_scene, FDH_SIZE);
-    for (int i = 0; i < FDH_POINTERS; i++) {
-        uintptr_t address;
-        memcpy(&address, patch->scene + fdh_pointers[i], sizeof address);
-        address += (uintptr_t)patch->scene;
-        memcpy(patch->scene + fdh_pointers[i], &address, sizeof address);
+    for (int n = 0; n < FDH_PARTS; n++) {
+        const layout *part = LAYOUTS + n;
+        unsigned char *scene = patch->parts[n];
+        memcpy(scene, part->scene, part->size);
+        for (int64_t i = 0; i < part->pointer_count; i++) *(int64_t *)(scene + part->pointers[i]) += (intptr_t)scene;
+        *(int64_t *)(scene + part->render_at) = (intptr_t)part->render;
+        *(int64_t *)(scene + part->insert_at) = (intptr_t)part->insert;
     }
+    memset(&patch->keyboard, 0, sizeof patch->keyboard);
+    patch->skips_score = 0;
 }
 
 int fdh_channels(void) { return FDH_CHANNELS; }
@@ -47,18 +103,186 @@ int fdh_samplerate(void) { return FDH_SAMPLERATE; }
 
 int64_t fdh_length(void) { return FDH_LENGTH; }
 
+/* The keys of an instrument rest until the first of them is pressed. */
+static int sounds(const fdh *patch, int part) {
+    if (part > 0) return __atomic_load_n(counter(patch, part, FDH_WRITE_INDEX), __ATOMIC_ACQUIRE) > 0;
+    return !__atomic_load_n(&patch->skips_score, __ATOMIC_RELAXED);
+}
+
 void fdh_process(fdh *patch, double *out, int frames) {
-    unsigned char *scene = patch->scene;
     while (frames > 0) {
-        int count = frames < FDH_BLOCK ? frames : FDH_BLOCK;
-        fdh_render(scene + FDH_MODEL, scene + FDH_STATE, scene + FDH_OUTPUT, scene + FDH_WHOLE, count);
-        memcpy(out, scene + FDH_AUDIO, sizeof(double) * count * FDH_CHANNELS);
-        out += count * FDH_CHANNELS;
+        int count = frames < FDH_BLOCK ? frames : FDH_BLOCK, size = count * FDH_CHANNELS, summed = 0;
+        for (int n = 0; n < FDH_PARTS; n++) {
+            if (!sounds(patch, n)) continue;
+            unsigned char *scene = patch->parts[n];
+            const double *audio = (const double *)(scene + LAYOUTS[n].audio);
+            fdh_play(scene + LAYOUTS[n].memory, (intptr_t)(scene + LAYOUTS[n].spare), count);
+            for (int i = 0; i < size; i++) out[i] = summed ? out[i] + audio[i] : audio[i];
+            summed = 1;
+        }
+        if (!summed) memset(out, 0, sizeof(double) * size);
+        out += size;
         frames -= count;
     }
 }
 
 double fdh_energy_error(const fdh *patch) {
-    const double *balance = (const double *)(patch->scene + FDH_BALANCE);
-    return balance[FDH_LARGEST] > 0.0 ? balance[FDH_MAX_ERROR] / balance[FDH_LARGEST] : 0.0;
+    double largest = 0.0;
+    for (int n = 0; n < FDH_PARTS; n++) {
+        const double *balance = (const double *)(patch->parts[n] + LAYOUTS[n].balance);
+        double error = balance[FDH_LARGEST] > 0.0 ? balance[FDH_MAX_ERROR] / balance[FDH_LARGEST] : 0.0;
+        if (error > largest) largest = error;
+    }
+    return largest;
+}
+
+/* --- events: they go to the last part, through its queue */
+
+enum { EVENTS_TO = FDH_PARTS - 1 };
+
+typedef struct {
+    fdh *patch;
+    int64_t begin, end; /* indices in the queue */
+} message;
+
+static message begin_message(fdh *patch) {
+    int64_t index = *counter(patch, EVENTS_TO, FDH_WRITE_INDEX);
+    return (message){patch, index, index};
+}
+
+/* Rows that are still in the queue, with those of a message. */
+static int64_t waiting(const message *sent) {
+    return sent->end - __atomic_load_n(counter(sent->patch, EVENTS_TO, FDH_READ_INDEX), __ATOMIC_ACQUIRE);
+}
+
+/* Add rows to a message, with values between two rows and beyond: a share of 0 is the first, of 1 the second. */
+static void add(message *sent, const row *from, const row *to, int64_t count, double share) {
+    unsigned char *scene = sent->patch->parts[EVENTS_TO];
+    int64_t frame = __atomic_load_n(counter(sent->patch, EVENTS_TO, FDH_FRAME), __ATOMIC_ACQUIRE);
+    for (int64_t i = 0; i < count; i++, sent->end++) {
+        if (waiting(sent) >= FDH_QUEUE) continue; /* it will be refused as a whole */
+        int64_t slot = sent->end % FDH_QUEUE, *event = (int64_t *)(scene + LAYOUTS[EVENTS_TO].events) + FDH_EVENT * slot;
+        double *value = (double *)(scene + LAYOUTS[EVENTS_TO].values) + 2 * slot;
+        memset(event, 0, sizeof(int64_t) * FDH_EVENT);
+        memcpy(event, from[i].number, sizeof from[i].number);
+        if (event[FDH_START] > 0) event[FDH_START] += frame;
+        for (int k = 0; k < 2; k++) value[k] = from[i].value[k] + share * (to[i].value[k] - from[i].value[k]);
+    }
+}
+
+static void add_rows(message *sent, rows added) {
+    add(sent, fdh_rows + added.first, fdh_rows + added.first, added.count, 0.0);
+}
+
+/* Let the audio thread see all rows of a message, or none if there is no room. */
+static int send(const message *sent) {
+    if (waiting(sent) > FDH_QUEUE) return FDH_FULL;
+    __atomic_store_n(counter(sent->patch, EVENTS_TO, FDH_WRITE_INDEX), sent->end, __ATOMIC_RELEASE);
+    return FDH_DONE;
+}
+
+static int move(fdh *patch, const control *moved, double value) {
+    if (!(value >= moved->low && value <= moved->high)) return FDH_OUT_OF_RANGE;
+    message sent = begin_message(patch);
+    add(&sent, fdh_rows + moved->at_zero, fdh_rows + moved->at_one, moved->count, value);
+    return send(&sent);
+}
+
+int fdh_strike(fdh *patch, int pad, double size) {
+    return pad < 0 || pad >= FDH_PADS ? FDH_UNKNOWN : move(patch, fdh_controls + pad, size);
+}
+
+int fdh_set(fdh *patch, int slider, double value) {
+    return slider < 0 || slider >= FDH_SLIDERS ? FDH_UNKNOWN : move(patch, fdh_controls + FDH_PADS + slider, value);
+}
+
+/* --- keys */
+
+static int find_key(int number) {
+    for (int n = 0; n < FDH_KEYS; n++)
+        if (fdh_keys[n].number == number) return n;
+    return -1;
+}
+
+/* End the note of a key, whatever the pedal says. */
+static void end_key(message *sent, keyboard *keys, int n) {
+    add_rows(sent, fdh_keys[n].end);
+    keys->down[n] = 0;
+    keys->pressed[n] = 0;
+}
+
+/* End the notes that cannot go on beside that of a key: of its group, or one too many. */
+static void make_room(message *sent, keyboard *keys, int pressed) {
+    for (int n = 0; n < FDH_KEYS; n++)
+        if (n != pressed && keys->pressed[n] && fdh_keys[n].group >= 0 && fdh_keys[n].group == fdh_keys[pressed].group)
+            end_key(sent, keys, n);
+    for (;;) {
+        int count = 0, oldest = -1;
+        for (int n = 0; n < FDH_KEYS; n++) {
+            if (n == pressed || !keys->pressed[n]) continue;
+            count++;
+            int is_before = oldest < 0 || keys->down[n] < keys->down[oldest] ||
+                            (keys->down[n] == keys->down[oldest] && keys->pressed[n] < keys->pressed[oldest]);
+            if (is_before) oldest = n;
+        }
+        if (count < FDH_POLYPHONY) return;
+        end_key(sent, keys, oldest);
+    }
+}
+
+int fdh_note_on(fdh *patch, int number, int velocity) {
+    int n = find_key(number), level = 0;
+    if (n < 0) return FDH_UNKNOWN;
+    if (velocity < 1 || velocity > 127) return FDH_OUT_OF_RANGE;
+    keyboard keys = patch->keyboard;
+    message sent = begin_message(patch);
+    make_room(&sent, &keys, n);
+    keys.down[n] = 1;
+    keys.pressed[n] = ++keys.presses;
+    while (fdh_levels[level] < velocity) level++;
+    const rows *on = fdh_keys[n].on + level;
+    if (fdh_levels[level] == velocity || on[-1].count != on->count) {
+        add_rows(&sent, *on);
+    } else {
+        double below = fdh_levels[level - 1], share = (velocity - below) / (fdh_levels[level] - below);
+        add(&sent, fdh_rows + on[-1].first, fdh_rows + on->first, on->count, share);
+    }
+    int result = send(&sent);
+    if (result == FDH_DONE) patch->keyboard = keys;
+    return result;
+}
+
+int fdh_note_off(fdh *patch, int number) {
+    int n = find_key(number);
+    if (n < 0) return FDH_UNKNOWN;
+    if (!patch->keyboard.down[n]) return FDH_DONE;
+    message sent = begin_message(patch);
+    add_rows(&sent, fdh_keys[n].off);
+    if (!patch->keyboard.pedal) add_rows(&sent, fdh_keys[n].damp);
+    int result = send(&sent);
+    if (result != FDH_DONE) return result;
+    patch->keyboard.down[n] = 0;
+    if (!patch->keyboard.pedal) patch->keyboard.pressed[n] = 0;
+    return FDH_DONE;
+}
+
+int fdh_pedal(fdh *patch, int down) {
+    keyboard *keys = &patch->keyboard;
+    if (FDH_KEYS == 0) return FDH_UNKNOWN;
+    if (!down == !keys->pedal) return FDH_DONE;
+    message sent = begin_message(patch);
+    for (int n = 0; n < FDH_KEYS; n++)
+        if (!keys->down[n]) add_rows(&sent, down ? fdh_keys[n].lift : fdh_keys[n].damp);
+    int result = send(&sent);
+    if (result != FDH_DONE) return result;
+    keys->pedal = down != 0;
+    for (int n = 0; n < FDH_KEYS; n++)
+        if (!down && !keys->down[n]) keys->pressed[n] = 0;
+    return FDH_DONE;
+}
+
+int fdh_skip_score(fdh *patch) {
+    if (FDH_KEYS == 0) return FDH_UNKNOWN;
+    __atomic_store_n(&patch->skips_score, 1, __ATOMIC_RELAXED);
+    return FDH_DONE;
 }

@@ -1,0 +1,50 @@
+"""The tables of a library in C by which events are made: rows, keys, and controls, which are pads and sliders."""
+
+import math
+import struct
+
+import numpy as np
+
+from engine.export.row_recorder import Key, Pad, Rows, Slider
+from engine.live.event_rows import MAX_SCALE
+
+MAX_VELOCITY = 1e4  # m/s, of a hammer: that of engine.bodies.table.Velocity
+NO_GROUP = -1
+ROW = struct.Struct("<6q2d")  # numbers and values
+
+
+class EventTables:
+    """Tables of constant numbers, as `fdh.c` declares them.
+
+    rows, keys, controls: their bytes
+    """
+
+    def __init__(self) -> None:
+        self.rows, self.keys, self.controls = bytearray(), bytearray(), bytearray()
+
+    def add_key(self, key: Key, groups: list[float]) -> None:
+        """Add a key. groups: those of all keys, each once"""
+        group = NO_GROUP if key.group is None else groups.index(key.group)
+        spans = [self._add(rows) for rows in (*key.on, key.off, key.damp, key.lift, key.end)]
+        self.keys += np.array([key.number, group, *(number for span in spans for number in span)], np.int64).tobytes()
+
+    def add_pad(self, pad: Pad) -> None:
+        """Add a pad, whose rows are those of a hammer at 1 m/s, or of a pluck as strong as in the patch."""
+        place, low = (7, -MAX_VELOCITY) if pad.is_hammer else (6, math.ulp(0.0))
+        at_zero = [[*row[:place], 0.0, *row[place + 1 :]] for row in pad.rows]
+        self._add_control(at_zero, pad.rows, low, MAX_VELOCITY if pad.is_hammer else MAX_SCALE)
+
+    def add_slider(self, slider: Slider) -> None:
+        """Add a slider."""
+        self._add_control(slider.rows, slider.rows_at_one, slider.low, slider.high)
+
+    def _add_control(self, at_zero: Rows, at_one: Rows, low: float, high: float) -> None:
+        (begin, count), (begin_at_one, _) = self._add(at_zero), self._add(at_one)
+        self.controls += struct.pack("<3q2d", begin, begin_at_one, count, low, high)
+
+    def _add(self, rows: Rows) -> tuple[int, int]:
+        """Add rows; return where they begin, and how many they are."""
+        begin = len(self.rows) // ROW.size
+        for row in rows:
+            self.rows += ROW.pack(*map(int, row[:6]), *row[6:])
+        return begin, len(rows)

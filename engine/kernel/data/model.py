@@ -9,7 +9,7 @@ indices of modes and contacts count from their island's first. Coordinates are m
 momentum in √kg·m/s, mode shapes Φ in 1/√kg (docs/design.md, sec. 1).
 """
 
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from engine.kernel.data.axes import (
     Axis,
     Items,
     PerBasisInt,
+    PerBody,
+    PerBodyInt,
     PerCompliance,
     PerConnection,
     PerConnectionContact,
@@ -132,6 +134,15 @@ class StepCoefficients(NamedTuple):
     force: RowCoefficients | None  # of ExternalForce.rows
 
 
+class StepSettings(NamedTuple):
+    """Coefficients, kind and time of a step."""
+
+    h: Any  # StepCoefficients
+    kind: int  # StepKind
+    is_free: bool  # True if neither contacts nor external forces can act
+    frame: int
+
+
 class FreeMasses(NamedTuple):
     """Modes without a restoring force."""
 
@@ -173,6 +184,18 @@ class Connections(NamedTuple):
     is_plain: PerIslandInt  # 1 if the modes of the island have neither weight nor loss in the drift
     contact_reach: PerContact  # m/√J: how far a contact can close in a flight, per √(2E) of what is connected
     contact_reach_by_forces: PerContact  # m/√J: and how much further than its bodies by themselves
+
+
+class Tension(NamedTuple):
+    """Bodies whose tension rises as they stretch (engine.kernel.interactions.tension), by body; those that do not have
+    neither modes nor stiffness."""
+
+    mode_begin: PerBodyInt
+    mode_end: PerBodyInt
+    weight: PerDoubleMode  # κ: the stretch is Σ κ·q²; q²·κ is in m for strings, in m² for sheets
+    softest: PerBody  # 1/N, or m/N: κ/ω² at most
+    unheard: PerBody  # times J: of stiffness times energy; what is less raises no partial by more than is allowed
+    can_stretch: PerIslandInt  # 1 if a body of the island does
 
 
 class ContactBasis(NamedTuple):
@@ -343,6 +366,7 @@ class Model(NamedTuple):
     drive: Drive | None
     connection: Connections | None
     contact: Contact | None
+    tension: Tension | None
     refinement: Refinement | None
     events: Events | None
     pickups: Pickups

@@ -7,6 +7,7 @@ import numpy as np
 from engine.kernel.data.axes import (
     Axis,
     Items,
+    PerBody,
     PerCompliance,
     PerConnection,
     PerConnectionContact,
@@ -86,6 +87,23 @@ class ConnectionState(NamedTuple):
     near: NearContacts
 
 
+class TensionState(NamedTuple):
+    """State of bodies that stretch (engine.kernel.interactions.tension)."""
+
+    stiffness: PerBody  # K: N/m of strings, N/m³ of sheets; events change it
+    rise: PerBody  # λ, N, or N/m of sheets: of the present step
+    history: Annotated[np.ndarray, Items(Axis.BODY, columns=3)]  # of the last steps
+    trial: Annotated[np.ndarray, Items(Axis.BODY, columns=2)]  # a rise that was tried, and by how much it missed
+    is_active: PerIslandInt  # 0 while the bodies of the island are taken for linear
+    # memory for steps with contacts
+    momentum: PerDoubleMode  # √kg·m/s: of the drift by neither contacts nor tension
+    push: PerDoubleMode  # √kg·m/s: what external forces give in half a kick
+    compliance: PerContact  # B_kk at the present tension, m/N
+    coupling: PerCompliance  # B, m/N
+    move: PerContact  # η, m, of an only contact
+    end: PerContact  # m: its compression at the end
+
+
 class SavedMotion(NamedTuple):
     """State of an island at the start of a sample, to try the sample with another number of steps
     (engine.kernel.run.adaptive_steps)."""
@@ -161,6 +179,7 @@ class State(NamedTuple):
     contact_force: PerContact  # N, mean over the last step
     drive: Annotated[np.ndarray, Items(Axis.DRIVE, columns=DRIVE_FRAMES)] | None  # N, at each frame modulo their number
     connection: ConnectionState | None
+    tension: TensionState | None
     scratch: Scratch | None  # for coupled contacts
     refinement: RefinementState | None
     flight: FreeFlightState

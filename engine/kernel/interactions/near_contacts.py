@@ -26,6 +26,7 @@ from engine.kernel.interactions.contacts import (
 )
 from engine.kernel.interactions.external_forces import has_external_forces
 from engine.kernel.interactions.island_energy import island_energy
+from engine.kernel.interactions.tension import stretches
 from engine.kernel.modes.event_dampers import is_damping
 from engine.kernel.modes.mode_energies import bound_modal_displacements
 from engine.kernel.modes.point_rows import bound_at_row
@@ -81,7 +82,7 @@ def leaves_out_contacts(connection, model, settings, state):
     is_only_contact = state.compression.shape[0] == 1 and not has_connections(connection, state)
     if is_only_contact or settings.kind != StepKind.SAMPLE:
         return False
-    if has_external_forces(model.force) or moves_by_basis(model.contact.basis):
+    if has_external_forces(model.force) or moves_by_basis(model.contact.basis) or stretches(model.tension, state):
         return False
     if settings.frame >= state.connection.near.until[0]:
         find_near_contacts(model, model.contact, connection, settings, state)

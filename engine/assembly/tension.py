@@ -9,7 +9,7 @@ from engine.assembly.layout import Layout
 from engine.bodies.stretching import Stretching
 from engine.kernel.data.axes import Axis
 from engine.kernel.data.model import Tension
-from engine.kernel.data.state import TensionState
+from engine.kernel.data.state import SoftenedConnections, TensionState
 
 CENTS_PER_ENERGY = 1200 / math.log(2)  # 1731·K·E/c⁴: by so many cents at most partials rise
 
@@ -60,6 +60,7 @@ def initial_tension(layout: Layout, model: Tension, counts: dict[Axis, int]) -> 
         counts,
         stiffness=stiffness,
         history=np.repeat(rise[:, None], 3, axis=1),
+        connection=allocate(SoftenedConnections, counts) if counts[Axis.CONNECTION] else None,
         is_active=model.can_stretch.copy(),
     )
     return state

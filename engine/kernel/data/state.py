@@ -87,6 +87,18 @@ class ConnectionState(NamedTuple):
     near: NearContacts
 
 
+class SoftenedConnections(NamedTuple):
+    """Coefficients of connections of stretched bodies (engine.kernel.data.model.ConnectionCoefficients)."""
+
+    compliance: PerConnectionPair
+    force_per_extension: PerConnectionPair
+    force_per_move: PerConnectionPair
+    made_for_stiffness: PerConnection
+    made_for_damping: PerConnection
+    contact_moves: PerConnectionContact
+    contact_compliance: PerCompliance
+
+
 class TensionState(NamedTuple):
     """State of bodies that stretch (engine.kernel.interactions.tension)."""
 
@@ -95,11 +107,13 @@ class TensionState(NamedTuple):
     history: Annotated[np.ndarray, Items(Axis.BODY, columns=3)]  # of the last steps
     trial: Annotated[np.ndarray, Items(Axis.BODY, columns=2)]  # a rise that was tried, and by how much it missed
     is_active: PerIslandInt  # 0 while the bodies of the island are taken for linear
-    # memory for steps with contacts
+    # memory for steps with contacts and connections
     momentum: PerDoubleMode  # √kg·m/s: of the drift by neither contacts nor tension
     push: PerDoubleMode  # √kg·m/s: what external forces give in half a kick
     compliance: PerContact  # B_kk at the present tension, m/N
+    compliance_low: PerContact
     coupling: PerCompliance  # B, m/N
+    connection: SoftenedConnections | None
     move: PerContact  # η, m, of an only contact
     end: PerContact  # m: its compression at the end
 

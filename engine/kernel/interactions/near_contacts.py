@@ -96,6 +96,23 @@ def all_contacts(contact, index, moves, h, state):
     return Reach(s.shape[0], index, s, g, law_in_step(contact, h), h.coupling, moves)
 
 
+def reach_of_all(connection: Any, contact: Any, h: Any, state: Any) -> Reach:
+    """Return the Reach of all contacts; in compiled code only. h: StepCoefficients"""
+    raise TypeError("reach_of_all is for compiled code")
+
+
+@inline
+def all_without_connections(connection, contact, h, state):
+    """Do this in a scene without connections."""
+    return all_contacts(contact, None, None, h.contact, state)
+
+
+@inline
+def all_beside_connections(connection, contact, h, state):
+    """Do this in a scene with connections."""
+    return all_contacts(contact, state.connection.near.contact, h.connection.contact_moves, h.contact, state)
+
+
 @inline
 def near_contacts(contact, h, state):
     """Return the Reach of the contacts that are near. h: StepCoefficients"""
@@ -325,6 +342,9 @@ def gathered(original: Any, copy: Any, count: int) -> Any:
 
 
 overload_by_source(gathered, lambda original, copy, count: ("None" if is_none(original) else "copy[0:count]", {}))
+overload_by_type(
+    reach_of_all, {type(None): all_without_connections.py_func, Connections: all_beside_connections.py_func}
+)
 overload_by_type(
     contacts_in_reach,
     {type(None): contacts_without_connections.py_func, Connections: contacts_beside_connections.py_func},

@@ -112,6 +112,14 @@ def find_free_rises(tension, h, state):
 
 
 @inline
+def predict_rises(tension_state):
+    """Predict the rise of the tension of each body from the last steps."""
+    for b in range(tension_state.rise.shape[0]):
+        if tension_state.stiffness[b] != 0.0:
+            tension_state.rise[b] = predicted_rise(tension_state.history[b])
+
+
+@inline
 def predicted_rise(history):
     """Return the tension that goes on as in the last three steps."""
     return max(0.0, 3.0 * (history[0] - history[1]) + history[2])

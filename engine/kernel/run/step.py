@@ -16,7 +16,7 @@ from engine.kernel.interactions.connections import (
 )
 from engine.kernel.interactions.contact_forces import finish_contacts, push_by_contacts
 from engine.kernel.interactions.external_forces import finish_external_forces, push_by_external_forces
-from engine.kernel.interactions.stretching_contacts import push_stretched
+from engine.kernel.interactions.stretching_bodies import push_stretched
 from engine.kernel.interactions.tension import stretches
 from engine.kernel.modes.mode_step import find_drift_momenta, forget_drift, reverse_momenta
 from engine.kernel.modes.moving_modes import PushedPoint, move_modes

@@ -1,0 +1,422 @@
+"""Forces of an island with bodies that stretch: of their tension, and of contacts, which change the tension of the same
+step. For given tensions contacts are solved as ever, with the compliance of the stretched bodies; and for given contact
+forces each tension follows. The two are found in turn; a secant takes most of the rounds."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
+from engine.compiler.lanes import multiply_add, number_at, place_after, put_number, splat
+from engine.compiler.overloads import is_none, overload_by_source
+from engine.kernel.contact.contact_law import end_force_of, law_in_step
+from engine.kernel.data.enums import SolveStatus
+from engine.kernel.data.model import ConnectionCoefficients, ContactCoefficients, StepCoefficients, StepSettings
+from engine.kernel.interactions.connection_factors import make_factors, reduce_contact_compliance
+from engine.kernel.interactions.connections import (
+    answer_contacts,
+    find_forces,
+    has_connections,
+    measure_moves,
+    push_by_connections,
+)
+from engine.kernel.interactions.contact_forces import (
+    ContactSolution,
+    is_any_closing,
+    measure_misses,
+    solve_only_contact,
+    solve_several_contacts,
+    store_several_contacts,
+)
+from engine.kernel.interactions.contacts import (
+    Touch,
+    has_contacts,
+    measured_miss,
+    no_touch,
+    push_at_contact,
+    store_solution,
+)
+from engine.kernel.interactions.near_contacts import contacts_in_reach, reach_of_all
+from engine.kernel.interactions.tension import (
+    find_free_rises,
+    find_rise,
+    predict_rises,
+    push_by_tension,
+    remember_rises,
+)
+from engine.kernel.modes.ordered_sums import copy_items, fold, fold_lanes
+
+MAX_ROUNDS = 50
+SAME = 1e-15  # of a tension: two that differ by less are the same
+
+
+@inline
+def push_stretched(model, contact, settings, state):
+    """Find the forces of tensions, connections and contacts, and let them push. Returns a Touch."""
+    touches = False
+    if contact is not None:
+        touches = has_contacts(contact, state) and not settings.is_free
+    if touches or has_connections(model.connection, state):
+        touch = push_together(model, contact, settings, touches, state)
+        remember_rises(state.tension)
+        return touch
+    find_free_rises(model.tension, settings.h, state)
+    push_by_tension(model.tension, settings.h, state)
+    remember_rises(state.tension)
+    return Touch(SolveStatus.FREE, INT64_0, 0.0, 0.0, TRUE, 0.0)
+
+
+@noinline
+def push_together(model, contact, settings, touches, state):
+    """Do this where contacts may close (`touches`), or bodies are connected: for given tensions contacts and
+    connections are solved as ever, with the compliance of stretched bodies; and for given forces each tension follows.
+    The two are found in turn."""
+    tension, h, connection, of = model.tension, settings.h, model.connection, state.tension
+    softened = softened_settings(settings, state)
+    copy_items(state.drift_momentum, of.momentum)
+    copy_items(state.push, of.push)
+    if has_connections(connection, state) or is_any_closed(state):
+        predict_rises(of)
+    else:
+        find_free_rises(tension, h, state)
+    evaluations = INT64_0
+    for n in range(MAX_ROUNDS):
+        push_by_tension(tension, h, state)
+        find_softened_connection_forces(connection, model, softened.h, h, state)
+        forces = find_softened_contact_forces(contact, model, softened, h, touches, state)
+        evaluations += forces.evaluations
+        restore_momenta(state)
+        if forces.status == SolveStatus.FAILED:
+            return no_touch(forces.status, evaluations)
+        push_by_contact_forces(contact, h.contact, forces, state)
+        push_by_connections(connection, h, state)
+        if are_rises_found(tension, h, n, state):
+            break
+        restore_momenta(state)
+    push_by_tension(tension, h, state)
+    measure_moves(connection, h, state)
+    lost, excess = store_contact_forces(contact, model, softened, forces, touches, state)
+    return Touch(forces.status, evaluations, lost, excess, TRUE, 0.0)
+
+
+@inline
+def is_any_closed(state):
+    """True if a contact is closed at the begin of the step."""
+    for k in range(state.compression.shape[0]):
+        if state.compression[k] > 0.0:
+            return True
+    return False
+
+
+@inline
+def restore_momenta(state):
+    """Take back what contacts and tensions have pushed."""
+    copy_items(state.tension.momentum, state.drift_momentum)
+    copy_items(state.tension.push, state.push)
+
+
+@inline
+def are_rises_found(tension, h, n, state):
+    """True if the tensions that contact forces lead to are those with which these were found; if not, try others.
+    State.tension.rise holds them.
+
+    n: number of rounds before this one
+    """
+    is_same, trial, of = True, state.tension.trial, state.tension
+    for b in range(of.rise.shape[0]):
+        if of.stiffness[b] != 0.0:
+            rise = of.rise[b]
+            found = find_rise(tension, h, state, b, rise)
+            miss = found - rise
+            is_same = is_same and abs(miss) <= SAME * found
+            of.rise[b] = next_rise(trial[b], n, rise, miss)
+            trial[b, 0], trial[b, 1] = rise, miss
+    return is_same
+
+
+@inline
+def next_rise(trial, n, rise, miss):
+    """Return the tension to try next: that found, or the zero of the secant through the last two misses.
+
+    trial: the tension tried before, and by how much that which was found missed it
+    """
+    if n > 0 and abs(miss) > SAME * rise:
+        slope = (miss - trial[1]) / (rise - trial[0])
+        if -20.0 < slope and slope < -0.05:
+            return max(0.0, rise - miss / slope)
+        if n > 12:
+            return rise + 0.5 * miss
+    return rise + miss
+
+
+# --- the compliance of stretched bodies
+
+
+@inline
+def softened_settings(settings, state):
+    """Return the StepSettings with memory for the coefficients of contacts and connections of stretched bodies."""
+    h, of = settings.h, state.tension
+    changed = StepCoefficients(
+        h.kick,
+        h.drift,
+        h.spring_kick,
+        h.weight_kick,
+        h.loss,
+        h.drag,
+        softened_connections(h.connection, of),
+        softened_contacts(h.contact, of),
+        h.force,
+    )
+    return StepSettings(changed, settings.kind, settings.is_free, settings.frame)
+
+
+def softened_contacts(h: Any, tension_state: Any) -> Any:
+    """ContactCoefficients like `h` with the arrays of a TensionState; None without. In compiled code only."""
+    raise TypeError("softened_contacts is for compiled code")
+
+
+def _write_contacts(h: Any, of: Any) -> tuple[str, dict[str, Any]]:
+    if is_none(h):
+        return "None", {}
+    coupling = "None" if is_none(h.types[h.fields.index("coupling")]) else "tension_state.coupling"
+    arrays = f"tension_state.compliance, tension_state.compliance_low, h.loss_rate, {coupling}"
+    names = {"ContactCoefficients": ContactCoefficients}
+    return f"ContactCoefficients(h.rows, h.other_rows, {arrays}, h.only_kick_phi, h.basis)", names
+
+
+def softened_connections(h: Any, tension_state: Any) -> Any:
+    """ConnectionCoefficients like `h` with the arrays of a TensionState; None without. In compiled code only."""
+    raise TypeError("softened_connections is for compiled code")
+
+
+def _write_connections(h: Any, of: Any) -> tuple[str, dict[str, Any]]:
+    if is_none(h):
+        return "None", {}
+    given = {"rows", "step_rate"}
+    parts = [f"h.{name}" if name in given else f"tension_state.connection.{name}" for name in h.fields]
+    return f"ConnectionCoefficients({', '.join(parts)})", {"ConnectionCoefficients": ConnectionCoefficients}
+
+
+overload_by_source(softened_contacts, _write_contacts)
+overload_by_source(softened_connections, _write_connections)
+
+
+@inline
+def add_softness(of, k, sums):
+    """Write what the tension takes from the compliance of mode k of a body, e·aλ/(1 + aλ), e = t·v, s²."""
+    tension, h, state, first, rise = of
+    m = place_after(k, first)
+    compliance = number_at(h.kick, m) * number_at(h.drift, m)
+    stiffened = 0.5 * compliance * number_at(tension.weight, m) * rise
+    put_number(state.displacement_bound, m, compliance * stiffened / (1.0 + stiffened))
+    return sums
+
+
+@inline
+def find_softness(tension, h, state):
+    """Find what tensions take from the compliance of each mode."""
+    for m in range(state.displacement_bound.shape[0]):
+        state.displacement_bound[m] = 0.0
+    for b in range(tension.mode_begin.shape[0]):
+        first, modes = tension.mode_begin[b], tension.mode_end[b] - tension.mode_begin[b]
+        fold_lanes(add_softness, (tension, h, state, first, state.tension.rise[b]), modes, (splat(0.0),))
+
+
+@inline
+def soften_contacts(contact, h, coupling, state):
+    """Find the compliance of contacts of stretched bodies if nothing were connected.
+
+    h: their ContactCoefficients; coupling: of it, or None
+    """
+    of, count = state.tension, state.compression.shape[0]
+    for k in range(count):
+        of.compliance[k] = h.compliance[k] - softness_between(contact, contact.other_rows, k, k, state)
+        of.compliance_low[k] = 0.0
+    if coupling is not None:
+        for k in range(count):
+            for i in range(k):
+                pair = coupling[k * count + i] - softness_between(contact, contact.other_rows, k, i, state)
+                of.coupling[k * count + i] = of.coupling[i * count + k] = pair
+            of.coupling[k * count + k] = of.compliance[k]
+
+
+@inline
+def softness_between(contact, other_rows, k, i, state):
+    """Return how much less a force at contact k moves contact i because bodies are stretched, m/N."""
+    softness = softness_at_rows(contact.rows, k, contact.rows, i, state)
+    if other_rows is not None:
+        softness += softness_at_rows(contact.rows, k, other_rows, i, state)
+        softness += softness_at_rows(other_rows, k, contact.rows, i, state)
+        softness += softness_at_rows(other_rows, k, other_rows, i, state)
+    return softness
+
+
+@inline
+def add_softness_of_rows(of, n, sums):
+    """Add the product of two mode shapes and what tensions take from a compliance to the sums."""
+    phi, begin, other_phi, other_begin, softness, first = of
+    shapes = number_at(phi, place_after(n, begin)) * number_at(other_phi, place_after(n, other_begin))
+    return (multiply_add(shapes, number_at(softness, place_after(n, first)), sums[0]),)
+
+
+@inline
+def softness_at_rows(rows, k, other_rows, i, state):
+    """Return how much less a force at row k moves row i of others because bodies are stretched, m/N."""
+    first, end = np.int64(rows.mode_begin[k]), np.int64(rows.mode_end[k])
+    if first == end or state.displacement_bound[first] == 0.0:
+        return 0.0
+    if other_rows.mode_begin[i] != first or other_rows.mode_end[i] != end:
+        return 0.0
+    places = np.int64(rows.offset[k]), np.int64(other_rows.offset[i])
+    of = rows.phi, places[0], other_rows.phi, places[1], state.displacement_bound, first
+    return fold(add_softness_of_rows, of, end - first, (splat(0.0),))[0]
+
+
+# --- connections of stretched bodies
+
+
+@inline
+def find_softened_connection_forces(connection, model, softened, h, state):
+    """Find the forces of connections of stretched bodies, if no contact pushes. softened, h: StepCoefficients"""
+    if connection is not None:
+        if has_connections(connection, state):
+            find_softness(model.tension, h, state)
+            soften_connections(connection, h.connection, softened.connection, state)
+            soften_contact_moves(model.contact, connection, h.connection, softened.connection, state)
+            make_factors(connection, softened.connection, state.connection)
+            reduce_contact_compliance(softened.connection, softened.contact, state.connection.extension.shape[0])
+            state.connection.is_move_known[0] = 0
+            find_forces(connection, softened, state)
+
+
+@noinline
+def soften_connections(connection, h, softened, state):
+    """Find the compliance of connections of stretched bodies. h, softened: ConnectionCoefficients"""
+    rows, n = connection.rows, state.connection.extension.shape[0]
+    copy_items(h.compliance, softened.compliance)
+    for r in range(connection.coordinate.shape[0]):
+        for s in range(connection.coordinate.shape[0]):
+            at = connection.coordinate[r] * n + connection.coordinate[s]
+            softened.compliance[at] -= softness_at_rows(rows, r, rows, s, state)
+
+
+@inline
+def soften_contact_moves(contact, connection, h, softened, state):
+    """Find how far contacts of stretched bodies move each other and connections. h, softened: ConnectionCoefficients"""
+    if contact is not None:
+        n, count = state.connection.extension.shape[0], state.compression.shape[0]
+        copy_items(h.contact_moves, softened.contact_moves)
+        for k in range(count):
+            for r in range(connection.coordinate.shape[0]):
+                at = k * n + connection.coordinate[r]
+                softness = softness_of_other(contact.other_rows, connection.rows, k, r, state)
+                softness += softness_at_rows(contact.rows, k, connection.rows, r, state)
+                softened.contact_moves[at] -= softness
+            for i in range(count):
+                softness = softness_between(contact, contact.other_rows, k, i, state)
+                softened.contact_compliance[k * count + i] = h.contact_compliance[k * count + i] - softness
+
+
+@inline
+def softness_of_other(other_rows, rows, k, r, state):
+    """Return how much less the other side of contact k moves row r because bodies are stretched, m/N."""
+    if other_rows is None:
+        return 0.0
+    return softness_at_rows(other_rows, k, rows, r, state)
+
+
+# --- contacts: their forces are found, push, and are stored
+
+
+class ContactForces(NamedTuple):
+    """Outcome of the contacts of a round. `State.contact_force` holds the forces."""
+
+    status: int  # SolveStatus; FREE if none is closed, or closes
+    evaluations: int  # of the contact laws
+    excess: float  # J, that forces off their curves create
+    is_persistent: bool  # True if all that are closed remain so
+
+
+@inline
+def find_softened_contact_forces(contact, model, softened, h, touches, state):
+    """Find the forces of contacts of stretched bodies. Returns ContactForces. softened: StepSettings"""
+    if contact is not None:
+        if touches:
+            return find_forces_of_contacts(contact, model, softened, h, state)
+    return ContactForces(SolveStatus.FREE, INT64_0, 0.0, FALSE)
+
+
+@inline
+def find_forces_of_contacts(contact, model, softened, h, state):
+    """Do this in a step in which contacts may close."""
+    reach = contacts_in_reach(model.connection, model, softened, state)
+    if not is_any_closing(reach):
+        for k in range(state.contact_force.shape[0]):
+            state.contact_force[k] = 0.0
+        return ContactForces(SolveStatus.FREE, INT64_0, 0.0, FALSE)
+    if not has_connections(model.connection, state):
+        find_softness(model.tension, h, state)
+        soften_contacts(contact, h.contact, h.contact.coupling, state)
+    forces = solve_one_or_several(contact, softened.h.contact, h.contact.coupling, reach, state)
+    answer_contacts(model.connection, softened.h, reach, state)
+    return forces
+
+
+@inline
+def solve_one_or_several(contact, h, coupling, reach, state):
+    """Find the forces of contacts for given tensions. Returns ContactForces. coupling: None if no island has several"""
+    if coupling is not None:
+        if reach.size > 1:
+            solved = solve_several_contacts(contact, h, reach, state)
+            return ContactForces(solved.status, solved.evaluations, solved.excess, solved.is_persistent)
+    s, g, of = state.compression[0], reach.free_displacement[0], state.tension
+    of.move[0], of.end[0], _, evaluations, status = solve_only_contact(contact, h, s, g, state)
+    return ContactForces(status, evaluations, 0.0, FALSE)
+
+
+@inline
+def push_by_contact_forces(contact, h, forces, state):
+    """Do half a kick by the forces of contacts, and keep it for the second half. h: ContactCoefficients"""
+    if contact is not None:
+        if forces.status != SolveStatus.FREE:
+            for k in range(state.contact_force.shape[0]):
+                push_at_contact(contact, contact.other_rows, h, k, state)
+
+
+@inline
+def store_contact_forces(contact, model, softened, forces, touches, state):
+    """Store the solution of all contacts, once all forces have pushed. Returns the energy lost, and created, J.
+
+    All moves are measured: what is carried of them holds what the last round has left.
+    """
+    if contact is not None:
+        if touches:
+            return store_forces_of_contacts(contact, model.connection, softened.h, forces, state)
+    return 0.0, 0.0
+
+
+@inline
+def store_forces_of_contacts(contact, connection, h, forces, state):
+    """Do this in a step in which contacts may close. h: StepCoefficients"""
+    if forces.status == SolveStatus.FREE:
+        for k in range(state.compression.shape[0]):
+            state.compression[k] += state.free_displacement[k]
+        return 0.0, 0.0
+    return store_one_or_several(contact, connection, h, h.contact.coupling, forces, state)
+
+
+@inline
+def store_one_or_several(contact, connection, h, coupling, forces, state):
+    """Do this where contacts are closed. coupling: None if no island has several contacts"""
+    if coupling is not None:
+        if state.compression.shape[0] > 1:
+            reach = reach_of_all(connection, contact, h, state)
+            measure_misses(contact, h.contact, reach, state)
+            solution = ContactSolution(
+                forces.status, forces.evaluations, forces.excess, forces.is_persistent, FALSE
+            )
+            return store_several_contacts(contact, h.contact, reach, solution, state)
+    eta, b, f = state.tension.move[0], state.tension.end[0], state.contact_force[0]
+    residual = measured_miss(contact, h.contact, state, INT64_0, eta, f)
+    end_force = end_force_of(law_in_step(contact, h.contact), INT64_0, b)
+    return store_solution(contact, h.contact, state, INT64_0, (eta, b, f, f, end_force), residual), 0.0

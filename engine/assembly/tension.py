@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from engine.assembly.array_memory import allocate
+from engine.assembly.connection_coordinates import find_stretching, stretch_of_ends
 from engine.assembly.layout import Layout
 from engine.bodies.stretching import Stretching
 from engine.kernel.data.axes import Axis
@@ -17,9 +18,8 @@ CENTS_PER_ENERGY = 1200 / math.log(2)  # 1731·K·E/c⁴: by so many cents at mo
 def stretching_bodies(layout: Layout) -> dict[int, Stretching]:
     """Return what stretches bodies, by their numbers in the scene."""
     found = {}
-    for b, (body, modal) in enumerate(zip(layout.scene.body, layout.modal_bodies, strict=True)):
-        own = modal.omega.size - modal.residual - modal.silent
-        if (stretching := body.find_stretching(modal.omega[:own])) is not None:
+    for b, body in enumerate(layout.scene.body):
+        if (stretching := find_stretching(layout, body.name)) is not None:
             found[b] = stretching
     return found
 
@@ -34,17 +34,32 @@ def tension(layout: Layout, least_detuning: float) -> Tension | None:
         return None
     islands, modes = layout.islands, layout.modes
     begin, end = np.zeros((2, len(islands.body_order)), np.int64)
+    ends, end_weights = np.full((len(begin), 4), -1), np.zeros((len(begin), 3))
     softest, unheard = np.zeros((2, len(islands.body_order)))
     weight, can_stretch = np.zeros(modes.omega.size), np.zeros(len(islands.bodies), np.int64)
     for place, b in enumerate(islands.body_order):
         if b in found:
             kappa, inside = found[b].weight, modes.of_body[b]
+            ends[place], end_weights[place] = _moving_ends(layout, b)
             begin[place], end[place] = modes.in_island[b].start, modes.in_island[b].stop
-            weight[inside.start : inside.start + kappa.size] = kappa
-            softest[place] = np.max(kappa / modes.omega[inside][: kappa.size] ** 2)
+            weight[inside] = kappa
+            softest[place] = np.max(kappa / modes.omega[inside] ** 2)
             unheard[place] = least_detuning / CENTS_PER_ENERGY / softest[place] ** 2
             can_stretch[islands.of_body[b]] = 1
-    return Tension(begin, end, weight, softest, unheard, can_stretch)
+    return Tension(begin, end, weight, softest, unheard, ends, end_weights, can_stretch)
+
+
+def _moving_ends(layout: Layout, b: int) -> tuple[list[int], list[float]]:
+    """Return the coordinates of the slope and of the displacement of the moving ends of a string, -1 of an end that
+    does not move, and the weights of both ends and of their product."""
+    items, scene = layout.islands.coordinates[layout.islands.of_body[b]].items, layout.scene
+    name, places, at = scene.body[b].name, list[int](), list[float]()
+    for i, item in enumerate(items):
+        if item.slope_of is not None and scene.connection[item.slope_of[0]].body == name:
+            places += [i, i - item.slope_of[1]]
+            at.append(scene.connection[item.slope_of[0]].at)
+    weights = [stretch_of_ends(layout, name, end, end) for end in at] + [0.0] * (2 - len(at))
+    return places + [-1] * (4 - len(places)), [*weights, stretch_of_ends(layout, name, *at) if len(at) == 2 else 0.0]
 
 
 def initial_tension(layout: Layout, model: Tension, counts: dict[Axis, int]) -> TensionState:
@@ -52,7 +67,7 @@ def initial_tension(layout: Layout, model: Tension, counts: dict[Axis, int]) -> 
     found, order = stretching_bodies(layout), layout.islands.body_order
     stiffness = np.array([found[b].stiffness if b in found else 0.0 for b in order])
     rise = stiffness * [
-        found[b].weight @ layout.modes.q[layout.modes.of_body[b]][: found[b].weight.size] ** 2 if b in found else 0.0
+        found[b].weight @ layout.modes.q[layout.modes.of_body[b]] ** 2 if b in found else 0.0
         for b in order
     ]
     state: TensionState = allocate(

@@ -195,6 +195,9 @@ class Tension(NamedTuple):
     weight: PerDoubleMode  # κ: the stretch is Σ κ·q²; q²·κ is in m for strings, in m² for sheets
     softest: PerBody  # 1/N, or m/N: κ/ω² at most
     unheard: PerBody  # times J: of stiffness times energy; what is less raises no partial by more than is allowed
+    # ends of strings that move, two: the coordinates of the slope and of the displacement of each, or -1
+    ends: Annotated[np.ndarray, Items(Axis.BODY, np.int64, columns=4, neutral=-1)]
+    end_weights: Annotated[np.ndarray, Items(Axis.BODY, columns=3)]  # 1/m: of the first, of the second, and of both
     can_stretch: PerIslandInt  # 1 if a body of the island does
 
 

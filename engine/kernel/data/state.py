@@ -95,6 +95,8 @@ class SoftenedConnections(NamedTuple):
     force_per_move: PerConnectionPair
     made_for_stiffness: PerConnection
     made_for_damping: PerConnection
+    coupling: PerConnectionPair  # that of Connections, and what tensions add
+    end: PerConnection  # m: extension at the end of the step
     contact_moves: PerConnectionContact
     contact_compliance: PerCompliance
 
@@ -105,6 +107,7 @@ class TensionState(NamedTuple):
     stiffness: PerBody  # K: N/m of strings, N/m³ of sheets; events change it
     rise: PerBody  # λ, N, or N/m of sheets: of the present step
     history: Annotated[np.ndarray, Items(Axis.BODY, columns=3)]  # of the last steps
+    stretch_of_ends: Annotated[np.ndarray, Items(Axis.BODY, columns=2)]  # at the begin of the step, and at its end
     trial: Annotated[np.ndarray, Items(Axis.BODY, columns=2)]  # a rise that was tried, and by how much it missed
     is_active: PerIslandInt  # 0 while the bodies of the island are taken for linear
     # memory for steps with contacts and connections

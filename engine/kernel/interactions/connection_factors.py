@@ -23,14 +23,14 @@ def update_factors(connection, h, contact, state):
             h.made_for_stiffness[i] != connection_state.stiffness[i]
             or h.made_for_damping[i] != connection_state.damping[i]
         ):
-            make_factors(connection, h, connection_state)
+            make_factors(connection, connection.coupling, h, connection_state)
             reduce_contact_compliance(h, contact, connection_state.extension.shape[0])
             return
 
 
 @noinline
-def make_factors(connection, h, connection_state):
-    """Compute X and Y, the forces of connections per extension and per move."""
+def make_factors(connection, coupling, h, connection_state):
+    """Compute X and Y, the forces of connections per extension and per move. coupling: their common stiffness, N/m"""
     n, x, y, matrix = (
         connection_state.extension.shape[0],
         h.force_per_extension,
@@ -40,8 +40,8 @@ def make_factors(connection, h, connection_state):
     for i in range(n):
         h.made_for_stiffness[i], h.made_for_damping[i] = connection_state.stiffness[i], connection_state.damping[i]
         for j in range(n):
-            x[i * n + j] = connection.coupling[i * n + j]
-            y[i * n + j] = 0.5 * connection.coupling[i * n + j]
+            x[i * n + j] = coupling[i * n + j]
+            y[i * n + j] = 0.5 * coupling[i * n + j]
         x[i * n + i] += connection_state.stiffness[i]
         y[i * n + i] += 0.5 * connection_state.stiffness[i] + connection_state.damping[i] * h.step_rate[i]
         if connection.is_rigid[i] != 0:

@@ -18,6 +18,7 @@ from engine.kernel.interactions.connections import (
     find_forces,
     has_connections,
     measure_moves,
+    product_at,
     push_by_connections,
 )
 from engine.kernel.interactions.contact_forces import (
@@ -43,6 +44,7 @@ from engine.kernel.interactions.tension import (
     predict_rises,
     push_by_tension,
     remember_rises,
+    stretch_by_ends,
 )
 from engine.kernel.modes.ordered_sums import copy_items, fold, fold_lanes
 
@@ -84,6 +86,7 @@ def push_together(model, contact, settings, touches, state):
         push_by_tension(tension, h, state)
         find_softened_connection_forces(connection, model, softened.h, h, state)
         forces = find_softened_contact_forces(contact, model, softened, h, touches, state)
+        stretch_ends(connection, tension, softened.h, forces, state)
         evaluations += forces.evaluations
         restore_momenta(state)
         if forces.status == SolveStatus.FAILED:
@@ -283,7 +286,8 @@ def find_softened_connection_forces(connection, model, softened, h, state):
             find_softness(model.tension, h, state)
             soften_connections(connection, h.connection, softened.connection, state)
             soften_contact_moves(model.contact, connection, h.connection, softened.connection, state)
-            make_factors(connection, softened.connection, state.connection)
+            stiffen_ends(connection, model.tension, state)
+            make_factors(connection, state.tension.connection.coupling, softened.connection, state.connection)
             reduce_contact_compliance(softened.connection, softened.contact, state.connection.extension.shape[0])
             state.connection.is_move_known[0] = 0
             find_forces(connection, softened, state)
@@ -323,6 +327,53 @@ def softness_of_other(other_rows, rows, k, r, state):
     if other_rows is None:
         return 0.0
     return softness_at_rows(other_rows, k, rows, r, state)
+
+
+# --- ends of strings that move
+
+
+@inline
+def stiffen_ends(connection, tension, state):
+    """Find the stiffness that connections have in common, with what tensions add at the ends of strings."""
+    n, coupling = state.connection.extension.shape[0], state.tension.connection.coupling
+    copy_items(connection.coupling, coupling)
+    for b in range(tension.mode_begin.shape[0]):
+        rise, ends, weights = state.tension.rise[b], tension.ends[b], tension.end_weights[b]
+        for e in range(2):
+            slope, y = ends[2 * e], ends[2 * e + 1]
+            if slope >= 0:
+                more = rise * weights[e]
+                coupling[slope * n + y] += more
+                coupling[y * n + slope] += more
+                coupling[y * n + y] += more
+        if ends[0] >= 0 and ends[2] >= 0:
+            coupling[ends[1] * n + ends[3]] += rise * weights[2]
+            coupling[ends[3] * n + ends[1]] += rise * weights[2]
+
+
+@inline
+def stretch_ends(connection, tension, h, forces, state):
+    """Find what the ends of strings stretch these, at the begin and at the end of the step. h: StepCoefficients of
+    stretched bodies"""
+    if connection is not None:
+        if has_connections(connection, state):
+            find_end_of_connections(h.connection, forces, state)
+            for b in range(tension.mode_begin.shape[0]):
+                stretch = state.tension.stretch_of_ends[b]
+                stretch[0] = stretch_by_ends(tension, state.connection.extension, b)
+                stretch[1] = stretch_by_ends(tension, state.tension.connection.end, b)
+
+
+@inline
+def find_end_of_connections(h, forces, state):
+    """Find the extensions of connections at the end of the step. h: ConnectionCoefficients"""
+    of, end, n = state.connection, state.tension.connection.end, state.connection.extension.shape[0]
+    for i in range(n):
+        end[i] = of.extension[i] + of.free_move[i] - product_at(h.compliance, i, of.force)
+    if forces.status != SolveStatus.FREE:
+        for k in range(state.contact_force.shape[0]):
+            for i in range(n):
+                end[i] -= h.contact_moves[k * n + i] * state.contact_force[k]
 
 
 # --- contacts: their forces are found, push, and are stored

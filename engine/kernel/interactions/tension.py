@@ -72,6 +72,19 @@ def solve_polynomial(rise, half_stiffness, sums):
     return change
 
 
+@inline
+def stretch_by_ends(tension, extension, b):
+    """Return what the ends of string b stretch it, m, beyond what its modes do."""
+    ends, weights, stretch = tension.ends[b], tension.end_weights[b], 0.0
+    for e in range(2):
+        if ends[2 * e] >= 0:
+            y = extension[ends[2 * e + 1]]
+            stretch += weights[e] * y * (2.0 * extension[ends[2 * e]] + y)
+    if ends[0] >= 0 and ends[2] >= 0:
+        stretch += 2.0 * weights[2] * extension[ends[1]] * extension[ends[3]]
+    return stretch
+
+
 @noinline
 def find_rise(tension, h, state, b, rise):
     """Return the rise of the tension of body b over the coming drift, with all other forces; N, or N/m of a sheet.
@@ -79,10 +92,12 @@ def find_rise(tension, h, state, b, rise):
     rise: a guess
     """
     first, modes = tension.mode_begin[b], tension.mode_end[b] - tension.mode_begin[b]
+    of_ends = state.tension.stretch_of_ends[b]
     half, low, high = 0.5 * state.tension.stiffness[b], 0.0, math.inf
     for _ in range(MAX_PASSES):
         zeros = splat(0.0), splat(0.0), splat(0.0), splat(0.0), splat(0.0)
         sums = fold(add_stretch_sums, (tension, h, state, first, rise), modes, zeros)
+        sums = sums[0] + of_ends[0], sums[1] + of_ends[1], sums[2], sums[3], sums[4]
         if rise > half * (sums[0] + sums[1]):
             high = min(high, rise)
         else:
@@ -173,10 +188,20 @@ def add_stretch(of, k, sums):
 
 
 @inline
+def add_stretch_by_ends(tension, connection_state, b, stretch):
+    """Return a stretch with that by the ends of string b. connection_state: ConnectionState or None"""
+    if connection_state is not None:
+        if connection_state.extension.shape[0] > 0:
+            return stretch + stretch_by_ends(tension, connection_state.extension, b)
+    return stretch
+
+
+@inline
 def energies_of_body(tension, omega_squared, state, b):
     """Return the energy of the stretch of body b, and that of its modes, J."""
     of = tension, omega_squared, state, tension.mode_begin[b]
     stretch, vibration = fold(add_stretch, of, tension.mode_end[b] - tension.mode_begin[b], (splat(0.0), splat(0.0)))
+    stretch = add_stretch_by_ends(tension, state.connection, b, stretch)
     return 0.25 * state.tension.stiffness[b] * stretch * stretch, 0.5 * vibration
 
 

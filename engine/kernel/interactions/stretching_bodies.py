@@ -10,6 +10,7 @@ from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
 from engine.compiler.lanes import multiply_add, number_at, place_after, put_number, splat
 from engine.compiler.overloads import is_none, overload_by_source
 from engine.kernel.contact.contact_law import end_force_of, law_in_step
+from engine.kernel.contact.coupled_contact_solver import NO_CAP
 from engine.kernel.data.enums import SolveStatus
 from engine.kernel.data.model import ConnectionCoefficients, ContactCoefficients, StepCoefficients, StepSettings
 from engine.kernel.interactions.connection_factors import make_factors, reduce_contact_compliance
@@ -265,13 +266,14 @@ def add_softness_of_rows(of, n, sums):
 @inline
 def softness_at_rows(rows, k, other_rows, i, state):
     """Return how much less a force at row k moves row i of others because bodies are stretched, m/N."""
-    first, end = np.int64(rows.mode_begin[k]), np.int64(rows.mode_end[k])
-    if first == end or state.displacement_bound[first] == 0.0:
+    # a row of connections may be of several bodies
+    begin, other_begin = np.int64(rows.mode_begin[k]), np.int64(other_rows.mode_begin[i])
+    first, end = max(begin, other_begin), min(np.int64(rows.mode_end[k]), np.int64(other_rows.mode_end[i]))
+    if first >= end:
         return 0.0
-    if other_rows.mode_begin[i] != first or other_rows.mode_end[i] != end:
-        return 0.0
-    places = np.int64(rows.offset[k]), np.int64(other_rows.offset[i])
-    of = rows.phi, places[0], other_rows.phi, places[1], state.displacement_bound, first
+    place = np.int64(rows.offset[k]) + (first - begin)
+    other_place = np.int64(other_rows.offset[i]) + (first - other_begin)
+    of = rows.phi, place, other_rows.phi, other_place, state.displacement_bound, first
     return fold(add_softness_of_rows, of, end - first, (splat(0.0),))[0]
 
 
@@ -418,7 +420,7 @@ def solve_one_or_several(contact, h, coupling, reach, state):
     """Find the forces of contacts for given tensions. Returns ContactForces. coupling: None if no island has several"""
     if coupling is not None:
         if reach.size > 1:
-            solved = solve_several_contacts(contact, h, reach, state)
+            solved = solve_several_contacts(contact, h, reach, NO_CAP, state)
             return ContactForces(solved.status, solved.evaluations, solved.excess, solved.is_persistent)
     s, g, of = state.compression[0], reach.free_displacement[0], state.tension
     of.move[0], of.end[0], _, evaluations, status = solve_only_contact(contact, h, s, g, state)

@@ -227,31 +227,57 @@ def find_softness(tension, h, state):
 
 
 @inline
-def soften_contacts(contact, h, coupling, state):
-    """Find the compliance of contacts of stretched bodies if nothing were connected.
+def soften_contacts(contact, tension, h, coupling, state):
+    """Find the compliance of contacts of stretched bodies if nothing is connected.
 
     h: their ContactCoefficients; coupling: of it, or None
     """
     of, count = state.tension, state.compression.shape[0]
-    for k in range(count):
-        of.compliance[k] = h.compliance[k] - softness_between(contact, contact.other_rows, k, k, state)
-        of.compliance_low[k] = 0.0
-    if coupling is not None:
+    if coupling is None:
+        copy_items(h.compliance, of.compliance)
+        soften_pairs(contact, tension, of.compliance, state)
+    else:
+        copy_items(coupling, of.coupling)
+        soften_pairs(contact, tension, of.coupling, state)
         for k in range(count):
-            for i in range(k):
-                pair = coupling[k * count + i] - softness_between(contact, contact.other_rows, k, i, state)
-                of.coupling[k * count + i] = of.coupling[i * count + k] = pair
-            of.coupling[k * count + k] = of.compliance[k]
+            of.compliance[k] = of.coupling[k * count + k]
+    for k in range(count):
+        of.compliance_low[k] = 0.0
+
+
+@noinline
+def soften_pairs(contact, tension, compliance, state):
+    """Take from the compliance of contacts, row by row, what tensions take."""
+    count = state.compression.shape[0]
+    for b in range(tension.mode_begin.shape[0]):
+        span = tension.mode_begin[b], tension.mode_end[b]
+        for k in range(count):
+            if is_contact_of(contact, contact.other_rows, k, span):
+                for i in range(k + 1):
+                    if is_contact_of(contact, contact.other_rows, i, span):
+                        softness = softness_between(contact, contact.other_rows, k, i, span, state)
+                        compliance[k * count + i] -= softness
+                        if i != k:
+                            compliance[i * count + k] -= softness
 
 
 @inline
-def softness_between(contact, other_rows, k, i, state):
-    """Return how much less a force at contact k moves contact i because bodies are stretched, m/N."""
-    softness = softness_at_rows(contact.rows, k, contact.rows, i, state)
+def is_contact_of(contact, other_rows, k, span):
+    """True if contact k is on the body of these modes."""
     if other_rows is not None:
-        softness += softness_at_rows(contact.rows, k, other_rows, i, state)
-        softness += softness_at_rows(other_rows, k, contact.rows, i, state)
-        softness += softness_at_rows(other_rows, k, other_rows, i, state)
+        if overlaps(other_rows, k, span):
+            return True
+    return overlaps(contact.rows, k, span)
+
+
+@inline
+def softness_between(contact, other_rows, k, i, span, state):
+    """Return how much less a force at contact k moves contact i because a body is stretched, m/N."""
+    softness = softness_at_rows(contact.rows, k, contact.rows, i, span, state)
+    if other_rows is not None:
+        softness += softness_at_rows(contact.rows, k, other_rows, i, span, state)
+        softness += softness_at_rows(other_rows, k, contact.rows, i, span, state)
+        softness += softness_at_rows(other_rows, k, other_rows, i, span, state)
     return softness
 
 
@@ -264,11 +290,12 @@ def add_softness_of_rows(of, n, sums):
 
 
 @inline
-def softness_at_rows(rows, k, other_rows, i, state):
-    """Return how much less a force at row k moves row i of others because bodies are stretched, m/N."""
+def softness_at_rows(rows, k, other_rows, i, span, state):
+    """Return how much less a force at row k moves row i of others because the modes of a span are stretched, m/N."""
     # a row of connections may be of several bodies
     begin, other_begin = np.int64(rows.mode_begin[k]), np.int64(other_rows.mode_begin[i])
-    first, end = max(begin, other_begin), min(np.int64(rows.mode_end[k]), np.int64(other_rows.mode_end[i]))
+    first, end = max(span[0], begin, other_begin), np.int64(rows.mode_end[k])
+    end = min(span[1], end, np.int64(other_rows.mode_end[i]))
     if first >= end:
         return 0.0
     place = np.int64(rows.offset[k]) + (first - begin)
@@ -286,8 +313,8 @@ def find_softened_connection_forces(connection, model, softened, h, state):
     if connection is not None:
         if has_connections(connection, state):
             find_softness(model.tension, h, state)
-            soften_connections(connection, h.connection, softened.connection, state)
-            soften_contact_moves(model.contact, connection, h.connection, softened.connection, state)
+            soften_connections(connection, model.tension, h.connection, softened.connection, state)
+            soften_contact_moves(model.contact, model.tension, connection, h.connection, softened.connection, state)
             stiffen_ends(connection, model.tension, state)
             make_factors(connection, state.tension.connection.coupling, softened.connection, state.connection)
             reduce_contact_compliance(softened.connection, softened.contact, state.connection.extension.shape[0])
@@ -296,39 +323,60 @@ def find_softened_connection_forces(connection, model, softened, h, state):
 
 
 @noinline
-def soften_connections(connection, h, softened, state):
+def soften_connections(connection, tension, h, softened, state):
     """Find the compliance of connections of stretched bodies. h, softened: ConnectionCoefficients"""
     rows, n = connection.rows, state.connection.extension.shape[0]
     copy_items(h.compliance, softened.compliance)
-    for r in range(connection.coordinate.shape[0]):
-        for s in range(connection.coordinate.shape[0]):
-            at = connection.coordinate[r] * n + connection.coordinate[s]
-            softened.compliance[at] -= softness_at_rows(rows, r, rows, s, state)
+    for b in range(tension.mode_begin.shape[0]):
+        span = tension.mode_begin[b], tension.mode_end[b]
+        for r in range(connection.coordinate.shape[0]):
+            if overlaps(rows, r, span):
+                for s in range(r + 1):
+                    if overlaps(rows, s, span):
+                        i, j = connection.coordinate[r], connection.coordinate[s]
+                        softness = softness_at_rows(rows, r, rows, s, span, state)
+                        softened.compliance[i * n + j] -= softness
+                        if r != s:
+                            softened.compliance[j * n + i] -= softness
 
 
 @inline
-def soften_contact_moves(contact, connection, h, softened, state):
+def overlaps(rows, r, span):
+    """True if row r weighs a mode of a span."""
+    return np.int64(rows.mode_begin[r]) < span[1] and span[0] < np.int64(rows.mode_end[r])
+
+
+@inline
+def soften_contact_moves(contact, tension, connection, h, softened, state):
     """Find how far contacts of stretched bodies move each other and connections. h, softened: ConnectionCoefficients"""
     if contact is not None:
-        n, count = state.connection.extension.shape[0], state.compression.shape[0]
         copy_items(h.contact_moves, softened.contact_moves)
-        for k in range(count):
-            for r in range(connection.coordinate.shape[0]):
-                at = k * n + connection.coordinate[r]
-                softness = softness_of_other(contact.other_rows, connection.rows, k, r, state)
-                softness += softness_at_rows(contact.rows, k, connection.rows, r, state)
-                softened.contact_moves[at] -= softness
-            for i in range(count):
-                softness = softness_between(contact, contact.other_rows, k, i, state)
-                softened.contact_compliance[k * count + i] = h.contact_compliance[k * count + i] - softness
+        copy_items(h.contact_compliance, softened.contact_compliance)
+        soften_pairs(contact, tension, softened.contact_compliance, state)
+        for b in range(tension.mode_begin.shape[0]):
+            span = tension.mode_begin[b], tension.mode_end[b]
+            for k in range(state.compression.shape[0]):
+                if is_contact_of(contact, contact.other_rows, k, span):
+                    soften_moves_of_contact(contact, connection, softened.contact_moves, k, span, state)
 
 
 @inline
-def softness_of_other(other_rows, rows, k, r, state):
+def soften_moves_of_contact(contact, connection, moves, k, span, state):
+    """Take from how far contact k moves connections what the tension of a body takes."""
+    n = state.connection.extension.shape[0]
+    for r in range(connection.coordinate.shape[0]):
+        if overlaps(connection.rows, r, span):
+            softness = softness_of_other(contact.other_rows, connection.rows, k, r, span, state)
+            softness += softness_at_rows(contact.rows, k, connection.rows, r, span, state)
+            moves[k * n + connection.coordinate[r]] -= softness
+
+
+@inline
+def softness_of_other(other_rows, rows, k, r, span, state):
     """Return how much less the other side of contact k moves row r because bodies are stretched, m/N."""
     if other_rows is None:
         return 0.0
-    return softness_at_rows(other_rows, k, rows, r, state)
+    return softness_at_rows(other_rows, k, rows, r, span, state)
 
 
 # --- ends of strings that move
@@ -409,7 +457,7 @@ def find_forces_of_contacts(contact, model, softened, h, state):
         return ContactForces(SolveStatus.FREE, INT64_0, 0.0, FALSE)
     if not has_connections(model.connection, state):
         find_softness(model.tension, h, state)
-        soften_contacts(contact, h.contact, h.contact.coupling, state)
+        soften_contacts(contact, model.tension, h.contact, h.contact.coupling, state)
     forces = solve_one_or_several(contact, softened.h.contact, h.contact.coupling, reach, state)
     answer_contacts(model.connection, softened.h, reach, state)
     return forces

@@ -24,7 +24,7 @@ def update_factors(connection, h, contact, state):
             or h.made_for_damping[i] != connection_state.damping[i]
         ):
             make_factors(connection, connection.coupling, h, connection_state)
-            reduce_contact_compliance(h, contact, connection_state.extension.shape[0])
+            reduce_contact_compliance(h, contact, connection_state)
             return
 
 
@@ -98,33 +98,41 @@ def subtract_row(matrix, i, j, n, factor):
 
 
 @inline
-def reduce_contact_compliance(h, contact, n):
+def reduce_contact_compliance(h, contact, connection_state):
     """Compute the compliance of each contact again, with the present X and Y of the connections."""
     if contact is not None:
         contacts = contact.compliance.shape[0]
-        for k in range(contacts):
-            contact.compliance[k] = reduced_compliance(h, n, contacts, k, k)
-            contact.compliance_low[k] = 0.0
-        reduce_coupling(h, contact.coupling, n, contacts)
+        for j in range(contacts):
+            find_held(h, j, connection_state)
+            contact.compliance[j] = reduced_compliance(h, contacts, j, j, connection_state)
+            contact.compliance_low[j] = 0.0
+            reduce_coupling(h, contact.coupling, j, contacts, connection_state)
 
 
 @inline
-def reduce_coupling(h, coupling, n, contacts):
-    """Compute the compliance of each contact to the others again; `coupling` is None if no island has several
+def reduce_coupling(h, coupling, j, contacts, connection_state):
+    """Compute the compliance of each contact to contact j again; `coupling` is None if no island has several
     contacts."""
     if coupling is not None:
         for k in range(contacts):
-            for j in range(contacts):
-                coupling[k * contacts + j] = reduced_compliance(h, n, contacts, k, j)
+            coupling[k * contacts + j] = reduced_compliance(h, contacts, k, j, connection_state)
 
 
-@noinline
-def reduced_compliance(h, n, contacts, k, j):
-    """Displacement at contact k per newton at contact j over the step, while the connections hold, m/N."""
-    total = h.contact_compliance[k * contacts + j]
+@inline
+def find_held(h, j, connection_state):
+    """Find the forces of connections per newton at contact j, which the first row of State.connection.matrix holds."""
+    n, held = connection_state.extension.shape[0], connection_state.matrix
     for a in range(n):
-        held = 0.0
+        force = 0.0
         for b in range(n):
-            held += h.force_per_move[b * n + a] * h.contact_moves[j * n + b]
-        total -= h.contact_moves[k * n + a] * held
+            force += h.force_per_move[b * n + a] * h.contact_moves[j * n + b]
+        held[a] = force
+
+
+@inline
+def reduced_compliance(h, contacts, k, j, connection_state):
+    """Displacement at contact k per newton at contact j over the step, while the connections hold, m/N."""
+    n, total = connection_state.extension.shape[0], h.contact_compliance[k * contacts + j]
+    for a in range(n):
+        total -= h.contact_moves[k * n + a] * connection_state.matrix[a]
     return total

@@ -317,7 +317,7 @@ def find_softened_connection_forces(connection, model, softened, h, state):
             soften_contact_moves(model.contact, model.tension, connection, h.connection, softened.connection, state)
             stiffen_ends(connection, model.tension, state)
             make_factors(connection, state.tension.connection.coupling, softened.connection, state.connection)
-            reduce_contact_compliance(softened.connection, softened.contact, state.connection.extension.shape[0])
+            reduce_contact_compliance(softened.connection, softened.contact, state.connection)
             state.connection.is_move_known[0] = 0
             find_forces(connection, softened, state)
 

@@ -67,8 +67,7 @@ def initial_tension(layout: Layout, model: Tension, counts: dict[Axis, int]) -> 
     found, order = stretching_bodies(layout), layout.islands.body_order
     stiffness = np.array([found[b].stiffness if b in found else 0.0 for b in order])
     rise = stiffness * [
-        found[b].weight @ layout.modes.q[layout.modes.of_body[b]] ** 2 if b in found else 0.0
-        for b in order
+        found[b].weight @ layout.modes.q[layout.modes.of_body[b]] ** 2 if b in found else 0.0 for b in order
     ]
     state: TensionState = allocate(
         TensionState,

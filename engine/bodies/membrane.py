@@ -23,7 +23,10 @@ class Membrane(TunedSheet):
     tension: float | None = Field(default=None, gt=0.0, le=1e9, description="tension, N/m")
 
     young: float | None = Field(
-        default=None, gt=0.0, le=1e15, description="Young's modulus, Pa; with thickness, instead of stretching_stiffness"
+        default=None,
+        gt=0.0,
+        le=1e15,
+        description="Young's modulus, Pa; with thickness, instead of stretching_stiffness",
     )
     thickness: float | None = Field(default=None, gt=0.0, le=1.0, description="thickness, m")
     poisson: float | None = Field(default=None, ge=0.0, lt=0.5, description="Poisson's ratio; 0.3 if absent")

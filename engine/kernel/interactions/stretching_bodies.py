@@ -84,7 +84,7 @@ def push_together(model, contact, settings, touches, state):
         find_free_rises(tension, h, state)
     evaluations = INT64_0
     for n in range(MAX_ROUNDS):
-        push_by_tension(tension, h, state)
+        push_by_tensions(tension, h, state)
         find_softened_connection_forces(connection, model, softened.h, h, state)
         forces = find_softened_contact_forces(contact, model, softened, h, touches, state)
         stretch_ends(connection, tension, softened.h, forces, state)
@@ -97,10 +97,16 @@ def push_together(model, contact, settings, touches, state):
         if are_rises_found(tension, h, n, state):
             break
         restore_momenta(state)
-    push_by_tension(tension, h, state)
+    push_by_tensions(tension, h, state)
     measure_moves(connection, h, state)
     lost, excess = store_contact_forces(contact, model, softened, forces, touches, state)
     return Touch(forces.status, evaluations, lost, excess, TRUE, 0.0)
+
+
+@noinline
+def push_by_tensions(tension, h, state):
+    """Do what `push_by_tension` does; it is compiled once for all rounds."""
+    push_by_tension(tension, h, state)
 
 
 @inline
@@ -216,7 +222,7 @@ def add_softness(of, k, sums):
     return sums
 
 
-@inline
+@noinline
 def find_softness(tension, h, state):
     """Find what tensions take from the compliance of each mode."""
     for m in range(state.displacement_bound.shape[0]):
@@ -289,7 +295,7 @@ def add_softness_of_rows(of, n, sums):
     return (multiply_add(shapes, number_at(softness, place_after(n, first)), sums[0]),)
 
 
-@inline
+@noinline
 def softness_at_rows(rows, k, other_rows, i, span, state):
     """Return how much less a force at row k moves row i of others because the modes of a span are stretched, m/N."""
     # a row of connections may be of several bodies
@@ -513,9 +519,7 @@ def store_one_or_several(contact, connection, h, coupling, forces, state):
         if state.compression.shape[0] > 1:
             reach = reach_of_all(connection, contact, h, state)
             measure_misses(contact, h.contact, reach, state)
-            solution = ContactSolution(
-                forces.status, forces.evaluations, forces.excess, forces.is_persistent, FALSE
-            )
+            solution = ContactSolution(forces.status, forces.evaluations, forces.excess, forces.is_persistent, FALSE)
             return store_several_contacts(contact, h.contact, reach, solution, state)
     eta, b, f = state.tension.move[0], state.tension.end[0], state.contact_force[0]
     residual = measured_miss(contact, h.contact, state, INT64_0, eta, f)

@@ -196,7 +196,7 @@ def add_stretch_by_ends(tension, connection_state, b, stretch):
     return stretch
 
 
-@inline
+@noinline
 def energies_of_body(tension, omega_squared, state, b):
     """Return the energy of the stretch of body b, and that of its modes, J."""
     of = tension, omega_squared, state, tension.mode_begin[b]

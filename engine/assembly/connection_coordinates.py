@@ -6,9 +6,10 @@ point, and the force w = Σ ωₙ·cₙ·aₙ of all strings that end there. A s
 
     V = Σ ½·(ωₙ·aₙ + cₙ·y)² + T/(2L)·y²,   cₙ = ωₙ·μ·φₙ'(L)/βₙ²
 
-when its end is at y. Where a string stretches (engine.kernel.interactions.tension), its length is measured from the
-line between its ends: Σ κₙ·(aₙ + c̃ₙ·y)² + y²/L, c̃ₙ = μ·φₙ'(L)/βₙ². So each such end has a third coordinate, the
-slope Σ κₙ·c̃ₙ·aₙ, here over Σ κₙ·c̃ₙ² + 1/L, which is a length too. With both ends moving, it holds Σ ½·(ωₙ·aₙ + c⁰ₙ·y₀ + c¹ₙ·y₁)² + T/(2L)·(y₁ - y₀)². The arrays
+when its end is at y. With both ends moving, it holds Σ ½·(ωₙ·aₙ + c⁰ₙ·y₀ + c¹ₙ·y₁)² + T/(2L)·(y₁ - y₀)². Where it
+stretches (engine.kernel.interactions.tension), its length is measured from the line between its ends:
+Σ κₙ·(aₙ + c̃ₙ·y)² + y²/L, c̃ₙ = μ·φₙ'(L)/βₙ². Each such end has a third coordinate, the slope Σ κₙ·c̃ₙ·aₙ, here over
+Σ κₙ·c̃ₙ² + 1/L, which makes it a length. The arrays
 hold w/κ in place of w, with κ = Σ (Σ cₙ² + T/L) over the strings. It is a length, as y is: with numbers of unlike size
 the factors would be less exact.
 

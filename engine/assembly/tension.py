@@ -1,6 +1,7 @@
 """Arrays of bodies whose tension rises as they stretch (engine.kernel.interactions.tension)."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,8 +10,10 @@ from engine.assembly.connection_coordinates import find_stretching, stretch_of_e
 from engine.assembly.layout import Layout
 from engine.bodies.stretching import Stretching
 from engine.kernel.data.axes import Axis
+from engine.kernel.data.enums import MovingEnd, Stretch, StretchFactor
 from engine.kernel.data.model import Tension
 from engine.kernel.data.state import SoftenedConnections, TensionState
+from engine.patch.tables import EndConnection
 
 CENTS_PER_ENERGY = 1200 / math.log(2)  # 1731·K·E/c⁴: by so many cents at most partials rise
 
@@ -33,47 +36,55 @@ def tension(layout: Layout, least_detuning: float) -> Tension | None:
     if not found:
         return None
     islands, modes = layout.islands, layout.modes
-    begin, end = np.zeros((2, len(islands.body_order)), np.int64)
-    ends, end_weights = np.full((len(begin), 4), -1), np.zeros((len(begin), 3))
-    softest, unheard = np.zeros((2, len(islands.body_order)))
+    count = len(islands.body_order)
+    begin, end = np.zeros((2, count), np.int64)
+    places, factor = np.full((count, len(MovingEnd)), -1), np.zeros((count, len(StretchFactor)))
     weight, can_stretch = np.zeros(modes.omega.size), np.zeros(len(islands.bodies), np.int64)
-    for place, b in enumerate(islands.body_order):
+    for n, b in enumerate(islands.body_order):
         if b in found:
-            kappa, inside = found[b].weight, modes.of_body[b]
-            ends[place], end_weights[place] = _moving_ends(layout, b)
-            begin[place], end[place] = modes.in_island[b].start, modes.in_island[b].stop
+            kappa, inside, ends = found[b].weight, modes.of_body[b], _moving_ends(layout, b)
             weight[inside] = kappa
-            softest[place] = np.max(kappa / modes.omega[inside] ** 2)
-            unheard[place] = least_detuning / CENTS_PER_ENERGY / softest[place] ** 2
+            softest = float(np.max(kappa / modes.omega[inside] ** 2))
+            begin[n], end[n] = modes.in_island[b].start, modes.in_island[b].stop
+            places[n] = ends.coordinates
+            factor[n] = softest, least_detuning / CENTS_PER_ENERGY / softest**2, *ends.factors
             can_stretch[islands.of_body[b]] = 1
-    return Tension(begin, end, weight, softest, unheard, ends, end_weights, can_stretch)
+    return Tension(begin, end, weight, places, factor, can_stretch)
 
 
-def _moving_ends(layout: Layout, b: int) -> tuple[list[int], list[float]]:
-    """Return the coordinates of the slope and of the displacement of the moving ends of a string, -1 of an end that
-    does not move, and the weights of both ends and of their product."""
+class MovingEnds(NamedTuple):
+    """Ends of a string that move."""
+
+    coordinates: list[int]  # of slope and displacement of each, -1 of an end that does not move
+    factors: list[float]  # of each, and of their product, 1/m
+
+
+def _moving_ends(layout: Layout, b: int) -> MovingEnds:
+    """Return the ends of a string that move, none of another body."""
     items, scene = layout.islands.coordinates[layout.islands.of_body[b]].items, layout.scene
     name, places, at = scene.body[b].name, list[int](), list[float]()
     for i, item in enumerate(items):
-        if item.slope_of is not None and scene.connection[item.slope_of[0]].body == name:
+        end = None if item.slope_of is None else scene.connection[item.slope_of[0]]
+        if item.slope_of is not None and isinstance(end, EndConnection) and end.body == name:
             places += [i, i - item.slope_of[1]]
-            at.append(scene.connection[item.slope_of[0]].at)
-    weights = [stretch_of_ends(layout, name, end, end) for end in at] + [0.0] * (2 - len(at))
-    return places + [-1] * (4 - len(places)), [*weights, stretch_of_ends(layout, name, *at) if len(at) == 2 else 0.0]
+            at.append(end.at)
+    factors = [stretch_of_ends(layout, name, end, end) for end in at] + [0.0] * (2 - len(at))
+    factors.append(stretch_of_ends(layout, name, *at) if len(at) == 2 else 0.0)
+    return MovingEnds(places + [-1] * (4 - len(places)), factors)
 
 
 def initial_tension(layout: Layout, model: Tension, counts: dict[Axis, int]) -> TensionState:
     """Return the state of bodies that stretch, at time 0."""
-    found, order = stretching_bodies(layout), layout.islands.body_order
-    stiffness = np.array([found[b].stiffness if b in found else 0.0 for b in order])
-    rise = stiffness * [
-        found[b].weight @ layout.modes.q[layout.modes.of_body[b]] ** 2 if b in found else 0.0 for b in order
-    ]
+    found, body = stretching_bodies(layout), np.zeros((counts[Axis.BODY], len(Stretch)))
+    for n, b in enumerate(layout.islands.body_order):
+        if b in found:
+            body[n, Stretch.STIFFNESS] = found[b].stiffness
+            stretch = found[b].weight @ layout.modes.q[layout.modes.of_body[b]] ** 2
+            body[n, [Stretch.LAST, Stretch.SECOND_LAST, Stretch.THIRD_LAST]] = found[b].stiffness * stretch
     state: TensionState = allocate(
         TensionState,
         counts,
-        stiffness=stiffness,
-        history=np.repeat(rise[:, None], 3, axis=1),
+        body=body,
         connection=allocate(SoftenedConnections, counts) if counts[Axis.CONNECTION] else None,
         is_active=model.can_stretch.copy(),
     )

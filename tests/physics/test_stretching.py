@@ -1,4 +1,4 @@
-"""Bodies whose tension rises as they stretch: pitch, motion and energy, against formulas and independent integrators."""
+"""Bodies whose tension rises as they stretch: against formulas, and against independent integrators."""
 
 import math
 from itertools import pairwise

@@ -17,8 +17,6 @@ from engine.kernel.data.axes import (
     Axis,
     Items,
     PerBasisInt,
-    PerBody,
-    PerBodyInt,
     PerCompliance,
     PerConnection,
     PerConnectionContact,
@@ -46,7 +44,7 @@ from engine.kernel.data.axes import (
     Shared,
     SharedInt,
 )
-from engine.kernel.data.enums import FLIGHT_FRAMES, FLIGHT_PART
+from engine.kernel.data.enums import FLIGHT_FRAMES, FLIGHT_PART, MovingEnd, StretchFactor
 from engine.kernel.data.laws import Law
 
 
@@ -187,17 +185,13 @@ class Connections(NamedTuple):
 
 
 class Tension(NamedTuple):
-    """Bodies whose tension rises as they stretch (engine.kernel.interactions.tension), by body; those that do not have
-    neither modes nor stiffness."""
+    """Bodies whose tension rises as they stretch (engine.kernel.interactions.tension), by body."""
 
-    mode_begin: PerBodyInt
-    mode_end: PerBodyInt
-    weight: PerDoubleMode  # κ: the stretch is Σ κ·q²; q²·κ is in m for strings, in m² for sheets
-    softest: PerBody  # 1/N, or m/N: κ/ω² at most
-    unheard: PerBody  # times J: of stiffness times energy; what is less raises no partial by more than is allowed
-    # ends of strings that move, two: the coordinates of the slope and of the displacement of each, or -1
-    ends: Annotated[np.ndarray, Items(Axis.BODY, np.int64, columns=4, neutral=-1)]
-    end_weights: Annotated[np.ndarray, Items(Axis.BODY, columns=3)]  # 1/m: of the first, of the second, and of both
+    mode_begin: Annotated[np.ndarray, Items(Axis.BODY, np.int64)]  # its modes; none of a body that does not stretch
+    mode_end: Annotated[np.ndarray, Items(Axis.BODY, np.int64)]
+    weight: PerDoubleMode  # κ: the stretch is Σ κ·q², in m of strings, in m² of sheets
+    ends: Annotated[np.ndarray, Items(Axis.BODY, np.int64, len(MovingEnd), neutral=-1)]
+    factor: Annotated[np.ndarray, Items(Axis.BODY, columns=len(StretchFactor))]
     can_stretch: PerIslandInt  # 1 if a body of the island does
 
 

@@ -7,7 +7,6 @@ import numpy as np
 from engine.kernel.data.axes import (
     Axis,
     Items,
-    PerBody,
     PerCompliance,
     PerConnection,
     PerConnectionContact,
@@ -35,6 +34,7 @@ from engine.kernel.data.enums import (
     Sleep,
     SleepMonitor,
     SolveStatus,
+    Stretch,
 )
 
 PerPartition = Annotated[np.ndarray, Items(Axis.PARTITION)]
@@ -93,32 +93,23 @@ class SoftenedConnections(NamedTuple):
     compliance: PerConnectionPair
     force_per_extension: PerConnectionPair
     force_per_move: PerConnectionPair
-    made_for_stiffness: PerConnection
-    made_for_damping: PerConnection
     coupling: PerConnectionPair  # that of Connections, and what tensions add
-    end: PerConnection  # m: extension at the end of the step
     contact_moves: PerConnectionContact
     contact_compliance: PerCompliance
 
 
 class TensionState(NamedTuple):
-    """State of bodies that stretch (engine.kernel.interactions.tension)."""
+    """State of bodies that stretch (engine.kernel.interactions.tension); and memory for steps with contacts and
+    connections."""
 
-    stiffness: PerBody  # K: N/m of strings, N/m³ of sheets; events change it
-    rise: PerBody  # λ, N, or N/m of sheets: of the present step
-    history: Annotated[np.ndarray, Items(Axis.BODY, columns=3)]  # of the last steps
-    stretch_of_ends: Annotated[np.ndarray, Items(Axis.BODY, columns=2)]  # at the begin of the step, and at its end
-    trial: Annotated[np.ndarray, Items(Axis.BODY, columns=2)]  # a rise that was tried, and by how much it missed
+    body: Annotated[np.ndarray, Items(Axis.BODY, columns=len(Stretch))]
     is_active: PerIslandInt  # 0 while the bodies of the island are taken for linear
-    # memory for steps with contacts and connections
     momentum: PerDoubleMode  # √kg·m/s: of the drift by neither contacts nor tension
     push: PerDoubleMode  # √kg·m/s: what external forces give in half a kick
-    compliance: PerContact  # B_kk at the present tension, m/N
+    compliance: PerContact  # B_kk of stretched bodies, m/N
     compliance_low: PerContact
     coupling: PerCompliance  # B, m/N
     connection: SoftenedConnections | None
-    move: PerContact  # η, m, of an only contact
-    end: PerContact  # m: its compression at the end
 
 
 class SavedMotion(NamedTuple):

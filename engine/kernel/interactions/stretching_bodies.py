@@ -11,15 +11,17 @@ from engine.compiler.lanes import multiply_add, number_at, place_after, put_numb
 from engine.compiler.overloads import is_none, overload_by_source
 from engine.kernel.contact.contact_law import end_force_of, law_in_step
 from engine.kernel.contact.coupled_contact_solver import NO_CAP
-from engine.kernel.data.enums import SolveStatus
+from engine.kernel.data.enums import MovingEnd, SolveStatus, Stretch, StretchFactor
 from engine.kernel.data.model import ConnectionCoefficients, ContactCoefficients, StepCoefficients, StepSettings
-from engine.kernel.interactions.connection_factors import make_factors, reduce_contact_compliance
+from engine.kernel.data.state import SoftenedConnections
+from engine.kernel.interactions.connection_factors import make_factors, reduce_contact_compliance, solve_connections
 from engine.kernel.interactions.connections import (
     answer_contacts,
-    find_forces,
+    clear,
     has_connections,
     measure_moves,
     product_at,
+    project_rows,
     push_by_connections,
 )
 from engine.kernel.interactions.contact_forces import (
@@ -42,6 +44,7 @@ from engine.kernel.interactions.near_contacts import contacts_in_reach, reach_of
 from engine.kernel.interactions.tension import (
     find_free_rises,
     find_rise,
+    modes_of_body,
     predict_rises,
     push_by_tension,
     remember_rises,
@@ -61,11 +64,11 @@ def push_stretched(model, contact, settings, state):
         touches = has_contacts(contact, state) and not settings.is_free
     if touches or has_connections(model.connection, state):
         touch = push_together(model, contact, settings, touches, state)
-        remember_rises(state.tension)
+        remember_rises(model.tension, state)
         return touch
     find_free_rises(model.tension, settings.h, state)
     push_by_tension(model.tension, settings.h, state)
-    remember_rises(state.tension)
+    remember_rises(model.tension, state)
     return Touch(SolveStatus.FREE, INT64_0, 0.0, 0.0, TRUE, 0.0)
 
 
@@ -79,12 +82,12 @@ def push_together(model, contact, settings, touches, state):
     copy_items(state.drift_momentum, of.momentum)
     copy_items(state.push, of.push)
     if has_connections(connection, state) or is_any_closed(state):
-        predict_rises(of)
+        predict_rises(tension, state)
     else:
         find_free_rises(tension, h, state)
     evaluations = INT64_0
     for n in range(MAX_ROUNDS):
-        push_by_tensions(tension, h, state)
+        push_by_tension(tension, h, state)
         find_softened_connection_forces(connection, model, softened.h, h, state)
         forces = find_softened_contact_forces(contact, model, softened, h, touches, state)
         stretch_ends(connection, tension, softened.h, forces, state)
@@ -97,25 +100,19 @@ def push_together(model, contact, settings, touches, state):
         if are_rises_found(tension, h, n, state):
             break
         restore_momenta(state)
-    push_by_tensions(tension, h, state)
+    push_by_tension(tension, h, state)
     measure_moves(connection, h, state)
     lost, excess = store_contact_forces(contact, model, softened, forces, touches, state)
     return Touch(forces.status, evaluations, lost, excess, TRUE, 0.0)
 
 
-@noinline
-def push_by_tensions(tension, h, state):
-    """Do what `push_by_tension` does; it is compiled once for all rounds."""
-    push_by_tension(tension, h, state)
-
-
 @inline
 def is_any_closed(state):
     """True if a contact is closed at the begin of the step."""
+    closed = False
     for k in range(state.compression.shape[0]):
-        if state.compression[k] > 0.0:
-            return True
-    return False
+        closed = closed or state.compression[k] > 0.0
+    return closed
 
 
 @inline
@@ -127,32 +124,28 @@ def restore_momenta(state):
 
 @inline
 def are_rises_found(tension, h, n, state):
-    """True if the tensions that contact forces lead to are those with which these were found; if not, try others.
-    State.tension.rise holds them.
+    """True if the tensions that forces lead to are those with which these were found; if not, try others.
 
     n: number of rounds before this one
     """
-    is_same, trial, of = True, state.tension.trial, state.tension
-    for b in range(of.rise.shape[0]):
-        if of.stiffness[b] != 0.0:
-            rise = of.rise[b]
-            found = find_rise(tension, h, state, b, rise)
-            miss = found - rise
-            is_same = is_same and abs(miss) <= SAME * found
-            of.rise[b] = next_rise(trial[b], n, rise, miss)
-            trial[b, 0], trial[b, 1] = rise, miss
+    is_same = True
+    for b in range(tension.mode_begin.shape[0]):
+        body = state.tension.body[b]
+        if body[Stretch.STIFFNESS] != 0.0:
+            rise = body[Stretch.RISE]
+            miss = find_rise(tension, h, state, b, rise) - rise
+            is_same = is_same and abs(miss) <= SAME * rise
+            body[Stretch.RISE] = next_rise(body, n, rise, miss)
+            body[Stretch.TRIED], body[Stretch.MISSED] = rise, miss
     return is_same
 
 
 @inline
-def next_rise(trial, n, rise, miss):
-    """Return the tension to try next: that found, or the zero of the secant through the last two misses.
-
-    trial: the tension tried before, and by how much that which was found missed it
-    """
+def next_rise(body, n, rise, miss):
+    """Return the tension to try next: that which was found, or the zero of the secant through the last two misses."""
     if n > 0 and abs(miss) > SAME * rise:
-        slope = (miss - trial[1]) / (rise - trial[0])
-        if -20.0 < slope and slope < -0.05:
+        slope = (miss - body[Stretch.MISSED]) / (rise - body[Stretch.TRIED])
+        if slope > -20.0 and slope < -0.05:
             return max(0.0, rise - miss / slope)
         if n > 12:
             return rise + 0.5 * miss
@@ -202,8 +195,8 @@ def softened_connections(h: Any, tension_state: Any) -> Any:
 def _write_connections(h: Any, of: Any) -> tuple[str, dict[str, Any]]:
     if is_none(h):
         return "None", {}
-    given = {"rows", "step_rate"}
-    parts = [f"h.{name}" if name in given else f"tension_state.connection.{name}" for name in h.fields]
+    softened = SoftenedConnections._fields
+    parts = [f"tension_state.connection.{name}" if name in softened else f"h.{name}" for name in h.fields]
     return f"ConnectionCoefficients({', '.join(parts)})", {"ConnectionCoefficients": ConnectionCoefficients}
 
 
@@ -214,22 +207,33 @@ overload_by_source(softened_connections, _write_connections)
 @inline
 def add_softness(of, k, sums):
     """Write what the tension takes from the compliance of mode k of a body, e·aλ/(1 + aλ), e = t·v, s²."""
-    tension, h, state, first, rise = of
-    m = place_after(k, first)
-    compliance = number_at(h.kick, m) * number_at(h.drift, m)
-    stiffened = 0.5 * compliance * number_at(tension.weight, m) * rise
-    put_number(state.displacement_bound, m, compliance * stiffened / (1.0 + stiffened))
+    modes, softness, rise = of
+    m = place_after(k, modes.first)
+    compliance = number_at(modes.kick, m) * number_at(modes.drift, m)
+    stiffened = 0.5 * compliance * number_at(modes.weight, m) * rise
+    put_number(softness, m, compliance * stiffened / (1.0 + stiffened))
     return sums
 
 
-@noinline
+@inline
 def find_softness(tension, h, state):
-    """Find what tensions take from the compliance of each mode."""
-    for m in range(state.displacement_bound.shape[0]):
-        state.displacement_bound[m] = 0.0
+    """Find what tensions take from the compliance of each mode of the bodies that stretch."""
     for b in range(tension.mode_begin.shape[0]):
-        first, modes = tension.mode_begin[b], tension.mode_end[b] - tension.mode_begin[b]
-        fold_lanes(add_softness, (tension, h, state, first, state.tension.rise[b]), modes, (splat(0.0),))
+        body = state.tension.body[b]
+        if body[Stretch.STIFFNESS] != 0.0:
+            soften_body(modes_of_body(tension, h, state, b), state.displacement_bound, body[Stretch.RISE])
+
+
+@noinline
+def soften_body(modes, softness, rise):
+    """Do this for the modes of a body."""
+    fold_lanes(add_softness, (modes, softness, rise), modes.size, (splat(0.0),))
+
+
+@inline
+def span_of(tension, b):
+    """Return the first mode of body b, and its last + 1; -1 of one that does not stretch."""
+    return tension.mode_begin[b], tension.mode_end[b]
 
 
 @inline
@@ -256,7 +260,7 @@ def soften_pairs(contact, tension, compliance, state):
     """Take from the compliance of contacts, row by row, what tensions take."""
     count = state.compression.shape[0]
     for b in range(tension.mode_begin.shape[0]):
-        span = tension.mode_begin[b], tension.mode_end[b]
+        span = span_of(tension, b)
         for k in range(count):
             if is_contact_of(contact, contact.other_rows, k, span):
                 for i in range(k + 1):
@@ -295,7 +299,7 @@ def add_softness_of_rows(of, n, sums):
     return (multiply_add(shapes, number_at(softness, place_after(n, first)), sums[0]),)
 
 
-@noinline
+@inline
 def softness_at_rows(rows, k, other_rows, i, span, state):
     """Return how much less a force at row k moves row i of others because the modes of a span are stretched, m/N."""
     # a row of connections may be of several bodies
@@ -306,8 +310,14 @@ def softness_at_rows(rows, k, other_rows, i, span, state):
         return 0.0
     place = np.int64(rows.offset[k]) + (first - begin)
     other_place = np.int64(other_rows.offset[i]) + (first - other_begin)
-    of = rows.phi, place, other_rows.phi, other_place, state.displacement_bound, first
-    return fold(add_softness_of_rows, of, end - first, (splat(0.0),))[0]
+    return sum_softness(rows.phi, place, other_rows.phi, other_place, state.displacement_bound, first, end - first)
+
+
+@noinline
+def sum_softness(phi, begin, other_phi, other_begin, softness, first, count):
+    """Return the sum of the products of two mode shapes and softness over so many modes, m/N."""
+    of = phi, begin, other_phi, other_begin, softness, first
+    return fold(add_softness_of_rows, of, count, (splat(0.0),))[0]
 
 
 # --- connections of stretched bodies
@@ -320,12 +330,11 @@ def find_softened_connection_forces(connection, model, softened, h, state):
         if has_connections(connection, state):
             find_softness(model.tension, h, state)
             soften_connections(connection, model.tension, h.connection, softened.connection, state)
-            soften_contact_moves(model.contact, model.tension, connection, h.connection, softened.connection, state)
             stiffen_ends(connection, model.tension, state)
-            make_factors(connection, state.tension.connection.coupling, softened.connection, state.connection)
-            reduce_contact_compliance(softened.connection, softened.contact, state.connection)
-            state.connection.is_move_known[0] = 0
-            find_forces(connection, softened, state)
+            clear(state.connection.free_move)
+            project_rows(connection, h.connection, state.drift_momentum, state.connection.free_move)
+            solve_connections(connection, state.tension.connection.coupling, softened.connection, state.connection)
+            soften_contact_moves(model.contact, model.tension, connection, h.connection, softened.connection, state)
 
 
 @noinline
@@ -334,7 +343,7 @@ def soften_connections(connection, tension, h, softened, state):
     rows, n = connection.rows, state.connection.extension.shape[0]
     copy_items(h.compliance, softened.compliance)
     for b in range(tension.mode_begin.shape[0]):
-        span = tension.mode_begin[b], tension.mode_end[b]
+        span = span_of(tension, b)
         for r in range(connection.coordinate.shape[0]):
             if overlaps(rows, r, span):
                 for s in range(r + 1):
@@ -353,6 +362,14 @@ def overlaps(rows, r, span):
 
 
 @inline
+def reduce_softened(connection, softened, state):
+    """Find the compliance of contacts of stretched bodies while connections hold. softened: StepCoefficients"""
+    if connection is not None:
+        make_factors(connection, state.tension.connection.coupling, softened.connection, state.connection)
+        reduce_contact_compliance(softened.connection, softened.contact, state.connection)
+
+
+@inline
 def soften_contact_moves(contact, tension, connection, h, softened, state):
     """Find how far contacts of stretched bodies move each other and connections. h, softened: ConnectionCoefficients"""
     if contact is not None:
@@ -360,7 +377,7 @@ def soften_contact_moves(contact, tension, connection, h, softened, state):
         copy_items(h.contact_compliance, softened.contact_compliance)
         soften_pairs(contact, tension, softened.contact_compliance, state)
         for b in range(tension.mode_begin.shape[0]):
-            span = tension.mode_begin[b], tension.mode_end[b]
+            span = span_of(tension, b)
             for k in range(state.compression.shape[0]):
                 if is_contact_of(contact, contact.other_rows, k, span):
                     soften_moves_of_contact(contact, connection, softened.contact_moves, k, span, state)
@@ -394,17 +411,27 @@ def stiffen_ends(connection, tension, state):
     n, coupling = state.connection.extension.shape[0], state.tension.connection.coupling
     copy_items(connection.coupling, coupling)
     for b in range(tension.mode_begin.shape[0]):
-        rise, ends, weights = state.tension.rise[b], tension.ends[b], tension.end_weights[b]
-        for e in range(2):
-            slope, y = ends[2 * e], ends[2 * e + 1]
-            if slope >= 0:
-                more = rise * weights[e]
-                coupling[slope * n + y] += more
-                coupling[y * n + slope] += more
-                coupling[y * n + y] += more
-        if ends[0] >= 0 and ends[2] >= 0:
-            coupling[ends[1] * n + ends[3]] += rise * weights[2]
-            coupling[ends[3] * n + ends[1]] += rise * weights[2]
+        ends, factor, rise = tension.ends[b], tension.factor[b], state.tension.body[b][Stretch.RISE]
+        first, second = ends[MovingEnd.DISPLACEMENT], ends[MovingEnd.OTHER_DISPLACEMENT]
+        if first >= 0:
+            stiffen_end(coupling, n, ends[MovingEnd.SLOPE], first, rise * factor[StretchFactor.END])
+        if second >= 0:
+            stiffen_end(coupling, n, ends[MovingEnd.OTHER_SLOPE], second, rise * factor[StretchFactor.OTHER_END])
+            stiffen_pair(coupling, n, first, second, rise * factor[StretchFactor.BOTH_ENDS])
+
+
+@inline
+def stiffen_end(coupling, n, slope, y, stiffness):
+    """Add the stiffness that a tension gives the end of a string."""
+    stiffen_pair(coupling, n, slope, y, stiffness)
+    coupling[y * n + y] += stiffness
+
+
+@inline
+def stiffen_pair(coupling, n, i, j, stiffness):
+    """Add a stiffness between two coordinates."""
+    coupling[i * n + j] += stiffness
+    coupling[j * n + i] += stiffness
 
 
 @inline
@@ -413,23 +440,23 @@ def stretch_ends(connection, tension, h, forces, state):
     stretched bodies"""
     if connection is not None:
         if has_connections(connection, state):
-            find_end_of_connections(h.connection, forces, state)
+            find_moves(h.connection, forces, state)
             for b in range(tension.mode_begin.shape[0]):
-                stretch = state.tension.stretch_of_ends[b]
-                stretch[0] = stretch_by_ends(tension, state.connection.extension, b)
-                stretch[1] = stretch_by_ends(tension, state.tension.connection.end, b)
+                body = state.tension.body[b]
+                body[Stretch.ENDS_BEFORE] = stretch_by_ends(tension, state.connection, 0.0, b)
+                body[Stretch.ENDS_AFTER] = stretch_by_ends(tension, state.connection, 1.0, b)
 
 
 @inline
-def find_end_of_connections(h, forces, state):
-    """Find the extensions of connections at the end of the step. h: ConnectionCoefficients"""
-    of, end, n = state.connection, state.tension.connection.end, state.connection.extension.shape[0]
+def find_moves(h, forces, state):
+    """Find how far the forces that were found move connections. h: ConnectionCoefficients"""
+    of, n = state.connection, state.connection.extension.shape[0]
     for i in range(n):
-        end[i] = of.extension[i] + of.free_move[i] - product_at(h.compliance, i, of.force)
+        of.move[i] = of.free_move[i] - product_at(h.compliance, i, of.force)
     if forces.status != SolveStatus.FREE:
         for k in range(state.contact_force.shape[0]):
             for i in range(n):
-                end[i] -= h.contact_moves[k * n + i] * state.contact_force[k]
+                of.move[i] -= h.contact_moves[k * n + i] * state.contact_force[k]
 
 
 # --- contacts: their forces are found, push, and are stored
@@ -442,6 +469,8 @@ class ContactForces(NamedTuple):
     evaluations: int  # of the contact laws
     excess: float  # J, that forces off their curves create
     is_persistent: bool  # True if all that are closed remain so
+    step: float  # η, m, of an only contact; and its compression at the end
+    end: float
 
 
 @inline
@@ -450,7 +479,7 @@ def find_softened_contact_forces(contact, model, softened, h, touches, state):
     if contact is not None:
         if touches:
             return find_forces_of_contacts(contact, model, softened, h, state)
-    return ContactForces(SolveStatus.FREE, INT64_0, 0.0, FALSE)
+    return ContactForces(SolveStatus.FREE, INT64_0, 0.0, FALSE, 0.0, 0.0)
 
 
 @inline
@@ -460,8 +489,10 @@ def find_forces_of_contacts(contact, model, softened, h, state):
     if not is_any_closing(reach):
         for k in range(state.contact_force.shape[0]):
             state.contact_force[k] = 0.0
-        return ContactForces(SolveStatus.FREE, INT64_0, 0.0, FALSE)
-    if not has_connections(model.connection, state):
+        return ContactForces(SolveStatus.FREE, INT64_0, 0.0, FALSE, 0.0, 0.0)
+    if has_connections(model.connection, state):
+        reduce_softened(model.connection, softened.h, state)
+    else:
         find_softness(model.tension, h, state)
         soften_contacts(contact, model.tension, h.contact, h.contact.coupling, state)
     forces = solve_one_or_several(contact, softened.h.contact, h.contact.coupling, reach, state)
@@ -475,10 +506,10 @@ def solve_one_or_several(contact, h, coupling, reach, state):
     if coupling is not None:
         if reach.size > 1:
             solved = solve_several_contacts(contact, h, reach, NO_CAP, state)
-            return ContactForces(solved.status, solved.evaluations, solved.excess, solved.is_persistent)
-    s, g, of = state.compression[0], reach.free_displacement[0], state.tension
-    of.move[0], of.end[0], _, evaluations, status = solve_only_contact(contact, h, s, g, state)
-    return ContactForces(status, evaluations, 0.0, FALSE)
+            return ContactForces(solved.status, solved.evaluations, solved.excess, solved.is_persistent, 0.0, 0.0)
+    s, g = state.compression[0], reach.free_displacement[0]
+    eta, end, _, evaluations, status = solve_only_contact(contact, h, s, g, state)
+    return ContactForces(status, evaluations, 0.0, FALSE, eta, end)
 
 
 @inline
@@ -521,7 +552,7 @@ def store_one_or_several(contact, connection, h, coupling, forces, state):
             measure_misses(contact, h.contact, reach, state)
             solution = ContactSolution(forces.status, forces.evaluations, forces.excess, forces.is_persistent, FALSE)
             return store_several_contacts(contact, h.contact, reach, solution, state)
-    eta, b, f = state.tension.move[0], state.tension.end[0], state.contact_force[0]
+    eta, b, f = forces.step, forces.end, state.contact_force[0]
     residual = measured_miss(contact, h.contact, state, INT64_0, eta, f)
     end_force = end_force_of(law_in_step(contact, h.contact), INT64_0, b)
     return store_solution(contact, h.contact, state, INT64_0, (eta, b, f, f, end_force), residual), 0.0

@@ -12,10 +12,11 @@ It has one solution, also where contacts push (docs/design.md, "Bodies that stre
 """
 
 import math
+from typing import Any, NamedTuple
 
 from engine.compiler.decorators import TRUE, inline, noinline
 from engine.compiler.lanes import number_at, place_after, put_number, splat
-from engine.kernel.data.enums import EnergyTotal
+from engine.kernel.data.enums import EnergyTotal, MovingEnd, Stretch, StretchFactor
 from engine.kernel.modes.ordered_sums import accumulate, fold, fold_lanes
 from engine.kernel.modes.potential import add_elastic
 
@@ -35,15 +36,34 @@ def stretches(tension, state):
 # --- the tension is found
 
 
+class StretchingModes(NamedTuple):
+    """Modes of a body that stretches, in the coming drift."""
+
+    kick: Any  # t and v of StepCoefficients
+    drift: Any
+    weight: Any  # κ
+    q: Any
+    momentum: Any  # of the drift
+    first: int
+    size: int
+
+
+@inline
+def modes_of_body(tension, h, state, b):
+    """Return the StretchingModes of body b."""
+    begin, end = tension.mode_begin[b], tension.mode_end[b]
+    return StretchingModes(h.kick, h.drift, tension.weight, state.q, state.drift_momentum, begin, end - begin)
+
+
 @inline
 def add_stretch_sums(of, k, sums):
     """Add to the sums, of mode k of a body: its stretch at the begin of the step; and that at the end by powers of the
     change of the tension."""
-    tension, h, state, first, rise = of
-    m = place_after(k, first)
-    q, drift, weight = number_at(state.q, m), number_at(h.drift, m), number_at(tension.weight, m)
-    x = q + 0.5 * drift * number_at(state.drift_momentum, m)
-    compliance = 0.5 * number_at(h.kick, m) * drift * weight
+    modes, rise = of
+    m = place_after(k, modes.first)
+    q, drift, weight = number_at(modes.q, m), number_at(modes.drift, m), number_at(modes.weight, m)
+    x = q + 0.5 * drift * number_at(modes.momentum, m)
+    compliance = 0.5 * number_at(modes.kick, m) * drift * weight
     share = 1.0 / (1.0 + compliance * rise)
     y, softness = x * share, compliance * share
     end, weighted = 2.0 * y - q, weight * y * softness
@@ -73,31 +93,29 @@ def solve_polynomial(rise, half_stiffness, sums):
 
 
 @inline
-def stretch_by_ends(tension, extension, b):
-    """Return what the ends of string b stretch it, m, beyond what its modes do."""
-    ends, weights, stretch = tension.ends[b], tension.end_weights[b], 0.0
-    for e in range(2):
-        if ends[2 * e] >= 0:
-            y = extension[ends[2 * e + 1]]
-            stretch += weights[e] * y * (2.0 * extension[ends[2 * e]] + y)
-    if ends[0] >= 0 and ends[2] >= 0:
-        stretch += 2.0 * weights[2] * extension[ends[1]] * extension[ends[3]]
-    return stretch
-
-
-@noinline
 def find_rise(tension, h, state, b, rise):
     """Return the rise of the tension of body b over the coming drift, with all other forces; N, or N/m of a sheet.
 
     rise: a guess
     """
-    first, modes = tension.mode_begin[b], tension.mode_end[b] - tension.mode_begin[b]
-    of_ends = state.tension.stretch_of_ends[b]
-    half, low, high = 0.5 * state.tension.stiffness[b], 0.0, math.inf
+    body, modes = state.tension.body[b], modes_of_body(tension, h, state, b)
+    ends = body[Stretch.ENDS_BEFORE], body[Stretch.ENDS_AFTER]
+    return solve_rise(modes, 0.5 * body[Stretch.STIFFNESS], tension.factor[b][StretchFactor.SOFTEST], ends, rise)
+
+
+@noinline
+def solve_rise(modes, half, softest, ends, rise):
+    """Return the root λ of λ = ½K·(s + s⁺(λ)).
+
+    half: ½K; softest: StretchFactor.SOFTEST
+    ends: what ends add to s and to s⁺
+    rise: a guess
+    """
+    low, high = 0.0, math.inf
     for _ in range(MAX_PASSES):
         zeros = splat(0.0), splat(0.0), splat(0.0), splat(0.0), splat(0.0)
-        sums = fold(add_stretch_sums, (tension, h, state, first, rise), modes, zeros)
-        sums = sums[0] + of_ends[0], sums[1] + of_ends[1], sums[2], sums[3], sums[4]
+        sums = fold(add_stretch_sums, (modes, rise), modes.size, zeros)
+        sums = sums[0] + ends[0], sums[1] + ends[1], sums[2], sums[3], sums[4]
         if rise > half * (sums[0] + sums[1]):
             high = min(high, rise)
         else:
@@ -107,7 +125,7 @@ def find_rise(tension, h, state, b, rise):
         if abs(change) <= 10.0 * ROUNDING * rise:
             return following
         if low <= following and following <= high:
-            cut = half * abs(sums[4] * change * change * change) * abs(change) * tension.softest[b]
+            cut = half * abs(sums[4] * change * change * change) * abs(change) * softest
             if cut <= ROUNDING * following:
                 return following
         elif high < math.inf:
@@ -122,22 +140,33 @@ def find_rise(tension, h, state, b, rise):
 def find_free_rises(tension, h, state):
     """Find the rise of the tension of each body, with all forces that have pushed so far."""
     for b in range(tension.mode_begin.shape[0]):
-        if state.tension.stiffness[b] != 0.0:
-            state.tension.rise[b] = find_rise(tension, h, state, b, predicted_rise(state.tension.history[b]))
+        body = state.tension.body[b]
+        if body[Stretch.STIFFNESS] != 0.0:
+            body[Stretch.RISE] = find_rise(tension, h, state, b, predicted_rise(body))
 
 
 @inline
-def predict_rises(tension_state):
+def predict_rises(tension, state):
     """Predict the rise of the tension of each body from the last steps."""
-    for b in range(tension_state.rise.shape[0]):
-        if tension_state.stiffness[b] != 0.0:
-            tension_state.rise[b] = predicted_rise(tension_state.history[b])
+    for b in range(tension.mode_begin.shape[0]):
+        body = state.tension.body[b]
+        if body[Stretch.STIFFNESS] != 0.0:
+            body[Stretch.RISE] = predicted_rise(body)
 
 
 @inline
-def predicted_rise(history):
+def predicted_rise(body):
     """Return the tension that goes on as in the last three steps."""
-    return max(0.0, 3.0 * (history[0] - history[1]) + history[2])
+    return max(0.0, 3.0 * (body[Stretch.LAST] - body[Stretch.SECOND_LAST]) + body[Stretch.THIRD_LAST])
+
+
+@inline
+def remember_rises(tension, state):
+    """Keep the rises of this step to predict those of the next."""
+    for b in range(tension.mode_begin.shape[0]):
+        body = state.tension.body[b]
+        body[Stretch.THIRD_LAST], body[Stretch.SECOND_LAST] = body[Stretch.SECOND_LAST], body[Stretch.LAST]
+        body[Stretch.LAST] = body[Stretch.RISE]
 
 
 # --- and pushes
@@ -146,33 +175,59 @@ def predicted_rise(history):
 @inline
 def add_push_of_stretch(of, k, sums):
     """Do half a kick on mode k of a body by the rise of its tension, and keep it for the second half."""
-    tension, h, state, first, rise = of
-    m = place_after(k, first)
-    kick, drift, weight = number_at(h.kick, m), number_at(h.drift, m), number_at(tension.weight, m)
-    momentum = number_at(state.drift_momentum, m)
-    x = number_at(state.q, m) + 0.5 * drift * momentum
+    modes, push, rise = of
+    m = place_after(k, modes.first)
+    kick, drift, weight = number_at(modes.kick, m), number_at(modes.drift, m), number_at(modes.weight, m)
+    momentum = number_at(modes.momentum, m)
+    x = number_at(modes.q, m) + 0.5 * drift * momentum
     change = kick * weight * rise * x / (1.0 + 0.5 * kick * drift * weight * rise)
-    put_number(state.drift_momentum, m, momentum - change)
-    put_number(state.push, m, number_at(state.push, m) - change)
+    put_number(modes.momentum, m, momentum - change)
+    put_number(push, m, number_at(push, m) - change)
     return sums
+
+
+@noinline
+def push_body(modes, push, rise):
+    """Do half a kick by the rise of the tension of a body, and keep it for the second half."""
+    fold_lanes(add_push_of_stretch, (modes, push, rise), modes.size, (splat(0.0),))
 
 
 @inline
 def push_by_tension(tension, h, state):
     """Do half a kick by the rise of the tension of each body, and keep it for the second half."""
     for b in range(tension.mode_begin.shape[0]):
-        rise = state.tension.rise[b]
+        rise = state.tension.body[b][Stretch.RISE]
         if rise != 0.0:
-            first, modes = tension.mode_begin[b], tension.mode_end[b] - tension.mode_begin[b]
-            fold_lanes(add_push_of_stretch, (tension, h, state, first, rise), modes, (splat(0.0),))
+            push_body(modes_of_body(tension, h, state, b), state.push, rise)
+
+
+# --- ends of strings that move
 
 
 @inline
-def remember_rises(tension_state):
-    """Keep the rises of this step to predict those of the next."""
-    for b in range(tension_state.rise.shape[0]):
-        history = tension_state.history[b]
-        history[2], history[1], history[0] = history[1], history[0], tension_state.rise[b]
+def stretch_by_ends(tension, connection_state, share, b):
+    """Return what the ends of string b stretch it, m, beyond what its modes do; share: 0 at the begin of the step, 1 at
+    its end"""
+    ends, factor, stretch = tension.ends[b], tension.factor[b], 0.0
+    s, move = connection_state.extension, connection_state.move
+    first, second = ends[MovingEnd.DISPLACEMENT], ends[MovingEnd.OTHER_DISPLACEMENT]
+    if first >= 0:
+        slope, y = ends[MovingEnd.SLOPE], s[first] + share * move[first]
+        stretch += factor[StretchFactor.END] * y * (2.0 * (s[slope] + share * move[slope]) + y)
+        if second >= 0:
+            slope, other = ends[MovingEnd.OTHER_SLOPE], s[second] + share * move[second]
+            stretch += factor[StretchFactor.OTHER_END] * other * (2.0 * (s[slope] + share * move[slope]) + other)
+            stretch += 2.0 * factor[StretchFactor.BOTH_ENDS] * y * other
+    return stretch
+
+
+@inline
+def add_stretch_by_ends(tension, connection_state, b, stretch):
+    """Return a stretch with that by the ends of string b. connection_state: ConnectionState or None"""
+    if connection_state is not None:
+        if connection_state.extension.shape[0] > 0:
+            return stretch + stretch_by_ends(tension, connection_state, 0.0, b)
+    return stretch
 
 
 # --- energy
@@ -181,28 +236,25 @@ def remember_rises(tension_state):
 @inline
 def add_stretch(of, k, sums):
     """Add what mode k of a body stretches it, and p² + ω²q² of the mode, to the sums."""
-    tension, omega_squared, state, first = of
+    weight, omega_squared, q, p, first = of
     m = place_after(k, first)
-    q, p = number_at(state.q, m), number_at(state.p, m)
-    return sums[0] + number_at(tension.weight, m) * q * q, sums[1] + add_elastic(omega_squared, m, q, p * p)
-
-
-@inline
-def add_stretch_by_ends(tension, connection_state, b, stretch):
-    """Return a stretch with that by the ends of string b. connection_state: ConnectionState or None"""
-    if connection_state is not None:
-        if connection_state.extension.shape[0] > 0:
-            return stretch + stretch_by_ends(tension, connection_state.extension, b)
-    return stretch
+    x, momentum = number_at(q, m), number_at(p, m)
+    return sums[0] + number_at(weight, m) * x * x, sums[1] + add_elastic(omega_squared, m, x, momentum * momentum)
 
 
 @noinline
+def sum_stretch(weight, omega_squared, q, p, begin, end):
+    """Return Σ κq² and Σ p² + ω²q² of modes of a body."""
+    return fold(add_stretch, (weight, omega_squared, q, p, begin), end - begin, (splat(0.0), splat(0.0)))
+
+
+@inline
 def energies_of_body(tension, omega_squared, state, b):
     """Return the energy of the stretch of body b, and that of its modes, J."""
-    of = tension, omega_squared, state, tension.mode_begin[b]
-    stretch, vibration = fold(add_stretch, of, tension.mode_end[b] - tension.mode_begin[b], (splat(0.0), splat(0.0)))
+    begin, end = tension.mode_begin[b], tension.mode_end[b]
+    stretch, vibration = sum_stretch(tension.weight, omega_squared, state.q, state.p, begin, end)
     stretch = add_stretch_by_ends(tension, state.connection, b, stretch)
-    return 0.25 * state.tension.stiffness[b] * stretch * stretch, 0.5 * vibration
+    return 0.25 * state.tension.body[b][Stretch.STIFFNESS] * stretch * stretch, 0.5 * vibration
 
 
 @inline
@@ -215,12 +267,12 @@ def stretching_energy(tension, omega_squared, state):
     return total
 
 
-@noinline
+@inline
 def sum_stretching_energies(tension, omega_squared, state):
     """Return the sum of the energies of the stretch of all bodies of an island, J."""
     total = 0.0
     for b in range(tension.mode_begin.shape[0]):
-        if state.tension.stiffness[b] != 0.0:
+        if state.tension.body[b][Stretch.STIFFNESS] != 0.0:
             total += energies_of_body(tension, omega_squared, state, b)[0]
     return total
 
@@ -244,14 +296,14 @@ def let_stretch(tension, model, state):
             set_stretching(tension, model.omega_squared, TRUE, state)
 
 
-@noinline
+@inline
 def is_any_loud(tension, omega_squared, state):
     """True if the energy of a body may raise its pitch by more than the scene lets pass."""
     for b in range(tension.mode_begin.shape[0]):
-        stiffness = state.tension.stiffness[b]
+        stiffness = state.tension.body[b][Stretch.STIFFNESS]
         if stiffness != 0.0:
             stretch, vibration = energies_of_body(tension, omega_squared, state, b)
-            if not stiffness * (stretch + vibration) <= tension.unheard[b]:
+            if not stiffness * (stretch + vibration) <= tension.factor[b][StretchFactor.UNHEARD]:
                 return True
     return False
 
@@ -260,7 +312,6 @@ def is_any_loud(tension, omega_squared, state):
 def set_stretching(tension, omega_squared, is_active, state):
     """Let bodies stretch or be linear. The energy of the stretch is supplied or dissipated."""
     if is_active != stretches(tension, state):
-        state.tension.is_active[0] = 1
         energy = sum_stretching_energies(tension, omega_squared, state)
         accumulate(state.energy_totals, EnergyTotal.SUPPLIED if is_active else EnergyTotal.DISSIPATED, energy)
         state.tension.is_active[0] = 1 if is_active else 0

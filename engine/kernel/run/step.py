@@ -3,7 +3,7 @@
 loss/2 · kick/2 · [find the forces] · drift · kick/2 · loss/2
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.kernel.data.enums import SolveStatus

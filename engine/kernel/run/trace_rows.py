@@ -8,8 +8,8 @@ from engine.kernel.interactions.connections import connection_energy, has_connec
 from engine.kernel.interactions.contacts import contact_energy
 from engine.kernel.interactions.island_energy import island_energies, write_ledger
 from engine.kernel.interactions.near_contacts import compression_now
-from engine.kernel.modes.free_flight import exchange_motion, step_saved_motion
 from engine.kernel.interactions.tension import stretching_energy
+from engine.kernel.modes.free_flight import exchange_motion, step_saved_motion
 from engine.kernel.modes.mode_energies import kinetic_and_potential
 from engine.kernel.modes.point_rows import project
 

@@ -204,12 +204,12 @@ def _string_ends(system: ModalSystem, island_of: Sequence[int]) -> Iterator[Coor
 
 
 def find_stretching(system: ModalSystem, name: str) -> Stretching | None:
-    """Return what stretches a body; its weights are of all its modes, 0 of residual and silent ones."""
+    """Return what stretches a body; its κ are of all its modes, 0 of residual and silent ones."""
     number = system.body_index[name]
     modal = system.modal_bodies[number]
     more = modal.residual + modal.silent
     found = system.scene.body[number].find_stretching(modal.omega[: modal.omega.size - more])
-    return None if found is None else found._replace(weight=np.concatenate([found.weight, np.zeros(more)]))
+    return None if found is None else found._replace(kappa=np.concatenate([found.kappa, np.zeros(more)]))
 
 
 def stretch_of_ends(system: ModalSystem, name: str, a: float, b: float) -> float:
@@ -218,7 +218,7 @@ def stretch_of_ends(system: ModalSystem, name: str, a: float, b: float) -> float
     string, stretching = system.scene.body[system.body_index[name]], find_stretching(system, name)
     assert isinstance(string, String) and stretching is not None
     square = system.modal_bodies[system.body_index[name]].omega ** 4
-    product = float(np.sum(stretching.weight * end_row(system, name, a) * end_row(system, name, b) / square))
+    product = float(np.sum(stretching.kappa * end_row(system, name, a) * end_row(system, name, b) / square))
     return product + (1.0 if a == b else -1.0) / string.length
 
 
@@ -229,7 +229,7 @@ def slope_row(system: ModalSystem, name: str, end: float) -> np.ndarray | None:
     if stretching is None:
         return None
     omega = system.modal_bodies[system.body_index[name]].omega
-    weighted = stretching.weight * end_row(system, name, end) / omega**2
+    weighted = stretching.kappa * end_row(system, name, end) / omega**2
     return np.asarray(weighted / stretch_of_ends(system, name, end, end))
 
 

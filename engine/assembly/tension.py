@@ -39,17 +39,17 @@ def tension(layout: Layout, least_detuning: float) -> Tension | None:
     count = len(islands.body_order)
     begin, end = np.zeros((2, count), np.int64)
     places, factor = np.full((count, len(MovingEnd)), -1), np.zeros((count, len(StretchFactor)))
-    weight, can_stretch = np.zeros(modes.omega.size), np.zeros(len(islands.bodies), np.int64)
+    all_kappa, can_stretch = np.zeros(modes.omega.size), np.zeros(len(islands.bodies), np.int64)
     for n, b in enumerate(islands.body_order):
         if b in found:
-            kappa, inside, ends = found[b].weight, modes.of_body[b], _moving_ends(layout, b)
-            weight[inside] = kappa
+            kappa, inside, ends = found[b].kappa, modes.of_body[b], _moving_ends(layout, b)
+            all_kappa[inside] = kappa
             softest = float(np.max(kappa / modes.omega[inside] ** 2))
             begin[n], end[n] = modes.in_island[b].start, modes.in_island[b].stop
             places[n] = ends.coordinates
             factor[n] = softest, least_detuning / CENTS_PER_ENERGY / softest**2, *ends.factors
             can_stretch[islands.of_body[b]] = 1
-    return Tension(begin, end, weight, places, factor, can_stretch)
+    return Tension(begin, end, all_kappa, places, factor, can_stretch)
 
 
 class MovingEnds(NamedTuple):
@@ -79,7 +79,7 @@ def initial_tension(layout: Layout, model: Tension, counts: dict[Axis, int]) -> 
     for n, b in enumerate(layout.islands.body_order):
         if b in found:
             body[n, Stretch.STIFFNESS] = found[b].stiffness
-            stretch = found[b].weight @ layout.modes.q[layout.modes.of_body[b]] ** 2
+            stretch = found[b].kappa @ layout.modes.q[layout.modes.of_body[b]] ** 2
             body[n, [Stretch.LAST, Stretch.SECOND_LAST, Stretch.THIRD_LAST]] = found[b].stiffness * stretch
     state: TensionState = allocate(
         TensionState,

@@ -7,10 +7,10 @@ import numpy as np
 
 
 class Stretching(NamedTuple):
-    """What the stretch of a body stores: V = ¼·K·(Σ κ·q²)²; its tension rises by λ = K·Σ κ·q²."""
+    """Energy of the stretch of a body, V = ¼·K·(Σ κ·q²)²; its tension rises by λ = K·Σ κ·q²."""
 
     stiffness: float  # K: N/m of a string, EA/(2L); N/m³ of a sheet, E·h/(1 - ν²)/(2A)
-    weight: np.ndarray  # κ [modes]: β²/μ, the mean square of the slope of each mode, over the length or the area
+    kappa: np.ndarray  # κ [modes]: β²/μ, the mean square of the slope of each mode, over the length or the area
 
 
 def axial_stiffness(young: float, diameter: float) -> float:

@@ -138,6 +138,7 @@ def _segments(poly: Model, single: Model, first: int, last: int) -> Iterator[Arr
     arrays += pair_arrays(StepCoefficients, poly.step, single.step)
     arrays += pair_arrays(FreeFlight, poly.flight, single.flight)
     arrays += pair_arrays(Connections, poly.connection, single.connection)
+    arrays += pair_arrays(Tension, poly.tension, single.tension)
     for items, ours, theirs in arrays:
         if items.axis in SEGMENTED and items.dtype is np.float64 and ours is not None and theirs is not None:
             begin = getattr(poly.islands, items.axis)

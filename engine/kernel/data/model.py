@@ -189,7 +189,7 @@ class Tension(NamedTuple):
 
     mode_begin: Annotated[np.ndarray, Items(Axis.BODY, np.int64)]  # its modes; none of a body that does not stretch
     mode_end: Annotated[np.ndarray, Items(Axis.BODY, np.int64)]
-    weight: PerDoubleMode  # κ: the stretch is Σ κ·q², in m of strings, in m² of sheets
+    kappa: PerDoubleMode  # κ: the stretch is Σ κ·q², in m of strings, in m² of sheets
     ends: Annotated[np.ndarray, Items(Axis.BODY, np.int64, len(MovingEnd), neutral=-1)]
     factor: Annotated[np.ndarray, Items(Axis.BODY, columns=len(StretchFactor))]
     can_stretch: PerIslandInt  # 1 if a body of the island does

@@ -41,7 +41,7 @@ class StretchingModes(NamedTuple):
 
     kick: Any  # t and v of StepCoefficients
     drift: Any
-    weight: Any  # κ
+    kappa: Any  # κ
     q: Any
     momentum: Any  # of the drift
     first: int
@@ -52,7 +52,7 @@ class StretchingModes(NamedTuple):
 def modes_of_body(tension, h, state, b):
     """Return the StretchingModes of body b."""
     begin, end = tension.mode_begin[b], tension.mode_end[b]
-    return StretchingModes(h.kick, h.drift, tension.weight, state.q, state.drift_momentum, begin, end - begin)
+    return StretchingModes(h.kick, h.drift, tension.kappa, state.q, state.drift_momentum, begin, end - begin)
 
 
 @inline
@@ -61,16 +61,16 @@ def add_stretch_sums(of, k, sums):
     change of the tension."""
     modes, rise = of
     m = place_after(k, modes.first)
-    q, drift, weight = number_at(modes.q, m), number_at(modes.drift, m), number_at(modes.weight, m)
+    q, drift, kappa = number_at(modes.q, m), number_at(modes.drift, m), number_at(modes.kappa, m)
     x = q + 0.5 * drift * number_at(modes.momentum, m)
-    compliance = 0.5 * number_at(modes.kick, m) * drift * weight
+    compliance = 0.5 * number_at(modes.kick, m) * drift * kappa
     share = 1.0 / (1.0 + compliance * rise)
     y, softness = x * share, compliance * share
-    end, weighted = 2.0 * y - q, weight * y * softness
+    end, weighted = 2.0 * y - q, kappa * y * softness
     c2 = weighted * softness
     return (
-        sums[0] + weight * q * q,
-        sums[1] + weight * end * end,
+        sums[0] + kappa * q * q,
+        sums[1] + kappa * end * end,
         sums[2] - 4.0 * weighted * end,
         sums[3] + 4.0 * c2 * (3.0 * y - q),
         sums[4] - 4.0 * c2 * softness * (4.0 * y - q),
@@ -177,10 +177,10 @@ def add_push_of_stretch(of, k, sums):
     """Do half a kick on mode k of a body by the rise of its tension, and keep it for the second half."""
     modes, push, rise = of
     m = place_after(k, modes.first)
-    kick, drift, weight = number_at(modes.kick, m), number_at(modes.drift, m), number_at(modes.weight, m)
+    kick, drift, kappa = number_at(modes.kick, m), number_at(modes.drift, m), number_at(modes.kappa, m)
     momentum = number_at(modes.momentum, m)
     x = number_at(modes.q, m) + 0.5 * drift * momentum
-    change = kick * weight * rise * x / (1.0 + 0.5 * kick * drift * weight * rise)
+    change = kick * kappa * rise * x / (1.0 + 0.5 * kick * drift * kappa * rise)
     put_number(modes.momentum, m, momentum - change)
     put_number(push, m, number_at(push, m) - change)
     return sums
@@ -236,23 +236,23 @@ def add_stretch_by_ends(tension, connection_state, b, stretch):
 @inline
 def add_stretch(of, k, sums):
     """Add what mode k of a body stretches it, and p² + ω²q² of the mode, to the sums."""
-    weight, omega_squared, q, p, first = of
+    kappa, omega_squared, q, p, first = of
     m = place_after(k, first)
     x, momentum = number_at(q, m), number_at(p, m)
-    return sums[0] + number_at(weight, m) * x * x, sums[1] + add_elastic(omega_squared, m, x, momentum * momentum)
+    return sums[0] + number_at(kappa, m) * x * x, sums[1] + add_elastic(omega_squared, m, x, momentum * momentum)
 
 
 @noinline
-def sum_stretch(weight, omega_squared, q, p, begin, end):
+def sum_stretch(kappa, omega_squared, q, p, begin, end):
     """Return Σ κq² and Σ p² + ω²q² of modes of a body."""
-    return fold(add_stretch, (weight, omega_squared, q, p, begin), end - begin, (splat(0.0), splat(0.0)))
+    return fold(add_stretch, (kappa, omega_squared, q, p, begin), end - begin, (splat(0.0), splat(0.0)))
 
 
 @inline
 def energies_of_body(tension, omega_squared, state, b):
     """Return the energy of the stretch of body b, and that of its modes, J."""
     begin, end = tension.mode_begin[b], tension.mode_end[b]
-    stretch, vibration = sum_stretch(tension.weight, omega_squared, state.q, state.p, begin, end)
+    stretch, vibration = sum_stretch(tension.kappa, omega_squared, state.q, state.p, begin, end)
     stretch = add_stretch_by_ends(tension, state.connection, b, stretch)
     return 0.25 * state.tension.body[b][Stretch.STIFFNESS] * stretch * stretch, 0.5 * vibration
 

@@ -17,7 +17,7 @@ from engine.assembly.contact_points import entry_counts
 from engine.assembly.event_table import EventRow
 from engine.kernel.data.axes import SEGMENTED, Axis, Items, pair_arrays
 from engine.kernel.data.enums import EventKind
-from engine.kernel.data.model import Connections, FreeFlight, Model, ModeShapeRows, StepCoefficients
+from engine.kernel.data.model import Connections, FreeFlight, Model, ModeShapeRows, StepCoefficients, Tension
 from engine.live.event_queue import EventQueue, checked_frame
 from engine.live.player_options import PlayerOptions
 from engine.live.shared_memory import SharedMemory, Slot

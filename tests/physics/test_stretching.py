@@ -232,9 +232,9 @@ def test_two_stretching_strings_that_collide_are_of_second_order():
 
 LOSSES = {"sigma0": 0.6, "b3": 6e-9}
 BARRIER = {"body": "string", "at": [0.3, 0.6], "barrier": -1e-3, "side": "below", "stiffness": 1e8, "exponent": 1.5}
-BRIDGE = {"name": "bridge", "kind": "oscillator", "mass": 0.02, "stiffness": 2e4, "damping_ratio": 0.01}
+BRIDGE = {"name": "bridge", "kind": "oscillator", "mass": 0.02, "stiffness": 2e4, "damping_rate": 1.0}
 END = {"kind": "end", "body": "string", "at": 1.0, "on": "bridge"}
-SPRING = {"kind": "spring", "body": "string", "at": 0.4, "on": "bridge", "stiffness": 1e3, "damping_coefficient": 0.1}
+SPRING = {"kind": "spring", "body": "string", "at": 0.4, "on": "bridge", "stiffness": 1e3, "damping_coefficient": 0.05}
 
 
 @pytest.mark.parametrize(
@@ -246,8 +246,8 @@ SPRING = {"kind": "spring", "body": "string", "at": 0.4, "on": "bridge", "stiffn
         {"connection": [END]},
         {"connection": [SPRING]},
         {"connection": [END, SPRING], "contact": [BARRIER]},
-        {"contact": [{"body": "string", "at": 0.3, "on": "bridge", "side": "below", "gap": 1e-3, "stiffness": 1e7}]},
-        {"event": [{"kind": "damp", "time": 0.05, "duration": 0.05, "body": "string", "t60": 0.3}]},
+        {"contact": [{"body": "string", "at": 0.3, "on": "bridge", "side": "below", "gap": 1e-3, "stiffness": 1e7, "exponent": 1.0}]},
+        {"event": [{"kind": "damp", "time": 0.05, "duration": 0.05, "body": "string", "sigma": 30.0}]},
     ],
 )
 @pytest.mark.parametrize("accuracy", [{}, {"order": 4}, {"substeps": 2}])
@@ -290,8 +290,8 @@ def glide(body, at, seconds, frequency):
     y = engine.render(scene, seconds=seconds, samplerate=RATE, least_detuning=0.0).audio[:, 0]
 
     def pitch(part):
-        spectrum = np.abs(np.fft.rfft(part * np.hanning(part.size), 1 << 21))
-        frequencies = np.fft.rfftfreq(1 << 21, 1 / RATE)
+        spectrum = np.abs(np.fft.rfft(part * np.hanning(part.size), 1 << 19))
+        frequencies = np.fft.rfftfreq(1 << 19, 1 / RATE)
         near = (frequencies > 0.9 * frequency) & (frequencies < 1.25 * frequency)
         return frequencies[near][np.argmax(spectrum[near])]
 
@@ -302,9 +302,9 @@ def test_a_plucked_guitar_string_falls_in_pitch():
     """An E4 of 0.010 in plucked by 3 mm and by 6 mm; the formula at first is 8.1 and 32 cents."""
     plain = {"name": "s", "kind": "string", "length": 0.648, "linear_density": 4e-4, "frequency": 329.6}
     losses = {"inharmonicity": 2e-5, "sigma0": 0.6, "b3": 6e-9, "axial_stiffness": 10_134.0}
-    for millimetres, cents in ((3, 4.1), (6, 16.1)):
+    for millimetres, cents in ((3, 4.85), (6, 17.14)):
         pluck = {"kind": "triangle", "at": 0.2, "amplitude": millimetres * 1e-3}
-        assert glide(plain | losses | {"displacement": pluck}, 0.11, 6.0, 329.6) == pytest.approx(cents, abs=0.4)
+        assert glide(plain | losses | {"displacement": pluck}, 0.11, 6.0, 329.6) == pytest.approx(cents, abs=0.1)
 
 
 def test_a_tom_glides_by_its_stretch():

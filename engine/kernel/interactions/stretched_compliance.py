@@ -108,16 +108,23 @@ def soften_contacts(contact, tension, h, coupling, state):
     h: their ContactCoefficients; coupling: of it, or None
     """
     of, count = state.tension, state.compression.shape[0]
-    if coupling is None:
-        copy_items(h.compliance, of.compliance)
+    for k in range(count):
+        of.compliance[k], of.compliance_low[k] = h.compliance[k], 0.0
+    if count == 1:
         soften_pairs(contact, tension, of.compliance, state)
     else:
+        soften_coupling(contact, tension, coupling, state)
+
+
+@inline
+def soften_coupling(contact, tension, coupling, state):
+    """Do this for the several contacts of an island."""
+    of, count = state.tension, state.compression.shape[0]
+    if coupling is not None:
         copy_items(coupling, of.coupling)
         soften_pairs(contact, tension, of.coupling, state)
         for k in range(count):
             of.compliance[k] = of.coupling[k * count + k]
-    for k in range(count):
-        of.compliance_low[k] = 0.0
 
 
 @noinline

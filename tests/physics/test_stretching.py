@@ -299,7 +299,7 @@ def glide(body, at, seconds, frequency):
 
 
 def test_a_plucked_guitar_string_falls_in_pitch():
-    """An E4 of 0.010 in plucked by 3 mm and by 6 mm; the formula at first is 8.1 and 32 cents."""
+    """An E4 of 0.010 in, plucked by 3 mm and by 6 mm: what another program computes, in steps of 0.4 cents."""
     plain = {"name": "s", "kind": "string", "length": 0.648, "linear_density": 4e-4, "frequency": 329.6}
     losses = {"inharmonicity": 2e-5, "sigma0": 0.6, "b3": 6e-9, "axial_stiffness": 10_134.0}
     for millimetres, cents in ((3, 4.85), (6, 17.14)):

@@ -31,6 +31,7 @@ from engine.assembly.pickup_points import HeardPoint
 from engine.assembly.points import find_points
 from engine.assembly.refinement import build_refinement
 from engine.assembly.step_coefficients import basis_rows, find_bases, step_coefficients
+from engine.assembly.tension import tension
 from engine.bodies.body import ModalBody, remember_positions
 from engine.faults import BuildError, Fault
 from engine.kernel.data.enums import EventKind, Quantity
@@ -100,6 +101,7 @@ def build(
         drive=Drive(np.array(drives)) if drives else None,
         connection=connections(layout, samplerate, step, accuracy.is_refined),
         contact=_contact(layout, modes, accuracy, samplerate, variable_exponents or changed),
+        tension=tension(layout, accuracy.least_detuning),
         refinement=build_refinement(layout, accuracy, samplerate) if accuracy.is_refined else None,
         events=events,
         pickups=_pickups(layout),

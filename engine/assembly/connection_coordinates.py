@@ -6,7 +6,10 @@ point, and the force w = Σ ωₙ·cₙ·aₙ of all strings that end there. A s
 
     V = Σ ½·(ωₙ·aₙ + cₙ·y)² + T/(2L)·y²,   cₙ = ωₙ·μ·φₙ'(L)/βₙ²
 
-when its end is at y. With both ends moving, it holds Σ ½·(ωₙ·aₙ + c⁰ₙ·y₀ + c¹ₙ·y₁)² + T/(2L)·(y₁ - y₀)². The arrays
+when its end is at y. With both ends moving, it holds Σ ½·(ωₙ·aₙ + c⁰ₙ·y₀ + c¹ₙ·y₁)² + T/(2L)·(y₁ - y₀)². Where it
+stretches (engine.kernel.interactions.tension), its length is measured from the line between its ends:
+Σ κₙ·(aₙ + c̃ₙ·y)² + y²/L, c̃ₙ = μ·φₙ'(L)/βₙ². Each such end has a third coordinate, the slope Σ κₙ·c̃ₙ·aₙ, here over
+Σ κₙ·c̃ₙ² + 1/L, which makes it a length. The arrays
 hold w/κ in place of w, with κ = Σ (Σ cₙ² + T/L) over the strings. It is a length, as y is: with numbers of unlike size
 the factors would be less exact.
 
@@ -31,6 +34,7 @@ from engine.bodies.air import BULK_MODULUS
 from engine.bodies.body import ModalBody
 from engine.bodies.distributed import DistributedBody
 from engine.bodies.sheet import FlatSheet
+from engine.bodies.stretching import Stretching
 from engine.patch.scene import Scene
 from engine.patch.tables import AirConnection, ChangeEvent, Connection, EndConnection, SpringConnection
 
@@ -191,7 +195,42 @@ def _string_ends(system: ModalSystem, island_of: Sequence[int]) -> Iterator[Coor
             shape = {system.body_index[c.on]: system.shape(c.on, c.on_at)}
             items += [Coordinate(f"connection[{k}]", k, parts) for parts in (rows, shape)]
             coupling[y - 1, y] = coupling[y, y - 1] = coupling[y, y]
-        yield Coordinates(items, coupling)
+        for y, ends in zip(range(1, len(coupling), 2), points.values(), strict=True):
+            for k, c in ends:
+                if (row := slope_row(system, c.body, c.at)) is not None:
+                    behind, parts = len(items) - y, {system.body_index[c.body]: row}
+                    items.append(Coordinate(f"connection[{k}]", k, parts, slope_of=(k, behind)))
+        yield Coordinates(items, np.pad(coupling, (0, len(items) - len(coupling))))
+
+
+def find_stretching(system: ModalSystem, name: str) -> Stretching | None:
+    """Return what stretches a body; its κ are of all its modes, 0 of residual and silent ones."""
+    number = system.body_index[name]
+    modal = system.modal_bodies[number]
+    more = modal.residual + modal.silent
+    found = system.scene.body[number].find_stretching(modal.omega[: modal.omega.size - more])
+    return None if found is None else found._replace(kappa=np.concatenate([found.kappa, np.zeros(more)]))
+
+
+def stretch_of_ends(system: ModalSystem, name: str, a: float, b: float) -> float:
+    """Return what displacements of two ends of a string, or of one with itself, stretch it, per product, 1/m:
+    Σ κₙ·c̃ₙ·c̃ₙ ± 1/L."""
+    string, stretching = system.scene.body[system.body_index[name]], find_stretching(system, name)
+    assert isinstance(string, String) and stretching is not None
+    square = system.modal_bodies[system.body_index[name]].omega ** 4
+    product = float(np.sum(stretching.kappa * end_row(system, name, a) * end_row(system, name, b) / square))
+    return product + (1.0 if a == b else -1.0) / string.length
+
+
+def slope_row(system: ModalSystem, name: str, end: float) -> np.ndarray | None:
+    """Return Σ κₙ·c̃ₙ·aₙ over Σ κₙ·c̃ₙ² + 1/L as a row over the modes of a string [modes], 1/√kg; None if it does not
+    stretch."""
+    stretching = find_stretching(system, name)
+    if stretching is None:
+        return None
+    omega = system.modal_bodies[system.body_index[name]].omega
+    weighted = stretching.kappa * end_row(system, name, end) / omega**2
+    return np.asarray(weighted / stretch_of_ends(system, name, end, end))
 
 
 def end_row(system: ModalSystem, name: str, end: float) -> np.ndarray:

@@ -27,6 +27,7 @@ class Coordinate(NamedTuple):
     damping: float = 0.0  # kg/s
     rest: float = 0.0  # m
     is_rigid: bool = False
+    slope_of: tuple[int, int] | None = None  # of a string at its end: connection, and how far behind y it comes
     excess: float = 0.0  # m/N: compliance of its rows beyond that of its bodies (engine.assembly.coordinates)
 
 

@@ -8,6 +8,7 @@ from engine.assembly.array_memory import allocate
 from engine.assembly.connections import lowest_energies
 from engine.assembly.layout import Layout
 from engine.assembly.mode_shape_rows import ShapeRow
+from engine.assembly.tension import initial_tension
 from engine.kernel.data.axes import Axis
 from engine.kernel.data.enums import COLUMNS, DRIVE_FRAMES, LANES, Row
 from engine.kernel.data.model import Model
@@ -46,6 +47,7 @@ def initial_state(layout: Layout, model: Model) -> State:
         previous_velocity=np.array([heard.row.phi @ modes.p[heard.row.modes] for heard in layout.points.pickups]),
         drive=np.zeros((counts[Axis.DRIVE], DRIVE_FRAMES)) if model.drive is not None else None,
         connection=_initial_connections(layout, counts) if model.connection is not None else None,
+        tension=initial_tension(layout, model.tension, counts) if model.tension is not None else None,
         scratch=allocate_scratch(counts[Axis.PARTITION], largest) if coupling else None,
         refinement=_initial_refinement(counts) if model.refinement is not None else None,
         flight=allocate(FreeFlightState, counts),

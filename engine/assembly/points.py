@@ -77,7 +77,12 @@ def _contacts_of_island(
     size = modes.of_island[island].stop - modes.of_island[island].start
     phi = basis_phi = _join_sides(rows, size)
     rank, use = 0, BasisUse.NONE
-    if not islands.is_variable[island] and all(a.body != b.body for a, b in sides) and _may_have_basis(sides, rows):
+    is_stretching = any(system.scene.body[b].find_stretching(np.empty(0)) is not None for b in islands.bodies[island])
+    if (
+        not (islands.is_variable[island] or is_stretching)
+        and all(a.body != b.body for a, b in sides)
+        and _may_have_basis(sides, rows)
+    ):
         basis_phi, rank = truncate_shapes(phi)
     if rank:
         rows = [(a.cut_from(row), b.cut_from(row)) for (a, b), row in zip(rows, basis_phi, strict=True)]

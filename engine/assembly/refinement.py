@@ -5,6 +5,7 @@ import numpy as np
 from engine.assembly.layout import Layout
 from engine.assembly.stage_coefficients import stage_coefficients
 from engine.assembly.step_coefficients import stack, step_coefficients
+from engine.assembly.tension import stretching_bodies
 from engine.kernel.data.model import AdaptiveSteps, ContactLoss, Refinement, StepCoefficients
 from engine.patch.accuracy import STAGES, Accuracy, Stage, StageLoss, step_stages
 from engine.patch.tables import ChangeEvent
@@ -16,11 +17,12 @@ MAX_LOSS_IN_STEP = 0.5  # μ·f·W·h/2, of contact loss between stages: beyond,
 def build_refinement(
     layout: Layout, accuracy: Accuracy, samplerate: float, finest: Accuracy | None = None
 ) -> Refinement | None:
-    """Return the stages of a sample, even if there is only one; None without contacts and connections.
+    """Return the stages of a sample, even if there is only one; None without contacts, connections and bodies that
+    stretch.
 
     finest: the accuracy of the Refinement whose kernel this one is for, if that is another
     """
-    if not layout.points.contacts and not layout.points.connection_parts:
+    if not (layout.points.contacts or layout.points.connection_parts or stretching_bodies(layout)):
         return None
     omega, sigma, h = layout.modes.omega, layout.modes.sigma, 1.0 / samplerate
     is_high, has_high_kernel = accuracy.order > 2, (finest or accuracy).order > 2

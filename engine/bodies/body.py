@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field
 from pydantic_core import InitErrorDetails
 
+from engine.bodies.stretching import Stretching
 from engine.bodies.table import KeyPath, Name, Table, is_number
 
 MIN_OMEGA = 1e-150  # rad/s; below, the square underflows, and a body on a very weak spring would stand still
@@ -94,6 +95,10 @@ class BodyTable(Table):
             elif value is not None:
                 changed[key] = value * ratio**power
         return self.model_copy(update=changed)
+
+    def find_stretching(self, omega: np.ndarray) -> Stretching | None:
+        """Rise of the tension as the body stretches; None if there is none. omega: of its modes at rest, rad/s"""
+        return None
 
     @classmethod
     def split_positions(cls, at: Any) -> list[Any]:

@@ -1,15 +1,19 @@
 """Membranes, round or rectangular."""
 
 import math
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
+from pydantic_core import InitErrorDetails
 
 from engine.bodies.distributed import ModeSet
 from engine.bodies.plate_modes import PlateStiffness, supported_plate_modes
 from engine.bodies.sheet import MAX_SHEET_MODES, TunedSheet
+from engine.bodies.stretching import Stretching
+from engine.bodies.table import KeyPath, is_given, make_fault
 
 
 class Membrane(TunedSheet):
@@ -18,11 +22,49 @@ class Membrane(TunedSheet):
     kind: Literal["membrane"]
     tension: float | None = Field(default=None, gt=0.0, le=1e9, description="tension, N/m")
 
+    young: float | None = Field(
+        default=None,
+        gt=0.0,
+        le=1e15,
+        description="Young's modulus, Pa; with thickness, instead of stretching_stiffness",
+    )
+    thickness: float | None = Field(default=None, gt=0.0, le=1.0, description="thickness, m")
+    poisson: float | None = Field(default=None, ge=0.0, lt=0.5, description="Poisson's ratio; 0.3 if absent")
+
     EXACTLY_ONE_OF: ClassVar[list[tuple[str, ...]]] = [
         *TunedSheet.EXACTLY_ONE_OF,
         ("tension", "frequency", "tension in N/m or frequency in Hz"),
     ]
     PITCH_POWERS: ClassVar[dict[str, int]] = {"frequency": 1, "tension": 2}
+
+    AT_MOST_ONE_OF: ClassVar[list[tuple[str, str]]] = [("stretching_stiffness", "young")]
+
+    def stiffness_of_stretch(self) -> float:
+        if self.young is None:
+            return super().stiffness_of_stretch()
+        poisson = 0.3 if self.poisson is None else self.poisson
+        return self.young * (self.thickness or 0.0) / (1 - poisson**2) / (2 * self.area())
+
+    def find_stretching(self, omega: np.ndarray) -> Stretching | None:
+        """κ = β²/ρ = ω²/T."""
+        stiffness = self.stiffness_of_stretch()
+        return Stretching(stiffness, omega**2 / self.tension_for(self.lowest_wave_number())) if stiffness else None
+
+    @classmethod
+    def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
+        """Its Young's modulus and its thickness go together."""
+        yield from super().faults(path, table)
+        if is_given(table, "young") != is_given(table, "thickness"):
+            missing = "thickness" if is_given(table, "young") else "young"
+            yield make_fault(path, table, f"no {missing} is given", "young in Pa and thickness in m go together")
+
+    def lowest_wave_number(self) -> float:
+        """β of the first partial, 1/m."""
+        if self.size is not None:
+            return math.hypot(math.pi / self.size[0], math.pi / self.size[1])
+        from scipy.special import jn_zeros
+
+        return float(jn_zeros(0, 1)[0]) / (self.radius or 1.0)
 
     def tension_for(self, lowest: float) -> float:
         """Tension T, N/m: ω = β·√(T/ρ). lowest: wave number of the first partial, 1/m"""
@@ -32,16 +74,16 @@ class Membrane(TunedSheet):
         """ω = β·√(T/ρ). On a rectangle as those of a plate without rigidity; on a circle β = j_mn/a, the zeros of J_m,
         and shapes J_m(βr)·cos mθ and sin mθ (Fletcher & Rossing, sec. 3.3)."""
         if self.size is not None:
-            tension = self.tension_for(math.hypot(math.pi / self.size[0], math.pi / self.size[1]))
+            tension = self.tension_for(self.lowest_wave_number())
             limp, modes = PlateStiffness(0.0, 0.0, 0.0, 0.0), self.modes or MAX_SHEET_MODES
             flat = supported_plate_modes(self.size, limp, self.area_density, tension, modes, max_omega)
             beta = self.wave_numbers(flat.omega, 0.0, tension)
             return ModeSet(flat.omega, self.decay_rates(flat.omega, beta), flat.shape)
-        from scipy.special import jn_zeros, jv
+        from scipy.special import jv
 
         modes = self.modes or MAX_SHEET_MODES
         radius = self.radius or 1.0
-        speed = math.sqrt(self.tension_for(float(jn_zeros(0, 1)[0]) / radius) / self.area_density)
+        speed = math.sqrt(self.tension_for(self.lowest_wave_number()) / self.area_density)
         top = min(max_omega * radius / speed, 2 * math.sqrt(modes) + 10)  # Weyl: about z²/4 zeros below z
         zeros = [zero for zero in bessel_zeros(math.ceil(top)) if zero[0] < top]
         zero, order, turn = np.array(zeros[:modes]).reshape(-1, 3).T

@@ -14,6 +14,7 @@ from engine.bodies.circular_plate_modes import circular_plate_modes
 from engine.bodies.distributed import ModeSet, StaticModes, above
 from engine.bodies.plate_modes import MAX_RITZ_MODES, PlateModes, PlateStiffness, rectangle_plate_modes
 from engine.bodies.sheet import MAX_SHEET_MODES, TunedSheet
+from engine.bodies.stretching import Stretching
 from engine.bodies.table import KeyPath, are_positive, is_given, is_number, make_fault
 
 MODES_OF_STATICS = 4_000  # beyond, a point gives way by less than 1e-3 more
@@ -48,6 +49,12 @@ class Plate(TunedSheet):
     )
     cords: Cords | None = Field(
         default=None, description="cords of a free plate; soft ones if neither cords nor a support are given"
+    )
+
+    stretching: bool | None = Field(
+        default=None,
+        description="true: the tension rises as the plate stretches, by its young and its thickness; a supported"
+        " rectangle of one modulus",
     )
 
     EXACTLY_ONE_OF: ClassVar[list[tuple[str, ...]]] = [
@@ -118,6 +125,18 @@ class Plate(TunedSheet):
         shear = self.shear or math.sqrt(along * across) / (2 * (1 + math.sqrt(poisson * other)))
         solid = bend / (1 - poisson * other)
         return PlateStiffness(along * solid, across * solid, other * along * solid, shear * bend)
+
+    def find_stretching(self, omega: np.ndarray) -> Stretching | None:
+        """κ = β²/ρ, β² = π²·(i²/a² + j²/b²): only a supported rectangle has shapes whose slopes are orthogonal."""
+        stiffness = self.stiffness_of_stretch()
+        if self.stretching and isinstance(self.young, float):
+            poisson = 0.3 if self.poisson is None else self.poisson
+            stiffness = self.young * (self.thickness or 0.0) / (1 - poisson**2) / (2 * self.area())
+        if stiffness == 0.0 or self.size is None:
+            return None
+        number = np.arange(1, 2 * omega.size + 1)
+        x, y = (np.square(number * (math.pi / side))[: omega.size] for side in self.size)
+        return Stretching(stiffness, np.sort(np.add.outer(x, y), axis=None)[: omega.size] / self.area_density)
 
     @classmethod
     def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:

@@ -122,6 +122,13 @@ class TunedSheet(FlatSheet):
     )
     size: list[Positive] | None = Field(default=None, min_length=2, max_length=2, description="sides of a rectangle, m")
 
+    stretching_stiffness: float | None = Field(
+        default=None,
+        ge=0.0,
+        le=1e12,
+        description="E·thickness/(1 - poisson²), N/m: the tension rises as the sheet stretches",
+    )
+
     EXACTLY_ONE_OF: ClassVar[list[tuple[str, ...]]] = [
         ("radius", "size", "radius of a circle or size of a rectangle, in m")
     ]
@@ -131,6 +138,10 @@ class TunedSheet(FlatSheet):
 
     def surface_density(self) -> float:
         return self.area_density
+
+    def stiffness_of_stretch(self) -> float:
+        """K = E·thickness/(1 - ν²)/(2A), N/m³ (Berger 1955)."""
+        return (self.stretching_stiffness or 0.0) / (2 * self.area())
 
     def area(self) -> float:
         a, b = self.size or (0.0, 0.0)

@@ -11,7 +11,8 @@ from pydantic_core import InitErrorDetails
 
 from engine.bodies.body import MAX_MODES
 from engine.bodies.distributed import LineBody, ModeSet, StaticModes, mode_numbers
-from engine.bodies.table import KeyPath, are_positive, make_fault
+from engine.bodies.stretching import Stretching, axial_stiffness
+from engine.bodies.table import KeyPath, are_positive, is_given, make_fault
 
 MAX_TENSION = 1e9  # N
 NUMBERS = np.arange(1.0, MAX_MODES + 1)
@@ -27,11 +28,22 @@ class String(LineBody):
         default=None, ge=0.0, le=10.0, description="B of f_n = n·f0·√(1 + B·n²); instead of the bending stiffness"
     )
 
+    axial_stiffness: float | None = Field(
+        default=None, ge=0.0, le=1e15, description="axial stiffness EA, N: the tension rises as the string stretches"
+    )
+    young: float | None = Field(
+        default=None, ge=0.0, le=1e15, description="Young's modulus of the core, Pa; with core_diameter, instead of EA"
+    )
+    core_diameter: float | None = Field(default=None, gt=0.0, le=1.0, description="diameter of the core, m")
+
     EXACTLY_ONE_OF: ClassVar[list[tuple[str, ...]]] = [
         ("linear_density", "mass", "linear_density in kg/m or mass in kg"),
         ("tension", "frequency", "tension in N or frequency in Hz"),
     ]
-    AT_MOST_ONE_OF: ClassVar[list[tuple[str, str]]] = [("bending_stiffness", "inharmonicity")]
+    AT_MOST_ONE_OF: ClassVar[list[tuple[str, str]]] = [
+        ("bending_stiffness", "inharmonicity"),
+        ("axial_stiffness", "young"),
+    ]
     PITCH_POWERS: ClassVar[dict[str, int]] = {"frequency": 1, "tension": 2, "bending_stiffness": 2}
 
     def tension_and_bending(self) -> tuple[float, float]:
@@ -53,6 +65,10 @@ class String(LineBody):
     def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
         """A frequency needs no more tension than could be given."""
         yield from super().faults(path, table)
+        if is_given(table, "young") != is_given(table, "core_diameter"):
+            missing = "core_diameter" if is_given(table, "young") else "young"
+            remedy = "young in Pa and core_diameter in m go together"
+            yield make_fault(path, table, f"no {missing} is given", remedy)
         length, frequency = table.get("length"), table.get("frequency")
         density, mass = table.get("linear_density"), table.get("mass")
         given = [length, frequency, mass if density is None else density]
@@ -64,6 +80,16 @@ class String(LineBody):
         if tension > MAX_TENSION:
             message = f"a string of {length:g} m needs a tension of {tension:.3g} N for {frequency:g} Hz"
             yield make_fault((*path, "frequency"), frequency, message, f"at most {MAX_TENSION:g} N are possible")
+
+    def find_stretching(self, omega: np.ndarray) -> Stretching | None:
+        """K = EA/(2L), κ = β²/μ (Kirchhoff 1883, Carrier 1945)."""
+        stiffness = self.axial_stiffness or 0.0
+        if self.young is not None:
+            stiffness = axial_stiffness(self.young, self.core_diameter or 0.0)
+        if stiffness == 0.0:
+            return None
+        beta = np.arange(1.0, omega.size + 1) * (math.pi / self.length)
+        return Stretching(stiffness / (2 * self.length), beta**2 / self.mass_per_length())
 
     def end_row(self, omega: np.ndarray, end: float) -> np.ndarray:
         """∂V/∂y per modal displacement when an end (0 or 1) moves by y, for modes of these frequencies (rad/s), the

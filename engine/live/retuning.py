@@ -17,7 +17,7 @@ from engine.assembly.contact_points import entry_counts
 from engine.assembly.event_table import EventRow
 from engine.kernel.data.axes import SEGMENTED, Axis, Items, pair_arrays
 from engine.kernel.data.enums import EventKind
-from engine.kernel.data.model import Connections, FreeFlight, Model, ModeShapeRows, StepCoefficients
+from engine.kernel.data.model import Connections, FreeFlight, Model, ModeShapeRows, StepCoefficients, Tension
 from engine.live.event_queue import EventQueue, checked_frame
 from engine.live.player_options import PlayerOptions
 from engine.live.shared_memory import SharedMemory, Slot
@@ -138,6 +138,7 @@ def _segments(poly: Model, single: Model, first: int, last: int) -> Iterator[Arr
     arrays += pair_arrays(StepCoefficients, poly.step, single.step)
     arrays += pair_arrays(FreeFlight, poly.flight, single.flight)
     arrays += pair_arrays(Connections, poly.connection, single.connection)
+    arrays += pair_arrays(Tension, poly.tension, single.tension)
     for items, ours, theirs in arrays:
         if items.axis in SEGMENTED and items.dtype is np.float64 and ours is not None and theirs is not None:
             begin = getattr(poly.islands, items.axis)

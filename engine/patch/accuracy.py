@@ -35,6 +35,12 @@ class Accuracy(Table):
     max_substeps: int = Field(
         default=1024, ge=1, le=MAX_SUBSTEPS, description="steps per sample at most, where they are chosen by max_error"
     )
+    least_detuning: float = Field(
+        default=0.1,
+        ge=0.0,
+        le=1200.0,
+        description="a body that stretches is computed as linear while this raises its partials by less, cents",
+    )
     tolerance: float = Field(
         default=1e-15, ge=1e-15, le=1e-2, description="relative tolerance of the compression in the contact solve"
     )

@@ -26,8 +26,9 @@ _ANSWERS: tuple[tuple[str, str, str], ...] = (
         "polarisation polarization horizontal longitudinal torsion torsional twist",
     ),
     (
-        "only contacts are nonlinear: pitch does not depend on amplitude",
-        "linear-bodies",
+        "axial_stiffness lets a string stretch, and stretching_stiffness a membrane or a plate: the pitch falls with"
+        " the amplitude",
+        "bodies-that-stretch",
         "nonlinear nonlinearity geometric kirchhoff_carrier von_karman tension_modulation pitch_glide duffing",
     ),
     (

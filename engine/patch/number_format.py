@@ -4,7 +4,7 @@ import math
 import re
 
 UNITS = (
-    *("m", "m³", "kg", "s", "Hz", "N", "dB", "m/s", "m/s²", "m²/s", "m³/s", "1/s", "s/m", "1/√kg"),
+    *("m", "m³", "kg", "s", "Hz", "N", "dB", "m/s", "m/s²", "m²/s", "m³/s", "1/s", "s/m", "1/√kg", "cents"),
     *("kg/m", "kg/m²", "kg/m³", "kg/s", "N/m", "N·m", "N·m²", "N/m^exponent", "Pa", "rad"),
 )
 UNIT_PATTERN = re.compile(rf", ({'|'.join(map(re.escape, sorted(UNITS, key=len, reverse=True)))})(?=[;:,]|$)")

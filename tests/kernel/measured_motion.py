@@ -24,7 +24,7 @@ from engine.kernel.modes.event_dampers import step_with_dampers
 from engine.kernel.run.events import finish_score, run_score
 from engine.kernel.run.pickups import add_pickups
 from engine.kernel.run.refinement import composed_step
-from engine.kernel.run.step import StepSettings
+from engine.kernel.data.model import StepSettings
 from engine.kernel.run.trace_rows import Block, write_trace
 from engine.offline.trace import allocate_trace
 from engine.runtime.job_memory import block_output

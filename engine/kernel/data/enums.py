@@ -84,6 +84,40 @@ class Balance(IntEnum):
     MAX_ERROR_PER_STEP = 5
 
 
+class Stretch(IntEnum):
+    """Columns of TensionState.body; N and N/m of strings, N/m and N/m³ of sheets."""
+
+    STIFFNESS = 0  # K; 0 of a body that does not stretch
+    RISE = 1  # λ of the present step
+    LAST = 2  # of the step before, and of two more
+    SECOND_LAST = 3
+    THIRD_LAST = 4
+    TRIED = 5  # a rise that was tried, and by how much it missed that which it led to
+    MISSED = 6
+    ENDS_BEFORE = 7  # what moving ends stretch it, m: at the begin of the step, and at its end
+    ENDS_AFTER = 8
+
+
+class MovingEnd(IntEnum):
+    """Columns of Tension.ends: of each of two ends of a string that move, the coordinates of its slope and of its
+    displacement, or -1."""
+
+    SLOPE = 0
+    DISPLACEMENT = 1
+    OTHER_SLOPE = 2
+    OTHER_DISPLACEMENT = 3
+
+
+class StretchFactor(IntEnum):
+    """Columns of Tension.factor."""
+
+    SOFTEST = 0  # κ/ω² at most, 1/N or m/N
+    UNHEARD = 1  # of stiffness times energy: what is less raises no partial by more than is allowed
+    END = 2  # 1/m: what ends stretch a string per square of their displacement, and per product of both
+    OTHER_END = 3
+    BOTH_ENDS = 4
+
+
 class EnergyTotal(IntEnum):
     """Columns of State.energy_totals, J. Each sum is followed by the rounding that it carries."""
 

@@ -9,7 +9,7 @@ indices of modes and contacts count from their island's first. Coordinates are m
 momentum in √kg·m/s, mode shapes Φ in 1/√kg (docs/design.md, sec. 1).
 """
 
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -44,7 +44,7 @@ from engine.kernel.data.axes import (
     Shared,
     SharedInt,
 )
-from engine.kernel.data.enums import FLIGHT_FRAMES, FLIGHT_PART
+from engine.kernel.data.enums import FLIGHT_FRAMES, FLIGHT_PART, MovingEnd, StretchFactor
 from engine.kernel.data.laws import Law
 
 
@@ -132,6 +132,15 @@ class StepCoefficients(NamedTuple):
     force: RowCoefficients | None  # of ExternalForce.rows
 
 
+class StepSettings(NamedTuple):
+    """Coefficients, kind and time of a step."""
+
+    h: Any  # StepCoefficients
+    kind: int  # StepKind
+    is_free: bool  # True if neither contacts nor external forces can act
+    frame: int
+
+
 class FreeMasses(NamedTuple):
     """Modes without a restoring force."""
 
@@ -173,6 +182,17 @@ class Connections(NamedTuple):
     is_plain: PerIslandInt  # 1 if the modes of the island have neither weight nor loss in the drift
     contact_reach: PerContact  # m/√J: how far a contact can close in a flight, per √(2E) of what is connected
     contact_reach_by_forces: PerContact  # m/√J: and how much further than its bodies by themselves
+
+
+class Tension(NamedTuple):
+    """Bodies whose tension rises as they stretch (engine.kernel.interactions.tension), by body."""
+
+    mode_begin: Annotated[np.ndarray, Items(Axis.BODY, np.int64)]  # its modes; none of a body that does not stretch
+    mode_end: Annotated[np.ndarray, Items(Axis.BODY, np.int64)]
+    kappa: PerDoubleMode  # κ: the stretch is Σ κ·q², in m of strings, in m² of sheets
+    ends: Annotated[np.ndarray, Items(Axis.BODY, np.int64, len(MovingEnd), neutral=-1)]
+    factor: Annotated[np.ndarray, Items(Axis.BODY, columns=len(StretchFactor))]
+    can_stretch: PerIslandInt  # 1 if a body of the island does
 
 
 class ContactBasis(NamedTuple):
@@ -343,6 +363,7 @@ class Model(NamedTuple):
     drive: Drive | None
     connection: Connections | None
     contact: Contact | None
+    tension: Tension | None
     refinement: Refinement | None
     events: Events | None
     pickups: Pickups

@@ -34,6 +34,7 @@ from engine.kernel.data.enums import (
     Sleep,
     SleepMonitor,
     SolveStatus,
+    Stretch,
 )
 
 PerPartition = Annotated[np.ndarray, Items(Axis.PARTITION)]
@@ -84,6 +85,31 @@ class ConnectionState(NamedTuple):
     is_move_known: PerIslandInt  # 1 if `free_move` is that of the coming drift
     matrix: PerConnectionPair  # memory to make factors
     near: NearContacts
+
+
+class SoftenedConnections(NamedTuple):
+    """Coefficients of connections of stretched bodies (engine.kernel.data.model.ConnectionCoefficients)."""
+
+    compliance: PerConnectionPair
+    force_per_extension: PerConnectionPair
+    force_per_move: PerConnectionPair
+    coupling: PerConnectionPair  # that of Connections, and what tensions add
+    contact_moves: PerConnectionContact
+    contact_compliance: PerCompliance
+
+
+class TensionState(NamedTuple):
+    """State of bodies that stretch (engine.kernel.interactions.tension); and memory for steps with contacts and
+    connections."""
+
+    body: Annotated[np.ndarray, Items(Axis.BODY, columns=len(Stretch))]
+    is_active: PerIslandInt  # 0 while the bodies of the island are taken for linear
+    momentum: PerDoubleMode  # √kg·m/s: of the drift by neither contacts nor tension
+    push: PerDoubleMode  # √kg·m/s: what external forces give in half a kick
+    compliance: PerContact  # B_kk of stretched bodies, m/N
+    compliance_low: PerContact
+    coupling: PerCompliance  # B, m/N
+    connection: SoftenedConnections | None
 
 
 class SavedMotion(NamedTuple):
@@ -161,6 +187,7 @@ class State(NamedTuple):
     contact_force: PerContact  # N, mean over the last step
     drive: Annotated[np.ndarray, Items(Axis.DRIVE, columns=DRIVE_FRAMES)] | None  # N, at each frame modulo their number
     connection: ConnectionState | None
+    tension: TensionState | None
     scratch: Scratch | None  # for coupled contacts
     refinement: RefinementState | None
     flight: FreeFlightState

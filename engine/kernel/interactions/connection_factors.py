@@ -23,14 +23,19 @@ def update_factors(connection, h, contact, state):
             h.made_for_stiffness[i] != connection_state.stiffness[i]
             or h.made_for_damping[i] != connection_state.damping[i]
         ):
-            make_factors(connection, h, connection_state)
-            reduce_contact_compliance(h, contact, connection_state.extension.shape[0])
+            for j in range(connection_state.extension.shape[0]):
+                h.made_for_stiffness[j], h.made_for_damping[j] = (
+                    connection_state.stiffness[j],
+                    connection_state.damping[j],
+                )
+            make_factors(connection, connection.coupling, h, connection_state)
+            reduce_contact_compliance(h, contact, connection_state)
             return
 
 
 @noinline
-def make_factors(connection, h, connection_state):
-    """Compute X and Y, the forces of connections per extension and per move."""
+def make_factors(connection, coupling, h, connection_state):
+    """Compute X and Y, the forces of connections per extension and per move. coupling: their common stiffness, N/m"""
     n, x, y, matrix = (
         connection_state.extension.shape[0],
         h.force_per_extension,
@@ -38,10 +43,9 @@ def make_factors(connection, h, connection_state):
         connection_state.matrix,
     )
     for i in range(n):
-        h.made_for_stiffness[i], h.made_for_damping[i] = connection_state.stiffness[i], connection_state.damping[i]
         for j in range(n):
-            x[i * n + j] = connection.coupling[i * n + j]
-            y[i * n + j] = 0.5 * connection.coupling[i * n + j]
+            x[i * n + j] = coupling[i * n + j]
+            y[i * n + j] = 0.5 * coupling[i * n + j]
         x[i * n + i] += connection_state.stiffness[i]
         y[i * n + i] += 0.5 * connection_state.stiffness[i] + connection_state.damping[i] * h.step_rate[i]
         if connection.is_rigid[i] != 0:
@@ -57,6 +61,58 @@ def make_factors(connection, h, connection_state):
         for j in range(i):
             x[i * n + j], x[j * n + i] = x[j * n + i], x[i * n + j]
             y[i * n + j], y[j * n + i] = y[j * n + i], y[i * n + j]
+
+
+@noinline
+def solve_connections(connection, coupling, h, connection_state):
+    """Find the forces of connections at once, without their factors. This takes a tenth of the time of making these.
+
+    coupling: stiffness that the coordinates have in common, N/m; h: ConnectionCoefficients
+    """
+    of, n = connection_state, connection_state.extension.shape[0]
+    f, s, g, matrix, compliance = of.force, of.extension, of.free_move, of.matrix, h.compliance
+    for i in range(n):
+        for j in range(n):
+            matrix[i * n + j] = 0.0
+        if connection.is_rigid[i] != 0:
+            held = 1.0 / compliance[i * n + i]
+            f[i] = held * (s[i] + g[i])
+            subtract_row(matrix, i, compliance, i, n, -held)
+            continue
+        own = 0.5 * of.stiffness[i] + of.damping[i] * h.step_rate[i]
+        f[i] = of.stiffness[i] * s[i] + own * g[i]
+        matrix[i * n + i] = 1.0
+        subtract_row(matrix, i, compliance, i, n, -own)
+        for k in range(n):
+            shared = coupling[i * n + k]
+            if shared != 0.0:
+                f[i] += shared * (s[k] + 0.5 * g[k])
+                subtract_row(matrix, i, compliance, k, n, -0.5 * shared)
+    solve_in_place(matrix, f, n)
+
+
+@inline
+def solve_in_place(matrix, f, n):
+    """Solve matrix·x = f [n] in place, by elimination with pivots."""
+    for c in range(n):
+        pivot = c
+        for i in range(c + 1, n):
+            if abs(matrix[i * n + c]) > abs(matrix[pivot * n + c]):
+                pivot = i
+        if pivot != c:
+            f[c], f[pivot] = f[pivot], f[c]
+            for j in range(c, n):
+                matrix[c * n + j], matrix[pivot * n + j] = matrix[pivot * n + j], matrix[c * n + j]
+        for i in range(c + 1, n):
+            factor = matrix[i * n + c] / matrix[c * n + c]
+            if factor != 0.0:
+                f[i] -= factor * f[c]
+                for j in range(c + 1, n):
+                    matrix[i * n + j] -= factor * matrix[c * n + j]
+    for c in range(n - 1, -1, -1):
+        for j in range(c + 1, n):
+            f[c] -= matrix[c * n + j] * f[j]
+        f[c] /= matrix[c * n + c]
 
 
 @noinline
@@ -78,9 +134,9 @@ def eliminate(matrix, x, y, n):
         for i in range(n):
             factor = matrix[i * n + c]
             if i != c and factor != 0.0:
-                subtract_row(matrix, i, c, n, factor)
-                subtract_row(x, i, c, n, factor)
-                subtract_row(y, i, c, n, factor)
+                subtract_row(matrix, i, matrix, c, n, factor)
+                subtract_row(x, i, x, c, n, factor)
+                subtract_row(y, i, y, c, n, factor)
 
 
 @inline
@@ -91,40 +147,48 @@ def scale_row(matrix, i, n, factor):
 
 
 @inline
-def subtract_row(matrix, i, j, n, factor):
-    """Subtract a multiple of row j from row i."""
+def subtract_row(matrix, i, other, j, n, factor):
+    """Subtract a multiple of row j of another matrix from row i."""
     for k in range(n):
-        matrix[i * n + k] -= factor * matrix[j * n + k]
+        matrix[i * n + k] -= factor * other[j * n + k]
 
 
 @inline
-def reduce_contact_compliance(h, contact, n):
+def reduce_contact_compliance(h, contact, connection_state):
     """Compute the compliance of each contact again, with the present X and Y of the connections."""
     if contact is not None:
         contacts = contact.compliance.shape[0]
-        for k in range(contacts):
-            contact.compliance[k] = reduced_compliance(h, n, contacts, k, k)
-            contact.compliance_low[k] = 0.0
-        reduce_coupling(h, contact.coupling, n, contacts)
+        for j in range(contacts):
+            find_held(h, j, connection_state)
+            contact.compliance[j] = reduced_compliance(h, contacts, j, j, connection_state)
+            contact.compliance_low[j] = 0.0
+            reduce_coupling(h, contact.coupling, j, contacts, connection_state)
 
 
 @inline
-def reduce_coupling(h, coupling, n, contacts):
-    """Compute the compliance of each contact to the others again; `coupling` is None if no island has several
+def reduce_coupling(h, coupling, j, contacts, connection_state):
+    """Compute the compliance of each contact to contact j again; `coupling` is None if no island has several
     contacts."""
     if coupling is not None:
         for k in range(contacts):
-            for j in range(contacts):
-                coupling[k * contacts + j] = reduced_compliance(h, n, contacts, k, j)
+            coupling[k * contacts + j] = reduced_compliance(h, contacts, k, j, connection_state)
 
 
-@noinline
-def reduced_compliance(h, n, contacts, k, j):
-    """Displacement at contact k per newton at contact j over the step, while the connections hold, m/N."""
-    total = h.contact_compliance[k * contacts + j]
+@inline
+def find_held(h, j, connection_state):
+    """Find the forces of connections per newton at contact j, which the first row of State.connection.matrix holds."""
+    n, held = connection_state.extension.shape[0], connection_state.matrix
     for a in range(n):
-        held = 0.0
+        force = 0.0
         for b in range(n):
-            held += h.force_per_move[b * n + a] * h.contact_moves[j * n + b]
-        total -= h.contact_moves[k * n + a] * held
+            force += h.force_per_move[b * n + a] * h.contact_moves[j * n + b]
+        held[a] = force
+
+
+@inline
+def reduced_compliance(h, contacts, k, j, connection_state):
+    """Displacement at contact k per newton at contact j over the step, while the connections hold, m/N."""
+    n, total = connection_state.extension.shape[0], h.contact_compliance[k * contacts + j]
+    for a in range(n):
+        total -= h.contact_moves[k * n + a] * connection_state.matrix[a]
     return total

@@ -81,12 +81,19 @@ def find_connection_forces(connection, h, state):
         connection_state = state.connection
         if connection_state.extension.shape[0] > 0:
             update_factors(connection, h.connection, h.contact, state)
-            if connection_state.is_move_known[0] == 0:
-                clear(connection_state.free_move)
-                project_rows(connection, h.connection, state.drift_momentum, connection_state.free_move)
-            clear(connection_state.force)
-            add_products(h.connection.force_per_extension, connection_state.extension, connection_state.force)
-            add_products(h.connection.force_per_move, connection_state.free_move, connection_state.force)
+            find_forces(connection, h, state)
+
+
+@inline
+def find_forces(connection, h, state):
+    """Find the forces of connections by the factors of h, StepCoefficients."""
+    connection_state = state.connection
+    if connection_state.is_move_known[0] == 0:
+        clear(connection_state.free_move)
+        project_rows(connection, h.connection, state.drift_momentum, connection_state.free_move)
+    clear(connection_state.force)
+    add_products(h.connection.force_per_extension, connection_state.extension, connection_state.force)
+    add_products(h.connection.force_per_move, connection_state.free_move, connection_state.force)
 
 
 @inline
@@ -115,9 +122,16 @@ def push_by_connections(connection, h, state):
         for r in range(connection.coordinate.shape[0]):
             force = -connection_state.force[connection.coordinate[r]]
             push_both_at_row(connection.rows, h.connection.rows, r, force, state)
-        clear(connection_state.move)
-        project_rows(connection, h.connection, state.drift_momentum, connection_state.move)
+        measure_moves(connection, h, state)
         connection_state.is_move_known[0] = 0
+
+
+@inline
+def measure_moves(connection, h, state):
+    """Measure how far the coming drift changes each extension."""
+    if connection is not None:
+        clear(state.connection.move)
+        project_rows(connection, h.connection, state.drift_momentum, state.connection.move)
 
 
 @inline

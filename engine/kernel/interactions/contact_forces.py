@@ -154,7 +154,7 @@ def push_by_several_contacts(model, contact, settings, is_forced, state):
     if not is_any_closing(reach):
         open_contacts(reach, state)
         return no_touch(SolveStatus.FREE, INT64_0)
-    solution = solve_several_contacts(contact, h.contact, reach, state)
+    solution = solve_several_contacts(contact, h.contact, reach, contact.max_rounds, state)
     if solution.status == SolveStatus.FAILED:
         return no_touch(solution.status, solution.evaluations)
     answer_contacts(connection, h, reach, state)
@@ -187,15 +187,15 @@ def open_contacts(reach, state):
 
 
 @inline
-def solve_several_contacts(contact, h, reach, state):
-    """Find the forces of several contacts of an island together. Returns a ContactSolution."""
+def solve_several_contacts(contact, h, reach, max_rounds, state):
+    """Find the forces of several contacts of an island together, in so many rounds. Returns a ContactSolution."""
     s, g = reach.compression, reach.free_displacement
     problem = CoupledProblem(reach.law, reach.coupling, s, g, contact.tolerance, state.scratch)
     rounds, status, excess, is_persistent = INT64_0, SolveStatus.NEWTON, 0.0, TRUE
     if not moves_by_basis(contact.basis):
         rounds = solve_persistent(problem)
     if rounds == 0:
-        rounds, status, excess = find_coupled_forces(contact, h, reach, problem, state)
+        rounds, status, excess = find_coupled_forces(contact, h, reach, (problem, max_rounds), state)
         is_persistent = FALSE
     vectors, is_measured = state.scratch.vectors, FALSE
     for n in range(reach.size):
@@ -222,9 +222,10 @@ def solve_by_basis(basis, coefficients, law, state):
 
 
 @inline
-def find_coupled_forces(contact, h, reach, problem, state):
+def find_coupled_forces(contact, h, reach, problem_and_rounds, state):
     """Find the forces of several contacts, in the space of their basis or in that of the contacts; the scratch holds
     them. Returns rounds, SolveStatus, and the energy that forces off their curves create, J."""
+    problem, max_rounds = problem_and_rounds
     evaluations, is_all = INT64_0, reach.size == state.compression.shape[0]
     is_first = moves_by_basis(contact.basis)
     if is_first:
@@ -233,7 +234,7 @@ def find_coupled_forces(contact, h, reach, problem, state):
             return evaluations, SolveStatus.NEWTON, 0.0
     for n in range(reach.size):
         state.scratch.vectors[Row.FORCE, n] = state.contact_force[contact_number(reach.numbers, n)]
-    rounds, status, excess = solve_coupled(problem, contact.max_rounds, state.line_search_budget)
+    rounds, status, excess = solve_coupled(problem, max_rounds, state.line_search_budget)
     if status == SolveStatus.CAPPED and is_all and not is_first:
         evaluations = solve_by_basis(contact.basis, h.basis, problem.law, state)
         if evaluations > 0:

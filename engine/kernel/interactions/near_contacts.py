@@ -26,6 +26,7 @@ from engine.kernel.interactions.contacts import (
 )
 from engine.kernel.interactions.external_forces import has_external_forces
 from engine.kernel.interactions.island_energy import island_energy
+from engine.kernel.interactions.tension import stretches
 from engine.kernel.modes.event_dampers import is_damping
 from engine.kernel.modes.mode_energies import bound_modal_displacements
 from engine.kernel.modes.point_rows import bound_at_row
@@ -81,7 +82,7 @@ def leaves_out_contacts(connection, model, settings, state):
     is_only_contact = state.compression.shape[0] == 1 and not has_connections(connection, state)
     if is_only_contact or settings.kind != StepKind.SAMPLE:
         return False
-    if has_external_forces(model.force) or moves_by_basis(model.contact.basis):
+    if has_external_forces(model.force) or moves_by_basis(model.contact.basis) or stretches(model.tension, state):
         return False
     if settings.frame >= state.connection.near.until[0]:
         find_near_contacts(model, model.contact, connection, settings, state)
@@ -93,6 +94,23 @@ def all_contacts(contact, index, moves, h, state):
     """Return the Reach of all contacts. h: ContactCoefficients"""
     s, g = state.compression, state.free_displacement
     return Reach(s.shape[0], index, s, g, law_in_step(contact, h), h.coupling, moves)
+
+
+def reach_of_all(connection: Any, contact: Any, h: Any, state: Any) -> Reach:
+    """Return the Reach of all contacts; in compiled code only. h: StepCoefficients"""
+    raise TypeError("reach_of_all is for compiled code")
+
+
+@inline
+def all_without_connections(connection, contact, h, state):
+    """Do this in a scene without connections."""
+    return all_contacts(contact, None, None, h.contact, state)
+
+
+@inline
+def all_beside_connections(connection, contact, h, state):
+    """Do this in a scene with connections."""
+    return all_contacts(contact, state.connection.near.contact, h.connection.contact_moves, h.contact, state)
 
 
 @inline
@@ -324,6 +342,9 @@ def gathered(original: Any, copy: Any, count: int) -> Any:
 
 
 overload_by_source(gathered, lambda original, copy, count: ("None" if is_none(original) else "copy[0:count]", {}))
+overload_by_type(
+    reach_of_all, {type(None): all_without_connections.py_func, Connections: all_beside_connections.py_func}
+)
 overload_by_type(
     contacts_in_reach,
     {type(None): contacts_without_connections.py_func, Connections: contacts_beside_connections.py_func},

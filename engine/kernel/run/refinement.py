@@ -13,14 +13,16 @@ from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
 from engine.compiler.overloads import is_none, overload_by_source
 from engine.kernel.data.axes import Axis, fields_of
 from engine.kernel.data.enums import StepKind
+from engine.kernel.data.model import StepSettings
 from engine.kernel.interactions.connections import count_connections, damp_connections, has_connections
 from engine.kernel.interactions.contact_loss import is_loss_small, lose_at_contacts
 from engine.kernel.interactions.contacts import bound_at_contact, find_free_displacements
 from engine.kernel.interactions.external_forces import next_external_force
+from engine.kernel.interactions.tension import stretches
 from engine.kernel.modes.mode_step import find_drift_momenta
 from engine.kernel.run.adaptive_steps import begin_tries, first_kind_of_sample, is_accurate, steps_of_sample
 from engine.kernel.run.events import finish_first_stage
-from engine.kernel.run.step import StepOutcome, StepSettings, step
+from engine.kernel.run.step import StepOutcome, step
 
 # --- the coefficients of one stage
 
@@ -137,6 +139,7 @@ def refined_step(model, contact, refinement, state, frame, in_contact):
     """
     if contact is not None:
         is_alone = not is_forced(model.force, frame) and not has_connections(model.connection, state)
+        is_alone = is_alone and not stretches(model.tension, state)
         if is_alone and not in_contact and not refinement.refine_free_flight:
             if not closes_in_sample(model, refinement, state):
                 return step(model, StepSettings(model.step, StepKind.SAMPLE, TRUE, frame), state)

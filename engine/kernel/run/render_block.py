@@ -14,7 +14,7 @@ from engine.compiler.overloads import overload_by_type
 from engine.compiler.struct_types import load_struct
 from engine.kernel.data.enums import CHUNK_FRAMES, FLIGHT_FRAMES, EnergyTotal, FlightFrame, Sleep, StepKind
 from engine.kernel.data.island_view import island_bounds, island_model, island_state
-from engine.kernel.data.model import Refinement
+from engine.kernel.data.model import Refinement, StepSettings
 from engine.kernel.data.state import BlockOutput
 from engine.kernel.interactions.connected_modes import amplitude_of_connected, energy_of_connected
 from engine.kernel.interactions.connections import has_connections
@@ -27,6 +27,7 @@ from engine.kernel.interactions.contacts import (
 from engine.kernel.interactions.external_forces import has_external_forces
 from engine.kernel.interactions.near_contacts import cannot_close
 from engine.kernel.interactions.one_way_drive import clear_drive
+from engine.kernel.interactions.tension import let_stretch, stretches, update_stretching
 from engine.kernel.modes.event_dampers import is_event_active, step_with_dampers
 from engine.kernel.modes.free_flight import begin_flight, end_flight
 from engine.kernel.modes.mode_energies import bound_modal_displacements, vibration_energy
@@ -43,7 +44,7 @@ from engine.kernel.run.sleep import (
     skip_chunk,
     try_sleep,
 )
-from engine.kernel.run.step import StepOutcome, StepSettings, step
+from engine.kernel.run.step import StepOutcome, step
 from engine.kernel.run.trace_rows import (
     Block,
     keep_evaluations,
@@ -83,7 +84,8 @@ def advance_plain(refinement, model, state, frame, is_free, in_contact):
 @inline
 def advance_refined(refinement, model, state, frame, is_free, in_contact):
     """Advance a sample, in stages where forces may act. Returns a StepOutcome."""
-    if is_free and not has_connections(model.connection, state):
+    is_plain = not has_connections(model.connection, state) and not stretches(model.tension, state)
+    if is_free and is_plain:
         return step(model, StepSettings(model.step, StepKind.SAMPLE, TRUE, frame), state)
     return refined_step(model, model.contact, refinement, state, frame, in_contact)
 
@@ -118,10 +120,12 @@ def plan_free_flight(model, state, frame):
     due = next_due(model.force, model.events, state, frame)
     if due > frame:
         invalidate_margins(state.refinement)  # falling masses are faster by now
+        update_stretching(model.tension, model, state)
         if stays_open(model.contact, model, state):
             until = min(due, frame + 1 + CHECK_PERIOD)
             state.contact_free_until[0] = until
             may_fly = not is_event_active(state) and not has_connections(model.connection, state)
+            may_fly = may_fly and not stretches(model.tension, state)
             if not falls_asleep(model, state, frame, until) and may_fly:
                 state.flight.frame[FlightFrame.END] = frame + 1 + CHECK_PERIOD
 
@@ -144,6 +148,8 @@ def stays_open(contact, model, state):
     """True if no contact can close before the next check."""
     if contact is not None:
         if has_contacts(contact, state):
+            if stretches(model.tension, state):  # modes exchange their energies
+                return False
             bound_modal_displacements(model, state)
             amplitude = amplitude_of_connected(model, model.connection, FLIGHT_FRAMES / model.samplerate, state)
             return cannot_close(contact, model.connection, amplitude, is_event_active(state), state)
@@ -163,6 +169,8 @@ def update_before_sample(model, state, frame):
             reset_open_contacts(model.contact, state)
             if is_check:
                 plan_free_flight(model, state, frame - 1)
+            if frame >= state.contact_free_until[0]:
+                let_stretch(model.tension, model, state)
 
 
 @inline

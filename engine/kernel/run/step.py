@@ -3,7 +3,7 @@
 loss/2 · kick/2 · [find the forces] · drift · kick/2 · loss/2
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.kernel.data.enums import SolveStatus
@@ -16,17 +16,10 @@ from engine.kernel.interactions.connections import (
 )
 from engine.kernel.interactions.contact_forces import finish_contacts, push_by_contacts
 from engine.kernel.interactions.external_forces import finish_external_forces, push_by_external_forces
+from engine.kernel.interactions.stretching_bodies import push_stretched
+from engine.kernel.interactions.tension import stretches
 from engine.kernel.modes.mode_step import find_drift_momenta, forget_drift, reverse_momenta
 from engine.kernel.modes.moving_modes import PushedPoint, move_modes
-
-
-class StepSettings(NamedTuple):
-    """Coefficients, kind and time of a step."""
-
-    h: Any  # StepCoefficients
-    kind: int  # StepKind
-    is_free: bool  # True if neither contacts nor external forces can act
-    frame: int
 
 
 class StepOutcome(NamedTuple):
@@ -44,8 +37,7 @@ def step(model, settings, state):
     h, work, lost = settings.h, 0.0, 0.0
     find_drift_momenta(h, settings.kind, state)
     is_forced = not settings.is_free and push_by_external_forces(model.force, h.force, settings.frame, state)
-    find_connection_forces(model.connection, h, state)
-    touch = push_by_contacts(model, model.contact, h.contact, settings, is_forced, state)
+    touch = push_by_interactions(model.tension, model, settings, is_forced, state)
     if touch.status == SolveStatus.FAILED:
         reverse_motion(state)
     else:
@@ -56,6 +48,16 @@ def step(model, settings, state):
         lost = move(model.connection, h, touch, is_forced, state)
         lost += finish_connections(model.connection, h, state) + finish_contacts(touch, state)
     return StepOutcome(touch.status != SolveStatus.FREE, touch.evaluations, lost, work)
+
+
+@inline
+def push_by_interactions(tension, model, settings, is_forced, state):
+    """Find the forces of the step, and let those of contacts push. Returns a Touch."""
+    if tension is not None:
+        if stretches(tension, state):
+            return push_stretched(model, model.contact, settings, state)
+    find_connection_forces(model.connection, settings.h, state)
+    return push_by_contacts(model, model.contact, settings.h.contact, settings, is_forced, state)
 
 
 # --- the modes move

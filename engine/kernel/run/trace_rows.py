@@ -8,6 +8,7 @@ from engine.kernel.interactions.connections import connection_energy, has_connec
 from engine.kernel.interactions.contacts import contact_energy
 from engine.kernel.interactions.island_energy import island_energies, write_ledger
 from engine.kernel.interactions.near_contacts import compression_now
+from engine.kernel.interactions.tension import stretching_energy
 from engine.kernel.modes.free_flight import exchange_motion, step_saved_motion
 from engine.kernel.modes.mode_energies import kinetic_and_potential
 from engine.kernel.modes.point_rows import project
@@ -49,6 +50,7 @@ def write_trace(model, state, block, begin, count):
         kinetic, potential, _ = kinetic_and_potential(model, state)
         trace.kinetic[i] += kinetic
         trace.potential[i] += potential + connection_energy(model.connection, state)
+        trace.potential[i] += stretching_energy(model.tension, model.omega_squared, state)
         trace.contact[i] += contact_energy(model.contact, state)
         trace.dissipated[i] += state.energy_totals[EnergyTotal.DISSIPATED]
         trace.supplied[i] += state.energy_totals[EnergyTotal.SUPPLIED]

@@ -1,0 +1,91 @@
+"""Arrays of bodies whose tension rises as they stretch (engine.kernel.interactions.tension)."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from engine.assembly.array_memory import allocate
+from engine.assembly.connection_coordinates import find_stretching, stretch_of_ends
+from engine.assembly.layout import Layout
+from engine.bodies.stretching import Stretching
+from engine.kernel.data.axes import Axis
+from engine.kernel.data.enums import MovingEnd, Stretch, StretchFactor
+from engine.kernel.data.model import Tension
+from engine.kernel.data.state import SoftenedConnections, TensionState
+from engine.patch.tables import EndConnection
+
+CENTS_PER_ENERGY = 1200 / math.log(2)  # 1731·K·E/c⁴: by so many cents at most partials rise
+
+
+def stretching_bodies(layout: Layout) -> dict[int, Stretching]:
+    """Return what stretches bodies, by their numbers in the scene."""
+    found = {}
+    for b, body in enumerate(layout.scene.body):
+        if (stretching := find_stretching(layout, body.name)) is not None:
+            found[b] = stretching
+    return found
+
+
+def tension(layout: Layout, least_detuning: float) -> Tension | None:
+    """Return the bodies that stretch; None if there are none.
+
+    least_detuning: cents by which the pitch of a partial may rise without its being computed
+    """
+    found = stretching_bodies(layout)
+    if not found:
+        return None
+    islands, modes = layout.islands, layout.modes
+    count = len(islands.body_order)
+    begin, end = np.zeros((2, count), np.int64)
+    places, factor = np.full((count, len(MovingEnd)), -1), np.zeros((count, len(StretchFactor)))
+    all_kappa, can_stretch = np.zeros(modes.omega.size), np.zeros(len(islands.bodies), np.int64)
+    for n, b in enumerate(islands.body_order):
+        if b in found:
+            kappa, inside, ends = found[b].kappa, modes.of_body[b], _moving_ends(layout, b)
+            all_kappa[inside] = kappa
+            softest = float(np.max(kappa / modes.omega[inside] ** 2))
+            begin[n], end[n] = modes.in_island[b].start, modes.in_island[b].stop
+            places[n] = ends.coordinates
+            factor[n] = softest, least_detuning / CENTS_PER_ENERGY / softest**2, *ends.factors
+            can_stretch[islands.of_body[b]] = 1
+    return Tension(begin, end, all_kappa, places, factor, can_stretch)
+
+
+class MovingEnds(NamedTuple):
+    """Ends of a string that move."""
+
+    coordinates: list[int]  # of slope and displacement of each, -1 of an end that does not move
+    factors: list[float]  # of each, and of their product, 1/m
+
+
+def _moving_ends(layout: Layout, b: int) -> MovingEnds:
+    """Return the ends of a string that move, none of another body."""
+    items, scene = layout.islands.coordinates[layout.islands.of_body[b]].items, layout.scene
+    name, places, at = scene.body[b].name, list[int](), list[float]()
+    for i, item in enumerate(items):
+        end = None if item.slope_of is None else scene.connection[item.slope_of[0]]
+        if item.slope_of is not None and isinstance(end, EndConnection) and end.body == name:
+            places += [i, i - item.slope_of[1]]
+            at.append(end.at)
+    factors = [stretch_of_ends(layout, name, end, end) for end in at] + [0.0] * (2 - len(at))
+    factors.append(stretch_of_ends(layout, name, *at) if len(at) == 2 else 0.0)
+    return MovingEnds(places + [-1] * (4 - len(places)), factors)
+
+
+def initial_tension(layout: Layout, model: Tension, counts: dict[Axis, int]) -> TensionState:
+    """Return the state of bodies that stretch, at time 0."""
+    found, body = stretching_bodies(layout), np.zeros((counts[Axis.BODY], len(Stretch)))
+    for n, b in enumerate(layout.islands.body_order):
+        if b in found:
+            body[n, Stretch.STIFFNESS] = found[b].stiffness
+            stretch = found[b].kappa @ layout.modes.q[layout.modes.of_body[b]] ** 2
+            body[n, [Stretch.LAST, Stretch.SECOND_LAST, Stretch.THIRD_LAST]] = found[b].stiffness * stretch
+    state: TensionState = allocate(
+        TensionState,
+        counts,
+        body=body,
+        connection=allocate(SoftenedConnections, counts) if counts[Axis.CONNECTION] else None,
+        is_active=model.can_stretch.copy(),
+    )
+    return state

@@ -1,0 +1,317 @@
+"""Tension that rises as a body stretches: of strings (Kirchhoff-Carrier), and of membranes and plates (Berger).
+
+The potential is V = ¼·K·s², with the stretch s = Σ κ·q². Over a step its discrete gradient pushes each mode by
+
+    F = -λ·κ·(q + q⁺)/2,    λ = ½·K·(s + s⁺),
+
+whose work is -ΔV. With the momentum of the drift without it, x = q + ½·v·p, and a = ½·t·v·κ:
+
+    q⁺ = 2·x/(1 + a·λ) - q,    so that one number for each body is to be found:  λ = ½·K·(s + s⁺(λ)).
+
+It has one solution, also where contacts push (docs/design.md, "Bodies that stretch").
+"""
+
+import math
+from typing import Any, NamedTuple
+
+from engine.compiler.decorators import TRUE, inline, noinline
+from engine.compiler.lanes import number_at, place_after, put_number, splat
+from engine.kernel.data.enums import EnergyTotal, MovingEnd, Stretch, StretchFactor
+from engine.kernel.modes.ordered_sums import accumulate, fold, fold_lanes
+from engine.kernel.modes.potential import add_elastic
+
+MAX_PASSES = 200  # over the modes, to find a tension; two or three are usual
+ROUNDING = 1e-16  # of the tension: what is left out is less
+ROOT_STEPS = 4  # of Newton's method on the polynomial of a pass
+
+
+@inline
+def stretches(tension, state):
+    """True if a body of the island stretches now."""
+    if tension is None:
+        return False
+    return state.tension.is_active[0] != 0
+
+
+# --- the tension is found
+
+
+class StretchingModes(NamedTuple):
+    """Modes of a body that stretches, in the coming drift."""
+
+    kick: Any  # t and v of StepCoefficients
+    drift: Any
+    kappa: Any  # κ
+    q: Any
+    momentum: Any  # of the drift
+    first: int
+    size: int
+
+
+@inline
+def modes_of_body(tension, h, state, b):
+    """Return the StretchingModes of body b."""
+    begin, end = tension.mode_begin[b], tension.mode_end[b]
+    return StretchingModes(h.kick, h.drift, tension.kappa, state.q, state.drift_momentum, begin, end - begin)
+
+
+@inline
+def add_stretch_sums(of, k, sums):
+    """Add to the sums, of mode k of a body: its stretch at the begin of the step; and that at the end by powers of the
+    change of the tension."""
+    modes, rise = of
+    m = place_after(k, modes.first)
+    q, drift, kappa = number_at(modes.q, m), number_at(modes.drift, m), number_at(modes.kappa, m)
+    x = q + 0.5 * drift * number_at(modes.momentum, m)
+    compliance = 0.5 * number_at(modes.kick, m) * drift * kappa
+    share = 1.0 / (1.0 + compliance * rise)
+    y, softness = x * share, compliance * share
+    end, weighted = 2.0 * y - q, kappa * y * softness
+    c2 = weighted * softness
+    return (
+        sums[0] + kappa * q * q,
+        sums[1] + kappa * end * end,
+        sums[2] - 4.0 * weighted * end,
+        sums[3] + 4.0 * c2 * (3.0 * y - q),
+        sums[4] - 4.0 * c2 * softness * (4.0 * y - q),
+    )
+
+
+@inline
+def solve_polynomial(rise, half_stiffness, sums):
+    """Return the change δ of a tension with rise + δ = ½K·(s + c0 + c1·δ + c2·δ² + c3·δ³), N or N/m. sums: s and c"""
+    s, c0, c1, c2, c3 = sums
+    change = 0.0
+    for _ in range(ROOT_STEPS):
+        residual = (rise + change) - half_stiffness * (s + c0 + change * (c1 + change * (c2 + change * c3)))
+        slope = 1.0 - half_stiffness * (c1 + change * (2.0 * c2 + 3.0 * change * c3))
+        step = residual / slope if slope > 0.0 else 0.0
+        change -= step
+        if abs(step) <= ROUNDING * rise:
+            break
+    return change
+
+
+@inline
+def find_rise(tension, h, state, b, rise):
+    """Return the rise of the tension of body b over the coming drift, with all other forces; N, or N/m of a sheet.
+
+    rise: a guess
+    """
+    body, modes = state.tension.body[b], modes_of_body(tension, h, state, b)
+    ends = body[Stretch.ENDS_BEFORE], body[Stretch.ENDS_AFTER]
+    return solve_rise(modes, 0.5 * body[Stretch.STIFFNESS], tension.factor[b][StretchFactor.SOFTEST], ends, rise)
+
+
+@noinline
+def solve_rise(modes, half, softest, ends, rise):
+    """Return the root λ of λ = ½K·(s + s⁺(λ)).
+
+    half: ½K; softest: StretchFactor.SOFTEST
+    ends: what ends add to s and to s⁺
+    rise: a guess
+    """
+    low, high = 0.0, math.inf
+    for _ in range(MAX_PASSES):
+        zeros = splat(0.0), splat(0.0), splat(0.0), splat(0.0), splat(0.0)
+        sums = fold(add_stretch_sums, (modes, rise), modes.size, zeros)
+        sums = sums[0] + ends[0], sums[1] + ends[1], sums[2], sums[3], sums[4]
+        if rise > half * (sums[0] + sums[1]):
+            high = min(high, rise)
+        else:
+            low = max(low, rise)
+        change = solve_polynomial(rise, half, sums)
+        following = rise + change
+        if abs(change) <= 10.0 * ROUNDING * rise:
+            return following
+        if low <= following and following <= high:
+            cut = half * abs(sums[4] * change * change * change) * abs(change) * softest
+            if cut <= ROUNDING * following:
+                return following
+        elif high < math.inf:
+            following = 0.5 * (low + high)
+        else:
+            following = 2.0 * rise + half * sums[0]
+        rise = following
+    return rise
+
+
+@inline
+def find_free_rises(tension, h, state):
+    """Find the rise of the tension of each body, with all forces that have pushed so far."""
+    for b in range(tension.mode_begin.shape[0]):
+        body = state.tension.body[b]
+        if body[Stretch.STIFFNESS] != 0.0:
+            body[Stretch.RISE] = find_rise(tension, h, state, b, predicted_rise(body))
+
+
+@inline
+def predict_rises(tension, state):
+    """Predict the rise of the tension of each body from the last steps."""
+    for b in range(tension.mode_begin.shape[0]):
+        body = state.tension.body[b]
+        if body[Stretch.STIFFNESS] != 0.0:
+            body[Stretch.RISE] = predicted_rise(body)
+
+
+@inline
+def predicted_rise(body):
+    """Return the tension that goes on as in the last three steps."""
+    return max(0.0, 3.0 * (body[Stretch.LAST] - body[Stretch.SECOND_LAST]) + body[Stretch.THIRD_LAST])
+
+
+@inline
+def remember_rises(tension, state):
+    """Keep the rises of this step to predict those of the next."""
+    for b in range(tension.mode_begin.shape[0]):
+        body = state.tension.body[b]
+        body[Stretch.THIRD_LAST], body[Stretch.SECOND_LAST] = body[Stretch.SECOND_LAST], body[Stretch.LAST]
+        body[Stretch.LAST] = body[Stretch.RISE]
+
+
+# --- and pushes
+
+
+@inline
+def add_push_of_stretch(of, k, sums):
+    """Do half a kick on mode k of a body by the rise of its tension, and keep it for the second half."""
+    modes, push, rise = of
+    m = place_after(k, modes.first)
+    kick, drift, kappa = number_at(modes.kick, m), number_at(modes.drift, m), number_at(modes.kappa, m)
+    momentum = number_at(modes.momentum, m)
+    x = number_at(modes.q, m) + 0.5 * drift * momentum
+    change = kick * kappa * rise * x / (1.0 + 0.5 * kick * drift * kappa * rise)
+    put_number(modes.momentum, m, momentum - change)
+    put_number(push, m, number_at(push, m) - change)
+    return sums
+
+
+@noinline
+def push_body(modes, push, rise):
+    """Do half a kick by the rise of the tension of a body, and keep it for the second half."""
+    fold_lanes(add_push_of_stretch, (modes, push, rise), modes.size, (splat(0.0),))
+
+
+@inline
+def push_by_tension(tension, h, state):
+    """Do half a kick by the rise of the tension of each body, and keep it for the second half."""
+    for b in range(tension.mode_begin.shape[0]):
+        rise = state.tension.body[b][Stretch.RISE]
+        if rise != 0.0:
+            push_body(modes_of_body(tension, h, state, b), state.push, rise)
+
+
+# --- ends of strings that move
+
+
+@inline
+def stretch_by_ends(tension, connection_state, share, b):
+    """Return what the ends of string b stretch it, m, beyond what its modes do; share: 0 at the begin of the step, 1 at
+    its end"""
+    ends, factor, stretch = tension.ends[b], tension.factor[b], 0.0
+    s, move = connection_state.extension, connection_state.move
+    first, second = ends[MovingEnd.DISPLACEMENT], ends[MovingEnd.OTHER_DISPLACEMENT]
+    if first >= 0:
+        slope, y = ends[MovingEnd.SLOPE], s[first] + share * move[first]
+        stretch += factor[StretchFactor.END] * y * (2.0 * (s[slope] + share * move[slope]) + y)
+        if second >= 0:
+            slope, other = ends[MovingEnd.OTHER_SLOPE], s[second] + share * move[second]
+            stretch += factor[StretchFactor.OTHER_END] * other * (2.0 * (s[slope] + share * move[slope]) + other)
+            stretch += 2.0 * factor[StretchFactor.BOTH_ENDS] * y * other
+    return stretch
+
+
+@inline
+def add_stretch_by_ends(tension, connection_state, b, stretch):
+    """Return a stretch with that by the ends of string b. connection_state: ConnectionState or None"""
+    if connection_state is not None:
+        if connection_state.extension.shape[0] > 0:
+            return stretch + stretch_by_ends(tension, connection_state, 0.0, b)
+    return stretch
+
+
+# --- energy
+
+
+@inline
+def add_stretch(of, k, sums):
+    """Add what mode k of a body stretches it, and p² + ω²q² of the mode, to the sums."""
+    kappa, omega_squared, q, p, first = of
+    m = place_after(k, first)
+    x, momentum = number_at(q, m), number_at(p, m)
+    return sums[0] + number_at(kappa, m) * x * x, sums[1] + add_elastic(omega_squared, m, x, momentum * momentum)
+
+
+@noinline
+def sum_stretch(kappa, omega_squared, q, p, begin, end):
+    """Return Σ κq² and Σ p² + ω²q² of modes of a body."""
+    return fold(add_stretch, (kappa, omega_squared, q, p, begin), end - begin, (splat(0.0), splat(0.0)))
+
+
+@inline
+def energies_of_body(tension, omega_squared, state, b):
+    """Return the energy of the stretch of body b, and that of its modes, J."""
+    begin, end = tension.mode_begin[b], tension.mode_end[b]
+    stretch, vibration = sum_stretch(tension.kappa, omega_squared, state.q, state.p, begin, end)
+    stretch = add_stretch_by_ends(tension, state.connection, b, stretch)
+    return 0.25 * state.tension.body[b][Stretch.STIFFNESS] * stretch * stretch, 0.5 * vibration
+
+
+@inline
+def stretching_energy(tension, omega_squared, state):
+    """Energy that bodies hold because they are stretched, J."""
+    total = 0.0
+    if tension is not None:
+        if stretches(tension, state):
+            total = sum_stretching_energies(tension, omega_squared, state)
+    return total
+
+
+@inline
+def sum_stretching_energies(tension, omega_squared, state):
+    """Return the sum of the energies of the stretch of all bodies of an island, J."""
+    total = 0.0
+    for b in range(tension.mode_begin.shape[0]):
+        if state.tension.body[b][Stretch.STIFFNESS] != 0.0:
+            total += energies_of_body(tension, omega_squared, state, b)[0]
+    return total
+
+
+# --- bodies whose tension hardly rises are linear
+
+
+@inline
+def update_stretching(tension, model, state):
+    """Let the bodies of an island stretch if the rise of the tension of one may be heard, else be linear."""
+    if tension is not None:
+        if tension.can_stretch[0] != 0:
+            set_stretching(tension, model.omega_squared, is_any_loud(tension, model.omega_squared, state), state)
+
+
+@inline
+def let_stretch(tension, model, state):
+    """Let the bodies of an island stretch, as something may act on them."""
+    if tension is not None:
+        if tension.can_stretch[0] != 0:
+            set_stretching(tension, model.omega_squared, TRUE, state)
+
+
+@inline
+def is_any_loud(tension, omega_squared, state):
+    """True if the energy of a body may raise its pitch by more than the scene lets pass."""
+    for b in range(tension.mode_begin.shape[0]):
+        stiffness = state.tension.body[b][Stretch.STIFFNESS]
+        if stiffness != 0.0:
+            stretch, vibration = energies_of_body(tension, omega_squared, state, b)
+            if not stiffness * (stretch + vibration) <= tension.factor[b][StretchFactor.UNHEARD]:
+                return True
+    return False
+
+
+@inline
+def set_stretching(tension, omega_squared, is_active, state):
+    """Let bodies stretch or be linear. The energy of the stretch is supplied or dissipated."""
+    if is_active != stretches(tension, state):
+        energy = sum_stretching_energies(tension, omega_squared, state)
+        accumulate(state.energy_totals, EnergyTotal.SUPPLIED if is_active else EnergyTotal.DISSIPATED, energy)
+        state.tension.is_active[0] = 1 if is_active else 0

@@ -16,7 +16,7 @@ from engine.compiler.struct_handle import StructHandle
 from engine.compiler.struct_types import load_struct
 from engine.kernel.data.enums import CHUNK_FRAMES, FLIGHT_FRAMES, Energies, Ledger, StepKind
 from engine.kernel.data.island_view import island_bounds, island_model, island_state
-from engine.kernel.data.model import Model
+from engine.kernel.data.model import Model, StepSettings
 from engine.kernel.data.state import State, Trace
 from engine.kernel.interactions.contacts import reset_line_search_budget, reset_open_contacts
 from engine.kernel.interactions.one_way_drive import clear_drive
@@ -24,7 +24,6 @@ from engine.kernel.modes.event_dampers import step_with_dampers
 from engine.kernel.run.events import finish_score, run_score
 from engine.kernel.run.pickups import add_pickups
 from engine.kernel.run.refinement import composed_step
-from engine.kernel.data.model import StepSettings
 from engine.kernel.run.trace_rows import Block, write_trace
 from engine.offline.trace import allocate_trace
 from engine.runtime.job_memory import block_output

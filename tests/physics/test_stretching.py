@@ -246,7 +246,19 @@ SPRING = {"kind": "spring", "body": "string", "at": 0.4, "on": "bridge", "stiffn
         {"connection": [END]},
         {"connection": [SPRING]},
         {"connection": [END, SPRING], "contact": [BARRIER]},
-        {"contact": [{"body": "string", "at": 0.3, "on": "bridge", "side": "below", "gap": 1e-3, "stiffness": 1e7, "exponent": 1.0}]},
+        {
+            "contact": [
+                {
+                    "body": "string",
+                    "at": 0.3,
+                    "on": "bridge",
+                    "side": "below",
+                    "gap": 1e-3,
+                    "stiffness": 1e7,
+                    "exponent": 1.0,
+                }
+            ]
+        },
         {"event": [{"kind": "damp", "time": 0.05, "duration": 0.05, "body": "string", "sigma": 30.0}]},
     ],
 )

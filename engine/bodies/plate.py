@@ -163,6 +163,28 @@ class Plate(TunedSheet):
             yield make_fault(
                 (*path, "tension"), table["tension"], message, "give a flexural_rigidity beside it, or young"
             )
+        yield from cls._stretching_faults(path, table)
         if is_given(table, "cords") and edges != "free":
             message = f"cords under a plate that is {edges}"
             yield make_fault((*path, "cords"), table["cords"], message, 'a plate with edges = "free" hangs on cords')
+
+    @classmethod
+    def _stretching_faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
+        """Only a supported rectangle of one modulus stretches, and in one way."""
+        ways = [key for key in ("stretching_stiffness", "stretching") if table.get(key)]
+        if not ways:
+            return
+        place, value = (*path, ways[0]), table[ways[0]]
+        if len(ways) == 2:
+            yield make_fault(place, value, "stretching_stiffness and stretching are both given", "give one of them")
+        if table.get("edges", "supported") != "supported" or not is_given(table, "size"):
+            remedy = "only a rectangle of size with supported edges stretches; leave it out"
+            yield make_fault(place, value, "a plate of this shape or these edges that stretches", remedy)
+        elif isinstance(table.get("young"), list):
+            yield make_fault(
+                place, value, "a plate of wood that stretches", "give one Young's modulus, or leave it out"
+            )
+        elif ways == ["stretching"] and not is_given(table, "young"):
+            yield make_fault(
+                place, value, "stretching without young and thickness", "give these, or stretching_stiffness"
+            )

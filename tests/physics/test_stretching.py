@@ -339,3 +339,21 @@ def test_a_body_that_is_hardly_detuned_flies_as_a_linear_one():
     away = np.max(np.abs(quiet - exact))
     assert 0 < away < 0.15 * np.max(np.abs(exact))
     assert np.max(np.abs(linear - exact)) > 2 * away
+
+
+PLATE = {"name": "p", "kind": "plate", "area_density": 1.0, "flexural_rigidity": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        (PLATE | {"radius": 0.1, "stretching_stiffness": 1e5}, "only a rectangle of size with supported edges"),
+        (PLATE | {"size": [0.1, 0.2], "edges": "free", "stretching_stiffness": 1e5}, "supported edges"),
+        (PLATE | {"size": [0.1, 0.2], "stretching": True}, "without young and thickness"),
+        (string(axial_stiffness=None, young=2e11), "no core_diameter is given"),
+        (string(young=2e11, core_diameter=1e-3), "both axial_stiffness and young are given"),
+    ],
+)
+def test_a_body_that_cannot_stretch_so_is_refused_with_a_reason(body, message):
+    with pytest.raises(ValueError, match=message):
+        engine.Scene.model_validate({"body": [body], "pickup": [{"body": body["name"], "at": [0.3, 0.3]}]})

@@ -47,7 +47,7 @@ def tension(layout: Layout, least_detuning: float) -> Tension | None:
             softest = float(np.max(kappa / modes.omega[inside] ** 2))
             begin[n], end[n] = modes.in_island[b].start, modes.in_island[b].stop
             places[n] = ends.coordinates
-            factor[n] = softest, least_detuning / CENTS_PER_ENERGY / softest**2, *ends.factors
+            factor[n] = found[b].stiffness, softest, least_detuning / CENTS_PER_ENERGY / softest**2, *ends.factors
             can_stretch[islands.of_body[b]] = 1
     return Tension(begin, end, all_kappa, places, factor, can_stretch)
 
@@ -78,7 +78,6 @@ def initial_tension(layout: Layout, model: Tension, counts: dict[Axis, int]) -> 
     found, body = stretching_bodies(layout), np.zeros((counts[Axis.BODY], len(Stretch)))
     for n, b in enumerate(layout.islands.body_order):
         if b in found:
-            body[n, Stretch.STIFFNESS] = found[b].stiffness
             stretch = found[b].kappa @ layout.modes.q[layout.modes.of_body[b]] ** 2
             body[n, [Stretch.LAST, Stretch.SECOND_LAST, Stretch.THIRD_LAST]] = found[b].stiffness * stretch
     state: TensionState = allocate(

@@ -85,17 +85,18 @@ class Balance(IntEnum):
 
 
 class Stretch(IntEnum):
-    """Columns of TensionState.body; N and N/m of strings, N/m and N/m³ of sheets."""
+    """Columns of TensionState.body."""
 
-    STIFFNESS = 0  # K; 0 of a body that does not stretch
-    RISE = 1  # λ of the present step
-    LAST = 2  # of the step before, and of two more
-    SECOND_LAST = 3
-    THIRD_LAST = 4
-    TRIED = 5  # a rise that was tried, and by how much it missed that which it led to
-    MISSED = 6
-    ENDS_BEFORE = 7  # what moving ends stretch it, m: at the begin of the step, and at its end
-    ENDS_AFTER = 8
+    RISE = 0  # λ of the present step: N of strings, N/m of sheets
+    LAST = 1  # of the step before, and of two more
+    SECOND_LAST = 2
+    THIRD_LAST = 3
+    TRIED = 4  # a rise that was tried, and by how much it missed that which it led to
+    MISSED = 5
+    LOW = 6  # between these is the rise, from the signs of misses
+    HIGH = 7
+    ENDS_BEFORE = 8  # what moving ends stretch it, m: at the begin of the step, and at its end
+    ENDS_AFTER = 9
 
 
 class MovingEnd(IntEnum):
@@ -111,11 +112,12 @@ class MovingEnd(IntEnum):
 class StretchFactor(IntEnum):
     """Columns of Tension.factor."""
 
-    SOFTEST = 0  # κ/ω² at most, 1/N or m/N
-    UNHEARD = 1  # of stiffness times energy: what is less raises no partial by more than is allowed
-    END = 2  # 1/m: what ends stretch a string per square of their displacement, and per product of both
-    OTHER_END = 3
-    BOTH_ENDS = 4
+    STIFFNESS = 0  # K: N/m of strings, N/m³ of sheets; 0 of a body that does not stretch
+    SOFTEST = 1  # κ/ω² at most, 1/N or m/N
+    UNHEARD = 2  # of stiffness times energy: what is less raises no partial by more than is allowed
+    END = 3  # 1/m: what ends stretch a string per square of their displacement, and per product of both
+    OTHER_END = 4
+    BOTH_ENDS = 5
 
 
 class EnergyTotal(IntEnum):

@@ -2,6 +2,7 @@
 step. For given tensions contacts are solved as ever, with the compliance of the stretched bodies; and for given contact
 forces each tension follows. The two are found in turn; a secant takes most of the rounds."""
 
+import math
 from typing import NamedTuple
 
 from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
@@ -49,11 +50,13 @@ from engine.kernel.interactions.tension import (
     predict_rises,
     push_by_tension,
     remember_rises,
+    stiffness_of,
     stretch_by_ends,
 )
 from engine.kernel.modes.ordered_sums import copy_items
 
-MAX_ROUNDS = 50
+MAX_ROUNDS = 100  # to find tensions; two or three are usual
+SECANTS = 8  # rounds after which the bracket of a tension is halved
 SAME = 1e-15  # of a tension: two that differ by less are the same
 
 
@@ -86,7 +89,7 @@ def push_together(model, contact, settings, touches, state):
         predict_rises(tension, state)
     else:
         find_free_rises(tension, h, state)
-    evaluations = INT64_0
+    evaluations, is_found = INT64_0, False
     for n in range(MAX_ROUNDS):
         push_by_tension(tension, h, state)
         find_softened_connection_forces(connection, model, softened.h, h, state)
@@ -98,9 +101,12 @@ def push_together(model, contact, settings, touches, state):
             return no_touch(forces.status, evaluations)
         push_by_contact_forces(contact, h.contact, forces, state)
         push_by_connections(connection, h, state)
-        if are_rises_found(tension, h, n, state):
+        is_found = are_rises_found(tension, h, n, state)
+        if is_found:
             break
         restore_momenta(state)
+    if not is_found:
+        return no_touch(SolveStatus.FAILED, evaluations)
     push_by_tension(tension, h, state)
     measure_moves(connection, h, state)
     lost, excess = store_contact_forces(contact, model, softened, forces, touches, state)
@@ -132,25 +138,50 @@ def are_rises_found(tension, h, n, state):
     is_same = True
     for b in range(tension.mode_begin.shape[0]):
         body = state.tension.body[b]
-        if body[Stretch.STIFFNESS] != 0.0:
+        if stiffness_of(tension, b) != 0.0:
             rise = body[Stretch.RISE]
             miss = find_rise(tension, h, state, b, rise) - rise
-            is_same = is_same and abs(miss) <= SAME * rise
-            body[Stretch.RISE] = next_rise(body, n, rise, miss)
+            narrow_bracket(body, n, rise, miss)
+            is_narrow = n > SECANTS and is_bracket_closed(body) and math.isfinite(miss)
+            is_same = is_same and (abs(miss) <= SAME * rise or is_narrow)
+            if abs(miss) > SAME * rise and not is_narrow:
+                body[Stretch.RISE] = next_rise(body, n, rise, miss)
             body[Stretch.TRIED], body[Stretch.MISSED] = rise, miss
     return is_same
 
 
 @inline
+def is_bracket_closed(body):
+    """True if nothing is left between the bounds of a tension."""
+    high = body[Stretch.HIGH]
+    return high < math.inf and high - body[Stretch.LOW] <= SAME * high
+
+
+@inline
+def narrow_bracket(body, n, rise, miss):
+    """Keep between which tensions that of the step lies: what is found is above it where that which was tried is
+    below."""
+    if n == 0:
+        body[Stretch.LOW], body[Stretch.HIGH] = 0.0, math.inf
+    if miss > 0.0:
+        body[Stretch.LOW] = max(body[Stretch.LOW], rise)
+    else:
+        body[Stretch.HIGH] = min(body[Stretch.HIGH], rise)
+
+
+@inline
 def next_rise(body, n, rise, miss):
-    """Return the tension to try next: that which was found, or the zero of the secant through the last two misses."""
-    if n > 0 and abs(miss) > SAME * rise:
+    """Return the tension to try next: that which was found, or the zero of the secant through the last two misses; or,
+    if these do not lead to it, the middle of the bracket."""
+    low, high = body[Stretch.LOW], body[Stretch.HIGH]
+    following = rise + miss
+    if n > SECANTS:
+        following = 0.5 * (low + high) if high < math.inf else 2.0 * following
+    elif n > 0:
         slope = (miss - body[Stretch.MISSED]) / (rise - body[Stretch.TRIED])
         if slope > -20.0 and slope < -0.05:
-            return max(0.0, rise - miss / slope)
-        if n > 12:
-            return rise + 0.5 * miss
-    return rise + miss
+            following = rise - miss / slope
+    return min(max(following, low), high)
 
 
 # --- connections of stretched bodies

@@ -33,6 +33,12 @@ def stretches(tension, state):
     return state.tension.is_active[0] != 0
 
 
+@inline
+def stiffness_of(tension, b):
+    """Return K of body b; 0 if it does not stretch."""
+    return tension.factor[b][StretchFactor.STIFFNESS]
+
+
 # --- the tension is found
 
 
@@ -100,7 +106,7 @@ def find_rise(tension, h, state, b, rise):
     """
     body, modes = state.tension.body[b], modes_of_body(tension, h, state, b)
     ends = body[Stretch.ENDS_BEFORE], body[Stretch.ENDS_AFTER]
-    return solve_rise(modes, 0.5 * body[Stretch.STIFFNESS], tension.factor[b][StretchFactor.SOFTEST], ends, rise)
+    return solve_rise(modes, 0.5 * stiffness_of(tension, b), tension.factor[b][StretchFactor.SOFTEST], ends, rise)
 
 
 @noinline
@@ -141,7 +147,7 @@ def find_free_rises(tension, h, state):
     """Find the rise of the tension of each body, with all forces that have pushed so far."""
     for b in range(tension.mode_begin.shape[0]):
         body = state.tension.body[b]
-        if body[Stretch.STIFFNESS] != 0.0:
+        if stiffness_of(tension, b) != 0.0:
             body[Stretch.RISE] = find_rise(tension, h, state, b, predicted_rise(body))
 
 
@@ -150,7 +156,7 @@ def predict_rises(tension, state):
     """Predict the rise of the tension of each body from the last steps."""
     for b in range(tension.mode_begin.shape[0]):
         body = state.tension.body[b]
-        if body[Stretch.STIFFNESS] != 0.0:
+        if stiffness_of(tension, b) != 0.0:
             body[Stretch.RISE] = predicted_rise(body)
 
 
@@ -254,7 +260,7 @@ def energies_of_body(tension, omega_squared, state, b):
     begin, end = tension.mode_begin[b], tension.mode_end[b]
     stretch, vibration = sum_stretch(tension.kappa, omega_squared, state.q, state.p, begin, end)
     stretch = add_stretch_by_ends(tension, state.connection, b, stretch)
-    return 0.25 * state.tension.body[b][Stretch.STIFFNESS] * stretch * stretch, 0.5 * vibration
+    return 0.25 * stiffness_of(tension, b) * stretch * stretch, 0.5 * vibration
 
 
 @inline
@@ -272,7 +278,7 @@ def sum_stretching_energies(tension, omega_squared, state):
     """Return the sum of the energies of the stretch of all bodies of an island, J."""
     total = 0.0
     for b in range(tension.mode_begin.shape[0]):
-        if state.tension.body[b][Stretch.STIFFNESS] != 0.0:
+        if stiffness_of(tension, b) != 0.0:
             total += energies_of_body(tension, omega_squared, state, b)[0]
     return total
 
@@ -300,7 +306,7 @@ def let_stretch(tension, model, state):
 def is_any_loud(tension, omega_squared, state):
     """True if the energy of a body may raise its pitch by more than the scene lets pass."""
     for b in range(tension.mode_begin.shape[0]):
-        stiffness = state.tension.body[b][Stretch.STIFFNESS]
+        stiffness = stiffness_of(tension, b)
         if stiffness != 0.0:
             stretch, vibration = energies_of_body(tension, omega_squared, state, b)
             if not stiffness * (stretch + vibration) <= tension.factor[b][StretchFactor.UNHEARD]:

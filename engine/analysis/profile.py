@@ -40,6 +40,7 @@ REASONS_LEFT_OUT = {
     "contact loss": "no contact has damping",
     "coupled contacts": "no island has several contact points",
     "connections": "no bodies are connected",
+    "stretching": "no body stretches",
     "refinement": "each sample is one step",
     "events": "there are no events",
 }

@@ -20,6 +20,7 @@ EFFECTS: dict[str, Callable[[Model], Any]] = {
     "contact loss": lambda model: _at_contacts(model, "loss_rate"),
     "coupled contacts": lambda model: _at_contacts(model, "coupling"),
     "connections": lambda model: model.connection,
+    "stretching": lambda model: model.tension,
     "refinement": lambda model: model.refinement,
     "events": lambda model: model.events,
 }

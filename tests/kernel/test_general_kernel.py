@@ -166,3 +166,23 @@ def test_a_kernel_is_compiled_beside_for_the_next_time(tmp_path):
     assert told(*render)["kernel"] == "special"
     assert told(*render, "--kernel", "general")["kernel"] == "general"
     assert not told("cache")["compiling"]
+
+
+STRING = {"name": "string", "kind": "string", "length": 0.65, "linear_density": 4e-4, "tension": 73.0, "modes": 30}
+PLUCKED = STRING | {"axial_stiffness": 1e4, "displacement": {"kind": "triangle", "at": 0.2, "amplitude": 4e-3}}
+BRIDGE = {"name": "bridge", "kind": "oscillator", "mass": 0.02, "stiffness": 2e4}
+
+
+@pytest.mark.hard
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {"contact": [{"body": "string", "at": 0.3, "barrier": -1e-3, "stiffness": 1e7, "exponent": 1.5}]},
+        {"connection": [{"kind": "end", "body": "string", "at": 1.0, "on": "bridge"}]},
+    ],
+    ids=["contact", "end"],
+)
+def test_bodies_that_stretch_are_the_same_on_both(parts):
+    bodies = [PLUCKED, BRIDGE] if "bridge" in str(parts) else [PLUCKED]
+    pickups = [{"body": "string", "at": 0.1}]
+    assert_same(*both(engine.Scene.model_validate({"body": bodies, "pickup": pickups, **parts}), 0.05))

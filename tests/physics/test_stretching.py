@@ -50,6 +50,7 @@ def heard(parts, seconds=0.01, **accuracy):
     pickup = [{"body": "string", "at": HEARD, "quantity": "displacement"}]
     scene = engine.Scene.model_validate({"pickup": pickup, **parts})
     rendering = engine.render(scene, seconds=seconds, samplerate=RATE, **accuracy)
+    assert rendering.stats.newton.solve_outcomes.failed == 0
     return rendering.audio[:, 0], rendering.stats.energy.error_max
 
 
@@ -269,6 +270,34 @@ def test_energy_is_exact_with_everything_else(parts, accuracy):
         pytest.skip("contact loss of order 4 is booked between stages")
     _, error = heard({"body": bodies, **parts}, 0.2, **accuracy)
     assert error < 1e-13
+
+
+@pytest.mark.parametrize(
+    ("axial", "amplitude", "mass", "stiffness", "losses"),
+    [
+        (1.05e4, 3e-3, 1e-4, 156.0, {}),
+        (2.97e4, 5.1e-3, 3.6e-3, 7.38, {"sigma0": 2000.0}),
+        (2.7e6, 4e-3, 2.4e-5, 1e3, {}),
+        (5e4, 4e-3, 0.02, 2e4, {}),
+    ],
+)
+def test_a_light_bridge_keeps_the_energy(axial, amplitude, mass, stiffness, losses):
+    pluck = {"kind": "triangle", "at": 0.3, "amplitude": amplitude}
+    bodies = [string(displacement=pluck, **losses) | {"axial_stiffness": axial}]
+    bodies.append({"name": "bridge", "kind": "oscillator", "mass": mass, "stiffness": stiffness})
+    scene = {"body": bodies, "connection": [END], "pickup": [{"body": "string", "at": HEARD}]}
+    stats = engine.render(engine.Scene.model_validate(scene), seconds=0.2, samplerate=RATE, least_detuning=0.0).stats
+    assert stats.energy.error_max < 1e-13 and stats.newton.solve_outcomes.failed == 0
+
+
+def test_the_axial_stiffness_can_change_while_it_sounds():
+    change = {"kind": "change", "parameter": "body.string.axial_stiffness", "value": 2e5, "duration": 0.05}
+    body = {"body": [string(**bent(4e-3))]}
+    before, _ = heard(body, 0.2)
+    after, error = heard(body | {"event": [change | {"time": 0.05}]}, 0.2)
+    same = round(0.05 * RATE)
+    assert np.array_equal(before[:same], after[:same]) and error < 1e-13
+    assert np.max(np.abs(before - after)) > 0.1 * np.max(np.abs(before))
 
 
 @pytest.mark.hard

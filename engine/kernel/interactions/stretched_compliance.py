@@ -24,19 +24,20 @@ from engine.kernel.modes.ordered_sums import copy_items, fold, fold_lanes
 @inline
 def softened_settings(settings, state):
     """Return the StepSettings with memory for the coefficients of contacts and connections of stretched bodies."""
-    h, of = settings.h, state.tension
-    changed = StepCoefficients(
-        h.kick,
-        h.drift,
-        h.spring_kick,
-        h.weight_kick,
-        h.loss,
-        h.drag,
-        softened_connections(h.connection, of),
-        softened_contacts(h.contact, of),
-        h.force,
-    )
-    return StepSettings(changed, settings.kind, settings.is_free, settings.frame)
+    softened = softened_coefficients(settings.h, state.tension)
+    return StepSettings(softened, settings.kind, settings.is_free, settings.frame)
+
+
+def softened_coefficients(h: Any, tension_state: Any) -> Any:
+    """StepCoefficients like `h` with the arrays of a TensionState. In compiled code only."""
+    raise TypeError("softened_coefficients is for compiled code")
+
+
+def _write_coefficients(h: Any, of: Any) -> tuple[str, dict[str, Any]]:
+    softened = {"connection": softened_connections, "contact": softened_contacts}
+    parts = [f"{softened[n].__name__}(h.{n}, tension_state)" if n in softened else f"h.{n}" for n in h.fields]
+    names = {function.__name__: function for function in softened.values()}
+    return f"StepCoefficients({', '.join(parts)})", names | {"StepCoefficients": StepCoefficients}
 
 
 def softened_contacts(h: Any, tension_state: Any) -> Any:
@@ -66,6 +67,7 @@ def _write_connections(h: Any, of: Any) -> tuple[str, dict[str, Any]]:
     return f"ConnectionCoefficients({', '.join(parts)})", {"ConnectionCoefficients": ConnectionCoefficients}
 
 
+overload_by_source(softened_coefficients, _write_coefficients)
 overload_by_source(softened_contacts, _write_contacts)
 overload_by_source(softened_connections, _write_connections)
 

@@ -208,8 +208,8 @@ def find_stretching(system: ModalSystem, name: str) -> Stretching | None:
     number = system.body_index[name]
     modal = system.modal_bodies[number]
     more = modal.residual + modal.silent
-    found = system.scene.body[number].find_stretching(modal.omega[: modal.omega.size - more])
-    return None if found is None else found._replace(kappa=np.concatenate([found.kappa, np.zeros(more)]))
+    stretching = system.scene.body[number].find_stretching(modal.omega[: modal.omega.size - more])
+    return None if stretching is None else stretching._replace(kappa=np.concatenate([stretching.kappa, np.zeros(more)]))
 
 
 def stretch_of_ends(system: ModalSystem, name: str, a: float, b: float) -> float:

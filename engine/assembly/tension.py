@@ -20,11 +20,11 @@ CENTS_PER_ENERGY = 1200 / math.log(2)  # 1731·K·E/c⁴: by so many cents at mo
 
 def stretching_bodies(layout: Layout) -> dict[int, Stretching]:
     """Return what stretches bodies, by their numbers in the scene."""
-    found = {}
+    stretching = {}
     for b, body in enumerate(layout.scene.body):
-        if (stretching := find_stretching(layout, body.name)) is not None:
-            found[b] = stretching
-    return found
+        if (of_body := find_stretching(layout, body.name)) is not None:
+            stretching[b] = of_body
+    return stretching
 
 
 def tension(layout: Layout, least_detuning: float) -> Tension | None:
@@ -32,8 +32,8 @@ def tension(layout: Layout, least_detuning: float) -> Tension | None:
 
     least_detuning: cents by which the pitch of a partial may rise without its being computed
     """
-    found = stretching_bodies(layout)
-    if not found:
+    stretching = stretching_bodies(layout)
+    if not stretching:
         return None
     islands, modes = layout.islands, layout.modes
     count = len(islands.body_order)
@@ -41,13 +41,13 @@ def tension(layout: Layout, least_detuning: float) -> Tension | None:
     places, factor = np.full((count, len(MovingEnd)), -1), np.zeros((count, len(StretchFactor)))
     all_kappa, can_stretch = np.zeros(modes.omega.size), np.zeros(len(islands.bodies), np.int64)
     for n, b in enumerate(islands.body_order):
-        if b in found:
-            kappa, inside, ends = found[b].kappa, modes.of_body[b], _moving_ends(layout, b)
+        if b in stretching:
+            kappa, inside, ends = stretching[b].kappa, modes.of_body[b], _moving_ends(layout, b)
             all_kappa[inside] = kappa
             softest = float(np.max(kappa / modes.omega[inside] ** 2))
             begin[n], end[n] = modes.in_island[b].start, modes.in_island[b].stop
             places[n] = ends.coordinates
-            factor[n] = found[b].stiffness, softest, least_detuning / CENTS_PER_ENERGY / softest**2, *ends.factors
+            factor[n] = stretching[b].stiffness, softest, least_detuning / CENTS_PER_ENERGY / softest**2, *ends.factors
             can_stretch[islands.of_body[b]] = 1
     return Tension(begin, end, all_kappa, places, factor, can_stretch)
 
@@ -75,11 +75,11 @@ def _moving_ends(layout: Layout, b: int) -> MovingEnds:
 
 def initial_tension(layout: Layout, model: Tension, counts: dict[Axis, int]) -> TensionState:
     """Return the state of bodies that stretch, at time 0."""
-    found, body = stretching_bodies(layout), np.zeros((counts[Axis.BODY], len(Stretch)))
+    stretching, body = stretching_bodies(layout), np.zeros((counts[Axis.BODY], len(Stretch)))
     for n, b in enumerate(layout.islands.body_order):
-        if b in found:
-            stretch = found[b].kappa @ layout.modes.q[layout.modes.of_body[b]] ** 2
-            body[n, [Stretch.LAST, Stretch.SECOND_LAST, Stretch.THIRD_LAST]] = found[b].stiffness * stretch
+        if b in stretching:
+            stretch = stretching[b].kappa @ layout.modes.q[layout.modes.of_body[b]] ** 2
+            body[n, [Stretch.LAST, Stretch.SECOND_LAST, Stretch.THIRD_LAST]] = stretching[b].stiffness * stretch
     state: TensionState = allocate(
         TensionState,
         counts,

@@ -149,16 +149,16 @@ def _named_keys(keys: list[Key]) -> list[str]:
 
 
 def _named_pads(pads: list[Pad]) -> list[str]:
-    told = [f"thrown, in the patch with {pad.size:g} m/s" if pad.is_hammer else "plucked" for pad in pads]
-    return _numbered("PAD", [pad.name for pad in pads], told)
+    remarks = [f"thrown, in the patch with {pad.size:g} m/s" if pad.is_hammer else "plucked" for pad in pads]
+    return _numbered("PAD", [pad.name for pad in pads], remarks)
 
 
 def _named_sliders(sliders: list[Slider]) -> list[str]:
-    told = [f"{s.low:g} to {s.high:g} {s.unit}, in the patch {s.value:g}" for s in sliders]
-    return _numbered("SLIDER", [slider.path for slider in sliders], told)
+    remarks = [f"{s.low:g} to {s.high:g} {s.unit}, in the patch {s.value:g}" for s in sliders]
+    return _numbered("SLIDER", [slider.path for slider in sliders], remarks)
 
 
-def _numbered(kind: str, names: list[str], told: list[str]) -> list[str]:
+def _numbered(kind: str, names: list[str], remarks: list[str]) -> list[str]:
     """Return lines that number things by their names, and say what they are."""
     words = [re.sub(r"\W", "_", f"{kind}_{name}".upper(), flags=re.ASCII) for name in names]
     unique = [word if words.count(word) == 1 else f"{word}_{n}" for n, word in enumerate(words)]

@@ -162,7 +162,7 @@ def _numbered(kind: str, names: list[str], remarks: list[str]) -> list[str]:
     """Return lines that number things by their names, and say what they are."""
     words = [re.sub(r"\W", "_", f"{kind}_{name}".upper(), flags=re.ASCII) for name in names]
     unique = [word if words.count(word) == 1 else f"{word}_{n}" for n, word in enumerate(words)]
-    return [f"#define FDH_{word} {n} /* {text} */" for n, (word, text) in enumerate(zip(unique, told, strict=True))]
+    return [f"#define FDH_{word} {n} /* {text} */" for n, (word, text) in enumerate(zip(unique, remarks, strict=True))]
 
 
 # --- the files

@@ -130,6 +130,7 @@ def test_public_names_are_the_documented_ones():
         engine.rendr  # noqa: B018
 
 
+@pytest.mark.hard  # it compiles two kernels
 def test_an_edited_kernel_is_used(tmp_path):
     """After an edit of a file that the sample loop imports, the next run computes with the edit."""
     shutil.copytree(ROOT / "engine", tmp_path / "engine", ignore=shutil.ignore_patterns("__pycache__"))

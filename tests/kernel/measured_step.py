@@ -199,7 +199,7 @@ def solve_several(contact, h, state):
     """Find the forces of several contacts. Returns a Found."""
     s, g = state.compression, state.free_displacement
     reach = Reach(s.shape[0], None, s, g, LossyLaw(contact.law, h.loss_rate), h.coupling, None)
-    solution = solve_several_contacts(contact, h, reach, state)
+    solution = solve_several_contacts(contact, h, reach, contact.max_rounds, state)
     return Found(solution.status, solution.evaluations, (0.0, 0.0, 0.0))
 
 

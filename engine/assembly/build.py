@@ -18,6 +18,7 @@ from engine.assembly.contact_reach import contacts_to_build
 from engine.assembly.event_table import event_table
 from engine.assembly.external_forces import ForceTable, force_table
 from engine.assembly.free_flight import build_free_flight
+from engine.assembly.friction import friction
 from engine.assembly.initial_state import initial_state
 from engine.assembly.islands import begins_of, find_islands
 from engine.assembly.layout import Layout, segment_arrays
@@ -39,6 +40,7 @@ from engine.kernel.data.laws import NO_NUMBERS, select_law
 from engine.kernel.data.model import Contact, ContactBasis, Drive, ExternalForce, FreeMasses, Model, Pickups
 from engine.kernel.data.state import State
 from engine.patch.accuracy import Accuracy
+from engine.patch.friction import Friction
 from engine.patch.scene import Scene
 from engine.patch.tables import ChangeEvent, Force, PluckEvent
 
@@ -159,7 +161,7 @@ def nominal_stiffness(layout: Layout) -> np.ndarray:
         if isinstance(event, ChangeEvent) and event.stiffness:
             later.setdefault(event.contact, event.stiffness)
     points = layout.islands.contact_points
-    return np.array([point.stiffness or later[layout.scene.contact[k].name] for k, point in points])
+    return np.array([point.stiffness or later[layout.touching[k].name] for k, point in points])
 
 
 def trace_points(layout: Layout) -> list[BodyPoint]:
@@ -171,7 +173,7 @@ def trace_points(layout: Layout) -> list[BodyPoint]:
         if pickup.quantity not in ("force", "end_force") and not everywhere:
             points.setdefault(pickup.body, layout.point_of(pickup))
     for k, contact_point in layout.islands.contact_points:
-        for side in contact_sides(scene.contact[k], contact_point):
+        for side in contact_sides(layout.touching[k], contact_point):
             if side.body is not None:
                 points.setdefault(side.body, side._replace(factor=1.0))
     for force in layout.islands.forces:
@@ -198,14 +200,15 @@ def _contact(
     """Return the contacts of a layout; None without any."""
     if not layout.points.contacts:
         return None
-    contacts = [(layout.scene.contact[k], point) for k, point in layout.islands.contact_points]
-    exponents = np.array([contact.exponent for contact, _ in contacts])
+    contacts = [(layout.touching[k], point) for k, point in layout.islands.contact_points]
+    exponents = np.array([contact.exponent for contact, _ in contacts if not isinstance(contact, Friction)])
     ours, theirs = zip(*layout.points.contacts, strict=True)
     return Contact(
         law=select_law(exponents, variable_exponents)(NO_NUMBERS, NO_NUMBERS),
         rows=mode_shape_rows(ours),
         other_rows=mode_shape_rows(theirs) if any(row.phi.size for row in theirs) else None,
         basis=_contact_basis(layout, modes, samplerate),
+        friction=friction(layout),
         nominal_stiffness=nominal_stiffness(layout),
         nominal_barrier=np.array([offset(contact, point) for contact, point in contacts]),
         tolerance=accuracy.tolerance,
@@ -288,7 +291,7 @@ def _find_pushes(layout: Layout, heard: HeardPoint) -> Iterator[tuple[int, float
     inside = slice(*islands.contact_begins[island : island + 2])
     is_force = heard.quantity == Quantity.CONTACT_FORCE
     for slot, (k, point) in enumerate(islands.contact_points[inside] if is_force else ()):
-        for side in contact_sides(layout.scene.contact[k], point):
+        for side in contact_sides(layout.touching[k], point):
             if side.body == heard.pickup.body:
                 yield slot, -side.factor
 

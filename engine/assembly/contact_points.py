@@ -16,6 +16,7 @@ from engine.assembly.double_double import two_product
 from engine.bodies import Body
 from engine.bodies.distributed import LineBody
 from engine.kernel.data.enums import COLUMNS, LANES, MAX_RANK, ROWS_COLUMN
+from engine.patch.friction import Friction
 from engine.patch.tables import Bridge, Contact, Frets
 
 
@@ -40,7 +41,7 @@ class ContactPoint(NamedTuple):
     stiffness: float  # N/m^exponent
 
 
-def contact_points(contact: Contact, body: Body, on: Body | None) -> list[ContactPoint]:
+def contact_points(contact: Contact | Friction, body: Body, on: Body | None) -> list[ContactPoint]:
     """Return the points of a contact; `body` is the one that touches."""
     if contact.bridge is not None and isinstance(body, LineBody):
         return _bridge(contact.bridge, contact.stiffness, body.length)
@@ -54,7 +55,7 @@ def contact_points(contact: Contact, body: Body, on: Body | None) -> list[Contac
     return [ContactPoint(a, b, float(c), contact.stiffness) for a, b, c in zip(touching, touched, offsets, strict=True)]
 
 
-def count_points(contact: Contact) -> int:
+def count_points(contact: Contact | Friction) -> int:
     """Return the number of points of a contact, or an upper bound of it, without computing the points."""
     if contact.bridge is not None:
         return contact.bridge.points
@@ -177,12 +178,12 @@ def _padded(u: np.ndarray) -> np.ndarray:
     return np.pad(u, ((0, -contacts % LANES), (0, MAX_RANK - rank)))
 
 
-def contact_sides(contact: Contact, point: ContactPoint) -> tuple[BodyPoint, BodyPoint]:
+def contact_sides(contact: Contact | Friction, point: ContactPoint) -> tuple[BodyPoint, BodyPoint]:
     """Return the two body points that a contact point joins, each with the sign of its part in the compression."""
     sign = 1.0 if contact.side == "above" else -1.0
     return BodyPoint(contact.body, point.at, sign), BodyPoint(contact.on, point.on_at, -sign)
 
 
-def offset(contact: Contact, point: ContactPoint) -> float:
+def offset(contact: Contact | Friction, point: ContactPoint) -> float:
     """Return the offset that is subtracted from the projected displacement at a point of a contact, m."""
     return -point.offset if contact.on is None and contact.side == "below" else point.offset

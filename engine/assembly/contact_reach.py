@@ -127,7 +127,7 @@ def _sums_of_moves(layout: Layout, island: int, moved: np.ndarray) -> np.ndarray
     points = zip(islands.contact_points[inside], layout.points.contacts[inside], strict=True)
     for k, ((contact, point), sides) in enumerate(points):
         moves = np.zeros((len(rows), moved.shape[1]))
-        for side, row in zip(contact_sides(layout.scene.contact[contact], point), sides, strict=True):
+        for side, row in zip(contact_sides(layout.touching[contact], point), sides, strict=True):
             number = -1 if side.body is None else layout.body_index[side.body]
             for coordinate in islands.coordinates_of_body.get(number, ()):
                 moves[coordinate] += (rows[coordinate, row.in_island] * row.phi) @ moved[row.in_island]
@@ -136,17 +136,20 @@ def _sums_of_moves(layout: Layout, island: int, moved: np.ndarray) -> np.ndarray
 
 
 def contacts_to_build(system: ModalSystem, live: bool = False) -> list[int]:
-    """Return the numbers of the contacts that are built. live: events may come that the scene does not name"""
+    """Return the numbers of the contacts, and of the friction, that are built. live: events may come that the scene
+    does not name"""
     scene = system.scene
     stiff = {e.contact for e in scene.event if isinstance(e, ChangeEvent) and e.stiffness}
-    contacts = [k for k, c in enumerate(scene.contact) if c.stiffness > 0.0 or c.name in stiff]
+    contacts = [k for k, c in enumerate(system.touching) if c.stiffness > 0.0 or c.name in stiff]
     if live or not contacts:
         return contacts
     changed = {e.contact or e.connection for e in scene.event if isinstance(e, ChangeEvent)} - {None}
     driven = {f.body for f in acting_forces(scene)} | {e.body for e in scene.event if isinstance(e, StrikeEvent)}
     driven |= {c.body for c in scene.connection if c.name in changed or not isinstance(c, SpringConnection)}
-    driven |= {scene.contact[k].body for k in contacts if scene.contact[k].name in changed}
-    if all({scene.contact[k].body, scene.contact[k].on} & driven for k in contacts):
+    driven |= {system.touching[k].body for k in contacts if system.touching[k].name in changed}
+    rubbing = {name for f in scene.friction for name in (f.body, f.on, f.contact)}  # what presses, too
+    driven |= rubbing | {c.body for c in scene.contact if c.name in rubbing}
+    if all({system.touching[k].body, system.touching[k].on} & driven for k in contacts):
         return contacts  # as of all that is driven
     islands, reachable = find_islands(system, contacts), list[int]()
     for n, of_island in enumerate(islands.contacts):
@@ -175,7 +178,7 @@ def is_reachable(system: ModalSystem, k: int, reach: float) -> bool:
     """
     if reach == math.inf:
         return True
-    contact = system.scene.contact[k]
+    contact = system.touching[k]
     for point in system.points_of(contact):
         compliance = sum(static_compliance(system, side) for side in contact_sides(contact, point)) if reach else 0.0
         if not reach * math.sqrt(compliance) * (1 + 1e-9) <= offset(contact, point):
@@ -203,7 +206,7 @@ def _spring_energy(system: ModalSystem, coordinates: Coordinates) -> float:
 
 def initial_contact_energy(system: ModalSystem, k: int) -> float:
     """Return the energy that contact k holds at time 0, J."""
-    contact, energy = system.scene.contact[k], 0.0
+    contact, energy = system.touching[k], 0.0
     for point in system.points_of(contact):
         s = -offset(contact, point)
         for side in contact_sides(contact, point):

@@ -7,9 +7,11 @@ import numpy as np
 
 from engine.assembly.coordinates import stiffness_beside
 from engine.assembly.layout import Layout
-from engine.kernel.data.enums import NO_END, UNUSED_SLOT, EventKind
+from engine.kernel.data.enums import FRICTION_EVENTS, NO_END, UNUSED_SLOT, EventKind
 from engine.kernel.data.model import Events
 from engine.patch.frames import nearest_frame
+from engine.patch.friction import CHANGED_KEYS as FRICTION_KEYS
+from engine.patch.friction import Friction
 from engine.patch.tables import ChangeEvent, DampEvent, Event, StrikeEvent
 
 
@@ -58,6 +60,8 @@ def event_rows(layout: Layout, event: Event, stiffness: np.ndarray, samplerate: 
         return [_damp(layout, event, samplerate)]
     if isinstance(event, ChangeEvent) and event.connection is not None:
         return _change_connection(layout, event, samplerate)
+    if isinstance(event, ChangeEvent) and event.friction is not None:
+        return _change_friction(layout, event, samplerate)
     if isinstance(event, ChangeEvent) and event.parameter is None:
         return _change_contact(layout, event, stiffness, samplerate)
     return []
@@ -111,6 +115,20 @@ def _change_contact(layout: Layout, event: ChangeEvent, stiffness: np.ndarray, s
         values.append((EventKind.BARRIER, sign * (moved - top)))
     start, length = _frames(event, samplerate)
     return [EventRow(kind, island, first, last, start, length, value) for kind, value in values]
+
+
+def _change_friction(layout: Layout, event: ChangeEvent, samplerate: float) -> list[EventRow]:
+    """Return the rows of a change of friction."""
+    tables = enumerate(layout.touching)
+    k = next(k for k, table in tables if isinstance(table, Friction) and table.name == event.friction)
+    slots = [slot for slot, (number, _) in enumerate(layout.islands.contact_points) if number == k]
+    island = layout.islands.of_body[layout.body_index[layout.touching[k].body]]
+    offset = int(layout.islands.contact_begins[island])
+    first, last = slots[0] - offset, slots[-1] + 1 - offset
+    start, length = _frames(event, samplerate)
+    kinds = zip(FRICTION_EVENTS, FRICTION_KEYS, strict=True)
+    values = [(kind, getattr(event, key)) for kind, key in kinds]
+    return [EventRow(kind, island, first, last, start, length, value) for kind, value in values if value is not None]
 
 
 def _change_connection(layout: Layout, event: ChangeEvent, samplerate: float) -> list[EventRow]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from engine.assembly.array_memory import allocate
 from engine.assembly.connections import lowest_energies
+from engine.assembly.friction import friction_points, initial_friction
 from engine.assembly.layout import Layout
 from engine.assembly.mode_shape_rows import ShapeRow
 from engine.assembly.tension import initial_tension
@@ -32,11 +33,13 @@ def initial_state(layout: Layout, model: Model) -> State:
     given: dict[str, np.ndarray] = {}
     if contact is not None:
         closed = [point.stiffness > 0.0 for _, point in layout.islands.contact_points]
-        exponent = np.array([layout.scene.contact[k].exponent for k, _ in layout.islands.contact_points])
+        exponent = np.array([layout.touching[k].exponent for k, _ in layout.islands.contact_points])
         given["exponent"] = exponent
         given["potential_coefficient"] = np.where(closed, contact.nominal_stiffness / (exponent + 1), 0.0)
         given["barrier"] = contact.nominal_barrier.copy()
         given["compression"] = _initial_compressions(layout) - given["barrier"]
+        for slot in friction_points(layout):
+            given["compression"][slot] = 0.0  # of the bristle
     coupling = model.step.contact is not None and model.step.contact.coupling is not None
     largest = int(np.diff(model.islands.contact).max())
     state: State = allocate(
@@ -49,16 +52,18 @@ def initial_state(layout: Layout, model: Model) -> State:
         connection=_initial_connections(layout, counts) if model.connection is not None else None,
         tension=initial_tension(layout, model.tension, counts) if model.tension is not None else None,
         scratch=allocate_scratch(counts[Axis.PARTITION], largest) if coupling else None,
-        refinement=_initial_refinement(counts) if model.refinement is not None else None,
+        refinement=_initial_refinement(counts, bool(layout.scene.friction)) if model.refinement is not None else None,
         flight=allocate(FreeFlightState, counts),
+        friction=initial_friction(layout),
         **given,
     )
     return state
 
 
-def _initial_refinement(counts: dict[Axis, int]) -> RefinementState:
+def _initial_refinement(counts: dict[Axis, int], with_friction: bool) -> RefinementState:
     """Return the state of refined samples at time 0."""
-    refinement: RefinementState = allocate(RefinementState, counts, saved=allocate(SavedMotion, counts))
+    saved = {} if with_friction else {"friction": None}
+    refinement: RefinementState = allocate(RefinementState, counts, saved=allocate(SavedMotion, counts, **saved))
     return refinement
 
 

@@ -42,16 +42,18 @@ def find_islands(
     step:     length of the steps for which springs are compensated, s; None: they are not
     """
     scene, index = system.scene, system.body_index
-    joined = [scene.contact[k] for k in contacts]
+    joined = [system.touching[k] for k in contacts]
     pairs = [(index[c.body], index[c.on]) for c in joined if c.on is not None] + connected_pairs(system)
+    pressing = {c.name: c.body for c in scene.contact}
+    pairs += [(index[f.body], index[pressing[f.contact]]) for f in scene.friction if f.contact is not None]
     of_body = order_islands(system, connected_components(len(scene.body), pairs))
     bodies: list[list[int]] = [[] for _ in range(max(of_body) + 1)]
     for b, island in enumerate(of_body):
         bodies[island].append(b)
     contacts_of: list[list[int]] = [[] for _ in bodies]
     for k in contacts:
-        contacts_of[of_body[index[scene.contact[k].body]]].append(k)
-    points = [[(k, point) for k in inside for point in system.points_of(scene.contact[k])] for inside in contacts_of]
+        contacts_of[of_body[index[system.touching[k].body]]].append(k)
+    points = [[(k, point) for k in inside for point in system.points_of(system.touching[k])] for inside in contacts_of]
     coordinates = find_coordinates(system, of_body, step)
     coordinates_of_body: dict[int, tuple[int, ...]] = {}
     for found in coordinates:

@@ -14,8 +14,9 @@ from engine.bodies.body import ModalBody, TooManyModes, UnfitBody
 from engine.bodies.distributed import DistributedBody
 from engine.faults import BuildError, Fault
 from engine.output_files import error_reason
+from engine.patch.friction import Friction
 from engine.patch.scene import Scene
-from engine.patch.tables import Force, PluckEvent, SineForce
+from engine.patch.tables import Contact, Force, PluckEvent, SineForce
 
 MAX_FREQUENCY_SHARE = 0.49  # of the sample rate; what vibrates faster would come out at another frequency
 MAX_DECAY_RATE = 1e9  # 1/s; what decays faster has lost all in a thousandth of a step
@@ -98,11 +99,11 @@ def _explain_unfit(body: Body, modal: ModalBody, samplerate: float, scheme: str)
 def check_sizes(scene: Scene, modal_bodies: list[ModalBody]) -> None:
     """Raise BuildError if contacts, connections, forces and pickups need more memory than is allowed."""
     points = shapes = 0
-    for k, contact in enumerate(scene.contact):
+    for path, contact in _touching(scene):
         points += count_points(contact)
         if points > MAX_SCENE_CONTACT_POINTS:
             message = f"with this one, there are more than {MAX_SCENE_CONTACT_POINTS} contact points; use fewer"
-            raise BuildError(Fault(f"contact[{k}]", message))
+            raise BuildError(Fault(path, message))
     modes: dict[str | None, int] = {None: 0}
     modes |= {body.name: modal.omega.size for body, modal in zip(scene.body, modal_bodies, strict=True)}
     for path, name, count in _places(scene):
@@ -112,12 +113,18 @@ def check_sizes(scene: Scene, modal_bodies: list[ModalBody]) -> None:
             raise BuildError(Fault(path, f"{message}; use fewer modes, contacts, forces or pickups"))
 
 
+def _touching(scene: Scene) -> Iterator[tuple[str, Contact | Friction]]:
+    """Yield contacts and friction, each with its path."""
+    yield from ((f"contact[{k}]", contact) for k, contact in enumerate(scene.contact))
+    yield from ((f"friction[{k}]", friction) for k, friction in enumerate(scene.friction))
+
+
 def _places(scene: Scene) -> Iterator[tuple[str, str | None, int]]:
     """Yield the bodies on which something acts, and at how many points: path of what acts, name of the body (None for
     the ground), points."""
-    for k, contact in enumerate(scene.contact):
+    for path, contact in _touching(scene):
         for name in (contact.body, contact.on):
-            yield f"contact[{k}]", name, count_points(contact)
+            yield path, name, count_points(contact)
     for k, connection in enumerate(scene.connection):
         for name in (connection.body, connection.on):
             yield f"connection[{k}]", name, 1

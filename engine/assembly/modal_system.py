@@ -1,12 +1,14 @@
 """A scene with its bodies as modes."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from engine.assembly.contact_points import BodyPoint, ContactPoint, contact_points
 from engine.bodies.body import ModalBody
+from engine.patch.friction import Friction
 from engine.patch.scene import Scene
 from engine.patch.tables import Contact
 
@@ -18,6 +20,11 @@ class ModalSystem:
     scene: Scene
     modal_bodies: list[ModalBody]
     body_index: dict[str, int]  # the number of each body, by its name
+
+    @cached_property
+    def touching(self) -> list[Contact | Friction]:
+        """Contacts, and after them friction: the kernels number their points together."""
+        return [*self.scene.contact, *self.scene.friction]
 
     def shape(self, name: str, at: Any) -> np.ndarray:
         """Return the mode shapes of a body at the one position that a key gives [modes], 1/√kg."""
@@ -41,8 +48,8 @@ class ModalSystem:
         pairs = enumerate(zip(self.scene.body, scene.body, strict=True))
         return {number: self.modal_bodies[number] for number, (ours, theirs) in pairs if ours is theirs}
 
-    def points_of(self, contact: Contact) -> list[ContactPoint]:
-        """Return the points of a contact."""
+    def points_of(self, contact: Contact | Friction) -> list[ContactPoint]:
+        """Return the points of a contact, or of friction."""
         on = None if contact.on is None else self.scene.body[self.body_index[contact.on]]
         return contact_points(contact, self.scene.body[self.body_index[contact.body]], on)
 

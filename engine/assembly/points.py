@@ -21,6 +21,7 @@ from engine.assembly.mode_shape_rows import ShapeRow
 from engine.assembly.modes import Modes, find_row
 from engine.assembly.pickup_points import HeardPoint, heard_points
 from engine.kernel.data.enums import MAX_RANK
+from engine.patch.friction import Friction
 
 
 class ConnectionPart(NamedTuple):
@@ -72,7 +73,7 @@ def _contacts_of_island(
     """Return the rows of an island's contacts, and its mode shapes there. If they have a basis, they are those of the
     basis."""
     points = islands.contact_points[slice(*islands.contact_begins[island : island + 2])]
-    sides = [contact_sides(system.scene.contact[k], point) for k, point in points]
+    sides = [contact_sides(system.touching[k], point) for k, point in points]
     rows = [(find_row(system, modes, a), find_row(system, modes, b)) for a, b in sides]
     size = modes.of_island[island].stop - modes.of_island[island].start
     phi = basis_phi = _join_sides(rows, size)
@@ -80,6 +81,7 @@ def _contacts_of_island(
     is_stretching = any(system.scene.body[b].find_stretching(np.empty(0)) is not None for b in islands.bodies[island])
     if (
         not (islands.is_variable[island] or is_stretching)
+        and not any(isinstance(system.touching[k], Friction) for k, _ in points)
         and all(a.body != b.body for a, b in sides)
         and _may_have_basis(sides, rows)
     ):
@@ -87,7 +89,7 @@ def _contacts_of_island(
     if rank:
         rows = [(a.cut_from(row), b.cut_from(row)) for (a, b), row in zip(rows, basis_phi, strict=True)]
         phi = _join_sides(rows, size)
-        contacts = [system.scene.contact[k] for k, _ in points]
+        contacts = [system.touching[k] for k, _ in points]
         are_linear = all(c.exponent == 1.0 and c.loss == 0.0 for c in contacts)
         use = BasisUse.IF_CAPPED if are_linear and len(contacts) < FEW_LINEAR_CONTACTS else BasisUse.FIRST
     moved = np.divmod(np.flatnonzero(phi.ravel() != 0.0), size)  # np.nonzero takes five times as long

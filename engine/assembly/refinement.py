@@ -95,7 +95,7 @@ def loss_times(accuracy: Accuracy) -> np.ndarray:
 def _contact_loss(layout: Layout, step: float, acts: bool) -> ContactLoss | None:
     """Return the contact loss between stages, which is 0 if `acts` is False; None if no contact has loss. step: length
     of a substep, s"""
-    loss = np.array([layout.scene.contact[k].loss for k, _ in layout.islands.contact_points])
+    loss = np.array([layout.touching[k].loss for k, _ in layout.islands.contact_points])
     if not loss.any():
         return None
     mobility = np.concatenate([np.sum(shapes.phi**2, axis=1) for shapes in layout.points.contact_shapes])

@@ -91,7 +91,7 @@ def contact_coefficients(
     rate:    one over the length of the step, 1/s; 0 if contact loss acts outside it
     """
     matrices, low = contact_compliance(layout, modes, factors, motions)
-    loss = np.array([layout.scene.contact[k].loss for k, _ in layout.islands.contact_points])
+    loss = np.array([layout.touching[k].loss for k, _ in layout.islands.contact_points])
     ours, theirs = zip(*layout.points.contacts, strict=True)
     bases = find_bases(layout, modes, factors)
     return ContactCoefficients(
@@ -101,6 +101,7 @@ def contact_coefficients(
         compliance_low=low,
         loss_rate=loss * rate if loss.any() else None,
         coupling=np.concatenate([m.ravel() for m in matrices]) if any(m.size > 1 for m in matrices) else None,
+        duration=np.full(loss.size, 1 / rate) if layout.scene.friction else None,
         only_kick_phi=_kicks_by_only_contacts(layout, modes),
         basis=_basis_coefficients(layout, modes, bases) if bases else None,
     )

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from engine.assembly.event_table import EventRow
 from engine.files import read_bytes
-from engine.kernel.data.enums import EventKind
+from engine.kernel.data.enums import FRICTION_EVENTS, EventKind
 from engine.live.audio_memory import MAX_FRAMES
 from engine.live.player import Player
 from engine.live.shared_memory import Slot
@@ -132,6 +132,7 @@ def validated_row(player: Player, row: list[int | float]) -> EventRow:
         (EventKind.STRIKE, EventKind.DAMP, EventKind.LIFT, EventKind.LAUNCH_AND_LIFT), model.islands.mode
     )
     sizes |= dict.fromkeys((EventKind.STIFFNESS, EventKind.BARRIER, EventKind.EXPONENT), model.islands.contact)
+    sizes |= dict.fromkeys(FRICTION_EVENTS if model.contact and model.contact.friction else (), model.islands.contact)
     sizes |= dict.fromkeys(CONNECTION_EVENTS, model.islands.connection)
     if kind == EventKind.QUALITY:
         good = 0 <= first <= player.memory.shared.lowest_quality

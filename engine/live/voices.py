@@ -53,14 +53,16 @@ def at_rest(body: Body) -> Body:
 def replicate(scene: Scene, voices: int) -> Scene:
     """So many copies of a scene beside each other, all at rest: no score, plucks and hammers that wait to be told.
     Copy n of body `b` is `b_n`; contacts likewise."""
-    parts: dict[str, list[Any]] = {"body": [], "contact": [], "connection": [], "pickup": [], "force": []}
+    joining = ("contact", "connection", "friction", "pickup")
+    parts: dict[str, list[Any]] = {section: [] for section in ("body", *joining, "force")}
     waiting = [f.model_copy(update={"start": 0.0}) for b in scene.body for f in plucks(scene, b.name)]
     for n in range(voices):
         for body in scene.body:
             parts["body"].append(at_rest(body).model_copy(update={"name": f"{body.name}_{n}"}))
-        for section in ("contact", "connection", "pickup"):
+        for section in joining:
             for joined in getattr(scene, section):
-                names = {key: f"{name}_{n}" for key in ("name", "body", "on") if (name := getattr(joined, key, None))}
+                keys = ("name", "body", "on", "contact")
+                names = {key: f"{name}_{n}" for key in keys if (name := getattr(joined, key, None))}
                 parts[section].append(joined.model_copy(update=names))
         parts["force"] += [f.model_copy(update={"body": f"{f.body}_{n}"}) for f in waiting]
     return scene.model_copy(update=parts | {"event": []})

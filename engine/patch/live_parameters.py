@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ValidationError
 
+from engine.patch.friction import CHANGED_KEYS
 from engine.patch.live_ranges import live_range
 from engine.patch.renamed_keys import RENAMED
 from engine.patch.tables import SpringConnection
@@ -20,13 +21,15 @@ from engine.wording import describe_violation
 GLIDED_KEYS = {
     "contact": ("stiffness", "barrier", "gap", "exponent"),
     "connection": ("stiffness", "damping_coefficient", "rest"),
+    "friction": CHANGED_KEYS,
 }
-TABLE_KEYS = {"contact": ("loss", "at", "on_at"), "connection": ("at", "on_at"), "force": ("amplitude", "at")}
+TABLE_KEYS = {"contact": ("loss", "at", "on_at"), "force": ("amplitude", "at")}
+TABLE_KEYS |= dict.fromkeys(("connection", "friction"), ("at", "on_at"))
 PICKUP_KEYS = ("gain", "pan", "distance", "at")
 LEVEL_KEYS = ("gain", "pan")  # of pickups: nothing has to be built for these
 FIRST_KEYS = ("displacement", "velocity")  # of bodies: what they begin with, which nothing changes later
 MAX_NAMES = 12  # in a message
-SECTIONS = ("body", "contact", "connection", "force", "pickup")
+SECTIONS = ("body", "contact", "connection", "friction", "force", "pickup")
 
 
 class LivePath(NamedTuple):
@@ -82,6 +85,10 @@ def _glided(section: str, table: Any, variable_exponents: bool) -> Iterator[str]
     """The keys of a table that the audio thread glides; those of tables without a name are left alone."""
     if table.__class__ is SpringConnection and table.name is not None and not table.rigid:
         yield from GLIDED_KEYS["connection"]
+    if section == "friction" and table.name is not None:
+        absent = ("velocity",) if table.on is not None else ()
+        absent += ("force",) if table.contact is not None else ()
+        yield from (key for key in CHANGED_KEYS if key not in absent)
     if section == "contact" and table.name is not None and table.stiffness > 0.0:
         yield "stiffness"
         yield "gap" if table.on else "barrier"

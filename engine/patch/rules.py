@@ -12,6 +12,8 @@ from pydantic_core import InitErrorDetails
 from engine.bodies.table import KeyPath, is_given, is_number, make_fault
 from engine.patch.connection_rules import check_change_of_connection, check_connections, find_rigid_joint
 from engine.patch.force_rules import check_force
+from engine.patch.friction import CHANGED_KEYS as FRICTION_KEYS
+from engine.patch.friction import check_change_of_friction, check_friction
 from engine.patch.pickup_rules import check_pickup
 from engine.patch.positions import check_positions, count_positions, kind_of, tables_of
 from engine.patch.tables import MAX_EXPONENT, MAX_FORCE_AT_1_MM, max_stiffness
@@ -21,6 +23,7 @@ Faults = Iterator[InitErrorDetails]
 
 BODY_KEYS = (
     *(("contact", "body"), ("contact", "on"), ("connection", "body"), ("connection", "on")),
+    *(("friction", "body"), ("friction", "on")),
     *(("force", "body"), ("event", "body"), ("pickup", "body")),
 )
 CHANGED_KEYS = ("stiffness", "exponent", "barrier", "gap", "damping_coefficient", "rest")
@@ -29,11 +32,11 @@ CHANGED_KEYS = ("stiffness", "exponent", "barrier", "gap", "damping_coefficient"
 def check_rules(data: dict[str, Any]) -> Faults:
     """All faults of a document that break these rules."""
     bodies = {b["name"]: b for _, b in tables_of(data, "body") if isinstance(b.get("name"), str)}
-    contacts, connections = (
+    contacts, connections, frictions = (
         {c["name"]: c for _, c in tables_of(data, section) if isinstance(c.get("name"), str)}
-        for section in ("contact", "connection")
+        for section in ("contact", "connection", "friction")
     )
-    for section in ("body", "contact", "connection", "pickup"):
+    for section in ("body", "contact", "connection", "friction", "pickup"):
         yield from _check_unique(data, section)
     for i, body in tables_of(data, "body"):
         yield from _check_body(("body", i), body)
@@ -47,6 +50,8 @@ def check_rules(data: dict[str, Any]) -> Faults:
     for i, contact in tables_of(data, "contact"):
         yield from _check_contact(("contact", i), contact, bodies)
     yield from check_connections(data, bodies)
+    for i, friction in tables_of(data, "friction"):
+        yield from check_friction(("friction", i), friction, bodies, contacts, data.get("accuracy"))
     end = data.get("seconds", 2.0)
     for i, event in tables_of(data, "event"):
         time = event.get("time")
@@ -54,7 +59,7 @@ def check_rules(data: dict[str, Any]) -> Faults:
             yield make_fault(
                 ("event", i, "time"), time, "after the end", f"give a time before {end:g} s, or more seconds"
             )
-        yield from _check_event(("event", i), event, bodies, contacts, connections)
+        yield from _check_event(("event", i), event, bodies, (contacts, connections, frictions))
         if event.get("kind") == "strike" and find_rigid_joint(event.get("body"), data):
             message = f"a rigid joint holds {format_value(event['body'])}, which cannot be launched"
             yield make_fault(("event", i, "body"), event["body"], message, "give the joint a stiffness, or use a force")
@@ -241,8 +246,7 @@ def _check_event(
     path: KeyPath,
     event: dict[str, Any],
     bodies: dict[str, Any],
-    contacts: dict[str, Any],
-    connections: dict[str, Any],
+    changing: tuple[dict[str, Any], dict[str, Any], dict[str, Any]],
 ) -> Faults:
     """A strike moves a lumped body; a change is of something that a named contact has."""
     kind, body = event.get("kind"), bodies.get(str(event.get("body")))
@@ -252,10 +256,11 @@ def _check_event(
         yield make_fault((*path, "body"), event["body"], message, remedy)
     if kind != "change":
         return
-    of_connection = is_given(event, "connection")
-    given = [key for key in ("contact", "connection", "parameter") if is_given(event, key)]
+    contacts, connections, frictions = changing
+    given = [key for key in ("contact", "connection", "friction", "parameter") if is_given(event, key)]
     if len(given) != 1:
-        message = f"both {' and '.join(given[:2])} are given" if given else "neither contact nor connection is given"
+        none = "neither contact, connection nor friction is given"
+        message = f"both {' and '.join(given[:2])} are given" if given else none
         yield make_fault(path, event, message, "name the one that changes")
         return
     if is_given(event, "parameter") != is_given(event, "value"):
@@ -266,13 +271,19 @@ def _check_event(
         )
         yield make_fault(path, event, message, remedy or f"a {given[0]} has a stiffness and other keys")
     if given == ["parameter"]:
-        for key in CHANGED_KEYS:
+        for key in (*CHANGED_KEYS, *FRICTION_KEYS):
             if is_given(event, key):
                 yield make_fault(
                     (*path, key), event[key], f"parameter and {key} are both given", "give the new number as value"
                 )
         return
-    if of_connection:
+    if given == ["friction"]:
+        yield from check_change_of_friction(path, event, frictions)
+        return
+    for key in FRICTION_KEYS:
+        if is_given(event, key):
+            yield make_fault((*path, key), event[key], f"a {given[0]} has no {key}", "only friction has one")
+    if given == ["connection"]:
         yield from check_change_of_connection(path, event, connections)
         return
     for key in ("damping_coefficient", "rest"):

@@ -91,7 +91,7 @@ def connected_bodies(scene: Scene, name: str) -> set[str]:
     names, size = {name}, 0
     while size < len(names):
         size = len(names)
-        for joined in [*scene.contact, *scene.connection]:
+        for joined in [*scene.contact, *scene.connection, *scene.friction]:
             if joined.on is not None and names & {joined.body, joined.on}:
                 names |= {joined.body, joined.on}
     return names

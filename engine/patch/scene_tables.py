@@ -25,6 +25,7 @@ from engine.output_files import error_reason
 from engine.patch.accuracy import Accuracy
 from engine.patch.control_rules import as_plain_change, check_changes, check_controls
 from engine.patch.control_tables import Control, Midi
+from engine.patch.friction import Friction
 from engine.patch.live_parameters import live_paths
 from engine.patch.positions import tables_of
 from engine.patch.renamed_keys import RenamedKeys, rename_keys
@@ -62,6 +63,9 @@ class SceneTables(Table):
         default=[],
         max_length=MAX_TABLES,
         description="connections between bodies: springs, rigid joints, ends of strings, air",
+    )
+    friction: list[Friction] = Field(
+        default=[], max_length=MAX_TABLES, description="friction between bodies, or with surfaces such as bows"
     )
     force: list[Force] = Field(default=[], max_length=MAX_TABLES, description="external forces")
     event: list[Event] = Field(default=[], max_length=MAX_EVENTS, description="events of the score")

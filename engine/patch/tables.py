@@ -312,7 +312,10 @@ class ChangeEvent(_EventTable):
     live parameter, by its path."""
 
     kind: Literal["change"]
-    contact: Name | None = Field(default=None, description="name of the contact; or give a connection, or a parameter")
+    contact: Name | None = Field(
+        default=None, description="name of the contact; or give a connection, a friction, or a parameter"
+    )
+    friction: Name | None = Field(default=None, description="name of the friction")
     connection: Name | None = Field(default=None, description="name of the connection, a spring")
     parameter: str | None = Field(
         default=None,
@@ -330,6 +333,19 @@ class ChangeEvent(_EventTable):
         default=None, ge=0.0, le=MAX_CONNECTION_DAMPING, description="new damping coefficient of a connection, kg/s"
     )
     rest: Metres | None = Field(default=None, description="new rest of a connection, m")
+    velocity: float | None = Field(
+        default=None, ge=-100.0, le=100.0, description="new velocity of a surface that rubs, m/s"
+    )
+    force: float | None = Field(default=None, ge=0.0, le=1e6, description="new force that presses surfaces, N")
+    static: float | None = Field(default=None, ge=0.0, le=10.0, description="new coefficient of friction at rest")
+    dynamic: float | None = Field(
+        default=None, ge=0.0, le=10.0, description="new coefficient of friction in fast slip"
+    )
+    speed: float | None = Field(
+        default=None, ge=1e-4, le=100.0, description="new speed of slip at which the coefficient is half-way, m/s"
+    )
+    memory: float | None = Field(default=None, ge=0.0, le=0.1, description="new memory of friction, s")
+    bristle: float | None = Field(default=None, ge=1.0, le=1e12, description="new stiffness of the bristle, N/m")
     duration: float = Field(default=0.005, ge=0.0, le=MAX_SECONDS, description="duration of the glide, s")
 
 

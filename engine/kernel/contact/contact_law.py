@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from engine.compiler.decorators import inline
 from engine.compiler.elementary import expm1_of, log1p_of, power_of
 from engine.compiler.overloads import overload_by_type
+from engine.kernel.contact.friction_law import respond_by_friction, slides
 from engine.kernel.data.laws import SPECIAL_LAWS, Law, Power
 
 # --- laws of one exponent, and of any
@@ -188,12 +189,13 @@ class LossyLaw(NamedTuple):
 
     elastic: Any  # a Law
     loss_rate: Any  # μ/h of each contact, 1/m; None where the scene has no contact loss
+    friction: Any  # State.friction
 
 
 @inline
-def law_in_step(contact, h):
+def law_in_step(contact, h, state):
     """Return the LossyLaw of all contacts in a step. h: ContactCoefficients"""
-    return LossyLaw(contact.law, h.loss_rate)
+    return LossyLaw(contact.law, h.loss_rate, state.friction)
 
 
 @inline
@@ -234,6 +236,21 @@ def response_in_contact(law, k, s, b, eta, rate):
 @inline
 def contact_response(law, k, s, eta):
     """Return the mean force and slope df/dη of contact k for a step η."""
+    return response_of_either(law.friction, law, k, s, eta)
+
+
+@inline
+def response_of_either(friction, law, k, s, eta):
+    """Do this for a contact or a point of friction."""
+    if friction is not None:
+        if slides(friction, k):
+            return respond_by_friction(friction[k], s, eta)
+    return response_by_power_law(law, k, s, eta)
+
+
+@inline
+def response_by_power_law(law, k, s, eta):
+    """Return the mean force and slope df/dη of a contact for a step η."""
     b = s + eta
     rate = loss_rate_of(law, k)
     if 1.0 + rate * eta <= 0.0:

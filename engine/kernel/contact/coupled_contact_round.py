@@ -19,6 +19,7 @@ from engine.compiler.lanes import (
     store_lanes,
 )
 from engine.kernel.contact.contact_law import contact_response, exponent, loss_rate_of, response_in_contact
+from engine.kernel.contact.friction_law import is_force_at, slides
 from engine.kernel.contact.scalar_contact_solver import solve_scalar_contact
 from engine.kernel.data.enums import LANES, Row, SolveStatus
 from engine.kernel.modes.ordered_sums import sum_products
@@ -154,7 +155,7 @@ def project_onto_laws(problem, n):
     for i in range(n):
         linear_move, size = g[i] - residual[i], sizes[i]
         residual[i] = linear_move - move[i]
-        if f[i] == 0.0 and s[i] <= 0.0 and s[i] + linear_move <= 0.0:
+        if f[i] == 0.0 and s[i] <= 0.0 and s[i] + linear_move <= 0.0 and not slides(problem.law.friction, contacts[i]):
             move[i] = linear_move  # free, and remains so: its end is where the others leave it
             close[i] = s[i] + linear_move
             residual[i] = 0.0
@@ -242,6 +243,14 @@ def second_order_change(law, k, s, estimate, move):
     return f * (move / eta) * (move / eta)
 
 
+@inline
+def is_on_law(friction, k, z, eta, f):
+    """True if point of friction k has the force f for a slip η."""
+    if friction is None:
+        return True
+    return is_force_at(friction[k], z, eta, f)
+
+
 @noinline
 def try_extrapolate(problem, n):
     """Try to take the last Newton step along the tangents of the laws, or to second order, without another round.
@@ -260,7 +269,10 @@ def try_extrapolate(problem, n):
     first = 0.0
     for i in range(n):
         k = contacts[i]
-        if slope[i] > 0.0:
+        if slides(problem.law.friction, k):
+            if not is_on_law(problem.law.friction, k, s[i], eta[i] + after[i], f[i] + step[i]):
+                return False
+        elif slope[i] > 0.0:
             one, two = extrapolation_error(
                 problem.law.elastic, k, s[i], ForceEstimate(eta[i], end[i], f[i], slope[i]), after[i]
             )
@@ -273,8 +285,8 @@ def try_extrapolate(problem, n):
         bend, more = vectors[Row.GUESS], vectors[Row.TARGET]
         for i in range(n):
             bend[i] = 0.0
-            if slope[i] > 0.0:
-                k = contacts[i]
+            k = contacts[i]
+            if slope[i] > 0.0 and not slides(problem.law.friction, k):
                 estimate = ForceEstimate(eta[i], end[i], f[i], slope[i])
                 bend[i] = second_order_change(problem.law, k, s[i], estimate, after[i])
         multiply_compliance(compliance, n, bend, residual)

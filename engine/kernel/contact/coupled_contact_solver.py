@@ -30,6 +30,7 @@ from engine.kernel.contact.coupled_contact_round import (
     tangent_compliances,
     try_extrapolate,
 )
+from engine.kernel.contact.friction_law import acts, slides
 from engine.kernel.data.enums import MAX_ROUNDS, Row, SolveStatus
 
 NO_CAP = MAX_ROUNDS + 1
@@ -90,10 +91,18 @@ def extend_active_set(problem, n, f):
     scratch = problem.scratch
     apply_active_forces(problem, n, f)
     for k in range(problem.s.shape[0]):
-        if scratch.is_active[k] == 0 and scratch.vectors[Row.END, k] > 0.0:
+        if scratch.is_active[k] == 0 and scratch.vectors[Row.END, k] > 0.0 and not slides(problem.law.friction, k):
             activate(problem, n, k, 0.0, scratch.vectors[Row.STEP, k])
             n += 1
     return n
+
+
+@inline
+def begins_active(friction, k, s):
+    """True if a contact is closed at the begin of a step, or a point of friction may have a force in it."""
+    if slides(friction, k):
+        return acts(friction, k, s)
+    return s > 0.0
 
 
 @noinline
@@ -109,7 +118,7 @@ def initial_active_set(problem):
     n = INT64_0
     for k in range(total):
         scratch.is_active[k] = 0
-        if s[k] > 0.0:
+        if begins_active(problem.law.friction, k, s[k]):
             activate(problem, n, k, vectors[Row.FORCE, k], 0.0)
             n += 1
     apply_active_forces(problem, n, guess)
@@ -117,7 +126,7 @@ def initial_active_set(problem):
         if i == n:
             deepest, at = 0.0, INT64_0
             for j in range(total):
-                if scratch.is_active[j] == 0 and end[j] > deepest:
+                if scratch.is_active[j] == 0 and end[j] > deepest and not slides(problem.law.friction, j):
                     at, deepest = j, end[j]
             if not deepest > 0.0:
                 break

@@ -22,6 +22,7 @@ from engine.kernel.contact.contact_law import (
     response_in_contact,
     root_of_potential,
 )
+from engine.kernel.contact.friction_law import slides, solve_friction
 from engine.kernel.data.enums import SolveStatus
 
 MIN_COMPRESSION = 1e-150  # m; a compression below it is none: its square underflows
@@ -158,6 +159,21 @@ def solve_scalar_contact(lossy_law, k, s, g, compliance, tolerance):
     Returns η (m), b (m), mean force f (N), slope df/dη (N/m), evaluations of the contact law, and SolveStatus (FREE,
     SEPARATION, CLOSED_FORM, NEWTON or FAILED).
     """
+    return solve_either(lossy_law.friction, lossy_law, k, s, g, compliance, tolerance)
+
+
+@inline
+def solve_either(friction, lossy_law, k, s, g, compliance, tolerance):
+    """Do this for a contact or a point of friction, of which s is how far the bristle is bent."""
+    if friction is not None:
+        if slides(friction, k):
+            return solve_friction(friction[k], s, g, compliance)
+    return solve_power_law(lossy_law, k, s, g, compliance, tolerance)
+
+
+@inline
+def solve_power_law(lossy_law, k, s, g, compliance, tolerance):
+    """Do this for a contact."""
     free_end = s + g
     if s < MIN_COMPRESSION and free_end < MIN_COMPRESSION:
         return g, free_end, 0.0, 0.0, 0, SolveStatus.FREE

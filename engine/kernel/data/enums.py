@@ -48,6 +48,17 @@ class EventKind(IntEnum):
     CONNECTION_STIFFNESS = 13  # the stiffness of the target coordinates glides to `value`
     CONNECTION_DAMPING = 14
     CONNECTION_REST = 15
+    # of friction: a number of the target points glides to `value`; in the order of Sliding
+    FRICTION_VELOCITY = 16
+    FRICTION_FORCE = 17
+    FRICTION_STATIC = 18
+    FRICTION_DYNAMIC = 19
+    FRICTION_SPEED = 20
+    FRICTION_MEMORY = 21
+    FRICTION_BRISTLE = 22
+
+
+FRICTION_EVENTS = tuple(kind for kind in EventKind if kind.name.startswith("FRICTION_"))  # in the order of Sliding
 
 
 class EventCursor(IntEnum):
@@ -97,6 +108,22 @@ class Stretch(IntEnum):
     HIGH = 7
     ENDS_BEFORE = 8  # what moving ends stretch it, m: at the begin of the step, and at its end
     ENDS_AFTER = 9
+
+
+class Sliding(IntEnum):
+    """Columns of State.friction. Events change the first seven."""
+
+    VELOCITY = 0  # m/s, of the surface that moves by itself
+    FORCE = 1  # N, that presses the surfaces together, if no contact does
+    STATIC = 2  # coefficients of friction, at rest and in fast slip
+    DYNAMIC = 3
+    SPEED = 4  # m/s: slip at which the coefficient is half-way
+    MEMORY = 5  # s
+    BRISTLE = 6  # N/m; 0 of a contact
+    PRESS = 7  # N: what presses in the present step
+    BOUND = 8  # N: the largest force of friction in it
+    SLIP = 9  # m/s: how fast the surfaces slip, beyond what the bristle bends
+    REMEMBERED_SPEED = 10  # m/s, of slip
 
 
 class MovingEnd(IntEnum):

@@ -96,4 +96,6 @@ def select_law(exponent: np.ndarray, general: bool = False) -> type[Law]:
     change."""
     shared = set(exponent.tolist())
     of_exponent: dict[float, type[Law]] = {law.ALPHA: law for law in SPECIAL_LAWS}
+    if not shared:
+        return Linear
     return of_exponent.get(shared.pop(), Power) if len(shared) == 1 and not general else Power

@@ -110,6 +110,7 @@ class ContactCoefficients(NamedTuple):
     compliance_low: PerContact  # m/N: what rounding cut from B_kk
     loss_rate: PerContact | None  # μ/h, 1/m: Hunt-Crossley loss (paper, eq. 41)
     coupling: PerCompliance | None  # B of each island, m/N; where an island has several contacts
+    duration: PerContact | None  # s: length of the step; where there is friction
     only_kick_phi: PerModeShape | None  # t·Φ of the only contact of an island, of both bodies; or zeros
     basis: BasisCoefficients | None
 
@@ -205,13 +206,21 @@ class ContactBasis(NamedTuple):
     is_first: PerBasisInt  # 0 where contacts are solved in its space only if the other solve is capped
 
 
+class Friction(NamedTuple):
+    """Points of friction, which lie among the contacts (engine.kernel.interactions.friction)."""
+
+    pressed_by: Annotated[np.ndarray, Items(Axis.CONTACT, np.int64, neutral=-1)]  # contact that presses, or -1
+    is_present: PerIslandInt  # 1 if the island has some
+
+
 class Contact(NamedTuple):
-    """Contacts: the law of each, and where it is on the bodies that it joins."""
+    """Contacts and points of friction: the law of each, and where it is on the bodies that it joins."""
 
     law: Law  # its type; in a kernel, with the numbers of the State
     rows: Annotated[ModeShapeRows, Axis.CONTACT]  # of the body that touches
     other_rows: Annotated[ModeShapeRows, Axis.CONTACT] | None  # of the body it touches, empty for a barrier
     basis: ContactBasis | None
+    friction: Friction | None
     nominal_stiffness: PerContact  # N/m^α, as the patch says
     nominal_barrier: PerContact  # m, as the patch says; subtracted from the projected displacement
     tolerance: float  # relative error left in the end compression

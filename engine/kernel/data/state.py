@@ -33,6 +33,7 @@ from engine.kernel.data.enums import (
     Ledger,
     Sleep,
     SleepMonitor,
+    Sliding,
     SolveStatus,
     Stretch,
 )
@@ -122,6 +123,7 @@ class SavedMotion(NamedTuple):
     compression: PerContact
     compression_compensation: PerContact
     contact_force: PerContact
+    friction: Annotated[np.ndarray, Items(Axis.CONTACT, columns=len(Sliding))] | None
     extension: PerConnection
     extension_compensation: PerConnection
     energy_totals: Annotated[np.ndarray, Items(Axis.ISLAND, columns=len(EnergyTotal))]
@@ -181,10 +183,11 @@ class State(NamedTuple):
     potential_coefficient: PerContact  # k/(α+1), N/m^α: stiffness as contact laws count it; events change it
     exponent: PerContact  # events change that of a general law
     barrier: PerContact  # m; events move it
-    compression: PerContact  # m
+    compression: PerContact  # m; of friction, how far the bristle is bent
     compression_compensation: PerContact  # m: what is too small to add to the compression yet (Kahan)
     free_displacement: PerContact  # m: g, the change of compression without contact force
     contact_force: PerContact  # N, mean over the last step
+    friction: Annotated[np.ndarray, Items(Axis.CONTACT, columns=len(Sliding))] | None
     drive: Annotated[np.ndarray, Items(Axis.DRIVE, columns=DRIVE_FRAMES)] | None  # N, at each frame modulo their number
     connection: ConnectionState | None
     tension: TensionState | None

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from engine.compiler.decorators import FALSE, INT64_0, INT64_1, TRUE, inline
 from engine.kernel.contact.contact_law import end_force_of, energy_gained, force_of_lossy_law, law_in_step
 from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
+from engine.kernel.contact.friction_law import slides
 from engine.kernel.contact.persistent_contact_solver import solve_persistent
 from engine.kernel.contact.reduced_contact_solver import basis_of_island, solve_reduced
 from engine.kernel.contact.scalar_contact_solver import solve_scalar_contact
@@ -30,13 +31,16 @@ from engine.kernel.interactions.contacts import (
     find_moves_by_basis,
     free_displacement_at,
     has_contacts,
+    is_closing,
     measured_miss,
     moves_by_basis,
     must_be_measured,
     no_touch,
+    open_compression,
     push_by_reach,
     store_solution,
 )
+from engine.kernel.interactions.friction import has_friction, surface_move
 from engine.kernel.interactions.near_contacts import are_all_left_out, contacts_in_reach
 from engine.kernel.modes.mode_step import forget_drift, kinetic_energy, rescale_kinetic_energy
 
@@ -88,14 +92,14 @@ def push_by_only_contact(model, contact, settings, is_forced, state):
         return no_touch(SolveStatus.FREE, INT64_0)
     s, moves = state.compression[0], moves_of_connections(connection, h)
     g = free_displacement_at(contact, contact.other_rows, h.contact, INT64_0, state.drift_momentum)
-    g -= moved_by_connections(connection, moves, state)
-    if not (s > 0.0 or s + g > 0.0):
-        state.compression[0], state.contact_force[0] = s + g, 0.0
+    g -= moved_by_connections(connection, moves, state) + surface_move(state.friction, h.contact.duration, INT64_0)
+    if not is_closing(state.friction, INT64_0, s, g):
+        state.compression[0], state.contact_force[0] = open_compression(state.friction, INT64_0, s, g), 0.0
         return no_touch(SolveStatus.FREE, INT64_0)
     eta, b, f, evaluations, status = solve_only_contact(contact, h.contact, s, g, state)
     if status == SolveStatus.FAILED:
         return no_touch(status, evaluations)
-    law = law_in_step(contact, h.contact)
+    law = law_in_step(contact, h.contact, state)
     reach = Reach(INT64_1, None, state.compression, None, law, None, moves)
     answer_contacts(connection, h, reach, state)
     is_measured, point_force = must_be_measured(h.contact, state, INT64_0, s, eta, f), 0.0
@@ -124,7 +128,7 @@ def solve_only_contact(contact, h, s, g, state):
     s, g: compression, and how the coming drift changes it without the force, m
     """
     eta, b, f, _, evaluations, status = solve_scalar_contact(
-        law_in_step(contact, h), INT64_0, s, g, h.compliance[0], contact.tolerance
+        law_in_step(contact, h, state), INT64_0, s, g, h.compliance[0], contact.tolerance
     )
     if not math.isfinite(eta + b + f):
         status = SolveStatus.FAILED
@@ -170,9 +174,10 @@ def push_by_several_contacts(model, contact, settings, is_forced, state):
 
 @inline
 def is_any_closing(reach):
-    """True if a contact is closed, or would be closed at the end of the step."""
+    """True if a contact is closed, or would be closed at the end of the step; or a point of friction may have a
+    force."""
     for n in range(reach.size):
-        if reach.compression[n] > 0.0 or reach.compression[n] + reach.free_displacement[n] > 0.0:
+        if is_closing(reach.law.friction, n, reach.compression[n], reach.free_displacement[n]):
             return True
     return False
 
@@ -182,7 +187,9 @@ def open_contacts(reach, state):
     """Store the compressions at the end of a step in which all contacts are open, and forces of zero."""
     for n in range(reach.size):
         k = contact_number(reach.numbers, n)
-        state.compression[k] = reach.compression[n] + reach.free_displacement[n]
+        state.compression[k] = open_compression(
+            reach.law.friction, n, reach.compression[n], reach.free_displacement[n]
+        )
         state.contact_force[k] = 0.0
 
 
@@ -192,7 +199,9 @@ def solve_several_contacts(contact, h, reach, max_rounds, state):
     s, g = reach.compression, reach.free_displacement
     problem = CoupledProblem(reach.law, reach.coupling, s, g, contact.tolerance, state.scratch)
     rounds, status, excess, is_persistent = INT64_0, SolveStatus.NEWTON, 0.0, TRUE
-    if not moves_by_basis(contact.basis):
+    if has_friction(contact.friction):
+        max_rounds = NO_CAP  # the energy of forces off their laws is known of contacts alone
+    elif not moves_by_basis(contact.basis):
         rounds = solve_persistent(problem)
     if rounds == 0:
         rounds, status, excess = find_coupled_forces(contact, h, reach, (problem, max_rounds), state)
@@ -252,14 +261,14 @@ def find_coupled_forces(contact, h, reach, problem_and_rounds, state):
 def store_several_contacts(contact, h, reach, solution, state):
     """Store the solutions of several contacts of an island. Returns the energy lost, and created, J."""
     vectors, lost, excess = state.scratch.vectors, 0.0, solution.excess
-    law = law_in_step(contact, h)
+    law = law_in_step(contact, h, state)
     if solution.is_measured:
         measure_misses(contact, h, reach, state)
         excess = 0.0
     for n in range(reach.size):
         k, s, eta, b = contact_number(reach.numbers, n), reach.compression[n], vectors[Row.STEP, n], vectors[Row.END, n]
         f, residual = vectors[Row.FORCE, n], vectors[Row.MISS, n]
-        if not takes_part(s, b, f):
+        if not (takes_part(s, b, f) or slides(state.friction, k)):
             state.compression[k], state.contact_force[k] = b, 0.0
             state.compression_compensation[k] += residual
             continue
@@ -271,6 +280,8 @@ def store_several_contacts(contact, h, reach, solution, state):
         lost_at_contact = store_solution(contact, h, state, k, values, residual)
         lost += lost_at_contact
         if solution.is_measured:
+            if slides(state.friction, k):
+                continue  # the energy lost holds all
             if solution.is_persistent:
                 gained = energy_gained(law, k, state.compression[k] - s, values)
                 excess += gained + lost_at_contact - f * state.free_displacement[k]
@@ -296,5 +307,6 @@ def measure_misses(contact, h, reach, state):
         return
     for n in range(reach.size):
         eta, f = vectors[Row.STEP, n], vectors[Row.FORCE, n]
-        if takes_part(reach.compression[n], vectors[Row.END, n], f):
-            vectors[Row.MISS, n] = measured_miss(contact, h, state, contact_number(reach.numbers, n), eta, f)
+        k = contact_number(reach.numbers, n)
+        if takes_part(reach.compression[n], vectors[Row.END, n], f) or slides(state.friction, k):
+            vectors[Row.MISS, n] = measured_miss(contact, h, state, k, eta, f)

@@ -3,9 +3,24 @@
 from typing import Any, NamedTuple
 
 from engine.compiler.decorators import FALSE, inline, noinline
-from engine.kernel.contact.contact_law import dissipation_of, law_in_step, potential, potential_difference
+from engine.kernel.contact.contact_law import (
+    dissipation_of,
+    item_or_zero,
+    law_in_step,
+    potential,
+    potential_difference,
+)
+from engine.kernel.contact.friction_law import acts, slides
 from engine.kernel.contact.reduced_contact_solver import basis_of_island, gather_rows, spread_rows
-from engine.kernel.data.enums import EventKind, Row, SolveStatus
+from engine.kernel.data.enums import EventKind, Row, Sliding, SolveStatus
+from engine.kernel.interactions.friction import (
+    friction_parameter,
+    is_of_friction,
+    set_friction_parameter,
+    store_friction,
+    subtract_surface_moves,
+    surface_move,
+)
 from engine.kernel.modes.point_rows import (
     add_drifts,
     bound_at_row,
@@ -120,6 +135,7 @@ def find_free_displacements(contact, h, state):
         moves[k] = 0.0
     add_drifts(contact.rows, h.rows, state.drift_momentum, moves)
     add_drifts(contact.other_rows, h.other_rows, state.drift_momentum, moves)
+    subtract_surface_moves(contact.friction, h.duration, state)
 
 
 @inline
@@ -160,7 +176,8 @@ def reset_open_contacts(contact, state):
     if contact is not None:
         for k in range(state.compression.shape[0]):
             state.contact_force[k] = 0.0
-            state.compression[k] = min(compression_from_modes(contact, contact.other_rows, state, k), 0.0)
+            if not slides(state.friction, k):
+                state.compression[k] = min(compression_from_modes(contact, contact.other_rows, state, k), 0.0)
 
 
 @inline
@@ -169,11 +186,37 @@ def contact_energy(contact, state):
     total = 0.0
     if contact is not None:
         for k in range(state.compression.shape[0]):
-            total += potential(contact.law, k, state.compression[k])
+            total += energy_at_contact(state.friction, contact.law, k, state.compression[k])
     return total
 
 
+@inline
+def energy_at_contact(friction, law, k, s):
+    """Potential energy of a contact, or of the bristle of a point of friction, J."""
+    if friction is not None:
+        if slides(friction, k):
+            return 0.5 * friction[k][Sliding.BRISTLE] * s * s
+    return potential(law, k, s)
+
+
 # --- can a contact close?
+
+
+@inline
+def is_closing(friction, k, s, g):
+    """True if a contact is closed, or would be at the end of the step without its force; or if a point of friction may
+    have a force."""
+    if slides(friction, k):
+        return acts(friction, k, s)
+    return s > 0.0 or s + g > 0.0
+
+
+@inline
+def open_compression(friction, k, s, g):
+    """Return the compression at the end of a step in which a contact has no force, m."""
+    if slides(friction, k):
+        return s
+    return s + g
 
 
 @inline
@@ -212,6 +255,26 @@ def count_outcome(state, evaluations, status):
 
 @inline
 def store_solution(contact, h, state, k, solution, residual):
+    """Store the new compression and force of contact k, or of a point of friction. Returns the energy lost, J.
+
+    solution: as of `store_force_of_contact`; residual: how far the bodies moved beyond η, m
+    """
+    return store_either(state.friction, contact, h, state, k, solution, residual)
+
+
+@inline
+def store_either(friction, contact, h, state, k, solution, residual):
+    """Do this for a contact or a point of friction."""
+    if friction is not None:
+        if slides(friction, k):
+            eta, _, f, _, _ = solution
+            residual -= h.compliance_low[k] * f
+            return store_friction(friction[k], state, k, item_or_zero(h.duration, k), eta, f, residual)
+    return store_force_of_contact(contact, h, state, k, solution, residual)
+
+
+@inline
+def store_force_of_contact(contact, h, state, k, solution, residual):
     """Store the new compression and force of contact k. Returns the energy lost, J.
 
     solution: η (m), end compression b (m), force f (N), the force of the contact law (N), from which f differs where a
@@ -225,7 +288,7 @@ def store_solution(contact, h, state, k, solution, residual):
     eta, b, f, _, _ = solution
     s = state.compression[k]
     residual -= h.compliance_low[k] * f
-    lost = dissipation_of(law_in_step(contact, h), k, s, solution, residual)
+    lost = dissipation_of(law_in_step(contact, h, state), k, s, solution, residual)
     residue = state.compression_compensation[k] + residual
     if 2.0 * abs(eta) < b:
         end = s + (eta + residue)
@@ -252,6 +315,7 @@ def measured_miss(contact, h, state, k, eta, f):
     """Measure how far the bodies move at contact k beyond the step η, m, by the momenta of the drift with all forces.
     `free_displacement` becomes the whole move."""
     move = free_displacement_at(contact, contact.other_rows, h, k, state.drift_momentum)
+    move -= surface_move(state.friction, h.duration, k)
     state.free_displacement[k] = move
     return (move - eta) + h.compliance_low[k] * f  # the last is taken off in `store_solution`
 
@@ -259,7 +323,9 @@ def measured_miss(contact, h, state, k, eta, f):
 @noinline
 def energy_created(contact, state, k, s, lost, f):
     """Energy that contact k has gained since its compression was s, and lost, beyond the work of the bodies against its
-    force f, J."""
+    force f, J. At a point of friction, what is lost holds that."""
+    if slides(state.friction, k):
+        return 0.0
     end = state.compression[k]
     return potential_difference(contact.law, k, s, end, end - s) + lost - f * state.free_displacement[k]
 
@@ -275,7 +341,7 @@ def shift_contacts(contact, state, m, change):
             move = displacement_at_row(contact.rows, k, m, change) + displacement_at_row(
                 contact.other_rows, k, m, change
             )
-            if move != 0.0:
+            if move != 0.0 and not slides(state.friction, k):
                 state.compression[k] += move
                 state.compression_compensation[k] = 0.0
 
@@ -292,6 +358,8 @@ def contact_parameter(contact, kind, k, state):
     or how far its barrier is beyond that of the patch, m."""
     if contact is None:
         return 0.0
+    if is_of_friction(kind):
+        return friction_parameter(state.friction, kind, k)
     if kind == EventKind.STIFFNESS:
         return state.potential_coefficient[k] / nominal_coefficient(contact, state, k)
     if kind == EventKind.EXPONENT:
@@ -303,6 +371,9 @@ def contact_parameter(contact, kind, k, state):
 def set_contact_parameter(contact, kind, span, value, state):
     """Set this parameter of contacts. span: the first, and the last + 1"""
     if contact is not None:
+        if is_of_friction(kind):
+            set_friction_parameter(state.friction, kind, span, value)
+            return
         for k in range(span[0], span[1]):
             if kind == EventKind.STIFFNESS:
                 state.potential_coefficient[k] = value * nominal_coefficient(contact, state, k)

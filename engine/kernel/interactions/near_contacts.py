@@ -14,6 +14,7 @@ import numpy as np
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.compiler.overloads import is_none, overload_by_source, overload_by_type
 from engine.kernel.contact.contact_law import LossyLaw, item_or_zero, law_in_step
+from engine.kernel.contact.friction_law import acts, slides
 from engine.kernel.data.enums import FLIGHT_FRAMES, StepKind
 from engine.kernel.data.model import Connections
 from engine.kernel.interactions.connections import has_connections, product_at
@@ -25,6 +26,7 @@ from engine.kernel.interactions.contacts import (
     moves_by_basis,
 )
 from engine.kernel.interactions.external_forces import has_external_forces
+from engine.kernel.interactions.friction import has_friction, slip_at
 from engine.kernel.interactions.island_energy import island_energy
 from engine.kernel.interactions.tension import stretches
 from engine.kernel.modes.event_dampers import is_damping
@@ -84,6 +86,8 @@ def leaves_out_contacts(connection, model, settings, state):
         return False
     if has_external_forces(model.force) or moves_by_basis(model.contact.basis) or stretches(model.tension, state):
         return False
+    if has_friction(model.contact.friction):
+        return False
     if settings.frame >= state.connection.near.until[0]:
         find_near_contacts(model, model.contact, connection, settings, state)
     return True
@@ -93,7 +97,7 @@ def leaves_out_contacts(connection, model, settings, state):
 def all_contacts(contact, index, moves, h, state):
     """Return the Reach of all contacts. h: ContactCoefficients"""
     s, g = state.compression, state.free_displacement
-    return Reach(s.shape[0], index, s, g, law_in_step(contact, h), h.coupling, moves)
+    return Reach(s.shape[0], index, s, g, law_in_step(contact, h, state), h.coupling, moves)
 
 
 def reach_of_all(connection: Any, contact: Any, h: Any, state: Any) -> Reach:
@@ -121,7 +125,7 @@ def near_contacts(contact, h, state):
     rate = gathered(h.contact.loss_rate, near.loss_rate, n)
     coupling = gathered(h.contact.coupling, near.coupling, n * n)
     s, g = near.compression[0:n], near.free_displacement[0:n]
-    return Reach(n, near.contact, s, g, LossyLaw(law, rate), coupling, near.moves)
+    return Reach(n, near.contact, s, g, LossyLaw(law, rate, state.friction), coupling, near.moves)
 
 
 @inline
@@ -194,6 +198,8 @@ def select_contacts(model, contact, connection, is_disturbed, state):
 @inline
 def may_close(contact, connection, amplitude, is_disturbed, k, state):
     """True if contact k may close, or is closed. amplitude: √(2E) of the island, √J"""
+    if slides(state.friction, k):
+        return acts(state.friction, k, state.compression[k])
     bound = state.displacement_bound
     distance, connected = split_bound_at_contact(contact, contact.other_rows, connection, k, bound)
     distance += reach_of_connected(connection, amplitude, is_disturbed, k, connected)
@@ -312,9 +318,11 @@ def is_left_out(connection_state, k):
 
 @inline
 def compression_now(contact, connection_state, state, k, frame):
-    """Return compression k, m. Where a contact is known to stay open, its compression is not kept, and is read from the
-    modes. connection_state: ConnectionState or None"""
+    """Return compression k, m; of friction, the slip, m/s. Where a contact is known to stay open, its compression is not
+    kept, and is read from the modes. connection_state: ConnectionState or None"""
     if contact is not None:
+        if slides(state.friction, k):
+            return slip_at(state.friction, k)
         if frame < state.contact_free_until[0] or is_left_out(connection_state, k):
             return compression_from_modes(contact, contact.other_rows, state, k)
     return state.compression[k]

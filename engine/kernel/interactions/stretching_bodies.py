@@ -8,6 +8,7 @@ from typing import NamedTuple
 from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
 from engine.kernel.contact.contact_law import end_force_of, law_in_step
 from engine.kernel.contact.coupled_contact_solver import NO_CAP
+from engine.kernel.contact.friction_law import acts
 from engine.kernel.data.enums import SolveStatus, Stretch
 from engine.kernel.interactions.connection_factors import make_factors, reduce_contact_compliance, solve_connections
 from engine.kernel.interactions.connections import (
@@ -32,6 +33,7 @@ from engine.kernel.interactions.contacts import (
     has_contacts,
     measured_miss,
     no_touch,
+    open_compression,
     push_at_contact,
     store_solution,
 )
@@ -118,7 +120,7 @@ def is_any_closed(state):
     """True if a contact is closed at the begin of the step."""
     closed = False
     for k in range(state.compression.shape[0]):
-        closed = closed or state.compression[k] > 0.0
+        closed = closed or state.compression[k] > 0.0 or acts(state.friction, k, 0.0)
     return closed
 
 
@@ -316,7 +318,9 @@ def store_forces_of_contacts(contact, connection, h, forces, state):
     """Do this in a step in which contacts may close. h: StepCoefficients"""
     if forces.status == SolveStatus.FREE:
         for k in range(state.compression.shape[0]):
-            state.compression[k] += state.free_displacement[k]
+            state.compression[k] = open_compression(
+                state.friction, k, state.compression[k], state.free_displacement[k]
+            )
         return 0.0, 0.0
     return store_one_or_several(contact, connection, h, h.contact.coupling, forces, state)
 
@@ -332,5 +336,5 @@ def store_one_or_several(contact, connection, h, coupling, forces, state):
             return store_several_contacts(contact, h.contact, reach, solution, state)
     eta, b, f = forces.step, forces.end, state.contact_force[0]
     residual = measured_miss(contact, h.contact, state, INT64_0, eta, f)
-    end_force = end_force_of(law_in_step(contact, h.contact), INT64_0, b)
+    end_force = end_force_of(law_in_step(contact, h.contact, state), INT64_0, b)
     return store_solution(contact, h.contact, state, INT64_0, (eta, b, f, f, end_force), residual), 0.0

@@ -10,6 +10,7 @@ import math
 from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
 from engine.compiler.lanes import lane_sum, number_at, splat, where_positive, zero_like
 from engine.kernel.interactions.connections import copy_extensions
+from engine.kernel.interactions.friction import copy_friction
 from engine.kernel.modes.mode_step import forget_drift, motion_of
 from engine.kernel.modes.ordered_sums import copy_items, copy_or_back, fold_lanes
 from engine.kernel.modes.potential import add_elastic
@@ -70,6 +71,7 @@ def copy_motion(state, is_back):
     copy_or_back(state.compression, saved.compression, is_back)
     copy_or_back(state.compression_compensation, saved.compression_compensation, is_back)
     copy_or_back(state.contact_force, saved.contact_force, is_back)
+    copy_friction(state.friction, saved.friction, state.compression.shape[0], is_back)
     copy_or_back(state.energy_totals, saved.energy_totals, is_back)
     copy_or_back(state.energy_debt, saved.energy_debt, is_back)
     copy_or_back(state.refinement.samples_of_strong_loss, saved.samples_of_strong_loss, is_back)

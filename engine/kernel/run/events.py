@@ -120,7 +120,7 @@ def set_parameter(model, state, j, frame):
     """Set the parameter of contacts or connections that event j changes, or advance its glide."""
     events, kind = model.events, model.events.kind[j]
     span = events.target_begin[j], events.target_end[j]
-    if kind >= EventKind.CONNECTION_STIFFNESS:
+    if kind >= EventKind.CONNECTION_STIFFNESS and kind <= EventKind.CONNECTION_REST:
         now = connection_parameter(model.connection, kind, span[0], state)
         set_connection_parameter(model.connection, kind, span, glide_value(events, state, j, frame, now), state)
     else:

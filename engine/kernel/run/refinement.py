@@ -11,12 +11,13 @@ from typing import Any
 
 from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
 from engine.compiler.overloads import is_none, overload_by_source
+from engine.kernel.contact.friction_law import acts, slides
 from engine.kernel.data.axes import Axis, fields_of
 from engine.kernel.data.enums import StepKind
 from engine.kernel.data.model import StepSettings
 from engine.kernel.interactions.connections import count_connections, damp_connections, has_connections
 from engine.kernel.interactions.contact_loss import is_loss_small, lose_at_contacts
-from engine.kernel.interactions.contacts import bound_at_contact, find_free_displacements
+from engine.kernel.interactions.contacts import bound_at_contact, find_free_displacements, open_compression
 from engine.kernel.interactions.external_forces import next_external_force
 from engine.kernel.interactions.tension import stretches
 from engine.kernel.modes.mode_step import find_drift_momenta
@@ -103,7 +104,10 @@ def stays_open(state):
     """True if no contact can close within the sample whose free displacements are known."""
     for k in range(state.compression.shape[0]):
         s = state.compression[k]
-        if not max(s, s + state.free_displacement[k]) + state.refinement.closing_margin[k] < 0.0:  # NaN is refined
+        if slides(state.friction, k):
+            if acts(state.friction, k, s):
+                return False
+        elif not max(s, s + state.free_displacement[k]) + state.refinement.closing_margin[k] < 0.0:  # NaN is refined
             return False
     return True
 
@@ -119,7 +123,7 @@ def closes_in_sample(model, refinement, state):
     if not stays_open(state):
         return True
     for k in range(state.compression.shape[0]):
-        state.compression[k] += state.free_displacement[k]
+        state.compression[k] = open_compression(state.friction, k, state.compression[k], state.free_displacement[k])
     return False
 
 

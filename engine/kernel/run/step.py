@@ -16,6 +16,7 @@ from engine.kernel.interactions.connections import (
 )
 from engine.kernel.interactions.contact_forces import finish_contacts, push_by_contacts
 from engine.kernel.interactions.external_forces import finish_external_forces, push_by_external_forces
+from engine.kernel.interactions.friction import prepare_friction, work_of_surfaces
 from engine.kernel.interactions.stretching_bodies import push_stretched
 from engine.kernel.interactions.tension import stretches
 from engine.kernel.modes.mode_step import find_drift_momenta, forget_drift, reverse_momenta
@@ -37,6 +38,8 @@ def step(model, settings, state):
     h, work, lost = settings.h, 0.0, 0.0
     find_drift_momenta(h, settings.kind, state)
     is_forced = not settings.is_free and push_by_external_forces(model.force, h.force, settings.frame, state)
+    if not settings.is_free:
+        prepare_friction(model.contact, h.contact, state)
     touch = push_by_interactions(model.tension, model, settings, is_forced, state)
     if touch.status == SolveStatus.FAILED:
         reverse_motion(state)
@@ -45,6 +48,7 @@ def step(model, settings, state):
             if not touch.is_measured:
                 push_by_connections(model.connection, h, state)
             work = finish_external_forces(model.force, h.force, settings.frame, state)
+        work += work_of_surfaces(model.contact, h.contact, state)
         lost = move(model.connection, h, touch, is_forced, state)
         lost += finish_connections(model.connection, h, state) + finish_contacts(touch, state)
     return StepOutcome(touch.status != SolveStatus.FREE, touch.evaluations, lost, work)

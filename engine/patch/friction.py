@@ -1,0 +1,147 @@
+"""Friction in a patch: the table `[[friction]]`, and its rules.
+
+The kernels count points of friction with those of contacts (engine.kernel.interactions.friction), so that this table
+answers what assembly asks of a contact.
+"""
+
+from collections.abc import Iterator
+from typing import Any, ClassVar
+
+from pydantic import Field
+from pydantic_core import InitErrorDetails
+
+from engine.bodies.table import KeyPath, Name, Positions, Table, is_given, is_number, make_fault
+from engine.patch.positions import check_positions, count_positions
+from engine.wording import format_names, format_value
+
+Faults = Iterator[InitErrorDetails]
+
+CHANGED_KEYS = ("velocity", "force", "static", "dynamic", "speed", "memory", "bristle")  # in the order of Sliding
+
+
+class Friction(Table):
+    """Friction between a body and a surface that moves by itself, such as a bow, or between two bodies."""
+
+    name: Name | None = Field(default=None, description="name of it, which events and controls use")
+    body: Name = Field(description="body that is rubbed")
+    at: Positions = Field(
+        default=None, description="position on the body, or a list of positions: one point of friction at each"
+    )
+    on: Name | None = Field(default=None, description="second body, instead of a surface that moves by itself")
+    on_at: Positions = Field(default=None, description="position on the second body, or a list as long as `at`")
+    velocity: float = Field(
+        default=0.0, ge=-100.0, le=100.0, description="velocity of the surface, as of a bow, m/s; not with `on`"
+    )
+    force: float | None = Field(
+        default=None, ge=0.0, le=1e6, description="force that presses the surfaces together, N; or give a contact"
+    )
+    contact: Name | None = Field(default=None, description="name of the contact whose force presses them together")
+    static: float = Field(default=0.8, ge=0.0, le=10.0, description="coefficient of friction at rest")
+    dynamic: float = Field(default=0.3, ge=0.0, le=10.0, description="coefficient of friction in fast slip")
+    speed: float = Field(
+        default=0.1, ge=1e-4, le=100.0, description="speed of slip at which the coefficient is half-way, m/s"
+    )
+    memory: float = Field(
+        default=0.0, ge=0.0, le=0.1, description="time in which the coefficient follows the speed, s; 0: one sample"
+    )
+    bristle: float = Field(
+        default=1e5, ge=1.0, le=1e12, description="stiffness at which the surfaces stick to each other, N/m"
+    )
+
+    # what assembly asks of a contact, too
+    side: ClassVar[str] = "above"
+    exponent: ClassVar[float] = 1.0
+    loss: ClassVar[float] = 0.0
+    bridge: ClassVar[None] = None
+    frets: ClassVar[None] = None
+    gap: ClassVar[None] = None
+    barrier: ClassVar[None] = None
+
+    @property
+    def stiffness(self) -> float:
+        """Stiffness of the bristle, N/m."""
+        return self.bristle
+
+
+def check_friction(
+    path: KeyPath, table: dict[str, Any], bodies: dict[str, Any], contacts: dict[str, Any], accuracy: Any
+) -> Faults:
+    """Friction is pressed by a force or a contact, and its points are on its bodies."""
+    body, on = bodies.get(str(table.get("body"))), is_given(table, "on")
+    given = [key for key in ("force", "contact") if is_given(table, key)]
+    if len(given) != 1:
+        message = "force and contact are both given" if given else "neither force nor contact is given"
+        yield make_fault(path, table, message, "give the force in N, or the name of the contact that presses")
+    if on and is_given(table, "velocity"):
+        message = "velocity and on are both given"
+        yield make_fault((*path, "velocity"), table["velocity"], message, "a body moves by itself; give one of them")
+    yield from check_positions((*path, "at"), table, body, single=False)
+    if on:
+        yield from check_positions((*path, "on_at"), table, bodies.get(str(table["on"])), single=False)
+        if table["on"] == table.get("body") and table.get("at") == table.get("on_at"):
+            message = "a body cannot rub itself at one position"
+            yield make_fault((*path, "on"), table["on"], message, "name another body")
+    elif is_given(table, "on_at"):
+        yield make_fault((*path, "on_at"), table["on_at"], "on_at is given without on", "name the other body by on")
+    count = count_positions(table, "at", body)
+    other_count = count_positions(table, "on_at", bodies.get(str(table.get("on")))) if on else 1
+    if count > 1 and other_count > 1 and other_count != count:
+        remedy = "give as many positions on both bodies, or one on one of them"
+        yield make_fault((*path, "on_at"), table["on_at"], f"{other_count} positions for {count} in at", remedy)
+    yield from _check_coefficients(path, table)
+    yield from _check_pressing(path, table, contacts, max(count, other_count), bodies)
+    if isinstance(accuracy, dict) and is_number(accuracy.get("order")) and accuracy["order"] > 2:
+        message = "friction has order 2: in orders 4 and 6 some steps go back in time, where it would give energy"
+        yield make_fault(path, table, message, "give order = 2 under [accuracy], with substeps or a max_error")
+
+
+def _check_coefficients(path: KeyPath, table: dict[str, Any]) -> Faults:
+    """Friction is no stronger in slip than at rest."""
+    static, dynamic = (table.get(key, Friction.model_fields[key].default) for key in ("static", "dynamic"))
+    if is_number(static) and is_number(dynamic) and dynamic > static:
+        key = "dynamic" if is_given(table, "dynamic") else "static"
+        message = f"dynamic = {dynamic:g} is above static = {static:g}: it would stick harder when sliding"
+        yield make_fault((*path, key), table[key], message, "give a dynamic that is at most static")
+
+
+def _check_pressing(
+    path: KeyPath, table: dict[str, Any], contacts: dict[str, Any], count: int, bodies: dict[str, Any]
+) -> Faults:
+    """The contact that presses is there, and has one point, or as many as the friction."""
+    name = table.get("contact")
+    if not isinstance(name, str):
+        return
+    contact = contacts.get(name)
+    if contact is None:
+        message = f"no contact is named {format_value(name)}"
+        yield make_fault((*path, "contact"), name, message, f"the named contacts are {format_names(contacts)}")
+        return
+    if is_given(contact, "bridge") or is_given(contact, "frets"):
+        points = 0
+    else:
+        of_body = count_positions(contact, "at", bodies.get(str(contact.get("body"))))
+        points = max(of_body, count_positions(contact, "on_at", bodies.get(str(contact.get("on")))))
+    if points not in (1, count):
+        message = f"{format_value(name)} has {points or 'many'} points, and the friction {count}"
+        yield make_fault((*path, "contact"), name, message, "give a contact with one point, or as many")
+
+
+def check_change_of_friction(path: KeyPath, event: dict[str, Any], frictions: dict[str, Any]) -> Faults:
+    """An event changes what friction has."""
+    for key in ("stiffness", "exponent", "barrier", "gap", "damping_coefficient", "rest"):
+        if is_given(event, key):
+            remedy = f"give {', '.join(CHANGED_KEYS[:-1])} or {CHANGED_KEYS[-1]}"
+            yield make_fault((*path, key), event[key], f"friction has no {key}", remedy)
+    if not any(is_given(event, key) for key in CHANGED_KEYS):
+        remedy = f"give a new {', '.join(CHANGED_KEYS[:-1])} or {CHANGED_KEYS[-1]}"
+        yield make_fault(path, event, "nothing changes", remedy)
+    friction = frictions.get(str(event.get("friction")))
+    if friction is None:
+        message = f"no friction is named {format_value(event.get('friction'))}"
+        remedy = f"the named ones are {format_names(frictions)}"
+        yield make_fault((*path, "friction"), event.get("friction"), message, remedy)
+        return
+    for key, other, given in (("force", "contact", "contact"), ("velocity", "on", "second body")):
+        if is_given(event, key) and is_given(friction, other):
+            message = f"{format_value(event['friction'])} has a {given}, and no {key}"
+            yield make_fault((*path, key), event[key], message, "change another key")

@@ -100,10 +100,12 @@ def _moving_bodies(scene: Scene, seconds: float) -> list[str]:
     changed = {e.contact or e.connection for e in scene.event if isinstance(e, ChangeEvent) and e.time < seconds} - {
         None
     }
+    changing = {e.friction for e in scene.event if isinstance(e, ChangeEvent) and e.time < seconds}
     # what changes may push both its bodies
     joining = [c for c in [*scene.contact, *scene.connection] if c.name in changed]
     joining += [c for c in scene.connection if getattr(c, "rest", 0.0) != 0.0 and not getattr(c, "rigid", False)]
     names += [body for c in joining for body in (c.body, c.on) if body]
+    names += [f.body for f in scene.friction if f.velocity != 0.0 or (f.name is not None and f.name in changing)]
     return names + _struck_bodies(scene, seconds)
 
 
@@ -130,7 +132,8 @@ def _explain_pickup(scene: Scene, pickup: Pickup, moving: list[str], has_touched
     name = pickup.body
     connected = connected_bodies(scene, name)
     contacts = [c for c in scene.contact if c.body in connected and c.stiffness > 0.0]
-    if pickup.quantity == "force" and not any(name in (c.body, c.on) for c in contacts):
+    rubbed = {name for f in scene.friction for name in (f.body, f.on)}
+    if pickup.quantity == "force" and not any(name in (c.body, c.on) for c in contacts) and name not in rubbed:
         return (
             f'nothing touches "{name}", whose contact forces a pickup measures; give another quantity, or a [[contact]]'
         )

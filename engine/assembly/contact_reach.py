@@ -147,8 +147,8 @@ def contacts_to_build(system: ModalSystem, live: bool = False) -> list[int]:
     driven = {f.body for f in acting_forces(scene)} | {e.body for e in scene.event if isinstance(e, StrikeEvent)}
     driven |= {c.body for c in scene.connection if c.name in changed or not isinstance(c, SpringConnection)}
     driven |= {system.touching[k].body for k in contacts if system.touching[k].name in changed}
-    rubbing = {name for f in scene.friction for name in (f.body, f.on, f.contact)}  # what presses, too
-    driven |= rubbing | {c.body for c in scene.contact if c.name in rubbing}
+    pressing = {f.contact for f in scene.friction} - {None}
+    driven |= {f.body for f in scene.friction} | {c.body for c in scene.contact if c.name in pressing}
     if all({system.touching[k].body, system.touching[k].on} & driven for k in contacts):
         return contacts  # as of all that is driven
     islands, reachable = find_islands(system, contacts), list[int]()

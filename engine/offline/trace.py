@@ -1,6 +1,7 @@
 """Traces: every sample's displacements, forces and energies."""
 
 import json
+from collections.abc import Sequence
 from typing import NotRequired, TypedDict, cast
 
 import numpy as np
@@ -9,10 +10,13 @@ from engine.assembly.build import trace_points
 from engine.assembly.layout import Layout
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import Trace
+from engine.patch.friction import Friction
 from engine.patch.scene import Scene
+from engine.patch.tables import Contact
 
 ENERGIES = "kinetic", "potential", "contact", "dissipated", "supplied", "total"
 UNITS = {"time": "s", "displacement": "m", "velocity": "m/s", "compression": "m", "force": "N", "iterations": "1"}
+FRICTION_UNITS = {"slip": "m/s", "friction": "N", "sticks": "1", "friction_positions": "1"}
 UNITS |= {**dict.fromkeys(ENERGIES, "J"), "samplerate": "Hz", "positions": "1", "contact_positions": "1"}
 
 
@@ -30,6 +34,10 @@ class TraceArrays(TypedDict):
     bodies, contacts: the names of the columns
     positions:    [bodies], as JSON: a place as in a patch, `null` of a body of one mode; "" where a body is not traced
     contact_positions: [contacts], as JSON: the place on the body, and on the other
+    slip:         [n, frictions], m/s: how fast surfaces slip past each other; this and the next five with friction
+    friction:     [n, frictions], N; the mean over the step that ends at the sample
+    sticks:       [n, frictions]: true where surfaces are pressed together and do not slip
+    frictions, friction_positions: as of contacts
     samplerate:   Hz, of the trace: oversampled, it is higher than that of the sound
     units:        [arrays, 2]: name and unit
     shape_time:   [m], s; this and what follows with trace_shapes
@@ -56,6 +64,11 @@ class TraceArrays(TypedDict):
     positions: np.ndarray
     contacts: np.ndarray
     contact_positions: np.ndarray
+    slip: NotRequired[np.ndarray]
+    friction: NotRequired[np.ndarray]
+    sticks: NotRequired[np.ndarray]
+    frictions: NotRequired[np.ndarray]
+    friction_positions: NotRequired[np.ndarray]
     samplerate: np.ndarray
     units: np.ndarray
     shape_time: NotRequired[np.ndarray]
@@ -85,8 +98,8 @@ def name_columns(trace: Trace, layout: Layout, samplerate: int) -> TraceArrays:
     frames = trace.iterations.size
     body = np.argsort(layout.islands.body_order)
     begin = column_begins(layout)
-    total = begin[-1]
-    compression, force = np.full((frames, total), np.nan), np.zeros((frames, total))  # NaN: not built
+    contacts = begin[len(layout.scene.contact)]
+    compression, force = np.full((frames, begin[-1]), np.nan), np.zeros((frames, begin[-1]))  # NaN: not built
     for place, (k, _) in enumerate(layout.islands.contact_points):
         compression[:, begin[k]], force[:, begin[k]] = trace.compression[:, place], trace.force[:, place]
         begin[k] += 1
@@ -94,37 +107,54 @@ def name_columns(trace: Trace, layout: Layout, samplerate: int) -> TraceArrays:
         "time": np.arange(frames) / samplerate,
         "displacement": trace.displacement[:, body],
         "velocity": trace.velocity[:, body],
-        "compression": compression,
-        "force": force,
+        "compression": compression[:, :contacts],
+        "force": force[:, :contacts],
         **{name: getattr(trace, name) for name in ("iterations", *ENERGIES[:-1])},
         "total": trace.kinetic + trace.potential + trace.contact,
         **column_labels(layout),
+        **(friction_arrays(layout, compression[:, contacts:], force[:, contacts:]) if layout.scene.friction else {}),
         "samplerate": np.array(samplerate),
-        "units": np.array([*UNITS.items()]),
+        "units": np.array([*(UNITS | (FRICTION_UNITS if layout.scene.friction else {})).items()]),
     }
     return cast(TraceArrays, arrays)
 
 
 def column_begins(layout: Layout) -> list[int]:
-    """The first column of each contact of the patch, and how many columns there are."""
-    counts = [len(layout.points_of(contact)) for contact in layout.scene.contact]
+    """The first column of each contact of the patch, and then of friction; and how many columns there are."""
+    counts = [len(layout.points_of(table)) for table in layout.touching]
     return [0, *np.cumsum(counts, dtype=int).tolist()]
+
+
+def friction_arrays(layout: Layout, slip: np.ndarray, force: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the arrays of friction by their public names. slip, force: [n, points]"""
+    names = [table.name or f"friction.{k}" for k, table in enumerate(layout.scene.friction)]
+    labels, places = label_points(layout, names, layout.scene.friction)
+    sticks = (force != 0.0) & (slip == 0.0)
+    return {"slip": slip, "friction": force, "sticks": sticks, "frictions": labels, "friction_positions": places}
+
+
+def label_points(
+    layout: Layout, names: Sequence[str], tables: Sequence[Contact | Friction]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the label of each point of tables with these names, and its positions as JSON."""
+    labels, places = list[str](), list[str]()
+    for name, table in zip(names, tables, strict=True):
+        points = layout.points_of(table)
+        labels += [name] if len(points) == 1 else [f"{name}.{n}" for n in range(len(points))]
+        places += [json.dumps([point.at, point.on_at]) for point in points]
+    return np.array(labels, dtype=str), np.array(places, dtype=str)
 
 
 def column_labels(layout: Layout) -> dict[str, np.ndarray]:
     """Return the labels of the columns of a trace: names of bodies and contacts, and positions as JSON."""
     scene, points = layout.scene, trace_points(layout)
     places = {p.body: json.dumps(p.position) for p in points if p.body is not None}
-    contacts, contact_places = list[str](), list[str]()
-    for name, contact in zip(contact_names(scene), scene.contact, strict=True):
-        joined = layout.points_of(contact)
-        contacts += [name] if len(joined) == 1 else [f"{name}.{n}" for n in range(len(joined))]
-        contact_places += [json.dumps([point.at, point.on_at]) for point in joined]
+    contacts, contact_places = label_points(layout, contact_names(scene), scene.contact)
     return {
         "bodies": np.array([body.name for body in scene.body], dtype=str),
         "positions": np.array([places.get(body.name, "") for body in scene.body], dtype=str),
-        "contacts": np.array(contacts, dtype=str),
-        "contact_positions": np.array(contact_places, dtype=str),
+        "contacts": contacts,
+        "contact_positions": contact_places,
     }
 
 

@@ -5,7 +5,7 @@ PAGE = "docs/limits.md"
 # what is said, the section of the page, and the words that it answers
 _ANSWERS: tuple[tuple[str, str, str], ...] = (
     (
-        'stick-slip friction is not modelled, so there is no bow; a [[force]] has kind = "noise"',
+        "[[friction]] is a bow, or another surface that rubs: give it a body, a velocity, and a force or a contact",
         "friction",
         "bow bowed bowing friction rosin rub rubbing scrape stick_slip",
     ),

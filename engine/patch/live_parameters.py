@@ -86,8 +86,7 @@ def _glided(section: str, table: Any, variable_exponents: bool) -> Iterator[str]
     if table.__class__ is SpringConnection and table.name is not None and not table.rigid:
         yield from GLIDED_KEYS["connection"]
     if section == "friction" and table.name is not None:
-        absent = ("velocity",) if table.on is not None else ()
-        absent += ("force",) if table.contact is not None else ()
+        absent = {"velocity" if table.on is not None else "", "force" if table.contact is not None else ""}
         yield from (key for key in CHANGED_KEYS if key not in absent)
     if section == "contact" and table.name is not None and table.stiffness > 0.0:
         yield "stiffness"

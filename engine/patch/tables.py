@@ -338,9 +338,7 @@ class ChangeEvent(_EventTable):
     )
     force: float | None = Field(default=None, ge=0.0, le=1e6, description="new force that presses surfaces, N")
     static: float | None = Field(default=None, ge=0.0, le=10.0, description="new coefficient of friction at rest")
-    dynamic: float | None = Field(
-        default=None, ge=0.0, le=10.0, description="new coefficient of friction in fast slip"
-    )
+    dynamic: float | None = Field(default=None, ge=0.0, le=10.0, description="new coefficient of friction in fast slip")
     speed: float | None = Field(
         default=None, ge=1e-4, le=100.0, description="new speed of slip at which the coefficient is half-way, m/s"
     )

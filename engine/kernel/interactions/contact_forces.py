@@ -187,9 +187,7 @@ def open_contacts(reach, state):
     """Store the compressions at the end of a step in which all contacts are open, and forces of zero."""
     for n in range(reach.size):
         k = contact_number(reach.numbers, n)
-        state.compression[k] = open_compression(
-            reach.law.friction, n, reach.compression[n], reach.free_displacement[n]
-        )
+        state.compression[k] = open_compression(reach.law.friction, n, reach.compression[n], reach.free_displacement[n])
         state.contact_force[k] = 0.0
 
 

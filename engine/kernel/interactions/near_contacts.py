@@ -318,8 +318,8 @@ def is_left_out(connection_state, k):
 
 @inline
 def compression_now(contact, connection_state, state, k, frame):
-    """Return compression k, m; of friction, the slip, m/s. Where a contact is known to stay open, its compression is not
-    kept, and is read from the modes. connection_state: ConnectionState or None"""
+    """Return compression k, m; of friction, the slip, m/s. Where a contact is known to stay open, its compression is
+    not kept, and is read from the modes. connection_state: ConnectionState or None"""
     if contact is not None:
         if slides(state.friction, k):
             return slip_at(state.friction, k)

@@ -318,9 +318,7 @@ def store_forces_of_contacts(contact, connection, h, forces, state):
     """Do this in a step in which contacts may close. h: StepCoefficients"""
     if forces.status == SolveStatus.FREE:
         for k in range(state.compression.shape[0]):
-            state.compression[k] = open_compression(
-                state.friction, k, state.compression[k], state.free_displacement[k]
-            )
+            state.compression[k] = open_compression(state.friction, k, state.compression[k], state.free_displacement[k])
         return 0.0, 0.0
     return store_one_or_several(contact, connection, h, h.contact.coupling, forces, state)
 

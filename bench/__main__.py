@@ -28,7 +28,7 @@ MEASUREMENTS = {  # in this order
         *("realtime", "instruments", "keyboards", "scaling", "connections", "effects", "start", "tricks", "live"),
         "endurance",
     ],
-    "accuracy": ["price", "jvari", "metric", "hard", "one_way"],
+    "accuracy": ["price", "jvari", "metric", "hard", "one_way", "bowing"],
     "paper": ["newton", "figures", "equations"],
     "rivals": ["peers"],
     "ruler": ["ruler", "slope", "loss", "chosen"],

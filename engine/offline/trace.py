@@ -35,7 +35,7 @@ class TraceArrays(TypedDict):
     positions:    [bodies], as JSON: a place as in a patch, `null` of a body of one mode; "" where a body is not traced
     contact_positions: [contacts], as JSON: the place on the body, and on the other
     slip:         [n, frictions], m/s: how fast surfaces slip past each other; this and the next five with friction
-    friction:     [n, frictions], N; the mean over the step that ends at the sample
+    friction:     [n, frictions], N, on the body, upwards; the mean over the step that ends at the sample
     sticks:       [n, frictions]: true where surfaces are pressed together and do not slip
     frictions, friction_positions: as of contacts
     samplerate:   Hz, of the trace: oversampled, it is higher than that of the sound
@@ -130,7 +130,7 @@ def friction_arrays(layout: Layout, slip: np.ndarray, force: np.ndarray) -> dict
     names = [table.name or f"friction.{k}" for k, table in enumerate(layout.scene.friction)]
     labels, places = label_points(layout, names, layout.scene.friction)
     sticks = (force != 0.0) & (slip == 0.0)
-    return {"slip": slip, "friction": force, "sticks": sticks, "frictions": labels, "friction_positions": places}
+    return {"slip": slip, "friction": 0.0 - force, "sticks": sticks, "frictions": labels, "friction_positions": places}
 
 
 def label_points(

@@ -89,7 +89,7 @@ class String(LineBody):
             remedy = "young in Pa and core_diameter in m go together"
             yield make_fault(path, table, f"no {missing} is given", remedy)
         for key in ("polarisation_detuning", "polarisation_angle"):
-            if is_given(table, key) and table.get("polarisations", 1) == 1:
+            if table.get(key) and table.get("polarisations", 1) == 1:
                 yield make_fault((*path, key), table[key], "it has one polarisation", "give polarisations = 2")
         length, frequency = table.get("length"), table.get("frequency")
         density, mass = table.get("linear_density"), table.get("mass")

@@ -73,7 +73,7 @@ def check_rules(data: dict[str, Any]) -> Faults:
 
 def _check_angle(path: KeyPath, table: dict[str, Any], body: dict[str, Any] | None) -> Faults:
     """Only a string with two polarisations has another direction."""
-    if not is_given(table, "angle") or kind_of(body) is None or body is None:
+    if not table.get("angle") or kind_of(body) is None or body is None:
         return
     if table.get("quantity") in ("force", "end_force"):
         yield make_fault(path, table["angle"], f"{table['quantity']} and angle are both given", "leave out the angle")

@@ -88,33 +88,37 @@ ANGLE, CENTS, PLUCKED = 0.5, 3.0, 0.7  # rad, cents, rad
 SECOND = 261.6 * 2 ** (CENTS / 1200)
 SHARES = {"s": math.cos(ANGLE), "t": math.sin(ANGLE)}
 TWO = {"polarisations": 2, "polarisation_detuning": CENTS, "polarisation_angle": ANGLE}
-GLIDE = {"kind": "change", "time": 0.05, "duration": 0.02}
 
 
-@pytest.mark.parametrize("modes", [{}, {"modes": 20}])
-@pytest.mark.parametrize("glide", [None, {"frequency": 270.0}])
-def test_two_polarisations_are_two_strings_that_share_a_bridge(modes, glide):
+@pytest.mark.parametrize(
+    ("modes", "ends", "frequency"),
+    [
+        ({}, [{}], None),
+        ({"modes": 20}, [{}], 270.0),
+        ({"modes": 20}, [{}, {"at": 0.0, "on_at": [0.6, 0.7], "share": -0.5}], None),
+        ({}, [{"one_way": True}], None),
+    ],
+)
+def test_two_polarisations_are_two_strings_that_share_a_bridge(modes, ends, frequency):
     """A hammer strikes the first, and a finger plucks both at an angle; their pitch glides together."""
-    common = {"contact": [FELT]}
-    changes = [GLIDE | {"parameter": f"body.s.{key}", "value": value} for key, value in (glide or {}).items()]
+    glide = {"kind": "change", "time": 0.05, "duration": 0.02, "parameter": "body.s.frequency", "value": frequency}
+    ratio = SECOND / 261.6
     one = rendered(
         [HEARD, {"body": "s", "at": 0.3, "angle": math.pi / 2}, {"body": "s", "at": 1.0, "quantity": "end_force"}],
         body=[string(**modes, **TWO), BOARD, HAMMER],
-        connection=[end()],
+        contact=[FELT],
+        connection=[end(**keys) for keys in ends],
         force=[pluck("s", 5.0, angle=PLUCKED)],
-        event=changes,
-        **common,
+        event=[glide] if frequency else [],
     )
-    ratio = SECOND / 261.6
-    changes += [c | {"parameter": c["parameter"].replace(".s.", ".t."), "value": ratio * c["value"]} for c in changes]
-    ends = [{"body": b, "at": 1.0, "quantity": "end_force", "gain": x, "channel": 3} for b, x in SHARES.items()]
+    forces = [{"body": b, "at": 1.0, "quantity": "end_force", "gain": x, "channel": 3} for b, x in SHARES.items()]
     two = rendered(
-        [HEARD, {"body": "t", "at": 0.3}, *ends],
+        [HEARD, {"body": "t", "at": 0.3}, *forces],
         body=[string(**modes), string("t", **modes | {"frequency": SECOND}), BOARD, HAMMER],
-        connection=[end(name, share=share) for name, share in SHARES.items()],
+        contact=[FELT],
+        connection=[end(b, **keys | {"share": x * keys.get("share", 1.0)}) for b, x in SHARES.items() for keys in ends],
         force=[pluck("s", 5.0 * math.cos(PLUCKED)), pluck("t", 5.0 * math.sin(PLUCKED))],
-        event=changes,
-        **common,
+        event=[glide, glide | {"parameter": "body.t.frequency", "value": ratio * frequency}] if frequency else [],
     )
     for channel in range(3):
         assert_same(one[:, channel], two[:, channel])

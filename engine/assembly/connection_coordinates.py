@@ -9,9 +9,11 @@ point, and the force w = Σ ωₙ·cₙ·aₙ of all strings that end there. A s
 when its end is at y. With both ends moving, it holds Σ ½·(ωₙ·aₙ + c⁰ₙ·y₀ + c¹ₙ·y₁)² + T/(2L)·(y₁ - y₀)². Where it
 stretches (engine.kernel.interactions.tension), its length is measured from the line between its ends:
 Σ κₙ·(aₙ + c̃ₙ·y)² + y²/L, c̃ₙ = μ·φₙ'(L)/βₙ². Each such end has a third coordinate, the slope Σ κₙ·c̃ₙ·aₙ, here over
-Σ κₙ·c̃ₙ² + 1/L, which makes it a length. The arrays
-hold w/κ in place of w, with κ = Σ (Σ cₙ² + T/L) over the strings. It is a length, as y is: with numbers of unlike size
-the factors would be less exact.
+Σ κₙ·c̃ₙ² + 1/L, which makes it a length. An end with a `share` x follows x·y: in all of this x·y is in place of y, and
+a string with two polarisations has the modes of both, which follow y·cos θ and y·sin θ (engine.bodies.string).
+
+The arrays hold w/κ in place of w, with κ = Σ (Σ cₙ² + T/L) over the strings. It is a length, as y is: with numbers of
+unlike size the factors would be less exact.
 
 Connection coordinates of the air that sheets press on (docs/design.md, "Air").
 
@@ -39,6 +41,7 @@ from engine.patch.scene import Scene
 from engine.patch.tables import AirConnection, ChangeEvent, Connection, EndConnection, SpringConnection
 
 SMALLEST_SINGULAR_VALUE = 1e-5  # of the largest: beyond, a share of 1e-10 of the stiffness of a support is left out
+SMALLEST_SHARE = 1e-6  # of a displacement that an end follows: with less, it is fixed
 REDUNDANT = 1e-9  # of a rigid joint: what is left of it beside others, below which they hold it already
 
 
@@ -56,9 +59,15 @@ def used_connections(scene: Scene) -> set[int]:
     def joins(c: Connection) -> bool:
         if isinstance(c, SpringConnection):
             return bool(c.rigid or c.stiffness or c.damping_coefficient or c.name in changed)
-        return not (isinstance(c, EndConnection) and c.one_way)  # which engine.assembly.one_way_drive has
+        return not isinstance(c, EndConnection) or (not c.one_way and abs(c.share) > SMALLEST_SHARE)
 
     return {k for k, c in enumerate(scene.connection) if joins(c)}
+
+
+def moving_ends(scene: Scene) -> Iterator[tuple[int, EndConnection]]:
+    """Yield the ends of strings that bodies carry, with their numbers; engine.assembly.one_way_drive has others."""
+    used = used_connections(scene)
+    yield from ((k, c) for k, c in enumerate(scene.connection) if k in used and isinstance(c, EndConnection))
 
 
 def changed_connections(scene: Scene) -> set[str | None]:
@@ -170,21 +179,21 @@ def _string_ends(system: ModalSystem, island_of: Sequence[int]) -> Iterator[Coor
     """Yield the coordinates of the ends of strings that can move: of each island, two for each point that carries ends,
     w and y."""
     islands: dict[int, dict[tuple[str, str], list[tuple[int, EndConnection]]]] = {}  # ends by the point
-    for k, c in enumerate(system.scene.connection):
-        if isinstance(c, EndConnection) and not c.one_way:
-            points = islands.setdefault(island_of[system.body_index[c.on]], {})
-            points.setdefault((c.on, repr(c.on_at)), []).append((k, c))
+    for k, c in moving_ends(system.scene):
+        points = islands.setdefault(island_of[system.body_index[c.on]], {})
+        points.setdefault((c.on, repr(c.on_at)), []).append((k, c))
     for points in islands.values():
         coupling = np.zeros((2 * len(points), 2 * len(points)))
-        ends_of: dict[str, list[tuple[int, float]]] = {}  # of a string: the coordinate y, and which end
+        ends_of: dict[str, list[tuple[int, EndConnection]]] = {}  # of a string: the coordinate y, and the end
         for y, ends in zip(range(1, len(coupling), 2), points.values(), strict=True):
             for _, c in ends:
-                ends_of.setdefault(c.body, []).append((y, c.at))
-        row_of = {(string, a): end_row(system, string, a) for string, moving in ends_of.items() for _, a in moving}
+                ends_of.setdefault(c.body, []).append((y, c))
+        row_of = {(c.body, c.at): c.share * end_row(system, c.body, c.at) for e in points.values() for _, c in e}
         for string, moving in ends_of.items():
             for i, a in moving:
                 for j, b in moving:
-                    coupling[i, j] += end_stiffness(system, string, row_of[string, a], row_of[string, b], a == b)
+                    rows_of_both = row_of[string, a.at], row_of[string, b.at]
+                    coupling[i, j] += end_stiffness(system, string, *rows_of_both, a.share * b.share, a.at == b.at)
         items: list[Coordinate] = []
         for y, ends in zip(range(1, len(coupling), 2), points.values(), strict=True):
             rows: dict[int, Any] = {}
@@ -197,7 +206,7 @@ def _string_ends(system: ModalSystem, island_of: Sequence[int]) -> Iterator[Coor
             coupling[y - 1, y] = coupling[y, y - 1] = coupling[y, y]
         for y, ends in zip(range(1, len(coupling), 2), points.values(), strict=True):
             for k, c in ends:
-                if (row := slope_row(system, c.body, c.at)) is not None:
+                if (row := slope_row(system, c)) is not None:
                     behind, parts = len(items) - y, {system.body_index[c.body]: row}
                     items.append(Coordinate(f"connection[{k}]", k, parts, slope_of=(k, behind)))
         yield Coordinates(items, np.pad(coupling, (0, len(items) - len(coupling))))
@@ -212,25 +221,26 @@ def find_stretching(system: ModalSystem, name: str) -> Stretching | None:
     return None if stretching is None else stretching._replace(kappa=np.concatenate([stretching.kappa, np.zeros(more)]))
 
 
-def stretch_of_ends(system: ModalSystem, name: str, a: float, b: float) -> float:
-    """Return what displacements of two ends of a string, or of one with itself, stretch it, per product, 1/m:
-    Σ κₙ·c̃ₙ·c̃ₙ ± 1/L."""
+def stretch_of_ends(system: ModalSystem, a: EndConnection, b: EndConnection) -> float:
+    """Return what displacements of the bodies at two ends of a string, or at one, stretch it, per product, 1/m:
+    x·x·(Σ κₙ·c̃ₙ·c̃ₙ ± 1/L), with the shares x of both."""
+    name = a.body
     string, stretching = system.scene.body[system.body_index[name]], find_stretching(system, name)
     assert isinstance(string, String) and stretching is not None
-    square = system.modal_bodies[system.body_index[name]].omega ** 4
-    product = float(np.sum(stretching.kappa * end_row(system, name, a) * end_row(system, name, b) / square))
-    return product + (1.0 if a == b else -1.0) / string.length
+    square, shares = system.modal_bodies[system.body_index[name]].omega ** 4, a.share * b.share
+    product = float(np.sum(stretching.kappa * end_row(system, name, a.at) * end_row(system, name, b.at) / square))
+    return shares * (product + (1.0 if a.at == b.at else -1.0) / string.length)
 
 
-def slope_row(system: ModalSystem, name: str, end: float) -> np.ndarray | None:
-    """Return Σ κₙ·c̃ₙ·aₙ over Σ κₙ·c̃ₙ² + 1/L as a row over the modes of a string [modes], 1/√kg; None if it does not
-    stretch."""
-    stretching = find_stretching(system, name)
+def slope_row(system: ModalSystem, end: EndConnection) -> np.ndarray | None:
+    """Return x·Σ κₙ·c̃ₙ·aₙ over x²·(Σ κₙ·c̃ₙ² + 1/L) as a row over the modes of a string [modes], 1/√kg; None if it does
+    not stretch."""
+    stretching = find_stretching(system, end.body)
     if stretching is None:
         return None
-    omega = system.modal_bodies[system.body_index[name]].omega
-    weighted = stretching.kappa * end_row(system, name, end) / omega**2
-    return np.asarray(weighted / stretch_of_ends(system, name, end, end))
+    omega = system.modal_bodies[system.body_index[end.body]].omega
+    weighted = stretching.kappa * (end.share * end_row(system, end.body, end.at)) / omega**2
+    return np.asarray(weighted / stretch_of_ends(system, end, end))
 
 
 def end_row(system: ModalSystem, name: str, end: float) -> np.ndarray:
@@ -241,12 +251,14 @@ def end_row(system: ModalSystem, name: str, end: float) -> np.ndarray:
     return np.concatenate([string.end_row(modal.omega[: modal.omega.size - more], end), np.zeros(more)])
 
 
-def end_stiffness(system: ModalSystem, name: str, a: np.ndarray, b: np.ndarray, is_same: bool) -> float:
-    """Return the stiffness in V between two ends of a string, or of one end with itself, N/m: Σ cₙ·cₙ ± T/L. a, b: rows
-    of the ends"""
+def end_stiffness(system: ModalSystem, name: str, a: np.ndarray, b: np.ndarray, shares: float, is_same: bool) -> float:
+    """Return the stiffness in V between two ends of a string, or of one end with itself, N/m: Σ cₙ·cₙ ± x·x·T/L.
+
+    a, b: rows of the ends, with their shares x; shares: the product of both
+    """
     string, omega = system.scene.body[system.body_index[name]], system.modal_bodies[system.body_index[name]].omega
     assert isinstance(string, String)
-    tension = float(string.tension_and_bending()[0] / string.length)
+    tension = float(shares * string.end_tension() / string.length)
     product = float(np.sum(a * b / omega**2))
     return product + (tension if is_same else -tension)
 
@@ -256,9 +268,10 @@ def end_force_parts(system: ModalSystem, name: str, end: float) -> list[tuple[st
     that carry its ends [(name of the body, row [modes], N/(√kg·m))]."""
     row = end_row(system, name, end)
     parts = [(name, -row)]
-    for c in system.scene.connection:
-        if isinstance(c, EndConnection) and c.body == name and not c.one_way:
-            stiffness = end_stiffness(system, name, row, end_row(system, name, c.at), end == c.at)
+    for _, c in moving_ends(system.scene):
+        if c.body == name:
+            other = c.share * end_row(system, name, c.at)
+            stiffness = end_stiffness(system, name, row, other, c.share, end == c.at)
             parts.append((c.on, -stiffness * system.shape(c.on, c.on_at)))
     return parts
 

@@ -27,6 +27,7 @@ class BodyPoint(NamedTuple):
     position: Any
     factor: float
     phi: np.ndarray | None = None  # the mode shapes there [modes], 1/√kg, if they are not those of the body
+    angle: float = 0.0  # rad: direction of motion, of a string with two polarisations
 
 
 NOWHERE = BodyPoint(None, None, 0.0)

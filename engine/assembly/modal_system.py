@@ -1,5 +1,6 @@
 """A scene with its bodies as modes."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -38,7 +39,21 @@ class ModalSystem:
             return np.empty(0)
         if point.phi is not None:
             return point.phi
-        return point.factor * self.modal_bodies[self.body_index[point.body]].shape(point.position)
+        shape = self.modal_bodies[self.body_index[point.body]].shape(point.position)
+        return point.factor * self.turn_shape(point.body, shape, point.angle)
+
+    def turn_shape(self, name: str, shape: np.ndarray, angle: float) -> np.ndarray:
+        """Return the mode shapes of a string in another direction than its first polarisation [modes], 1/√kg.
+
+        shape: in its first polarisation, whose modes alternate with those of the second (engine.bodies.string)
+        angle: between the two directions, rad
+        """
+        if angle == 0.0:
+            return shape
+        modal, across = self.modal_bodies[self.body_index[name]], np.zeros(shape.size)
+        built = shape.size - modal.residual - modal.silent
+        across[1:built:2] = shape[0:built:2]
+        return np.asarray(math.cos(angle) * shape + math.sin(angle) * across)
 
     def same_bodies(self, scene: Scene) -> dict[int, ModalBody]:
         """Return the modal bodies that another scene has too, by their numbers. Contacts at other places change the
@@ -56,4 +71,4 @@ class ModalSystem:
     def point_of(self, table: Any) -> BodyPoint:
         """Return the point of a body at which a force or a pickup acts."""
         body = self.scene.body[self.body_index[table.body]]
-        return BodyPoint(table.body, body.split_positions(table.at)[0], 1.0)
+        return BodyPoint(table.body, body.split_positions(table.at)[0], 1.0, angle=getattr(table, "angle", 0.0))

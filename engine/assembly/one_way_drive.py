@@ -23,6 +23,7 @@ class Drive(NamedTuple):
     connection: int  # its number
     string: str
     end: float  # 0 or 1
+    share: float  # of the string's force that drives the body
     body: str
     at: Any  # position on the body
     point: int  # number of the point that it drives
@@ -36,7 +37,7 @@ def find_drives(scene: Scene) -> list[Drive]:
     for k, c in enumerate(scene.connection):
         if isinstance(c, EndConnection) and c.one_way:
             point = numbers.setdefault((c.on, repr(c.on_at)), len(numbers))
-            drives.append(Drive(k, c.body, c.at, c.on, c.on_at, point))
+            drives.append(Drive(k, c.body, c.at, c.share, c.on, c.on_at, point))
     return drives
 
 

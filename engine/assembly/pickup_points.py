@@ -33,6 +33,7 @@ class DrivePickup(NamedTuple):
 
     body: str
     at: float
+    share: float  # of the force that drives the body
     point: int  # number of the point that it drives
     quantity: str = "end_force"
 
@@ -50,7 +51,7 @@ class HeardPoint(NamedTuple):
 def heard_points(system: ModalSystem, islands: Islands, modes: Modes) -> list[HeardPoint]:
     """Return the terms of the signals of all pickups, and of the forces by which strings drive bodies, by island."""
     pickups: list[Pickup | DrivePickup] = list(system.scene.pickup)
-    pickups += [DrivePickup(drive.string, drive.end, drive.point) for drive in find_drives(system.scene)]
+    pickups += [DrivePickup(drive.string, drive.end, drive.share, drive.point) for drive in find_drives(system.scene)]
     pickups.sort(key=lambda pickup: islands.of_body[system.body_index[pickup.body]])
     return [
         HeardPoint(pickup, row, QUANTITIES[pickup.quantity or "velocity"], channel, gain)
@@ -63,7 +64,7 @@ def heard_points(system: ModalSystem, islands: Islands, modes: Modes) -> list[He
 def channel_gains(pickup: Pickup | DrivePickup) -> list[tuple[int, float]]:
     """Return the channels of a pickup, from 0, with its gain on each. A pan shares its power between two."""
     if isinstance(pickup, DrivePickup):
-        return [(-1 - pickup.point, 1.0)]
+        return [(-1 - pickup.point, pickup.share)]
     if pickup.pan is None:
         return [(channel - 1, pickup.gain) for channel in pickup.channels]
     angle = (pickup.pan + 1) * math.pi / 4
@@ -88,8 +89,9 @@ def _points(system: ModalSystem, pickup: Pickup | DrivePickup) -> list[BodyPoint
             row = body.area() * _mean_shape(modal, places)
         return [BodyPoint(pickup.body, None, 1.0, AIR_DENSITY / (2 * math.pi * (pickup.distance or 1.0)) * row)]
     if len(places) == 1:
-        return [BodyPoint(pickup.body, places[0], 1.0)]
-    return [BodyPoint(pickup.body, None, 1.0, _mean_shape(modal, places))]
+        return [BodyPoint(pickup.body, places[0], 1.0, angle=pickup.angle)]
+    mean = system.turn_shape(pickup.body, _mean_shape(modal, places), pickup.angle)
+    return [BodyPoint(pickup.body, None, 1.0, mean)]
 
 
 def _mean_shape(body: ModalBody, places: list[object]) -> np.ndarray:

@@ -62,14 +62,14 @@ class MovingEnds(NamedTuple):
 def _moving_ends(layout: Layout, b: int) -> MovingEnds:
     """Return the ends of a string that move, none of another body."""
     items, scene = layout.islands.coordinates[layout.islands.of_body[b]].items, layout.scene
-    name, places, at = scene.body[b].name, list[int](), list[float]()
+    name, places, ends = scene.body[b].name, list[int](), list[EndConnection]()
     for i, item in enumerate(items):
         end = None if item.slope_of is None else scene.connection[item.slope_of[0]]
         if item.slope_of is not None and isinstance(end, EndConnection) and end.body == name:
             places += [i, i - item.slope_of[1]]
-            at.append(end.at)
-    factors = [stretch_of_ends(layout, name, end, end) for end in at] + [0.0] * (2 - len(at))
-    factors.append(stretch_of_ends(layout, name, *at) if len(at) == 2 else 0.0)
+            ends.append(end)
+    factors = [stretch_of_ends(layout, end, end) for end in ends] + [0.0] * (2 - len(ends))
+    factors.append(stretch_of_ends(layout, *ends) if len(ends) == 2 else 0.0)
     return MovingEnds(places + [-1] * (4 - len(places)), factors)
 
 

@@ -1,4 +1,9 @@
-"""Stiff strings."""
+"""Stiff strings.
+
+A string with two polarisations has the modes of both directions in turn: the first of one, the first of the other, the
+second of one, and so on. Whatever touches it moves the first; where an end rides on a body that moves by y, it moves
+by y·cos θ in the first direction and by y·sin θ in the second, θ the `polarisation_angle`.
+"""
 
 import math
 from collections.abc import Iterator
@@ -9,8 +14,9 @@ import numpy as np
 from pydantic import Field
 from pydantic_core import InitErrorDetails
 
-from engine.bodies.body import MAX_MODES
+from engine.bodies.body import MAX_MODES, ModalBody
 from engine.bodies.distributed import LineBody, ModeSet, StaticModes, mode_numbers
+from engine.bodies.initial_shape import InitialShape
 from engine.bodies.stretching import Stretching, axial_stiffness
 from engine.bodies.table import KeyPath, are_positive, is_given, make_fault
 
@@ -35,6 +41,19 @@ class String(LineBody):
         default=None, ge=0.0, le=1e15, description="Young's modulus of the core, Pa; with core_diameter, instead of EA"
     )
     core_diameter: float | None = Field(default=None, gt=0.0, le=1.0, description="diameter of the core, m")
+
+    polarisations: int = Field(
+        default=1, ge=1, le=2, description="number of directions in which it moves; contacts act in the first"
+    )
+    polarisation_detuning: float = Field(
+        default=0.0, ge=-100.0, le=100.0, description="pitch of the second polarisation above the first, cents"
+    )
+    polarisation_angle: float = Field(
+        default=0.0,
+        ge=-100.0,
+        le=100.0,
+        description="angle between the first polarisation and the motion of a body that carries an end, rad",
+    )
 
     EXACTLY_ONE_OF: ClassVar[list[tuple[str, ...]]] = [
         ("linear_density", "mass", "linear_density in kg/m or mass in kg"),
@@ -69,6 +88,9 @@ class String(LineBody):
             missing = "core_diameter" if is_given(table, "young") else "young"
             remedy = "young in Pa and core_diameter in m go together"
             yield make_fault(path, table, f"no {missing} is given", remedy)
+        for key in ("polarisation_detuning", "polarisation_angle"):
+            if table.get(key) and table.get("polarisations", 1) == 1:
+                yield make_fault((*path, key), table[key], "it has one polarisation", "give polarisations = 2")
         length, frequency = table.get("length"), table.get("frequency")
         density, mass = table.get("linear_density"), table.get("mass")
         given = [length, frequency, mass if density is None else density]
@@ -82,38 +104,77 @@ class String(LineBody):
             yield make_fault((*path, "frequency"), frequency, message, f"at most {MAX_TENSION:g} N are possible")
 
     def find_stretching(self, omega: np.ndarray) -> Stretching | None:
-        """K = EA/(2L), κ = β²/μ (Kirchhoff 1883, Carrier 1945)."""
+        """K = EA/(2L), κ = β²/μ (Kirchhoff 1883, Carrier 1945); both polarisations have one tension."""
         stiffness = self.axial_stiffness or 0.0
         if self.young is not None:
             stiffness = axial_stiffness(self.young, self.core_diameter or 0.0)
         if stiffness == 0.0:
             return None
-        beta = np.arange(1.0, omega.size + 1) * (math.pi / self.length)
+        beta = self._mode_numbers(omega) * (math.pi / self.length)
         return Stretching(stiffness / (2 * self.length), beta**2 / self.mass_per_length())
 
     def end_row(self, omega: np.ndarray, end: float) -> np.ndarray:
         """∂V/∂y per modal displacement when an end (0 or 1) moves by y, for modes of these frequencies (rad/s), the
         lowest first [modes], N/(√kg·m): ωₙ·cₙ = ±ω²·μ·φₙ'/β², φₙ' the slope of the mode shape at the end.
 
-        It follows from the linear shape y·x/L that takes the end along: of mode n it has -μ·φₙ'(L)/β²·y.
+        It follows from the linear shape y·x/L that takes the end along: of mode n it has -μ·φₙ'(L)/β²·y. y is the
+        motion of the body that carries the end, of which each polarisation has its part.
         """
-        number = np.arange(1.0, omega.size + 1)
+        number = self._mode_numbers(omega)
         beta, density = number * math.pi / self.length, self.mass_per_length()
         slope = self._scale() * beta * (np.where(number % 2 == 0, 1.0, -1.0) if end else 1.0)
-        return (1.0 if end else -1.0) * omega**2 * density * slope / beta**2
+        row = (1.0 if end else -1.0) * omega**2 * density * slope / beta**2
+        if self.polarisations == 2:
+            row *= np.tile([math.cos(self.polarisation_angle), math.sin(self.polarisation_angle)], omega.size // 2)
+        return row
+
+    def end_tension(self) -> float:
+        """Tension that resists the motion of an end, N: that of each polarisation by its part of the motion."""
+        tension = self.tension_and_bending()[0]
+        if self.polarisations == 1:
+            return tension
+        across = self._second_ratio() ** 2 * tension
+        return tension + (across - tension) * math.sin(self.polarisation_angle) ** 2
 
     def modes_beyond(self, omega: float) -> StaticModes | None:
-        all_omega, scale = self._frequencies(NUMBERS), self._scale()
+        all_omega, scale = self._frequencies(NUMBERS) * max(1.0, self._second_ratio()), self._scale()
         first = int(np.searchsorted(all_omega, omega * (1 + 1e-12), "right"))
         return StaticModes(all_omega[first:], lambda x: scale * sines_at(x)[..., first:])
 
     def free_modes(self, max_omega: float) -> ModeSet:
         """ω² = (T·β² + EI·β⁴)/μ, β = iπ/L; shapes sin βx, with modal mass μL/2 (Fletcher & Rossing, Physics of
         Musical Instruments, sec. 2.18)."""
-        number = mode_numbers(self._frequencies, self.modes, max_omega)
-        scale, omega = self._scale(), self._frequencies(number)
-        decay = self.decay_rates(omega, number * (math.pi / self.length))
-        return ModeSet(omega, decay, lambda x: scale * np.sin(math.pi * number * np.asarray(x)[..., None]))
+        ratio, scale = self._second_ratio(), self._scale()
+        number = mode_numbers(self._frequencies, self.modes, max_omega / max(1.0, ratio))
+        omega, beta = self._frequencies(number), number * (math.pi / self.length)
+        decay = self.decay_rates(omega, beta)
+
+        def shape(x: Any) -> np.ndarray:
+            return np.asarray(scale * np.sin(math.pi * number * np.asarray(x)[..., None]))
+
+        if self.polarisations == 1:
+            return ModeSet(omega, decay, shape)
+        second = ratio * omega
+        return ModeSet(
+            _in_turn(omega, second),
+            _in_turn(decay, self.decay_rates(second, beta)),
+            lambda x: _in_turn(first := shape(x), np.zeros_like(first)),
+        )
+
+    def _modal(self, begin: InitialShape | None, body: ModalBody) -> np.ndarray:
+        if self.polarisations == 1 or begin is None:
+            return super()._modal(begin, body)
+        first = body._replace(omega=body.omega[::2], shape=lambda x: body.shape(x)[..., ::2])
+        modal = super()._modal(begin, first)
+        return _in_turn(modal, np.zeros_like(modal))
+
+    def _mode_numbers(self, omega: np.ndarray) -> np.ndarray:
+        """Numbers 1, 2, … of modes of these frequencies, in each polarisation [modes]."""
+        return np.repeat(np.arange(1.0, omega.size // self.polarisations + 1), self.polarisations)
+
+    def _second_ratio(self) -> float:
+        """Frequencies of the second polarisation over those of the first."""
+        return float(2.0 ** (self.polarisation_detuning / 1200.0))
 
     def _frequencies(self, number: np.ndarray) -> np.ndarray:
         """Angular frequencies of modes [modes], rad/s."""
@@ -124,6 +185,11 @@ class String(LineBody):
     def _scale(self) -> float:
         """Largest value of a mode shape, 1/√kg."""
         return math.sqrt(2 / (self.mass_per_length() * self.length))
+
+
+def _in_turn(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Values of the modes of two polarisations in turn [..., 2·modes]."""
+    return np.stack([first, second], axis=-1).reshape(*first.shape[:-1], -1)
 
 
 def sines_at(x: Any) -> np.ndarray:

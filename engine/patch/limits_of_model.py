@@ -21,9 +21,14 @@ _ANSWERS: tuple[tuple[str, str, str], ...] = (
         "bandpass eq equalizer equaliser compressor limiter distortion saturation overdrive amplifier",
     ),
     (
-        "a body moves in one direction: no second polarisation, no longitudinal waves, no torsion",
-        "one-direction",
-        "polarisation polarization horizontal longitudinal torsion torsional twist",
+        "polarisations = 2 lets a string move in two directions; other bodies move in one",
+        "directions",
+        "polarisation polarization horizontal",
+    ),
+    (
+        "there are no waves along a string, and no torsion",
+        "directions",
+        "longitudinal torsion torsional twist",
     ),
     (
         "axial_stiffness lets a string stretch, and stretching_stiffness a membrane or a plate: the pitch falls with"

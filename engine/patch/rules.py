@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic_core import InitErrorDetails
 
+from engine.bodies import String
 from engine.bodies.table import KeyPath, is_given, is_number, make_fault
 from engine.patch.connection_rules import check_change_of_connection, check_connections, find_rigid_joint
 from engine.patch.force_rules import check_force
@@ -68,10 +69,25 @@ def check_rules(data: dict[str, Any]) -> Faults:
     for section in ("force", "event", "pickup"):
         for i, table in tables_of(data, section):
             target = bodies.get(str(table.get("body")))
+            yield from _check_angle((section, i, "angle"), table, target)
             if section == "pickup":
                 yield from check_pickup((section, i), table, target)
             elif section != "event" or table.get("kind") == "pluck":
                 yield from check_positions((section, i, "at"), table, target, single=True)
+
+
+def _check_angle(path: KeyPath, table: dict[str, Any], body: dict[str, Any] | None) -> Faults:
+    """Only a string with two polarisations has another direction."""
+    if not table.get("angle") or kind_of(body) is None or body is None:
+        return
+    if table.get("quantity") in ("force", "end_force"):
+        yield make_fault(path, table["angle"], f"{table['quantity']} and angle are both given", "leave out the angle")
+    elif kind_of(body) is not String:
+        message = f"{format_value(body['name'])} is a {body['kind']}, which moves in one direction"
+        yield make_fault(path, table["angle"], message, "leave out the angle; only a string can move in two")
+    elif body.get("polarisations", 1) == 1:
+        message = f"{format_value(body['name'])} moves in one direction"
+        yield make_fault(path, table["angle"], message, "leave out the angle, or give the string polarisations = 2")
 
 
 def has_length(body: dict[str, Any]) -> bool:

@@ -22,8 +22,10 @@ MAX_FORCE_AT_1_MM = 1e15  # N, of a contact: far beyond any material
 
 MAX_ENVELOPE_POINTS = 1_000  # of a force
 MAX_SEED = (1 << 32) - 1
+ANGLE = "of a string with two polarisations: 0 is the first, π/2 the second"
 
 Newtons = Annotated[float, Field(ge=-1e6, le=1e6)]
+Angle = Annotated[float, Field(ge=-100.0, le=100.0)]
 Stiffness = Annotated[float, Field(ge=0.0, le=MAX_FORCE_AT_1_MM * 1e3**MAX_EXPONENT)]  # see also max_stiffness
 Exponent = Annotated[float, Field(ge=1.0, le=MAX_EXPONENT)]
 Seconds = Annotated[float, Field(ge=0.0, le=MAX_SECONDS)]
@@ -147,6 +149,13 @@ class EndConnection(_ConnectionTable):
     at: float = Field(ge=0.0, le=1.0, description="which end: 0 or 1")
     on: Name = Field(description="body to which the end is attached, such as a soundboard")
     on_at: Positions = Field(default=None, description="position on the second body")
+    share: float = Field(
+        default=1.0,
+        ge=-1.0,
+        le=1.0,
+        description="share of the displacement of the second body that the end follows; the body gets that share of the"
+        " string's force",
+    )
     one_way: bool = Field(
         default=False, description="whether the string drives the body without reaction: cheaper, for many strings"
     )
@@ -192,6 +201,7 @@ class _ForceTable(Table):
     body: Name = Field(description="body that it acts on")
     at: Positions = Field(default=None, description="position on the body")
     start: Seconds = Field(default=0.0, description="start time, s")
+    angle: Angle = Field(default=0.0, description=f"direction of the force, rad; {ANGLE}")
     amplitude: Newtons = Field(description="maximum force, N; a positive force pushes upwards")
 
 
@@ -293,6 +303,7 @@ class PluckEvent(_EventTable):
     kind: Literal["pluck"]
     body: Name = Field(description="body that it acts on")
     at: Positions = Field(default=None, description="position on the body")
+    angle: Angle = Field(default=0.0, description=f"direction of the force, rad; {ANGLE}")
     amplitude: Newtons = Field(description="maximum force, N")
     duration: float = Field(gt=0.0, le=MAX_SECONDS, description="rise time, s")
     release: float = Field(default=0.0, ge=0.0, le=MAX_SECONDS, description="release time, s")
@@ -365,6 +376,7 @@ class Pickup(Table):
         " pressure: far field in air, of a baffled membrane or plate, a hole or a tube; force: sum of the contact"
         " forces on the body; end_force: force of a string on its end, at 0 or 1",
     )
+    angle: Angle = Field(default=0.0, description=f"direction in which it measures the motion, rad; {ANGLE}")
     distance: float | None = Field(
         default=None, ge=1e-3, le=1e6, description="distance of a pressure from the body, m; 1 if absent"
     )

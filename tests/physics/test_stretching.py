@@ -176,35 +176,59 @@ def test_a_mass_on_a_spring_from_a_stretching_string_is_of_second_order():
     assert mean_slope(parts, reference) == pytest.approx(2, abs=0.2)
 
 
-@pytest.mark.parametrize("strings", [1, 2])
-def test_strings_whose_ends_move_are_stretched_between_them(strings):
-    """Strings at one point of an oscillator: V = Σ ½(ωa + cy)² + T/(2L)·y² + ¼K·s², s = Σκ(a + c̃y)² + y²/L."""
-    mass, stiffness = 5e-3, 2e4
-    end_slope = math.sqrt(2 / (DENSITY * LENGTH)) * BETA * np.where(NUMBER % 2 == 0, 1, -1)
-    linear = DENSITY * end_slope / BETA**2
-    scales = [1.0, -0.5][:strings]
+BRIDGE_MASS, BRIDGE_STIFFNESS = 5e-3, 2e4  # kg, N/m
+END_SLOPE = math.sqrt(2 / (DENSITY * LENGTH)) * BETA * np.where(NUMBER % 2 == 0, 1, -1)
+LINE = DENSITY * END_SLOPE / BETA**2  # c̃
+LIGHT_BRIDGE = {"name": "bridge", "kind": "oscillator", "mass": BRIDGE_MASS, "stiffness": BRIDGE_STIFFNESS}
+
+
+def strings_on_a_bridge(scales, shares, has_one_tension=False):
+    """Displacement of the first of strings at one point of an oscillator, by an independent integrator:
+    V = Σ ½(ωa + cz)² + T/(2L)·z² + ¼K·s², s = Σκ(a + c̃z)² + z²/L, z = x·y.
+
+    scales: of what each string begins with
+    has_one_tension: whether the strings are two directions of one, s the sum of both
+    """
 
     def change(_, y):
         x, v, rates, pull = y[-2], y[-1], [], 0.0
-        for n in range(strings):
-            a, p = y[2 * n * MODES : (2 * n + 1) * MODES], y[(2 * n + 1) * MODES : (2 * n + 2) * MODES]
-            from_line, held = a + linear * x, OMEGA * (a + linear * x)
-            rise = STRETCH * (KAPPA @ from_line**2 + x * x / LENGTH)
-            rates += [p, -OMEGA * held - rise * KAPPA * from_line]
-            pull += OMEGA * linear @ held + TENSION / LENGTH * x
-            pull += rise * (KAPPA * linear @ from_line + x / LENGTH)
-        return np.concatenate([*rates, [v, -(pull + stiffness * x) / mass]])
+        ends = [share * x for share in shares]
+        moves = [y[2 * n * MODES : (2 * n + 1) * MODES] for n in range(len(shares))]
+        momenta = [y[(2 * n + 1) * MODES : (2 * n + 2) * MODES] for n in range(len(shares))]
+        from_line = [a + LINE * z for a, z in zip(moves, ends, strict=True)]
+        rises = [STRETCH * (KAPPA @ u**2 + z * z / LENGTH) for u, z in zip(from_line, ends, strict=True)]
+        rises = [sum(rises)] * len(shares) if has_one_tension else rises
+        for u, z, p, rise, share in zip(from_line, ends, momenta, rises, shares, strict=True):
+            rates += [p, -(OMEGA**2) * u - rise * KAPPA * u]
+            pull += share * (OMEGA**2 * LINE @ u + TENSION / LENGTH * z + rise * (KAPPA * LINE @ u + z / LENGTH))
+        return np.concatenate([*rates, [v, -(pull + BRIDGE_STIFFNESS * x) / BRIDGE_MASS]])
 
     begin = np.concatenate([scale * start() for scale in scales] + [[0.0, 0.0]])
-    reference = integrate(change, begin, SAMPLES)[:, :MODES] @ shape(HEARD)
+    return integrate(change, begin, SAMPLES)[:, :MODES] @ shape(HEARD)
+
+
+@pytest.mark.parametrize(
+    "shares", [[1.0], [0.8, -0.5], *(pytest.param(x, marks=pytest.mark.hard) for x in ([0.6], [1.0, 1.0]))]
+)
+def test_strings_whose_ends_move_are_stretched_between_them(shares):
+    """At one point of an oscillator, of whose motion each end follows a share."""
+    reference = strings_on_a_bridge([1.0, -0.5][: len(shares)], shares)
     bodies = [moving_string()]
-    if strings == 2:
+    if len(shares) == 2:
         second = {"kind": "mode", "number": 2, "amplitude": -0.5 * SPEED}
         first = {"kind": "mode", "number": 1, "amplitude": -0.5 * AMPLITUDE}
         bodies.append({**string(displacement=first, velocity=second), "name": "other"})
-    ends = [{"kind": "end", "body": body["name"], "at": 1.0, "on": "bridge"} for body in bodies]
-    bridge = {"name": "bridge", "kind": "oscillator", "mass": mass, "stiffness": stiffness}
-    parts = {"body": [*bodies, bridge], "connection": ends}
+    ends = [{"kind": "end", "body": b["name"], "at": 1.0, "share": x} for b, x in zip(bodies, shares, strict=True)]
+    parts = {"body": [*bodies, LIGHT_BRIDGE], "connection": [c | {"on": "bridge"} for c in ends]}
+    assert mean_slope(parts, reference, (2, 4, 8)) == pytest.approx(2, abs=0.2)
+
+
+def test_the_polarisations_of_a_string_stretch_it_together():
+    """One of them moves at first, the bridge moves both."""
+    angle = 0.7
+    reference = strings_on_a_bridge([1.0, 0.0], [math.cos(angle), math.sin(angle)], has_one_tension=True)
+    bodies = [moving_string(polarisations=2, polarisation_angle=angle, modes=MODES), LIGHT_BRIDGE]
+    parts = {"body": bodies, "connection": [{"kind": "end", "body": "string", "at": 1.0, "on": "bridge"}]}
     assert mean_slope(parts, reference, (2, 4, 8)) == pytest.approx(2, abs=0.2)
 
 
@@ -247,6 +271,7 @@ SPRING = {"kind": "spring", "body": "string", "at": 0.4, "on": "bridge", "stiffn
         {"connection": [END]},
         {"connection": [SPRING]},
         {"connection": [END, SPRING], "contact": [BARRIER]},
+        {"connection": [END | {"share": -0.6}, SPRING], "contact": [BARRIER]},
         {
             "contact": [
                 {

@@ -6,7 +6,6 @@ import engine
 from bench.ruler.problems import SAMPLERATE, ruler_scene
 from engine.assembly.build import build
 from engine.offline.simulation import Simulation, time_block
-from engine.patch.accuracy import Accuracy
 from engine.problems import Problem, Trajectory
 
 RUNS = 5
@@ -34,7 +33,7 @@ def time_engine(scene: engine.Scene, settings: dict, frames: int) -> float:
     """Seconds that the engine takes for so many frames, the call apart."""
     best, total, out = np.inf, 0.0, np.zeros((frames, 1))
     for _ in range(RUNS):
-        model, state, _ = build(scene, SAMPLERATE, Accuracy().replace(**settings))
+        model, state, _ = build(scene, SAMPLERATE, scene.accuracy.replace(**settings))
         simulation = Simulation(model, state, 1, measure_energy=False, kernel="special")
         idle = min(time_block(simulation, out[:0]) for _ in range(EMPTY_CALLS))
         taken = time_block(simulation, out)

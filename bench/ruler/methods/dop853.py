@@ -18,7 +18,7 @@ import numpy as np
 from scipy.integrate import DOP853
 from scipy.optimize import brentq
 
-from engine.problems.problem import Problem, energy_of
+from engine.problems.problem import Problem, energy_of, stretching_force
 from engine.problems.trajectory import Trajectory
 
 GIVEN_UP_SECONDS = 20.0
@@ -55,6 +55,8 @@ class SmoothPart:
         rate = np.zeros(y.size)
         rate[:n] = p
         rate[n : 2 * n] = problem.weight - self.omega2 * q - self.twice_sigma * p
+        if problem.stretch is not None:
+            rate[n : 2 * n] += stretching_force(problem, q)
         if self.touching.size:
             f = self.stiffness * np.maximum(self.rows @ q - self.barrier, 0.0) ** self.exponent
             if self.lossy:

@@ -62,6 +62,7 @@ def run(
     q = np.empty((problem.frames + 1, problem.q.size))
     p, force = np.empty_like(q), np.zeros((problem.frames, problem.barrier.size))
     shapes = np.ascontiguousarray(problem.shapes)
+    rows = np.zeros((0, problem.omega.size)) if problem.stretch is None else np.ascontiguousarray(problem.stretch)
     rest = (h, steps, problem.frames, q, p, force)
     gain = rate * h + share
     if linear == ONE_STEP:
@@ -70,12 +71,12 @@ def run(
         half_coupling = build_contacts(problem, half.q_reach).coupling
         start = np.array([problem.q, problem.p])
         begun = time.perf_counter()
-        stored = kernels.run_one_step(rule, gain, flow, half, contacts, half_coupling, shapes, start, *rest)
+        stored = kernels.run_one_step(rule, gain, flow, half, contacts, half_coupling, shapes, rows, start, *rest)
     else:
         recurrence = build_recurrence(problem, h, linear)
         contacts, start = build_contacts(problem, recurrence.reach), start_of(problem, recurrence)
         begun = time.perf_counter()
-        stored = kernels.run_two_step(rule, gain, recurrence, contacts, shapes, start, *rest)
+        stored = kernels.run_two_step(rule, gain, recurrence, contacts, shapes, rows, start, *rest)
     seconds = time.perf_counter() - begun
     with np.errstate(all="ignore"):  # what blows up is returned as it is
         return Trajectory(q @ problem.pickup, force, q, p, seconds), stored

@@ -11,6 +11,8 @@ Linear part: exact under a force that is constant in the step, so that the energ
 system but for the spline; or the trapezoidal rule.
 
 Contact loss: μ times the force of the step without loss, times the rate of compression in the step; never pulls.
+
+The modes are linear: not made for bodies that stretch.
 """
 
 import time
@@ -19,6 +21,7 @@ from functools import partial
 import numpy as np
 
 from bench.ruler.methods import spline_kernels as kernels
+from bench.ruler.methods.common import not_applicable
 from bench.ruler.methods.method import STEPS, Method
 from bench.ruler.methods.modal_steps import EXACT, best_of_three, build_flow
 from bench.ruler.methods.spline_kernels import Spline
@@ -71,6 +74,8 @@ def run(problem: Problem, steps: int, linear: str = EXACT, knots: int = 4096) ->
 
 def simulate(problem: Problem, steps: int, linear: str = EXACT, knots: int = 4096) -> Trajectory:
     """Simulate a problem at a number of time steps per sample; timed."""
+    if problem.stretch is not None:
+        return not_applicable(problem)
     return best_of_three(lambda: run(problem, steps, linear, knots)[0])
 
 

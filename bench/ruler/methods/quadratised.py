@@ -11,6 +11,11 @@ What was read, and what was derived:
 - van Walstijn, Bhanuprakash & Chatziioannou (DAFx23): abstract, which says that the contact force is strictly
   non-adhesive. How is derived here: ψ ≥ 0 before and after the step is enough, and bounds g from above.
 
+A body that stretches has a ψ of its own with every rule, also with one for all contacts. The direction of its force is
+explicit: the gradient of √(2V) at the middle step, which a rule with drift control corrects along the motion of the
+body. Derived from the same principle (bench/ruler/methods/quadratised_stretch.py): the paper of that group on strings
+whose energy is quadratised (Ducceschi & Bilbao, JSV 534, 2022) could not be read.
+
 Contact loss has its coefficient μ·k·[s]₊^α at the middle step and its rate centred: linear in the unknown. Where it
 would take away all force of a contact that opens, the contact is released, as in the law of the problem (not with one
 ψ for all contacts).

@@ -43,6 +43,7 @@ from bench.ruler.methods import quadratised_kernels as kernels
 from bench.ruler.methods.method import STEPS, Method
 from bench.ruler.methods.modal_steps import EXACT, IMPULSE, best_of_three, build_flow, build_recurrence, start_of
 from bench.ruler.methods.quadratised_contacts import Contacts
+from bench.ruler.methods.quadratised_stretch import begin_stretch
 from engine.problems.problem import Problem
 from engine.problems.trajectory import Trajectory
 
@@ -67,7 +68,6 @@ def run(
     q = np.empty((problem.frames + 1, problem.q.size))
     p, force = np.empty_like(q), np.zeros((problem.frames, problem.barrier.size))
     shapes = np.ascontiguousarray(problem.shapes)
-    rows = np.zeros((0, problem.omega.size)) if problem.stretch is None else np.ascontiguousarray(problem.stretch)
     rest = (h, steps, problem.frames, q, p, force)
     gain = rate * h + share
     if linear == ONE_STEP:
@@ -75,13 +75,15 @@ def run(
         contacts = build_contacts(problem, 2.0 * flow.q_reach)
         half_coupling = build_contacts(problem, half.q_reach).coupling
         start = np.array([problem.q, problem.p])
+        stretch = begin_stretch(problem, contacts.coupling.copy(), problem.q)
         begun = time.perf_counter()
-        stored = kernels.run_one_step(rule, gain, flow, half, contacts, half_coupling, shapes, rows, start, *rest)
+        stored = kernels.run_one_step(rule, gain, flow, half, contacts, half_coupling, stretch, shapes, start, *rest)
     else:
         recurrence = build_recurrence(problem, h, linear)
         contacts, start = build_contacts(problem, recurrence.reach), start_of(problem, recurrence)
+        stretch = begin_stretch(problem, contacts.coupling.copy(), start.mean(axis=0))
         begun = time.perf_counter()
-        stored = kernels.run_two_step(rule, gain, recurrence, contacts, shapes, rows, start, *rest)
+        stored = kernels.run_two_step(rule, gain, recurrence, contacts, stretch, shapes, start, *rest)
     seconds = time.perf_counter() - begun
     with np.errstate(all="ignore"):  # what blows up is returned as it is
         return Trajectory(q @ problem.pickup, force, q, p, seconds), stored

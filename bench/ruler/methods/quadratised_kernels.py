@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from bench.ruler.methods.quadratised_contacts import Contacts, begin_psi, make_work, solve_step
-from bench.ruler.methods.quadratised_stretch import begin_stretch, find_means, pull_back, yield_to_contacts
+from bench.ruler.methods.quadratised_contacts import begin_psi, make_work, solve_step
+from bench.ruler.methods.quadratised_stretch import find_means, pull_back, yield_to_contacts
 
 
 class Recurrence(NamedTuple):
@@ -52,16 +52,9 @@ class Flow(NamedTuple):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def with_coupling(contacts, coupling):
-    """The same contacts with another coupling."""
-    return Contacts(contacts.barrier, contacts.stiffness, contacts.exponent, contacts.loss, coupling)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def run_two_step(rule, gain, recurrence, contacts, shapes, rows, start, h, steps, frames, q_out, p_out, force_out):
+def run_two_step(rule, gain, recurrence, contacts, stretch, shapes, start, h, steps, frames, q_out, p_out, force_out):
     """Run the two-step scheme from the displacements at time 0 and a step before: start [2, modes].
 
-    rows: those of bodies that stretch [bodies, modes]
     q_out, p_out: [frames + 1, modes]; force_out: [frames, contacts], zero on entry. Returns the energy in ψ after each
     step, J: [frames·steps + 1].
     """
@@ -75,9 +68,7 @@ def run_two_step(rule, gain, recurrence, contacts, shapes, rows, start, h, steps
         s[k] = np.dot(shapes[k], q) - contacts.barrier[k]
         before[k] = np.dot(shapes[k], previous) - contacts.barrier[k]
         begin_psi(rule, contacts, k, 0.5 * (s[k] + before[k]), psi)
-    stretches = rows.shape[0] > 0
-    stretch = begin_stretch(rows, number, 0.5 * (q + previous))
-    joint = with_coupling(contacts, contacts.coupling.copy())
+    stretches = stretch.psi.size > 0
     for n in range(frames * steps + 1):
         for i in range(modes):
             following[i] = recurrence.now[i] * q[i] - recurrence.before[i] * previous[i] + recurrence.drive[i]
@@ -85,11 +76,11 @@ def run_two_step(rule, gain, recurrence, contacts, shapes, rows, start, h, steps
             for i in range(modes):
                 stretch.there[i] = 0.5 * (q[i] + previous[i])
                 stretch.moved[i] = following[i] - previous[i]
-            find_means(rule, gain, stretch, recurrence.reach, shapes, contacts.coupling, joint.coupling, q)
+            find_means(rule, gain, stretch, recurrence.reach, shapes, q, contacts.coupling)
             pull_back(stretch, stretch.mean, recurrence.reach, following)
         np.dot(shapes, following, unforced)
         unforced -= contacts.barrier
-        count = solve_step(rule, gain, joint, h, s, before, unforced, work)
+        count = solve_step(rule, gain, contacts, h, s, before, unforced, work)
         for i in range(count):
             k = active[i]
             for m in range(modes):
@@ -133,27 +124,23 @@ def store(recurrence, previous, q, following, forces, n, steps, frames, q_out, p
 
 @numba.njit(cache=True, error_model="numpy")
 def run_one_step(
-    rule, gain, flow, half, contacts, half_coupling, shapes, rows, start, h, steps, frames, q_out, p_out, force_out
+    rule, gain, flow, half, contacts, half_coupling, stretch, shapes, start, h, steps, frames, q_out, p_out, force_out
 ):
     """Run the one-step scheme from a state: start [2, modes], q and p. half: the flow of half a step.
 
-    rows: those of bodies that stretch [bodies, modes]
     contacts.coupling is twice that of one step; half_coupling: of half a step, m/N
     """
     number, modes = shapes.shape
     q, p = start[0].copy(), start[1].copy()
     stored = np.empty(frames * steps)
     s, middle, before, after = np.empty(number), np.empty(number), np.empty(number), np.empty(number)
-    moving, reach, work = np.empty(modes), 2.0 * flow.q_reach, make_work(number)
+    moving, work = np.empty(modes), make_work(number)
     psi, forces, active = work[0], work[4], work[5]
     for k in range(number):
         s[k] = np.dot(shapes[k], q) - contacts.barrier[k]
         begin_psi(rule, contacts, k, s[k], psi)
-    stretches = rows.shape[0] > 0
-    stretch = begin_stretch(rows, number, q)
-    joint = with_coupling(contacts, contacts.coupling.copy())
-    for b in range(rows.shape[0]):
-        stretch.direction[b] = np.sqrt(2.0) * rows[b] * q
+    stretches = stretch.psi.size > 0
+    twice = 2.0 * flow.q_reach
     q_out[0], p_out[0] = q, p
     for n in range(frames * steps):
         for i in range(modes):
@@ -168,7 +155,7 @@ def run_one_step(
             for k in range(number):
                 for m in range(modes):
                     moving[m] -= half.q_reach[m] * shapes[k, m] * forces[k]
-            find_means(rule, gain, stretch, reach, shapes, contacts.coupling, joint.coupling, moving)
+            find_means(rule, gain, stretch, twice, shapes, moving, contacts.coupling)
             pull_back(stretch, stretch.mean, flow.q_reach, q)
             pull_back(stretch, stretch.mean, flow.p_reach, p)
         np.dot(shapes, q, after)
@@ -187,7 +174,7 @@ def run_one_step(
             for k in range(number):
                 before[k] = 2.0 * s[k] - middle[k]
                 after[k] = before[k] + 2.0 * (after[k] - s[k])
-            count = solve_step(rule, gain, joint, h, middle, before, after, work)
+            count = solve_step(rule, gain, contacts, h, middle, before, after, work)
             for k in range(number):
                 s[k] += 0.5 * (after[k] - before[k])
         else:

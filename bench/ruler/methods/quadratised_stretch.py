@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from bench.ruler.methods.quadratised_contacts import REGULATED, REGULATED_NON_ADHESIVE, SINGLE, STEEPEST
+from bench.ruler.methods.quadratised_contacts import LARGEST_CHANGE, REGULATED, REGULATED_NON_ADHESIVE, SINGLE, STEEPEST
+from engine.problems.problem import Problem
 
 OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy", "fastmath": {"reassoc"}}  # sums in any order
 
@@ -23,28 +24,24 @@ class Stretch(NamedTuple):
     """Bodies that stretch, in a step."""
 
     rows: np.ndarray  # √K·κ [bodies, modes]; no mode is of two bodies
+    coupling: np.ndarray  # of the contacts, if nothing stretched [contacts, contacts], m/N
     psi: np.ndarray  # [bodies], √J
     direction: np.ndarray  # g [bodies, modes], √J/(√kg·m)
     mean: np.ndarray  # (ψ⁺ + ψ⁻)/2 [bodies], √J
     inertia: np.ndarray  # 4 + g·M·g [bodies]
-    across: np.ndarray  # Φ·M·g [bodies, contacts]
     change: np.ndarray  # of the mean by contact forces [bodies], √J
+    across: np.ndarray  # Φ·M·g [bodies, contacts]
     there: np.ndarray  # the state that ψ is of [modes]
     moved: np.ndarray  # D [modes]
 
 
-@numba.njit(**OPTIONS)
-def begin_stretch(rows, contacts, q):
-    """The bodies that stretch, at a state q [modes]."""
-    bodies, modes = rows.shape
-    psi = np.empty(bodies)
-    for b in range(bodies):
-        psi[b] = root_of_stretch(rows, b, q)
-    room = np.empty((2, modes))
-    across = np.empty((bodies, contacts))
-    return Stretch(
-        rows, psi, np.zeros((bodies, modes)), psi.copy(), np.empty(bodies), across, np.empty(bodies), room[0], room[1]
-    )
+def begin_stretch(problem: Problem, coupling: np.ndarray, q: np.ndarray) -> Stretch:
+    """The bodies of a problem that stretch, at a state q [modes]. coupling: of the contacts, without them"""
+    rows = np.zeros((0, q.size)) if problem.stretch is None else np.ascontiguousarray(problem.stretch)
+    bodies, psi = len(rows), np.sqrt(0.5) * (rows @ q**2)
+    direction, across = np.sqrt(2.0) * rows * q, np.empty((bodies, len(coupling)))
+    room = (np.empty(bodies) for _ in range(2))
+    return Stretch(rows, coupling, psi, direction, psi.copy(), *room, across, np.empty(q.size), np.empty(q.size))
 
 
 @numba.njit(**OPTIONS)
@@ -66,25 +63,32 @@ def choose_direction(rule, gain, stretch, b, reach, here):
     for m in range(here.size):
         g[m] = math.sqrt(2.0) * stretch.rows[b, m] * here[m]
     if gain > 0.0 and rule in (REGULATED, REGULATED_NON_ADHESIVE, SINGLE):
-        square, response = 0.0, 0.0
+        square, response, steepness = 0.0, 0.0, 0.0
         for m in range(here.size):
             if stretch.rows[b, m] > 0.0:
                 square += 4.0 * (here[m] - there[m]) ** 2
                 response += 4.0 * reach[m] * (here[m] - there[m]) ** 2
+                steepness += g[m] * g[m]
         error = gain * (stretch.psi[b] - root_of_stretch(stretch.rows, b, there))
         if STEEPEST * square**2 > error**2 * response:
+            share = error / square
+            if rule == REGULATED_NON_ADHESIVE:  # as of contacts, where the motion turns
+                bound = LARGEST_CHANGE * math.sqrt(steepness / square)
+                share = min(max(share, -bound), bound)
             for m in range(here.size):
                 if stretch.rows[b, m] > 0.0:
-                    g[m] -= error * 2.0 * (here[m] - there[m]) / square
+                    g[m] -= share * 2.0 * (here[m] - there[m])
 
 
 @numba.njit(**OPTIONS)
-def find_means(rule, gain, stretch, reach, shapes, coupling, joint, here):
-    """Set the means of ψ without contact forces, and `joint` to what the coupling of the contacts becomes.
+def find_means(rule, gain, stretch, reach, shapes, here, coupling):
+    """Set the means of ψ without contact forces, and `coupling` to what that of the contacts becomes.
 
     reach: M [modes], s²; here: of choose_direction. stretch.there and stretch.moved are set before.
     """
-    joint[:] = coupling
+    for k in range(shapes.shape[0]):
+        for j in range(shapes.shape[0]):
+            coupling[k, j] = stretch.coupling[k, j]
     for b in range(stretch.mean.size):
         choose_direction(rule, gain, stretch, b, reach, here)
         g, moved, along, response = stretch.direction[b], stretch.moved, 0.0, 0.0
@@ -100,7 +104,7 @@ def find_means(rule, gain, stretch, reach, shapes, coupling, joint, here):
             stretch.across[b, k] = across
         for k in range(shapes.shape[0]):
             for j in range(shapes.shape[0]):
-                joint[k, j] -= stretch.across[b, k] * stretch.across[b, j] / stretch.inertia[b]
+                coupling[k, j] -= stretch.across[b, k] * stretch.across[b, j] / stretch.inertia[b]
 
 
 @numba.njit(**OPTIONS)

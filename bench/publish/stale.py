@@ -32,7 +32,7 @@ class PublishedTable(NamedTuple):
     kernels: str | None  # that it measured, separated by commas; None if it does not say
 
     def is_older(self, present: str) -> bool:
-        """Whether any of it measured other kernels than the present ones, or does not say which."""
+        """True if any of it measured other kernels than the present ones, or does not say which."""
         return self.kernels != present
 
 

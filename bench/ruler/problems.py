@@ -70,7 +70,7 @@ def as_problem(scene: engine.Scene, samplerate: float = SAMPLERATE) -> Problem:
 
 
 def _stretch(layout: Layout, scene: engine.Scene, modes: np.ndarray) -> np.ndarray | None:
-    """What the modes stretch each body that stretches, √K·κ; None if there are none."""
+    """Return the row √K·κ of each body that stretches; None if there are none."""
     rows = []
     for b, body in enumerate(scene.body):
         if (stretching := find_stretching(layout, body.name)) is not None:

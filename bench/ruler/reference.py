@@ -124,7 +124,7 @@ def forces(system: System, s: np.ndarray, speed: np.ndarray) -> np.ndarray:
 
 
 def stretching(system: System, q: np.ndarray) -> np.ndarray:
-    """What bodies that stretch do to each mode [..., modes]. q: [..., modes]"""
+    """Return the force of bodies that stretch on each mode [..., modes]. q: [..., modes]"""
     return np.asarray(-((q**2 @ system.stretch.T) @ system.stretch) * q)
 
 

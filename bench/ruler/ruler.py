@@ -50,7 +50,7 @@ class Result(NamedTuple):
 
     @property
     def is_applicable(self) -> bool:
-        """Whether the method is made for the problem."""
+        """True if the method is made for the problem."""
         return not math.isnan(self.score.ns_per_sample)
 
 
@@ -180,7 +180,7 @@ def publish_single_step(results: list[Result], stiffness: dict[str, str], made: 
 
 
 def publish_times(results: list[Result], made: str) -> None:
-    """What each method takes for an error of the motion of GOAL, ns per sample, on each problem. made: the stamp"""
+    """The time of each method for an error of the motion of GOAL, ns per sample, on each problem. made: the stamp"""
     rows = []
     for family in families(results):
         cells = []

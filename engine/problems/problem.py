@@ -62,7 +62,7 @@ def energy_of(problem: Problem, q: np.ndarray, p: np.ndarray) -> np.ndarray:
 
 
 def stretching_force(problem: Problem, q: np.ndarray) -> np.ndarray:
-    """What bodies that stretch do to each mode: -Σ r·stretch·q [..., modes], √kg·m/s². q: [..., modes]"""
+    """Return the force of bodies that stretch on each mode, -Σ r·stretch·q [..., modes], √kg·m/s². q: [..., modes]"""
     if problem.stretch is None:
         return np.zeros_like(q)
     return np.asarray(-(q**2 @ problem.stretch.T @ problem.stretch) * q)

@@ -93,6 +93,18 @@ def test_a_two_step_method_is_of_order_2_on_a_string_that_stretches() -> None:
     check_stretching("SAV, one for each contact")
 
 
+def test_a_two_step_method_excites_modes_near_half_the_sample_rate() -> None:
+    """In a string that stretches, at one step per sample, where the direction of the force is explicit."""
+    problem = problem_of("stretching_string")
+    highest = np.argsort(problem.omega)[-3:]
+    shares = []
+    for steps in (1, 4):
+        trajectory, _ = run(problem, steps, rules.PLAIN, IMPULSE)
+        energy = 0.5 * trajectory.p**2 + 0.5 * (problem.omega * trajectory.q) ** 2
+        shares.append(energy[-1, highest].sum() / energy[-1].sum())
+    assert shares[0] > 0.1 and shares[1] < 0.01
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in METHODS if "SAV" in name])
 def test_methods_are_of_order_2_on_a_string_that_stretches(name: str) -> None:

@@ -147,9 +147,9 @@ def run_kernel(kernel: Callable[..., None], problem: Problem, steps: int, tables
         q, p = (np.full((frames + 1 if kept else 0, modes), np.nan) for _ in range(2))
         start = (np.array(problem.q, dtype=np.float64), np.array(problem.p, dtype=np.float64))
         work = room_for(problem)
-        began = time.perf_counter()
+        began = time.process_time()
         kernel(system, tables, work, np.int64(steps), h, *start, displacement, force, q, p)
-        return Trajectory(displacement, force, q, p, time.perf_counter() - began)
+        return Trajectory(displacement, force, q, p, time.process_time() - began)
 
     run(min(COMPILED_FRAMES, problem.frames), kept=False)
     times: list[float] = []

@@ -76,15 +76,15 @@ def run(
         half_coupling = build_contacts(problem, half.q_reach).coupling
         start = np.array([problem.q, problem.p])
         stretch = begin_stretch(problem, contacts.coupling.copy(), problem.q)
-        begun = time.perf_counter()
+        begun = time.process_time()
         stored = kernels.run_one_step(rule, gain, flow, half, contacts, half_coupling, stretch, shapes, start, *rest)
     else:
         recurrence = build_recurrence(problem, h, linear)
         contacts, start = build_contacts(problem, recurrence.reach), start_of(problem, recurrence)
         stretch = begin_stretch(problem, contacts.coupling.copy(), start.mean(axis=0))
-        begun = time.perf_counter()
+        begun = time.process_time()
         stored = kernels.run_two_step(rule, gain, recurrence, contacts, stretch, shapes, start, *rest)
-    seconds = time.perf_counter() - begun
+    seconds = time.process_time() - begun
     with np.errstate(all="ignore"):  # what blows up is returned as it is
         return Trajectory(q @ problem.pickup, force, q, p, seconds), stored
 

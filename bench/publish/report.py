@@ -27,12 +27,13 @@ def stamp(name: str) -> str:
     )
 
 
-def publish(name: str, header: list[str], rows: list[list[str]], command: str = "") -> None:
+def publish(name: str, header: list[str], rows: list[list[str]], command: str = "", made: str = "") -> None:
     """Print a table, write it as CSV, and put it between its markers in README.md or a page of docs.
 
     command: the measurement that makes it, if that has another name.
+    made: its stamp, if not all of it was measured now
     """
-    made = stamp(command or name)
+    made = made or stamp(command or name)
     RESULTS.mkdir(exist_ok=True)
     with open(RESULTS / f"{name}.csv", "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)

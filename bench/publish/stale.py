@@ -29,10 +29,10 @@ class PublishedTable(NamedTuple):
     name: str
     command: str  # the measurement that makes it
     date: str
-    kernels: str | None  # that it measured; None if it does not say
+    kernels: str | None  # that it measured, separated by commas; None if it does not say
 
     def is_older(self, present: str) -> bool:
-        """Whether it measured other kernels than the present ones, or does not say which."""
+        """True if any of it measured other kernels than the present ones, or does not say which."""
         return self.kernels != present
 
 
@@ -46,9 +46,13 @@ def tables_of(text: str) -> list[PublishedTable]:
     tables = []
     for name, block in TABLE.findall(text):
         if caption := CAPTION.search(block):
-            kernels = KERNELS.search(caption[0])
-            tables.append(PublishedTable(name, caption[1], caption[2], kernels[1] if kernels else None))
+            tables.append(PublishedTable(name, caption[1], caption[2], kernels_of(caption[0])))
     return tables
+
+
+def kernels_of(caption: str) -> str | None:
+    """The kernels that a caption names, separated by commas; None if it names none."""
+    return ", ".join(dict.fromkeys(KERNELS.findall(caption))) or None
 
 
 def mark_older(text: str, present: str) -> str:
@@ -57,8 +61,7 @@ def mark_older(text: str, present: str) -> str:
 
     def mark(caption: re.Match[str]) -> str:
         plain = caption[0].removesuffix(MARK)
-        kernels = KERNELS.search(plain)
-        return plain if kernels and kernels[1] == present else plain + MARK
+        return plain if kernels_of(plain) == present else plain + MARK
 
     marked = TABLE.sub(lambda table: CAPTION.sub(mark, table[0]), text)
     return SUMMARY.sub(lambda _: f"<!-- older kernels -->\n{summarise(text, present)}\n<!-- /older kernels -->", marked)

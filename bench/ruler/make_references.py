@@ -51,6 +51,8 @@ def digest_arrays(problem: Problem, known: Reference) -> str:
     digest = hashlib.sha256()
     for part in (problem, known):
         for name, value in part._asdict().items():
+            if value is None:
+                continue
             if isinstance(value, str):
                 digest.update(f"{name} {value}\n".encode())
             else:

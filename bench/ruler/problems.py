@@ -6,6 +6,7 @@ import numpy as np
 
 import engine
 from engine.assembly.build import build
+from engine.assembly.connection_coordinates import find_stretching
 from engine.assembly.contact_points import BodyPoint, offset
 from engine.assembly.layout import Layout
 from engine.problems.library import NAMES
@@ -34,8 +35,9 @@ def as_problem(scene: engine.Scene, samplerate: float = SAMPLERATE) -> Problem:
     pickup = heard.row.over_island(layout.modes.omega.size)[modes]
     shapes = layout.points.contact_shapes[0].phi[:, modes]
     springs = [(_spring(layout, connection)[modes], connection.stiffness) for connection in scene.connection]
+    stretch = _stretch(layout, scene, modes)
     if springs:
-        assert not sigma.any()
+        assert not sigma.any() and stretch is None
         matrix = np.diag(omega**2) + sum(k * np.outer(row, row) for row, k in springs)
         squared, vectors = np.linalg.eigh(matrix)
         omega = np.sqrt(np.where(squared > 1e-9 * squared[-1] * 1e-6, squared, 0.0))
@@ -63,7 +65,19 @@ def as_problem(scene: engine.Scene, samplerate: float = SAMPLERATE) -> Problem:
         exponent=np.array([scene.contact[k].exponent for k in numbers]),
         loss=np.array([scene.contact[k].loss for k in numbers]),
         pickup=pickup,
+        stretch=stretch,
     )
+
+
+def _stretch(layout: Layout, scene: engine.Scene, modes: np.ndarray) -> np.ndarray | None:
+    """Return the row √K·κ of each body that stretches; None if there are none."""
+    rows = []
+    for b, body in enumerate(scene.body):
+        if (stretching := find_stretching(layout, body.name)) is not None:
+            row = np.zeros(layout.modes.omega.size)
+            row[layout.modes.of_body[b]] = np.sqrt(stretching.stiffness) * stretching.kappa
+            rows.append(row[modes])
+    return np.array(rows) if rows else None
 
 
 def _spring(layout: Layout, connection: object) -> np.ndarray:

@@ -2,8 +2,9 @@
 
 Between events the forces are smooth. A contact that begins or ends (s = 0), and one whose loss would turn its force
 round (1 + loss·ds/dt = 0), is an event: a step ends there. While nothing presses, modes move by their closed
-solution; else they and the forces are polynomials over each step, of a degree that their last coefficients show to be
-enough. s^α with α not an integer is no polynomial near s = 0: steps shrink towards it until what is left is nothing.
+solution; else, and where bodies stretch, they and the forces are polynomials over each step, of a degree that their
+last coefficients show to be enough. s^α with α not an integer is no polynomial near s = 0: steps shrink towards it
+until what is left is nothing.
 """
 
 from dataclasses import dataclass
@@ -45,6 +46,7 @@ class System(NamedTuple):
     loss: np.ndarray  # [contacts]
     length: np.ndarray  # √(Φ·Φ) [contacts]
     is_whole: np.ndarray  # [contacts], whether α is an integer
+    stretch: np.ndarray  # [bodies that stretch, modes]
 
 
 class Step(NamedTuple):
@@ -92,6 +94,7 @@ def as_system(problem: Problem, kind: type) -> System:
         loss=problem.loss.astype(kind),
         length=np.sqrt(np.sum(shapes**2, axis=1)),
         is_whole=exponent == np.round(exponent),
+        stretch=(np.zeros((0, problem.omega.size)) if problem.stretch is None else problem.stretch).astype(kind),
     )
 
 
@@ -107,7 +110,7 @@ def select_contacts(system: System, which: np.ndarray) -> System:
 
 def power(system: System, s: np.ndarray) -> np.ndarray:
     """s^α of contacts [..., contacts]; analytic through 0 if α is an integer, 0 below it if not."""
-    if system.is_whole.all():
+    if system.is_whole.size and system.is_whole.all():
         if (system.exponent == system.exponent[0]).all():
             return np.asarray(s ** int(system.exponent[0]))
         return np.stack([s[..., k] ** int(a) for k, a in enumerate(system.exponent)], axis=-1)
@@ -120,10 +123,16 @@ def forces(system: System, s: np.ndarray, speed: np.ndarray) -> np.ndarray:
     return f * (1 + system.loss * speed) if system.loss.any() else f
 
 
+def stretching(system: System, q: np.ndarray) -> np.ndarray:
+    """Return the force of bodies that stretch on each mode [..., modes]. q: [..., modes]"""
+    return np.asarray(-((q**2 @ system.stretch.T) @ system.stretch) * q)
+
+
 def iterate(system: System, nodes: Nodes, h: np.floating, q: np.ndarray, p: np.ndarray, guess: tuple) -> tuple | None:
     """Solve a step with all contacts of a system pressing, from a guess, by fixed-point iteration.
 
     Returns q and p at the nodes [nodes, modes], dp/dt there, and forces [nodes, contacts]; None if it fails."""
+    stretches = len(system.stretch) > 0
     qs, ps = guess
     epsilon = np.finfo(q.dtype).eps
     ahead = (h * nodes.integral).astype(q.dtype)
@@ -133,6 +142,8 @@ def iterate(system: System, nodes: Nodes, h: np.floating, q: np.ndarray, p: np.n
         speed = ps @ system.shapes.T
         f = forces(system, s0 + ahead @ speed, speed)
         slope = system.weight - system.squared * qs - system.decay * ps - f @ system.shapes
+        if stretches:
+            slope = slope + stretching(system, qs)
         next_ps = p + ahead @ slope
         change, size = np.abs(next_ps - ps).max(), np.abs(next_ps).max()
         ps = next_ps
@@ -157,6 +168,7 @@ class Solver:
         self.longest = Real(MAX_PHASE / highest) if highest > 0 else Real(np.inf)
         assert (problem.sigma < np.maximum(problem.omega, 1e-300)).all() or not problem.sigma.any()
         self.free = problem.omega == 0  # modes
+        self.stretches = len(self.fine.stretch) > 0
         omega_squared, sigma = self.fine.squared, self.fine.decay / 2
         self.damped = np.sqrt(np.where(self.free, 1, omega_squared - sigma**2))
         self.rest = np.where(self.free, 0, self.fine.weight / np.where(self.free, 1, omega_squared))
@@ -176,8 +188,9 @@ class Solver:
             qs[:, free] = q[free] + p[free] * t + w * t * t / 2
         return Step(h, qs[-1], ps[-1], ps[:-1] @ self.fine.shapes.T, Real(0), Real(0))
 
-    def advance_pressed(self, motion: Motion, pressing: np.ndarray, h: np.floating) -> Step | None:
-        """A step in which contacts press: by collocation, begun in double precision. None if that fails."""
+    def advance_forced(self, motion: Motion, pressing: np.ndarray, h: np.floating) -> Step | None:
+        """A step in which contacts press or bodies stretch: by collocation, begun in double precision. None if that
+        fails."""
         q, p, nodes = motion.q, motion.p, self.nodes
         system, rough = select_contacts(self.fine, pressing), select_contacts(self.rough, pressing)
         rough_q, rough_p = q.astype(np.float64), p.astype(np.float64)
@@ -190,21 +203,25 @@ class Solver:
             solution = iterate(system, nodes, h, q, p, (solution[0].astype(Real), solution[1].astype(Real)))
         if solution is None:
             return None
-        _, ps, slope, f = solution
-        tail = np.abs(nodes.last @ f).max(axis=0)
+        qs, ps, slope, f = solution
+        moved = np.sum(system.length * np.abs(nodes.last @ f).max(axis=0))
+        if self.stretches:
+            moved = moved + np.sqrt(np.sum(np.abs(nodes.last @ stretching(system, qs)).max(axis=0) ** 2))
         return Step(
             duration=h,
             q=q + h * (nodes.share @ ps),
             p=p + h * (nodes.share @ slope),
             speed=ps @ self.fine.shapes.T,
             impulse=h * np.sum(nodes.share @ f),
-            error=h * np.sum(system.length * tail) / motion.scale,
+            error=h * moved / motion.scale,
         )
 
     def try_step(self, motion: Motion, h: np.floating) -> Step | None:
         """A step of duration h, whatever happens in it; None if it cannot be solved."""
         pressing = np.flatnonzero(motion.status == PRESSING)
-        return self.advance_pressed(motion, pressing, h) if pressing.size else self.advance_free(motion, h)
+        if pressing.size or self.stretches:
+            return self.advance_forced(motion, pressing, h)
+        return self.advance_free(motion, h)
 
     def compressions(self, q: np.ndarray) -> np.ndarray:
         """s [contacts]"""
@@ -218,6 +235,8 @@ class Solver:
             system = select_contacts(self.fine, pressing)
             f = forces(system, system.shapes @ motion.q - system.barrier, system.shapes @ motion.p)
             slope = slope - f @ system.shapes
+        if self.stretches:
+            slope = slope + stretching(self.fine, motion.q)
         return np.asarray(self.fine.shapes @ slope)
 
     def excess(self, status: np.ndarray, s: np.ndarray, speed: np.ndarray) -> np.ndarray:
@@ -402,4 +421,5 @@ def energy_of_state(system: System, q: np.ndarray, p: np.ndarray) -> np.floating
     """Energy of a state, J."""
     squeezed = np.maximum(system.shapes @ q - system.barrier, 0)
     stored = system.stiffness / (system.exponent + 1) * squeezed ** (system.exponent + 1)
-    return np.sum(p**2 / 2 + system.squared * q**2 / 2 - system.weight * q) + np.sum(stored)
+    stretched = np.sum((system.stretch @ q**2) ** 2) / 4
+    return np.sum(p**2 / 2 + system.squared * q**2 / 2 - system.weight * q) + np.sum(stored) + stretched

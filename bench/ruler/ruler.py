@@ -1,16 +1,26 @@
-"""The ruler: contact schemes on the same problems, error against time against energy."""
+"""The ruler: contact schemes on the same problems, error against time against energy.
+
+`uv run python -m bench.ruler.ruler PROBLEM …` measures some problems, and takes the scores of the others, with the
+kernels that they measured, from bench/results.
+"""
 
 import csv
+import dataclasses
+import datetime
 import math
+import os
+import sys
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from bench.publish import stale
 from bench.publish.report import RESULTS, figure, pin, publish, stamp
 from bench.ruler.chosen import ERRORS, settings_for_error
 from bench.ruler.engine_method import simulate_by_engine, simulate_oscillator_by_engine
 from bench.ruler.methods import FAMILIES
+from bench.ruler.methods.common import was_applicable
 from bench.ruler.stability import largest_stable_stiffness
 from engine.problems import NAMES, Problem, Reference, Score, Trajectory, load_problem, score
 
@@ -23,6 +33,8 @@ OWN: dict[str, dict[float, dict[str, float]]] = {  # settings of the engine's me
     **{f"this engine, order {order}": {n: {"order": order, "substeps": n} for n in SUBSTEPS} for order in (2, 4, 6)},
     BY_ERROR: {error: settings_for_error(error) for error in ERRORS},
 }
+NOT_APPLICABLE = "not applicable"  # of a method to a problem
+SCORES, STABILITY = RESULTS / "ruler_scores.csv", "largest stable stiffness, N/m²"
 WITH_TOLERANCES = (BY_ERROR, "DOP853 with events")
 
 
@@ -34,16 +46,38 @@ class Result(NamedTuple):
     variant: str
     setting: float  # steps per sample, or a tolerance
     score: Score
+    kernels: str  # of the engine, that were measured
+
+    @property
+    def is_applicable(self) -> bool:
+        """True if the method is made for the problem."""
+        return not math.isnan(self.score.ns_per_sample)
 
 
-def run() -> None:
-    """Score all methods on all problems, and publish tables and a plot."""
+def run(names: tuple[str, ...] = NAMES) -> None:
+    """Score all methods on all problems, or on some, and publish tables and a plot."""
     pin()
-    results = [result for name in NAMES for result in score_problem(name)]
-    write_results(results)
-    publish_single_step(results)
-    publish_times(results)
+    fresh = [result for name in names for result in score_problem(name)]
+    if names == NAMES:
+        made, results = stamp("ruler"), fresh
+        stiffness = {family: _stiffness(stable_stiffness(family)) for family in families(results)}
+    else:
+        made, kept = read_results()
+        made = add_to_stamp(made, names)
+        results = sorted(fresh + [r for r in kept if r.problem not in names], key=lambda r: NAMES.index(r.problem))
+        stiffness = read_stiffness()
+    write_results(results, made)
+    publish_single_step(results, stiffness, made)
+    publish_times(results, made)
     draw(results)
+
+
+def add_to_stamp(made: str, names: tuple[str, ...]) -> str:
+    """The stamp of older results, with the problems that are measured now."""
+    base, *others = made.split("; ")
+    others = [other for other in others if other.partition(":")[0] not in names]
+    now = f"{datetime.date.today()}, kernels {stale.present_kernels()}"
+    return "; ".join([base, *others, *(f"{name}: {now}" for name in names)])
 
 
 # --- scores
@@ -51,24 +85,26 @@ def run() -> None:
 
 def score_problem(name: str) -> Iterator[Result]:
     """The scores of all methods on a problem; of a family, those of its best variant at each setting."""
-    problem, reference = load_problem(name)
+    (problem, reference), kernels = load_problem(name), stale.present_kernels()
     for family, settings in OWN.items():
         for setting, accuracy in settings.items():
             trajectory = simulate_by_engine(name, **accuracy)
-            yield Result(name, family, family, setting, score(problem, reference, trajectory))
+            yield Result(name, family, family, setting, score(problem, reference, trajectory), kernels)
     for family, variants in FAMILIES.items():
         for setting in variants[0].settings:
             scores = [(v.name, score_quietly(problem, reference, v.simulate, setting)) for v in variants]
             variant, best = min(scores, key=lambda pair: _or_infinite(pair[1].motion))
-            yield Result(name, family, variant, setting, best)
+            yield Result(name, family, variant, setting, best, kernels)
 
 
 def score_quietly(
     problem: Problem, reference: Reference, simulate: Callable[[Problem, Any], Trajectory], setting: float
 ) -> Score:
-    """The score of a method, which may blow up."""
+    """The score of a method, which may blow up, or not be made for the problem."""
     with np.errstate(all="ignore"):
-        return score(problem, reference, simulate(problem, setting))
+        trajectory = simulate(problem, setting)
+        values = score(problem, reference, trajectory)
+    return values if was_applicable(trajectory) else dataclasses.replace(values, failed=NOT_APPLICABLE)
 
 
 def _or_infinite(value: float) -> float:
@@ -79,15 +115,39 @@ def _or_infinite(value: float) -> float:
 # --- tables
 
 
-def write_results(results: list[Result]) -> None:
-    """All scores, as bench/results/ruler_scores.csv."""
-    with open(RESULTS / "ruler_scores.csv", "w", newline="", encoding="utf-8") as file:
+def write_results(results: list[Result], made: str) -> None:
+    """All scores, as bench/results/ruler_scores.csv. made: their stamp"""
+    with open(SCORES, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow([f"# {stamp('ruler')}"])
-        writer.writerow(["problem", "method", "variant", "setting", *MEASURES, "failed"])
+        writer.writerow([f"# {made}"])
+        writer.writerow(["problem", "method", "variant", "setting", *MEASURES, "failed", "kernels"])
         for result in results:
             values = [f"{result.score[measure]:.3g}" for measure in MEASURES]
-            writer.writerow([*result[:3], f"{result.setting:g}", *values, result.score.failed])
+            failed = result.score.failed if result.is_applicable else NOT_APPLICABLE
+            writer.writerow([*result[:3], f"{result.setting:g}", *values, failed, result.kernels])
+
+
+def read_results() -> tuple[str, list[Result]]:
+    """The stamp of the last results, and all of them."""
+    with open(SCORES, newline="", encoding="utf-8") as file:
+        made = next(csv.reader(file))[0].removeprefix("# ")
+        results = [
+            Result(
+                *(row[name] for name in ("problem", "method", "variant")),
+                float(row["setting"]),
+                Score(*(float(row[measure]) for measure in MEASURES), failed=row["failed"]),
+                row["kernels"],
+            )
+            for row in csv.DictReader(file)
+        ]
+    return made, results
+
+
+def read_stiffness() -> dict[str, str]:
+    """The largest stable stiffness of each family in the last results."""
+    with open(RESULTS / "ruler.csv", newline="", encoding="utf-8") as file:
+        _, header, *rows = csv.reader(file)
+    return {row[0]: row[header.index(STABILITY)] for row in rows}
 
 
 def families(results: list[Result]) -> list[str]:
@@ -95,40 +155,43 @@ def families(results: list[Result]) -> list[str]:
     return list(dict.fromkeys(result.family for result in results))
 
 
-def publish_single_step(results: list[Result]) -> None:
-    """One row for each method, at one step per sample (of tolerances, the middle one)."""
+def publish_single_step(results: list[Result], stiffness: dict[str, str], made: str) -> None:
+    """One row for each method, at one step per sample (of tolerances, the middle one).
+
+    stiffness: the largest stable one of each method; made: the stamp
+    """
     rows = []
     for family in families(results):
-        chosen = [r for r in results if r.family == family]
+        chosen = [r for r in results if r.family == family and r.is_applicable]
         setting = sorted({r.setting for r in chosen})[1] if family in WITH_TOLERANCES else 1
         scores = [r.score for r in chosen if r.setting == setting]
         done = [s for s in scores if not math.isnan(s.motion)]
-        cells = [f"{len(done)} of {len(NAMES)}"]
+        cells = [f"{len(done)} of {len(scores)}"]
         cells += [
             _middle([s[m] for s in done], form)
             for m, form in (("motion", ".0e"), ("force", ".0e"), ("bands_db", ".2g"))
         ]
         cells += [_most([s[m] for s in done]) for m in ("energy", "pull")]
-        cells += [_stiffness(stable_stiffness(family)), _middle([s.ns_per_sample for s in done], ".0f")]
+        cells += [stiffness[family], _middle([s.ns_per_sample for s in done], ".0f")]
         rows.append([family, *cells])
     header = ["method, one step per sample", "stable problems", "motion error", "force error", "third-octave error, dB"]
-    header += ["largest energy error", "largest pull", "largest stable stiffness, N/m²", "ns per sample"]
-    publish("ruler", header, rows)
+    header += ["largest energy error", "largest pull", STABILITY, "ns per sample"]
+    publish("ruler", header, rows, made=made)
 
 
-def publish_times(results: list[Result]) -> None:
-    """What each method takes for an error of the motion of GOAL, ns per sample, on each problem."""
+def publish_times(results: list[Result], made: str) -> None:
+    """The time of each method for an error of the motion of GOAL, ns per sample, on each problem. made: the stamp"""
     rows = []
     for family in families(results):
         cells = []
         for name in NAMES:
-            good = [
-                r for r in results if (r.family, r.problem) == (family, name) and _or_infinite(r.score.motion) <= GOAL
-            ]
+            here = [r for r in results if (r.family, r.problem) == (family, name) and r.is_applicable]
+            good = [r for r in here if _or_infinite(r.score.motion) <= GOAL]
             best = min(good, key=lambda r: r.score.ns_per_sample, default=None)
-            cells.append("–" if best is None else f"{best.score.ns_per_sample:.3g} ({best.setting:g})")
+            none = "–" if here else "n/a"
+            cells.append(none if best is None else f"{best.score.ns_per_sample:.3g} ({best.setting:g})")
         rows.append([family, *cells])
-    publish("ruler_time", [f"ns per sample for a motion error of {GOAL:g} (setting)", *NAMES], rows, "ruler")
+    publish("ruler_time", [f"ns per sample for a motion error of {GOAL:g} (setting)", *NAMES], rows, made=made)
 
 
 def stable_stiffness(family: str) -> float:
@@ -166,9 +229,13 @@ def _stiffness(value: float) -> str:
 
 def draw(results: list[Result]) -> None:
     """Error of the motion against time, a panel for each problem."""
-    with figure("ruler", 14.0, 10.5, nrows=3, ncols=4) as panels:
+    columns = 5
+    rows = math.ceil(len(NAMES) / columns)
+    with figure("ruler", 3.5 * columns, 3.5 * rows, nrows=rows, ncols=columns) as panels:
         np.ravel(panels)[0].figure.set_layout_engine(None)
-        for name, panel in zip(NAMES, np.ravel(panels), strict=True):
+        for panel in np.ravel(panels)[len(NAMES) :]:
+            panel.set_axis_off()
+        for name, panel in zip(NAMES, np.ravel(panels), strict=False):
             for i, family in enumerate(families(results)):
                 points = [
                     (r.score.ns_per_sample, r.score.motion)
@@ -187,7 +254,7 @@ def draw(results: list[Result]) -> None:
             panel.set_title(name.replace("_", " "), fontsize=10)
             panel.set_ylim(1e-10, 3.0)
             panel.grid(True, which="major", alpha=0.3)
-        for panel in np.atleast_2d(panels)[-1]:
+        for panel in np.ravel(panels)[len(NAMES) - columns : len(NAMES)]:
             panel.set_xlabel("ns per sample")
         for panel in np.atleast_2d(panels)[:, 0]:
             panel.set_ylabel("motion error")
@@ -196,3 +263,15 @@ def draw(results: list[Result]) -> None:
         np.ravel(panels)[0].figure.subplots_adjust(
             bottom=0.13, top=0.95, left=0.06, right=0.98, hspace=0.3, wspace=0.25
         )
+
+
+def main(words: list[str]) -> None:
+    """Score all methods on the named problems."""
+    if not words or (unknown := [name for name in words if name not in NAMES]):
+        sys.exit(f"unknown {', '.join(unknown)}; some of {', '.join(NAMES)}" if words else __doc__)
+    os.environ["FDH_BACKGROUND"] = "off"  # nothing is measured beside a compilation
+    run(tuple(words))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -2,9 +2,9 @@
 with bench.ruler.reference but the problem.
 
 From every state the series of modes and forces follow term by term: dp/dt from the forces, a power s^α of a series by
-its recurrence. The last terms give the length of a step. The series show where a contact begins or ends, to the last
-digit, and the output in between. s^α with α not an integer has no series at s = 0: its force is on from a
-compression on that is so small that it could not be told from 0.
+its recurrence, the stretch of bodies by products of series. The last terms give the length of a step. The series show
+where a contact begins or ends, to the last digit, and the output in between. s^α with α not an integer has no series at
+s = 0: its force is on from a compression on that is so small that it could not be told from 0.
 """
 
 import itertools
@@ -34,6 +34,7 @@ class Arrays(NamedTuple):
     exponent: np.ndarray  # [contacts]
     loss: np.ndarray  # [contacts]
     onset: np.ndarray  # [contacts], compression from which on the force is on, m
+    stretch: np.ndarray  # [bodies that stretch, modes]
 
 
 class Series(NamedTuple):
@@ -59,6 +60,7 @@ def as_arrays(problem: Problem, scale: np.floating) -> Arrays:
         exponent=exponent,
         loss=problem.loss.astype(Real),
         onset=np.where(exponent == np.round(exponent), 0, onset),
+        stretch=(np.zeros((0, problem.omega.size)) if problem.stretch is None else problem.stretch).astype(Real),
     )
 
 
@@ -92,8 +94,12 @@ def expand(arrays: Arrays, status: np.ndarray, q: np.ndarray, p: np.ndarray) -> 
         blank = np.zeros((size, which.size), Real)
         powers = [blank.copy() for _ in range(int(exponent) if exponent == round(exponent) else 1)]
         kinds.append((which, arrays.shapes[which], blank.copy(), blank.copy(), powers, blank.copy()))
+    stretches = np.zeros((size, len(arrays.stretch)), Real)
     for n in range(size):
         slope = -arrays.squared * qs[n] - arrays.decay * ps[n]
+        if stretches.size:  # the products of series
+            stretches[n] = arrays.stretch @ np.sum(qs[: n + 1] * qs[n::-1], axis=0)
+            slope = slope - np.sum((stretches[: n + 1] @ arrays.stretch) * qs[n::-1], axis=0)
         if n == 0:
             slope = slope + arrays.weight
         for which, shapes, s, speed, powers, elastic in kinds:

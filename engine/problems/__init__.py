@@ -1,7 +1,7 @@
 """Problems of collision with reference solutions, and the score of a trajectory against them (docs/ruler.md)."""
 
 from engine.problems.library import NAMES, load_problem
-from engine.problems.problem import Problem, Reference, energy_of
+from engine.problems.problem import Problem, Reference, energy_of, stretching_force
 from engine.problems.score import Score, score
 from engine.problems.trajectory import Trajectory, UnfitTrajectory, read_trajectory
 
@@ -16,4 +16,5 @@ __all__ = [
     "load_problem",
     "read_trajectory",
     "score",
+    "stretching_force",
 ]

@@ -68,6 +68,22 @@ def test_methods_of_order_4_where_the_contact_closes(name):
 
 
 @pytest.mark.parametrize("name", SECOND)
+def test_methods_of_order_2_on_a_string_that_stretches(name):
+    check_order(name, of_the_ruler("stretching_string", 0.003), 2, [8, 16, 32])
+
+
+@pytest.mark.parametrize("name", FOURTH)
+def test_methods_of_order_4_on_a_string_that_stretches(name):
+    check_order(name, of_the_ruler("stretching_string", 0.003), 4, [8, 16, 32])
+
+
+@pytest.mark.parametrize("name", FDN + RIGID)
+def test_methods_of_linear_modes_say_that_a_string_that_stretches_is_not_for_them(name):
+    result = METHODS[name].simulate(of_the_ruler("stretching_string"), 1)
+    assert not was_applicable(result) and np.isnan(result.displacement).all()
+
+
+@pytest.mark.parametrize("name", SECOND)
 def test_methods_of_order_2_with_contact_loss(name):
     check_order(name, of_the_ruler("hammer_c4", 0.003), 2, [16, 32, 64])
 

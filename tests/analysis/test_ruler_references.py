@@ -6,18 +6,18 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.special import beta
+from scipy.special import beta, ellipj
 
 from bench.ruler import reference
 from bench.ruler.make_references import DIGESTS, FOLDER, MAX_DIFFERENCE, digest_arrays
 from bench.ruler.problems import NAMES, as_problem, ruler_scene
 from bench.ruler.taylor import solve_by_series
-from engine.problems.problem import Problem, read_problem
+from engine.problems.problem import Problem, energy_of, read_problem, stretching_force
 
 SAMPLERATE = 44_100.0
-LOSSLESS = ("barrier", "repelled_oscillator", "bouncing_ball", "walls", "joined")
+LOSSLESS = ("barrier", "repelled_oscillator", "bouncing_ball", "walls", "stretching_string", "joined")
 CHEAP = ("repelled_oscillator", "lossy_bounce")
-LONGER = ("barrier", "bouncing_ball", "walls", "hammer_c2", "hammer_c4", "joined", "drum")
+LONGER = ("barrier", "bouncing_ball", "walls", "hammer_c2", "hammer_c4", "stretching_string", "joined", "drum")
 # the solvers refuse to run without; x86, and so CI, has them
 needs_extended_precision = pytest.mark.skipif(np.finfo(np.longdouble).eps > 2e-19, reason="needs 80-bit numbers")
 
@@ -67,6 +67,9 @@ def test_the_problem_is_that_of_the_scene(name):
     for field in ("omega", "sigma", "q", "p", "barrier", "stiffness", "exponent", "loss"):
         a, b = np.abs(getattr(problem, field)), np.abs(getattr(made, field))  # a mode may have either sign
         assert np.allclose(a, b, rtol=1e-9, atol=1e-9 * np.abs(a).max()), field
+    assert (problem.stretch is None) == (made.stretch is None) == (name != "stretching_string")
+    if problem.stretch is not None:
+        assert np.allclose(problem.stretch, made.stretch, rtol=1e-9)
 
 
 def test_all_references_are_small():
@@ -150,6 +153,44 @@ def test_touching_without_pressing_is_seen():
     assert len(reference.solve(outside).events) == solve_by_series(outside)[2] == 0
 
 
+@needs_extended_precision
+def test_a_mode_that_stretches_moves_by_the_elliptic_cosine():
+    """q'' = -ω²q - k²q³ from rest at A: A·cn(Ωt, m), Ω² = ω² + k²A², m = k²A²/(2Ω²)."""
+    omega, far, k = 2000.0, 1.5e-3, 2e6
+    problem = one_mode(omega=omega, q=far, barrier=1.0, stretch=[[k]])
+    squared = omega**2 + (k * far) ** 2
+    t = np.arange(401) / SAMPLERATE
+    exact = far * ellipj(np.sqrt(squared) * t, (k * far) ** 2 / (2 * squared))[1]
+    for motion in displacements(problem):
+        assert np.abs(motion - exact).max() < 3e-14 * far  # of SciPy, which is in double precision
+
+
+@needs_extended_precision
+def test_both_methods_agree_from_the_start_of_the_stroke_on():
+    problem, known = read_problem(FOLDER / "stretching_string.npz")
+    by_collocation, by_series = displacements(problem._replace(frames=60))
+    peak = np.abs(known.displacement).max()
+    assert known.force[:60].max() > 1.0  # N: the hammer presses
+    assert np.abs(by_collocation - by_series).max() < 1e-15 * peak
+    assert np.abs(by_collocation - known.displacement[:61]).max() < 1e-15 * peak
+
+
+def test_the_force_of_a_stretch_is_the_slope_of_its_energy():
+    problem, _ = read_problem(FOLDER / "stretching_string.npz")
+    rng = np.random.default_rng(1)
+    q, aside = 1e-5 * rng.standard_normal((2, problem.omega.size))
+    linear = problem._replace(stretch=None, stiffness=0 * problem.stiffness)
+    problem = problem._replace(stiffness=linear.stiffness)
+
+    def stored(state):
+        return energy_of(problem, state, 0 * state) - energy_of(linear, state, 0 * state)
+
+    work = stored(q + 1e-3 * aside) - stored(q - 1e-3 * aside)
+    assert stored(q) > 0.0
+    assert -2e-3 * aside @ stretching_force(problem, q) == pytest.approx(work, rel=1e-5)
+    assert not stretching_force(linear, q).any()
+
+
 def check_again(name):
     """Solve a problem again by both methods, and compare with its file."""
     problem, known = read_problem(FOLDER / f"{name}.npz")
@@ -176,7 +217,7 @@ def test_a_longer_problem_solved_again_is_the_same(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["tanpura", "frets", "snare"])
+@pytest.mark.parametrize("name", ["tanpura", "frets", "snare", "stretching_string"])
 def test_what_scipy_makes_of_the_arrays_without_events_is_near(name):
     problem, known = read_problem(FOLDER / f"{name}.npz")
     count, frames = problem.omega.size, 220
@@ -186,6 +227,8 @@ def test_what_scipy_makes_of_the_arrays_without_events_is_near(name):
         s, speed = problem.shapes @ q - problem.barrier, problem.shapes @ p
         f = problem.stiffness * np.maximum(s, 0) ** problem.exponent * np.maximum(1 + problem.loss * speed, 0)
         slope = problem.weight - problem.omega**2 * q - 2 * problem.sigma * p - f @ problem.shapes
+        if problem.stretch is not None:
+            slope = slope - (problem.stretch @ q**2) @ problem.stretch * q
         return np.concatenate([p, slope])
 
     scale = np.sqrt(np.sum(problem.p**2 + problem.omega**2 * problem.q**2))

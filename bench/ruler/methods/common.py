@@ -41,6 +41,7 @@ class System(NamedTuple):
     exponent: np.ndarray  # [contacts]
     loss: np.ndarray  # [contacts], s/m
     pickup: np.ndarray  # [1, modes], 1/√kg
+    stretch: np.ndarray  # [bodies that stretch, modes], √(N/m)/(kg·m)
     lossy: bool  # whether any contact has loss
 
 
@@ -77,6 +78,7 @@ def system_of(problem: Problem) -> System:
         problem.exponent,
         problem.loss,
         problem.pickup[None, :],
+        np.zeros((0, problem.omega.size)) if problem.stretch is None else problem.stretch,
     )
     return System(*(np.ascontiguousarray(a, dtype=np.float64) for a in arrays), lossy=bool(np.any(problem.loss > 0.0)))
 
@@ -145,9 +147,9 @@ def run_kernel(kernel: Callable[..., None], problem: Problem, steps: int, tables
         q, p = (np.full((frames + 1 if kept else 0, modes), np.nan) for _ in range(2))
         start = (np.array(problem.q, dtype=np.float64), np.array(problem.p, dtype=np.float64))
         work = room_for(problem)
-        began = time.perf_counter()
+        began = time.process_time()
         kernel(system, tables, work, np.int64(steps), h, *start, displacement, force, q, p)
-        return Trajectory(displacement, force, q, p, time.perf_counter() - began)
+        return Trajectory(displacement, force, q, p, time.process_time() - began)
 
     run(min(COMPILED_FRAMES, problem.frames), kept=False)
     times: list[float] = []
@@ -269,6 +271,17 @@ def push(system, f, scale, p):
         if f[k] != 0.0:
             for m in range(p.shape[0]):
                 p[m] -= scale[m] * system.shapes[k, m] * f[k]
+
+
+@inline
+def add_stretching(system, q, scale, p):
+    """p += scale·(what bodies that stretch do to each mode at q)."""
+    for b in range(system.stretch.shape[0]):
+        rise = 0.0
+        for m in range(q.shape[0]):
+            rise += system.stretch[b, m] * q[m] * q[m]
+        for m in range(q.shape[0]):
+            p[m] -= scale * rise * system.stretch[b, m] * q[m]
 
 
 @inline

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.integrate import DOP853
 from scipy.optimize import brentq
 
-from engine.problems.problem import Problem, energy_of
+from engine.problems.problem import Problem, energy_of, stretching_force
 from engine.problems.trajectory import Trajectory
 
 GIVEN_UP_SECONDS = 20.0
@@ -55,6 +55,8 @@ class SmoothPart:
         rate = np.zeros(y.size)
         rate[:n] = p
         rate[n : 2 * n] = problem.weight - self.omega2 * q - self.twice_sigma * p
+        if problem.stretch is not None:
+            rate[n : 2 * n] += stretching_force(problem, q)
         if self.touching.size:
             f = self.stiffness * np.maximum(self.rows @ q - self.barrier, 0.0) ** self.exponent
             if self.lossy:
@@ -101,7 +103,7 @@ def simulate_dop853(problem: Problem, tolerance: float) -> Trajectory:
 
 def integrate(problem: Problem, tolerance: float) -> Trajectory:
     """Integrate from crossing to crossing."""
-    began = time.perf_counter()
+    began, begun = time.perf_counter(), time.process_time()
     n, contacts = problem.omega.size, problem.barrier.size
     at = np.arange(problem.frames + 1) / problem.samplerate
     states = np.full((problem.frames + 1, 2 * n + contacts), np.nan)
@@ -131,6 +133,6 @@ def integrate(problem: Problem, tolerance: float) -> Trajectory:
         closed = closed.copy()
         closed[crossing[1]] = not closed[crossing[1]]
     impulse = np.diff(states[:, 2 * n :], axis=0)
-    seconds = time.perf_counter() - began
+    seconds = time.process_time() - begun
     q, p = states[:, :n], states[:, n : 2 * n]
     return Trajectory(q @ problem.pickup, impulse * problem.samplerate, q, p, seconds)

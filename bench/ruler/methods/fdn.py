@@ -147,8 +147,8 @@ def starting_pull(problem: Problem) -> np.ndarray:
 
 
 def is_printed(problem: Problem) -> bool:
-    """Whether the authors give the scheme for all exponents of a problem."""
-    return bool(np.all(np.isin(problem.exponent, (1.0, 3.0))))
+    """True if the authors give the scheme for all exponents of a problem, and its bodies do not stretch."""
+    return problem.stretch is None and bool(np.all(np.isin(problem.exponent, (1.0, 3.0))))
 
 
 def simulate_fdn(problem: Problem, steps: int) -> Trajectory:

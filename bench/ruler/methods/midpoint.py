@@ -10,8 +10,11 @@ The modes are linear, so that a step comes down to one unknown per contact, its 
 
 Choices: Newton's method on the closed contacts, from the compressions of the last step, shortened until the residual
 falls; should it not converge, contact by contact (each a scalar equation that rises strictly, between bounds), which
-descends a convex function and always does.
+descends a convex function and always does. For a given tension of a body that stretches the modes are linear as well;
+the tension and the rest are found in turn.
 """
+
+import numpy as np
 
 from bench.ruler.methods.common import (
     add_forces,
@@ -30,7 +33,8 @@ from bench.ruler.methods.common import (
 from engine.problems.problem import Problem
 from engine.problems.trajectory import Trajectory
 
-ACCURACY = 1e-14  # of a compression, relative to the largest
+ACCURACY = 1e-14  # of a compression, relative to the largest; of the tension of a body that stretches
+MOST_TURNS = 100  # between the tension and the rest
 
 
 @inline
@@ -153,12 +157,70 @@ def solve_together(system, matrix, free, start, h, x, f, work):
     return False
 
 
+@inline
+def solve_middle(system, tables, work, h, q, p, middle):
+    """Find the momenta in the middle of a step, its compressions and forces; returns whether anything may touch."""
+    softened, kick, matrix, tension = tables
+    start, free, x, f = work.contact[0], work.contact[1], work.contact[2], work.contact[3]
+    modes, contacts = q.shape[0], x.shape[0]
+    for m in range(modes):
+        pull = system.weight[m] - (system.omega2[m] + tension[m]) * q[m]
+        middle[m] = softened[m] * (p[m] + 0.5 * h * pull)
+    touching = False
+    for k in range(contacts):
+        free[k] = start[k] + 0.5 * h * project(system.shapes, k, middle)
+        touching |= not free[k] <= 0.0
+    if touching:
+        if contacts == 1:
+            x[0] = solve_one(system, matrix[0, 0], 0, free[0], start[0], h, x[0])
+            f[0] = find_force(system, 0, x[0], start[0], h)[0]
+        elif not solve_together(system, matrix, free, start, h, x, f, work):
+            solve_one_by_one(system, matrix, free, start, h, x, f)
+        push(system, f, kick, middle)
+    else:
+        copy(free, x)
+    return touching
+
+
+@kernel
+def soften(system, tables, rise, h):
+    """Fill the tables for a rise of each body that stretches: r of the middle [bodies]."""
+    softened, kick, matrix, tension = tables
+    modes, contacts = softened.shape[0], matrix.shape[0]
+    for m in range(modes):
+        tension[m] = 0.0
+        for b in range(rise.shape[0]):
+            tension[m] += rise[b] * system.stretch[b, m]
+        softened[m] = 1.0 / (1.0 + system.sigma[m] * h + 0.25 * h * h * (system.omega2[m] + tension[m]))
+        kick[m] = 0.5 * h * softened[m]
+    for k in range(contacts):
+        for other in range(k + 1):
+            total = 0.0
+            for m in range(modes):
+                total += system.shapes[k, m] * softened[m] * system.shapes[other, m]
+            matrix[k, other] = matrix[other, k] = 0.25 * h * h * total
+
+
+@kernel
+def find_rises(system, q, middle, h, rise):
+    """Set the rises to those of the middle, q + h/2·middle; returns the largest change, relative."""
+    largest = 0.0
+    for b in range(rise.shape[0]):
+        total = 0.0
+        for m in range(q.shape[0]):
+            there = q[m] + 0.5 * h * middle[m]
+            total += system.stretch[b, m] * there * there
+        largest = max(largest, abs(total - rise[b]) / max(total, 1e-300))
+        rise[b] = total
+    return largest
+
+
 @kernel
 def step_implicitly(system, tables, work, steps, h, q, p, displacement, force, q_out, p_out):
-    """Implicit midpoint rule; tables: D [modes], h/2·D, h²/4·Φ·D·Φᵀ."""
-    softened, kick, matrix = tables
+    """Implicit midpoint rule; tables: those of solve_middle, and r of each body that stretches."""
+    tables, rise = tables
     modes, contacts = q.shape[0], force.shape[1]
-    start, free, x, f = work.contact[0], work.contact[1], work.contact[2], work.contact[3]
+    start, x, f = work.contact[0], work.contact[2], work.contact[3]
     middle = work.modal[0]
     keep(0, system, q, p, displacement, q_out, p_out)
     find_compressions(system, q, start)
@@ -166,22 +228,16 @@ def step_implicitly(system, tables, work, steps, h, q, p, displacement, force, q
     for frame in range(force.shape[0]):
         force[frame] = 0.0
         for _ in range(steps):
-            for m in range(modes):
-                middle[m] = softened[m] * (p[m] + 0.5 * h * (system.weight[m] - system.omega2[m] * q[m]))
-            touching = False
-            for k in range(contacts):
-                free[k] = start[k] + 0.5 * h * project(system.shapes, k, middle)
-                touching |= not free[k] <= 0.0
-            if touching:
-                if contacts == 1:
-                    x[0] = solve_one(system, matrix[0, 0], 0, free[0], start[0], h, x[0])
-                    f[0] = find_force(system, 0, x[0], start[0], h)[0]
-                elif not solve_together(system, matrix, free, start, h, x, f, work):
-                    solve_one_by_one(system, matrix, free, start, h, x, f)
-                push(system, f, kick, middle)
-                add_forces(f, 1.0 / steps, force, frame)
+            if rise.shape[0] == 0:
+                touching = solve_middle(system, tables, work, h, q, p, middle)
             else:
-                copy(free, x)
+                for _turn in range(MOST_TURNS):
+                    soften(system, tables, rise, h)
+                    touching = solve_middle(system, tables, work, h, q, p, middle)
+                    if not find_rises(system, q, middle, h, rise) > ACCURACY:
+                        break
+            if touching:
+                add_forces(f, 1.0 / steps, force, frame)
             for m in range(modes):
                 q[m] += h * middle[m]
                 p[m] = 2.0 * middle[m] - p[m]
@@ -195,5 +251,6 @@ def simulate_midpoint(problem: Problem, steps: int) -> Trajectory:
     """Simulate by the implicit midpoint rule, in `steps` time steps per sample."""
     h = 1.0 / (problem.samplerate * steps)
     softened = 1.0 / (1.0 + problem.sigma * h + 0.25 * (problem.omega * h) ** 2)
-    tables = (softened, 0.5 * h * softened, 0.25 * h * h * coupling(problem, softened))
-    return run_kernel(step_implicitly, problem, steps, tables)
+    tables = (softened, 0.5 * h * softened, 0.25 * h * h * coupling(problem, softened), np.zeros(softened.size))
+    rise = np.zeros(0 if problem.stretch is None else len(problem.stretch))
+    return run_kernel(step_implicitly, problem, steps, (tables, rise))

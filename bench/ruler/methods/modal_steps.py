@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from bench.ruler.methods.quadratised_kernels import Flow, Recurrence
-from engine.problems.problem import Problem
+from engine.problems.problem import Problem, stretching_force
 from engine.problems.trajectory import Trajectory
 
 CENTRED = "centred"  # two-step: centred differences, which are unstable above ωh = 2
@@ -58,7 +58,7 @@ def turn_of(problem: Problem, h: float) -> tuple[np.ndarray, np.ndarray]:
 def start_of(problem: Problem, recurrence: Recurrence) -> np.ndarray:
     """Displacements at time 0 and a step before, such that p at time 0 is that of the problem: [2, modes]."""
     squeezed = np.maximum(problem.shapes @ problem.q - problem.barrier, 0.0)
-    pushed = problem.shapes.T @ (problem.stiffness * squeezed**problem.exponent)
+    pushed = problem.shapes.T @ (problem.stiffness * squeezed**problem.exponent) - stretching_force(problem, problem.q)
     following = recurrence.now * problem.q + recurrence.drive - recurrence.reach * pushed  # less before·q⁻
     known = problem.p - recurrence.here * problem.q - recurrence.steady - recurrence.ahead * following
     earlier = -known / (recurrence.ahead * recurrence.before + recurrence.behind)

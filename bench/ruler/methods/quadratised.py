@@ -11,6 +11,11 @@ What was read, and what was derived:
 - van Walstijn, Bhanuprakash & Chatziioannou (DAFx23): abstract, which says that the contact force is strictly
   non-adhesive. How is derived here: ψ ≥ 0 before and after the step is enough, and bounds g from above.
 
+A body that stretches has a ψ of its own with every rule, also with one for all contacts. The direction of its force is
+explicit: the gradient of √(2V) at the middle step, which a rule with drift control corrects along the motion of the
+body. Derived from the same principle (bench/ruler/methods/quadratised_stretch.py): the paper of that group on strings
+whose energy is quadratised (Ducceschi & Bilbao, JSV 534, 2022) could not be read.
+
 Contact loss has its coefficient μ·k·[s]₊^α at the middle step and its rate centred: linear in the unknown. Where it
 would take away all force of a contact that opens, the contact is released, as in the law of the problem (not with one
 ψ for all contacts).
@@ -38,6 +43,7 @@ from bench.ruler.methods import quadratised_kernels as kernels
 from bench.ruler.methods.method import STEPS, Method
 from bench.ruler.methods.modal_steps import EXACT, IMPULSE, best_of_three, build_flow, build_recurrence, start_of
 from bench.ruler.methods.quadratised_contacts import Contacts
+from bench.ruler.methods.quadratised_stretch import begin_stretch
 from engine.problems.problem import Problem
 from engine.problems.trajectory import Trajectory
 
@@ -69,14 +75,16 @@ def run(
         contacts = build_contacts(problem, 2.0 * flow.q_reach)
         half_coupling = build_contacts(problem, half.q_reach).coupling
         start = np.array([problem.q, problem.p])
-        begun = time.perf_counter()
-        stored = kernels.run_one_step(rule, gain, flow, half, contacts, half_coupling, shapes, start, *rest)
+        stretch = begin_stretch(problem, contacts.coupling.copy(), problem.q)
+        begun = time.process_time()
+        stored = kernels.run_one_step(rule, gain, flow, half, contacts, half_coupling, stretch, shapes, start, *rest)
     else:
         recurrence = build_recurrence(problem, h, linear)
         contacts, start = build_contacts(problem, recurrence.reach), start_of(problem, recurrence)
-        begun = time.perf_counter()
-        stored = kernels.run_two_step(rule, gain, recurrence, contacts, shapes, start, *rest)
-    seconds = time.perf_counter() - begun
+        stretch = begin_stretch(problem, contacts.coupling.copy(), start.mean(axis=0))
+        begun = time.process_time()
+        stored = kernels.run_two_step(rule, gain, recurrence, contacts, stretch, shapes, start, *rest)
+    seconds = time.process_time() - begun
     with np.errstate(all="ignore"):  # what blows up is returned as it is
         return Trajectory(q @ problem.pickup, force, q, p, seconds), stored
 

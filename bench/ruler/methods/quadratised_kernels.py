@@ -5,8 +5,9 @@ One-step: the force is constant in a step, under which the modes move exactly; Ï
 the compression half a step ahead, as predicted by the last force. Both have the same solve, where the change of
 compression over two steps is twice that over one.
 
-Numba's cache knows a kernel by its own file only: after a change of quadratised_contacts.py, whose functions are
-compiled into the kernels here and in spline_kernels.py, delete the .nbi and .nbc files in __pycache__.
+Numba's cache knows a kernel by its own file only: after a change of quadratised_contacts.py or quadratised_stretch.py,
+whose functions are compiled into the kernels here and in spline_kernels.py, delete the .nbi and .nbc files in
+__pycache__.
 """
 
 from typing import NamedTuple
@@ -15,6 +16,7 @@ import numba
 import numpy as np
 
 from bench.ruler.methods.quadratised_contacts import begin_psi, make_work, solve_step
+from bench.ruler.methods.quadratised_stretch import find_means, pull_back, yield_to_contacts
 
 
 class Recurrence(NamedTuple):
@@ -50,7 +52,7 @@ class Flow(NamedTuple):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def run_two_step(rule, gain, recurrence, contacts, shapes, start, h, steps, frames, q_out, p_out, force_out):
+def run_two_step(rule, gain, recurrence, contacts, stretch, shapes, start, h, steps, frames, q_out, p_out, force_out):
     """Run the two-step scheme from the displacements at time 0 and a step before: start [2, modes].
 
     q_out, p_out: [frames + 1, modes]; force_out: [frames, contacts], zero on entry. Returns the energy in Ïˆ after each
@@ -66,9 +68,16 @@ def run_two_step(rule, gain, recurrence, contacts, shapes, start, h, steps, fram
         s[k] = np.dot(shapes[k], q) - contacts.barrier[k]
         before[k] = np.dot(shapes[k], previous) - contacts.barrier[k]
         begin_psi(rule, contacts, k, 0.5 * (s[k] + before[k]), psi)
+    stretches = stretch.psi.size > 0
     for n in range(frames * steps + 1):
         for i in range(modes):
             following[i] = recurrence.now[i] * q[i] - recurrence.before[i] * previous[i] + recurrence.drive[i]
+        if stretches:
+            for i in range(modes):
+                stretch.there[i] = 0.5 * (q[i] + previous[i])
+                stretch.moved[i] = following[i] - previous[i]
+            find_means(rule, gain, stretch, recurrence.reach, shapes, q, contacts.coupling)
+            pull_back(stretch, stretch.mean, recurrence.reach, following)
         np.dot(shapes, following, unforced)
         unforced -= contacts.barrier
         count = solve_step(rule, gain, contacts, h, s, before, unforced, work)
@@ -77,6 +86,10 @@ def run_two_step(rule, gain, recurrence, contacts, shapes, start, h, steps, fram
             for m in range(modes):
                 following[m] -= recurrence.reach[m] * shapes[k, m] * forces[k]
         stored[n] = 0.5 * np.dot(psi, psi)
+        if stretches:
+            yield_to_contacts(stretch, forces)
+            pull_back(stretch, stretch.change, recurrence.reach, following)
+            stored[n] += 0.5 * np.dot(stretch.psi, stretch.psi)
         store(recurrence, previous, q, following, forces, n, steps, frames, q_out, p_out, force_out)
         previous, q, following = q, following, previous
         before, s, unforced = s, unforced, before
@@ -111,7 +124,7 @@ def store(recurrence, previous, q, following, forces, n, steps, frames, q_out, p
 
 @numba.njit(cache=True, error_model="numpy")
 def run_one_step(
-    rule, gain, flow, half, contacts, half_coupling, shapes, start, h, steps, frames, q_out, p_out, force_out
+    rule, gain, flow, half, contacts, half_coupling, stretch, shapes, start, h, steps, frames, q_out, p_out, force_out
 ):
     """Run the one-step scheme from a state: start [2, modes], q and p. half: the flow of half a step.
 
@@ -126,6 +139,8 @@ def run_one_step(
     for k in range(number):
         s[k] = np.dot(shapes[k], q) - contacts.barrier[k]
         begin_psi(rule, contacts, k, s[k], psi)
+    stretches = stretch.psi.size > 0
+    twice = 2.0 * flow.q_reach
     q_out[0], p_out[0] = q, p
     for n in range(frames * steps):
         for i in range(modes):
@@ -133,6 +148,16 @@ def run_one_step(
             earlier = q[i]
             q[i] = flow.qq[i] * earlier + flow.qp[i] * p[i] + flow.q_drive[i]
             p[i] = flow.pq[i] * earlier + flow.pp[i] * p[i] + flow.p_drive[i]
+            if stretches:
+                stretch.there[i], stretch.moved[i] = earlier, 2.0 * (q[i] - earlier)
+        if stretches:
+            pull_back(stretch, stretch.mean, half.q_reach, moving)  # as by the last forces
+            for k in range(number):
+                for m in range(modes):
+                    moving[m] -= half.q_reach[m] * shapes[k, m] * forces[k]
+            find_means(rule, gain, stretch, twice, shapes, moving, contacts.coupling)
+            pull_back(stretch, stretch.mean, flow.q_reach, q)
+            pull_back(stretch, stretch.mean, flow.p_reach, p)
         np.dot(shapes, q, after)
         touching = psi[0] != 0.0
         for k in range(number):
@@ -144,7 +169,8 @@ def run_one_step(
             for k in range(number):
                 middle[k] -= contacts.barrier[k]
                 for j in range(number):
-                    middle[k] -= half_coupling[k, j] * forces[j]
+                    if not stretches:
+                        middle[k] -= half_coupling[k, j] * forces[j]
             for k in range(number):
                 before[k] = 2.0 * s[k] - middle[k]
                 after[k] = before[k] + 2.0 * (after[k] - s[k])
@@ -161,6 +187,11 @@ def run_one_step(
                 q[m] -= flow.q_reach[m] * shapes[k, m] * forces[k]
                 p[m] -= flow.p_reach[m] * shapes[k, m] * forces[k]
         stored[n] = 0.5 * np.dot(psi, psi)
+        if stretches:
+            yield_to_contacts(stretch, forces)
+            pull_back(stretch, stretch.change, flow.q_reach, q)
+            pull_back(stretch, stretch.change, flow.p_reach, p)
+            stored[n] += 0.5 * np.dot(stretch.psi, stretch.psi)
         if (n + 1) % steps == 0:
             q_out[(n + 1) // steps], p_out[(n + 1) // steps] = q, p
     return stored

@@ -8,14 +8,23 @@ The force of a step is that of its stages, weighted as the method weighs them: (
 that of the force's smoothness: below 4 where a contact closes with a small exponent.
 """
 
-from bench.ruler.methods.common import add_forces, exact_flow, find_forces_at, inline, keep, kernel, run_kernel
+from bench.ruler.methods.common import (
+    add_forces,
+    add_stretching,
+    exact_flow,
+    find_forces_at,
+    inline,
+    keep,
+    kernel,
+    run_kernel,
+)
 from engine.problems.problem import Problem
 from engine.problems.trajectory import Trajectory
 
 
 @inline
-def find_pull(system, f, touching, pull):
-    """Fill pull [modes], √kg·m/s², with what the contacts do to each mode: -Φᵀ·f."""
+def find_pull(system, q, f, touching, pull):
+    """Fill pull [modes], √kg·m/s², with what the contacts and the stretch at q do to each mode."""
     for m in range(pull.shape[0]):
         pull[m] = 0.0
     if touching:
@@ -23,6 +32,7 @@ def find_pull(system, f, touching, pull):
             if f[k] != 0.0:
                 for m in range(pull.shape[0]):
                     pull[m] -= system.shapes[k, m] * f[k]
+    add_stretching(system, q, 1.0, pull)
 
 
 @kernel
@@ -42,7 +52,7 @@ def step_plainly(system, tables, work, steps, h, q, p, displacement, force, q_ou
                 stage_q[m], stage_p[m], sum_q[m], sum_p[m] = q[m], p[m], q[m], p[m]
             for stage in range(4):
                 touching = find_forces_at(system, stage_q, stage_p, s, v, f)
-                find_pull(system, f, touching, pull)
+                find_pull(system, stage_q, f, touching, pull)
                 if touching:
                     add_forces(f, share[stage] / steps, force, frame)
                 part, far = share[stage] * h, reach[stage]
@@ -72,7 +82,7 @@ def step_with_exact_flow(system, tables, work, steps, h, q, p, displacement, for
         force[frame] = 0.0
         for _ in range(steps):
             touching = find_forces_at(system, q, p, s, v, f)
-            find_pull(system, f, touching, pull)
+            find_pull(system, q, f, touching, pull)
             if touching:
                 add_forces(f, 1.0 / (6.0 * steps), force, frame)
             # in short loops: what touches many arrays at once is not vectorised
@@ -90,13 +100,13 @@ def step_with_exact_flow(system, tables, work, steps, h, q, p, displacement, for
                 end_q[m] = q[m] + h / 6.0 * whole.qp[m] * pull[m]
                 end_p[m] = p[m] + h / 6.0 * whole.pp[m] * pull[m]
             touching = find_forces_at(system, stage_q, stage_p, s, v, f)
-            find_pull(system, f, touching, sum_pull)
+            find_pull(system, stage_q, f, touching, sum_pull)
             if touching:
                 add_forces(f, 1.0 / (3.0 * steps), force, frame)
             for m in range(modes):  # q has no force of its own: only p differs from the middle
                 stage_p[m] = mid_p[m] + 0.5 * h * sum_pull[m]
             touching = find_forces_at(system, mid_q, stage_p, s, v, f)
-            find_pull(system, f, touching, pull)
+            find_pull(system, mid_q, f, touching, pull)
             if touching:
                 add_forces(f, 1.0 / (3.0 * steps), force, frame)
             for m in range(modes):
@@ -104,7 +114,7 @@ def step_with_exact_flow(system, tables, work, steps, h, q, p, displacement, for
                 stage_p[m] = p[m] + h * half.pp[m] * pull[m]
                 sum_pull[m] += pull[m]
             touching = find_forces_at(system, stage_q, stage_p, s, v, f)
-            find_pull(system, f, touching, pull)
+            find_pull(system, stage_q, f, touching, pull)
             if touching:
                 add_forces(f, 1.0 / (6.0 * steps), force, frame)
             for m in range(modes):

@@ -3,7 +3,8 @@
 Plain: the leapfrog of Verlet, "Computer 'experiments' on classical fluids" (1967), with the loss of the modes as the
 centred difference (q₊ - q₋)/2h that is usual for finite differences (Bilbao, Numerical Sound Synthesis, 2009); it is
 unstable where ωh > 2. Linear part exact: Strang, "On the construction and comparison of difference schemes" (1968):
-half a kick by the contacts, the modes with their weight and loss as they move without contact, half a kick. It is also
+half a kick by the contacts, the modes with their weight and loss as they move without contact, half a kick (by the
+tension of bodies that stretch as well). It is also
 the method of Deuflhard, "A study of extrapolation methods based on multistep schemes without parasitic solutions"
 (1979), in the form of Hairer, Lubich & Wanner, Geometric Numerical Integration, chapter XIII.
 
@@ -18,6 +19,7 @@ import numpy as np
 
 from bench.ruler.methods.common import (
     add_forces,
+    add_stretching,
     coupling,
     exact_flow,
     find_compressions,
@@ -61,11 +63,14 @@ def step_plainly(system, tables, work, steps, h, q, p, displacement, force, q_ou
         for _ in range(steps):
             for m in range(modes):
                 p[m] += 0.5 * h * (system.weight[m] - system.omega2[m] * q[m] - 2.0 * system.sigma[m] * p[m])
+            add_stretching(system, q, 0.5 * h, p)
             if touching:
                 push(system, f, early_kick, p)
                 add_forces(f, 0.5 / steps, force, frame)
             for m in range(modes):
                 q[m] += h * p[m]
+            add_stretching(system, q, 0.5 * h, p)
+            for m in range(modes):
                 pull = 0.5 * h * (system.weight[m] - system.omega2[m] * q[m])
                 p[m] = (p[m] + pull) / (1.0 + h * system.sigma[m])
             touching = find_forces_after_flow(system, matrix, q, p, s, v, f)
@@ -90,10 +95,12 @@ def step_with_exact_flow(system, tables, work, steps, h, q, p, displacement, for
             if touching:
                 push(system, f, kick, p)
                 add_forces(f, 0.5 / steps, force, frame)
+            add_stretching(system, q, 0.5 * h, p)
             for m in range(modes):
                 old = q[m]
                 q[m] = flow.qq[m] * old + flow.qp[m] * p[m] + flow.qw[m]
                 p[m] = flow.pq[m] * old + flow.pp[m] * p[m] + flow.pw[m]
+            add_stretching(system, q, 0.5 * h, p)
             touching = find_forces_after_flow(system, matrix, q, p, s, v, f)
             if touching:
                 push(system, f, kick, p)

@@ -4,7 +4,7 @@ import sys
 import time
 
 import numpy as np
-from contact_ruler import Problem, Trajectory, load_problem, score
+from contact_ruler import Problem, Trajectory, load_problem, score, stretching_force
 from contact_ruler.leader_board import format_row
 
 
@@ -15,16 +15,22 @@ def forces(problem: Problem, q: np.ndarray, p: np.ndarray) -> np.ndarray:
     return problem.stiffness * compression**problem.exponent * damping
 
 
+def accelerate(problem: Problem, q: np.ndarray, p: np.ndarray, pushes: np.ndarray) -> np.ndarray:
+    """dp/dt under the forces of the contacts."""
+    linear = problem.weight - problem.omega**2 * q - 2 * problem.sigma * p
+    return linear + stretching_force(problem, q) - pushes @ problem.shapes
+
+
 def simulate(problem: Problem) -> Trajectory:
     """Compute the motion of a problem."""
     h, q, p = 1 / problem.samplerate, problem.q.copy(), problem.p.copy()
     states, mean_forces, begin = [(q.copy(), p.copy())], [], time.perf_counter()
     for _ in range(problem.frames):
         before = forces(problem, q, p)
-        p += 0.5 * h * (problem.weight - problem.omega**2 * q - 2 * problem.sigma * p - before @ problem.shapes)
+        p += 0.5 * h * accelerate(problem, q, p, before)
         q += h * p
         after = forces(problem, q, p)
-        p += 0.5 * h * (problem.weight - problem.omega**2 * q - 2 * problem.sigma * p - after @ problem.shapes)
+        p += 0.5 * h * accelerate(problem, q, p, after)
         states.append((q.copy(), p.copy()))
         mean_forces.append(0.5 * (before + after))
     seconds = time.perf_counter() - begin

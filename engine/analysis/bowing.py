@@ -49,9 +49,9 @@ def friedlander_force(speed: float, difference: float, mobility: float) -> float
 
 def playing_ranges(layout: Layout, model: Model) -> list[PlayingRange]:
     """Return the limits of each bow that moves over a string."""
-    if model.step.contact is None or model.step.contact.duration is None:
-        return []
-    h, ranges = model.step.contact, []
+    h, ranges = model.step.contact, list[PlayingRange]()
+    if h is None or h.duration is None:
+        return ranges
     for slot, bow in friction_points(layout).items():
         number, at = layout.body_index[bow.body], layout.islands.contact_points[slot][1].at
         string = layout.scene.body[number]

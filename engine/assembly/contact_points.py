@@ -182,7 +182,8 @@ def _padded(u: np.ndarray) -> np.ndarray:
 def contact_sides(contact: Contact | Friction, point: ContactPoint) -> tuple[BodyPoint, BodyPoint]:
     """Return the two body points that a contact point joins, each with the sign of its part in the compression."""
     sign = 1.0 if contact.side == "above" else -1.0
-    return BodyPoint(contact.body, point.at, sign), BodyPoint(contact.on, point.on_at, -sign)
+    angle = contact.angle if isinstance(contact, Friction) else 0.0
+    return BodyPoint(contact.body, point.at, sign, angle=angle), BodyPoint(contact.on, point.on_at, -sign)
 
 
 def offset(contact: Contact | Friction, point: ContactPoint) -> float:

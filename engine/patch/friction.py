@@ -12,6 +12,7 @@ from pydantic_core import InitErrorDetails
 
 from engine.bodies.table import KeyPath, Name, Positions, Table, is_given, is_number, make_fault
 from engine.patch.positions import check_positions, count_positions
+from engine.patch.tables import ANGLE, Angle
 from engine.wording import format_names, format_value
 
 Faults = Iterator[InitErrorDetails]
@@ -27,6 +28,7 @@ class Friction(Table):
     at: Positions = Field(
         default=None, description="position on the body, or a list of positions: one point of friction at each"
     )
+    angle: Angle = Field(default=0.0, description=f"direction in which it rubs, rad; {ANGLE}")
     on: Name | None = Field(default=None, description="second body, instead of a surface that moves by itself")
     on_at: Positions = Field(default=None, description="position on the second body, or a list as long as `at`")
     velocity: float = Field(

@@ -37,7 +37,16 @@ from engine.bodies.body import ModalBody, remember_positions
 from engine.faults import BuildError, Fault
 from engine.kernel.data.enums import EventKind, Quantity
 from engine.kernel.data.laws import NO_NUMBERS, select_law
-from engine.kernel.data.model import Contact, ContactBasis, Drive, ExternalForce, FreeMasses, Model, Pickups
+from engine.kernel.data.model import (
+    Contact,
+    ContactBasis,
+    Drive,
+    ExternalForce,
+    FreeMasses,
+    Model,
+    Pickups,
+    StepCoefficients,
+)
 from engine.kernel.data.state import State
 from engine.patch.accuracy import Accuracy
 from engine.patch.friction import Friction
@@ -102,7 +111,7 @@ def build(
         force=_external_force(layout, samplerate, seconds),
         drive=Drive(np.array(drives)) if drives else None,
         connection=connections(layout, samplerate, step, accuracy.is_refined),
-        contact=_contact(layout, modes, accuracy, samplerate, variable_exponents or changed),
+        contact=_contact(layout, step, modes, accuracy, samplerate, variable_exponents or changed),
         tension=tension(layout, accuracy.least_detuning),
         refinement=build_refinement(layout, accuracy, samplerate) if accuracy.is_refined else None,
         events=events,
@@ -195,7 +204,12 @@ def _free_masses(layout: Layout) -> FreeMasses | None:
 
 
 def _contact(
-    layout: Layout, modes: ModeCoefficients, accuracy: Accuracy, samplerate: float, variable_exponents: bool
+    layout: Layout,
+    step: StepCoefficients,
+    modes: ModeCoefficients,
+    accuracy: Accuracy,
+    samplerate: float,
+    variable_exponents: bool,
 ) -> Contact | None:
     """Return the contacts of a layout; None without any."""
     if not layout.points.contacts:
@@ -208,7 +222,7 @@ def _contact(
         rows=mode_shape_rows(ours),
         other_rows=mode_shape_rows(theirs) if any(row.phi.size for row in theirs) else None,
         basis=_contact_basis(layout, modes, samplerate),
-        friction=friction(layout),
+        friction=friction(layout, step.contact.coupling if step.contact is not None else None),
         nominal_stiffness=nominal_stiffness(layout),
         nominal_barrier=np.array([offset(contact, point) for contact, point in contacts]),
         tolerance=accuracy.tolerance,

@@ -1,5 +1,7 @@
 """Points of friction, which lie among those of contacts (engine.kernel.interactions.friction)."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from engine.assembly.layout import Layout
@@ -14,8 +16,8 @@ def friction_points(layout: Layout) -> dict[int, Friction]:
     return {slot: table for slot, table in tables if isinstance(table, Friction)}
 
 
-def friction(layout: Layout) -> model.Friction | None:
-    """Return the points of friction of a layout; None without any."""
+def friction(layout: Layout, coupling: np.ndarray | None) -> model.Friction | None:
+    """Return the points of friction of a layout; None without any. coupling: B of each island, m/N"""
     points, begins = friction_points(layout), layout.islands.contact_begins
     if not points:
         return None
@@ -28,7 +30,24 @@ def friction(layout: Layout) -> model.Friction | None:
         if table.contact is not None:
             pressing = _slots_of_contact(layout, table.contact)
             pressed_by[slot] = pressing[min(number, len(pressing) - 1)] - begins[island_of[slot]]
-    return model.Friction(pressed_by, is_present)
+    blocks = zip(pairwise(begins), _blocks(begins, coupling), strict=True)
+    is_apart = [_is_apart(pressed_by[a:b], block) for (a, b), block in blocks]
+    return model.Friction(pressed_by, is_present, np.array(is_apart, np.int64))
+
+
+def _blocks(begins: np.ndarray, coupling: np.ndarray | None) -> list[np.ndarray]:
+    """Return B of each island [contacts, contacts], m/N; zeros where no island has several contacts."""
+    counts = np.diff(begins)
+    if coupling is None:
+        return [np.zeros((count, count)) for count in counts]
+    parts = np.split(coupling, np.cumsum(counts**2)[:-1])
+    return [part.reshape(count, count) for part, count in zip(parts, counts, strict=True)]
+
+
+def _is_apart(pressed_by: np.ndarray, compliance: np.ndarray) -> bool:
+    """True if contacts press points of an island, and the friction there moves no other point. compliance: B, m/N"""
+    pressed = pressed_by >= 0
+    return bool(pressed.any()) and not compliance[np.ix_(pressed, ~pressed)].any()
 
 
 def _slots_of_contact(layout: Layout, name: str) -> list[int]:

@@ -121,9 +121,10 @@ class Sliding(IntEnum):
     MEMORY = 5  # s
     BRISTLE = 6  # N/m; 0 of a contact
     PRESS = 7  # N: what presses in the present step
-    BOUND = 8  # N: the largest force of friction in it
-    SLIP = 9  # m/s: how fast the surfaces slip, beyond what the bristle bends
-    REMEMBERED_SPEED = 10  # m/s, of slip
+    COEFFICIENT = 8  # of friction in it
+    BOUND = 9  # N: the largest force of friction in it
+    SLIP = 10  # m/s: how fast the surfaces slip, beyond what the bristle bends
+    REMEMBERED_SPEED = 11  # m/s, of slip
 
 
 class MovingEnd(IntEnum):

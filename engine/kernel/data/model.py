@@ -211,6 +211,7 @@ class Friction(NamedTuple):
 
     pressed_by: Annotated[np.ndarray, Items(Axis.CONTACT, np.int64, neutral=-1)]  # contact that presses, or -1
     is_present: PerIslandInt  # 1 if the island has some
+    is_apart: PerIslandInt  # 1 if contacts press some, which move none of these contacts
 
 
 class Contact(NamedTuple):

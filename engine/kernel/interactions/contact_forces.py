@@ -40,7 +40,7 @@ from engine.kernel.interactions.contacts import (
     push_by_reach,
     store_solution,
 )
-from engine.kernel.interactions.friction import has_friction, surface_move
+from engine.kernel.interactions.friction import has_friction, is_pressed_anew, surface_move
 from engine.kernel.interactions.near_contacts import are_all_left_out, contacts_in_reach
 from engine.kernel.modes.mode_step import forget_drift, kinetic_energy, rescale_kinetic_energy
 
@@ -204,6 +204,9 @@ def solve_several_contacts(contact, h, reach, max_rounds, state):
     if rounds == 0:
         rounds, status, excess = find_coupled_forces(contact, h, reach, (problem, max_rounds), state)
         is_persistent = FALSE
+        if is_pressed_anew(contact.friction, state.scratch.vectors[Row.FORCE], state):
+            more, status, excess = find_coupled_forces(contact, h, reach, (problem, max_rounds), state)
+            rounds += more
     vectors, is_measured = state.scratch.vectors, FALSE
     for n in range(reach.size):
         eta, b, f = vectors[Row.STEP, n], vectors[Row.END, n], vectors[Row.FORCE, n]

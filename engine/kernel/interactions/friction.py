@@ -36,8 +36,32 @@ def bound_friction(friction, duration, state):
                 if slides(state.friction, k):
                     point, pressed_by = state.friction[k], friction.pressed_by[k]
                     press = state.contact_force[pressed_by] if pressed_by >= 0 else point[Sliding.FORCE]
-                    point[Sliding.PRESS] = max(0.0, press)
-                    point[Sliding.BOUND] = point[Sliding.PRESS] * coefficient(point, duration[k])
+                    point[Sliding.COEFFICIENT] = coefficient(point, duration[k])
+                    press_point(point, press)
+
+
+@inline
+def press_point(point, press):
+    """Let a force (N) press the surfaces at a point together."""
+    point[Sliding.PRESS] = max(0.0, press)
+    point[Sliding.BOUND] = point[Sliding.PRESS] * point[Sliding.COEFFICIENT]
+
+
+@inline
+def is_pressed_anew(friction, forces, state):
+    """Let the contact forces that were found for this step press, in place of those of the step before, where friction
+    moves no contact. Returns True if any differs: then friction is to be found again. forces: of all contacts, N"""
+    if friction is None:
+        return False
+    differs = False
+    if friction.is_apart[0] != 0:
+        for k in range(state.compression.shape[0]):
+            pressed_by = friction.pressed_by[k]
+            if pressed_by >= 0:
+                point, press = state.friction[k], max(0.0, forces[pressed_by])
+                differs = differs or press != point[Sliding.PRESS]
+                press_point(point, press)
+    return differs
 
 
 @inline

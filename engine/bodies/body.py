@@ -100,6 +100,10 @@ class BodyTable(Table):
         """Rise of the tension as the body stretches; None if there is none. omega: of its modes at rest, rad/s"""
         return None
 
+    def tension_at_rest(self) -> float | None:
+        """Tension at rest, N of a string, N/m of a sheet; None of a body without one."""
+        return None
+
     @classmethod
     def split_positions(cls, at: Any) -> list[Any]:
         """The positions that the value of a key lists; a single one makes a list of one."""

@@ -70,6 +70,9 @@ class Membrane(TunedSheet):
         """Tension T, N/m: ω = β·√(T/ρ). lowest: wave number of the first partial, 1/m"""
         return self.tension or self.area_density * (2 * math.pi * (self.frequency or 0.0) / lowest) ** 2
 
+    def tension_at_rest(self) -> float:
+        return self.tension_for(self.lowest_wave_number())
+
     def free_modes(self, max_omega: float) -> ModeSet:
         """ω = β·√(T/ρ). On a rectangle as those of a plate without rigidity; on a circle β = j_mn/a, the zeros of J_m,
         and shapes J_m(βr)·cos mθ and sin mθ (Fletcher & Rossing, sec. 3.3)."""

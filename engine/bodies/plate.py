@@ -138,6 +138,9 @@ class Plate(TunedSheet):
         x, y = (np.square(number * (math.pi / side))[: omega.size] for side in self.size)
         return Stretching(stiffness, np.sort(np.add.outer(x, y), axis=None)[: omega.size] / self.area_density)
 
+    def tension_at_rest(self) -> float | None:
+        return self.tension
+
     @classmethod
     def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
         """Its stiffness is given in one way, and what holds it goes with its edges."""

@@ -91,6 +91,9 @@ class String(LineBody):
         beta = np.arange(1.0, omega.size + 1) * (math.pi / self.length)
         return Stretching(stiffness / (2 * self.length), beta**2 / self.mass_per_length())
 
+    def tension_at_rest(self) -> float:
+        return self.tension_and_bending()[0]
+
     def end_row(self, omega: np.ndarray, end: float) -> np.ndarray:
         """∂V/∂y per modal displacement when an end (0 or 1) moves by y, for modes of these frequencies (rad/s), the
         lowest first [modes], N/(√kg·m): ωₙ·cₙ = ±ω²·μ·φₙ'/β², φₙ' the slope of the mode shape at the end.

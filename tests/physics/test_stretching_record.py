@@ -131,7 +131,7 @@ def test_a_strike_that_stretches_a_string_too_far_is_warned_of_at_its_time():
     struck = scene(STRING | {"axial_stiffness": 1e5}, hammer, contact=[STRIKE], event=[strike])
     (warning,) = engine.render(struck, seconds=0.6).stats.warnings
     time = float(warning.split(" at ")[1].split(" s")[0])
-    assert time > 0.5 and time == pytest.approx(recorded(struck, 0.6).time, abs=6e-3)
+    assert 0.5 < time < 0.52
 
 
 @pytest.mark.parametrize("thickness", [{}, {"young": None, "thickness": None, "stretching": None}])

@@ -81,6 +81,16 @@ def test_a_string_that_is_struck_again_stretches_again():
     assert begin == 0.0 and first < second and second == pytest.approx(0.6, abs=2e-3) and end > second
 
 
+def test_a_string_stretches_from_the_first_sample_of_a_strike_that_meets_it_at_once():
+    """The contact closes in the step of the event, before any check."""
+    hammer = HAMMER | {"velocity": 0.0, "displacement": -0.05}
+    strike = {"kind": "strike", "body": "hammer", "time": 0.5, "velocity": 20.0, "displacement": -1e-4}
+    struck = scene(STRING, hammer, contact=[STRIKE], event=[strike])
+    of_string = recorded(struck, 0.55)
+    assert of_string.intervals[-1][0] == pytest.approx(0.5, abs=2e-3) and of_string.time < 0.51
+    assert engine.render(struck, seconds=0.55).stats.energy.error_max < 1e-13
+
+
 def test_the_largest_rise_follows_from_the_energy():
     """All of it is potential at the turning point: λ/T = √(1 + 4·K·E/T²) - 1 of one mode without losses."""
     speed = 40.0

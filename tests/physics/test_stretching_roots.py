@@ -1,4 +1,4 @@
-"""The tension of a step is the only root of its equation, and the engine finds it."""
+"""The tension of a step is the only root of its equation, and the engine finds it from any guess."""
 
 from typing import Any, NamedTuple
 
@@ -82,11 +82,11 @@ def test_the_equation_of_a_step_has_one_root(states):
 
 
 @pytest.mark.hard
-def test_the_root_is_found_from_guesses_in_its_bounds(states):
+def test_the_root_is_found_from_any_guess(states):
     random = np.random.default_rng(2)
     for state in states:
         low, high = state.bounds()
-        for guess in (low, high, low * (high / low) ** random.random()):
+        for guess in (0.0, low, high, low * (high / low) ** random.random(), 10 * high):
             rise = solve(*state.modes, state.half, state.softest, state.ends, guess)
             below, above = state.residuals([rise * (1 - 1e-13), rise * (1 + 1e-13)])
             assert below < 0 < above

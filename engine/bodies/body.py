@@ -67,6 +67,7 @@ class BodyTable(Table):
     HAS_LENGTH: ClassVar[bool] = False  # a string or a bar
     HEARD: ClassVar[str] = "velocity"  # what a pickup hears of it that does not say
     HAS_AREA: ClassVar[bool] = False  # pushes air as a whole: `volume_row`
+    STRETCHED_BY: ClassVar[tuple[str, ...]] = ()  # keys one of which lets its tension rise
     PITCH_POWERS: ClassVar[dict[str, int]] = {}  # keys that make its pitch; each goes with this power of frequency
 
     @abstractmethod

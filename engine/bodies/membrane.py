@@ -35,6 +35,7 @@ class Membrane(TunedSheet):
         *TunedSheet.EXACTLY_ONE_OF,
         ("tension", "frequency", "tension in N/m or frequency in Hz"),
     ]
+    STRETCHED_BY: ClassVar[tuple[str, ...]] = "stretching_stiffness", "young"
     PITCH_POWERS: ClassVar[dict[str, int]] = {"frequency": 1, "tension": 2}
 
     AT_MOST_ONE_OF: ClassVar[list[tuple[str, str]]] = [("stretching_stiffness", "young")]

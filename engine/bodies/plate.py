@@ -66,6 +66,7 @@ class Plate(TunedSheet):
             "flexural_rigidity in N·m, frequency in Hz, or Young's modulus in Pa",
         ),
     ]
+    STRETCHED_BY: ClassVar[tuple[str, ...]] = "stretching_stiffness", "stretching"
     PITCH_POWERS: ClassVar[dict[str, int]] = {
         "frequency": 1,
         "flexural_rigidity": 2,

@@ -44,6 +44,7 @@ class String(LineBody):
         ("bending_stiffness", "inharmonicity"),
         ("axial_stiffness", "young"),
     ]
+    STRETCHED_BY: ClassVar[tuple[str, ...]] = "axial_stiffness", "young"
     PITCH_POWERS: ClassVar[dict[str, int]] = {"frequency": 1, "tension": 2, "bending_stiffness": 2}
 
     def tension_and_bending(self) -> tuple[float, float]:

@@ -25,7 +25,18 @@ SENTENCE_END = re.compile(r"[.?] (?=[A-Z])")
 LINE_LENGTH = 100
 MEASUREMENTS = {  # in this order
     "performance": [
-        *("realtime", "instruments", "keyboards", "scaling", "connections", "effects", "start", "tricks", "live"),
+        *(
+            "realtime",
+            "instruments",
+            "keyboards",
+            "scaling",
+            "connections",
+            "stretching",
+            "effects",
+            "start",
+            "tricks",
+            "live",
+        ),
         "endurance",
     ],
     "accuracy": ["price", "jvari", "metric", "hard", "one_way", "bowing"],

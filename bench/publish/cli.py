@@ -62,7 +62,8 @@ samplers:
 The reference is refined until it converges. [What accuracy costs](accuracy.md) explains the table and the verdict.""",
     "inspect": """
 The table has the modes, contacts, solver and cost of each island. The list after it says which effects are enabled or
-disabled in this scene, and why.""",
+disabled in this scene, and why. For each [body that stretches](bodies.md#bodies-that-stretch) it says when its tension
+rose and when it was linear, and how far its tension rose at most.""",
 }
 CONVENTIONS = """
 ## Output, errors and exit codes

@@ -11,15 +11,19 @@ import numpy as np
 from engine.assembly.build import build
 from engine.assembly.layout import Layout
 from engine.assembly.subsystems import estimate_cost
+from engine.assembly.table_changes import scored_exchanges
 from engine.bodies import MeasuredBody
 from engine.compiler.kinds import kind_of
 from engine.compiler.struct_handle import StructHandle
-from engine.kernel.data.enums import Energies, Ledger, Sleep
+from engine.kernel.data.enums import FLIGHT_FRAMES, Energies, Ledger, Sleep
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import State
 from engine.offline.effects import EFFECTS
+from engine.offline.simulation import Simulation
 from engine.offline.statistics import Activity
 from engine.offline.statistics_base import Statistics
+from engine.offline.stretching_record import StretchingRecord, StretchingStatistics
+from engine.patch.accuracy import Accuracy
 from engine.patch.frames import frame_count
 from engine.patch.scene import Scene
 from engine.runtime.job_memory import RENDER_USE, block_output
@@ -71,6 +75,8 @@ class Profile(Statistics):
     islands: list[IslandProfile]
     effects: dict[str, str]  # by name: compiled in, or why not
     contacts_left_out: list[str]  # each with the reason
+    stretching: list[StretchingStatistics]  # of bodies that stretch
+    warnings: list[str]  # of bodies that move further than their model holds
 
 
 def profile_scene(
@@ -91,6 +97,7 @@ def profile_scene(
     model, state, layout = build(scene, samplerate, settings, seconds, one_partition_per_island=True)
     channels = scene.channels
     mean, worst = _measure_costs(model, state, frame_count(seconds, samplerate), channels, progress)
+    record = None if model.tension is None else _record_stretching(scene, settings, seconds, samplerate)
     return Profile(
         kernel=kernel_id(model, state),
         islands=[_profile_island(layout, model, state, n, mean[n], worst[n]) for n in range(mean.size)],
@@ -99,6 +106,8 @@ def profile_scene(
             for name, find in EFFECTS.items()
         },
         contacts_left_out=_contacts_left_out(layout),
+        stretching=[] if record is None else record.statistics(samplerate),
+        warnings=[] if record is None else record.warnings(samplerate),
     )
 
 
@@ -129,6 +138,19 @@ def _measure_costs(
             total[n] += elapsed
             worst[n] = max(worst[n], elapsed / length)
     return total / max(1, frames), worst
+
+
+def _record_stretching(scene: Scene, settings: Accuracy, seconds: float, samplerate: int) -> StretchingRecord:
+    """Render a scene once more, in short blocks, to see when its bodies stretch."""
+    model, state, layout = built = build(scene, samplerate, settings, seconds)
+    exchanges = scored_exchanges(scene, built, accuracy=settings, seconds=seconds)
+    simulation = Simulation(model, state, measure_energy=False, exchanges=exchanges)
+    record = StretchingRecord(simulation, state, layout, FLIGHT_FRAMES)
+    audio = np.zeros((TIMED_CHUNK_FRAMES, scene.channels))
+    frames = frame_count(seconds, samplerate)
+    for begin in range(0, frames, TIMED_CHUNK_FRAMES):
+        record.render_block(audio[: frames - begin])
+    return record
 
 
 def _profile_island(layout: Layout, model: Model, state: State, n: int, mean: float, worst: float) -> IslandProfile:

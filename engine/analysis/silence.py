@@ -14,7 +14,7 @@ from engine.patch.tables import ChangeEvent, Contact, Force, Pickup, PluckEvent,
 
 MODES_EXAMINED = 8  # a position where none of the lowest moves is a node of all
 NODE_THRESHOLD = 1e-9  # a shape this much smaller than elsewhere is rounding
-HEARD_AT_NODES = "force", "end_force"  # quantities that are there where nothing moves
+HEARD_AT_NODES = "force", "end_force", "tension"  # quantities that are there where nothing moves
 GENERIC_POSITIONS = 0.137, 0.29, 0.41  # at no simple fraction, and so at no node of a low mode
 
 

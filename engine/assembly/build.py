@@ -179,7 +179,7 @@ def trace_points(layout: Layout) -> list[BodyPoint]:
     scene, points = layout.scene, dict[str, BodyPoint]()
     for pickup in scene.pickup:
         everywhere = pickup.quantity == "pressure" and pickup.at is None
-        if pickup.quantity not in ("force", "end_force") and not everywhere:
+        if pickup.quantity not in ("force", "end_force", "tension") and not everywhere:
             points.setdefault(pickup.body, layout.point_of(pickup))
     for k, contact_point in layout.islands.contact_points:
         for side in contact_sides(layout.touching[k], contact_point):
@@ -303,7 +303,7 @@ def _find_pushes(layout: Layout, heard: HeardPoint) -> Iterator[tuple[int, float
     islands = layout.islands
     island = islands.of_body[layout.body_index[heard.pickup.body]]
     inside = slice(*islands.contact_begins[island : island + 2])
-    is_force = heard.quantity == Quantity.CONTACT_FORCE
+    is_force = heard.quantity == Quantity.FORCE and heard.pickup.quantity == "force"
     for slot, (k, point) in enumerate(islands.contact_points[inside] if is_force else ()):
         for side in contact_sides(layout.touching[k], point):
             if side.body == heard.pickup.body:

@@ -23,8 +23,9 @@ QUANTITIES = {
     "velocity": Quantity.VELOCITY,
     "acceleration": Quantity.ACCELERATION,
     "pressure": Quantity.ACCELERATION,  # a sum of accelerations
-    "force": Quantity.CONTACT_FORCE,
+    "force": Quantity.FORCE,
     "end_force": Quantity.DISPLACEMENT,  # a sum of displacements
+    "tension": Quantity.FORCE,
 }
 
 
@@ -72,8 +73,8 @@ def channel_gains(pickup: Pickup | DrivePickup) -> list[tuple[int, float]]:
 
 
 def _points(system: ModalSystem, pickup: Pickup | DrivePickup) -> list[BodyPoint]:
-    """Return the points of a pickup; NOWHERE if its signal is all contact forces of its body."""
-    if pickup.quantity == "force":
+    """Return the points of a pickup; NOWHERE if its signal is all contact forces of its body, or its tension."""
+    if pickup.quantity in ("force", "tension"):
         return [NOWHERE]
     if pickup.quantity == "end_force":
         return [BodyPoint(name, None, 1.0, row) for name, row in end_force_parts(system, pickup.body, pickup.at)]

@@ -15,6 +15,7 @@ from engine.kernel.data.model import Tension
 from engine.kernel.data.state import SoftenedConnections, TensionState
 from engine.patch.tables import EndConnection
 
+HEARD_DETUNING = 1e-6  # of the detuning that may be left out, of a body whose tension is heard: it ends without a click
 CENTS_PER_ENERGY = 1200 / math.log(2)  # 1731·K·E/c⁴: by so many cents at most partials rise
 
 
@@ -40,16 +41,26 @@ def tension(layout: Layout, least_detuning: float) -> Tension | None:
     begin, end = np.zeros((2, count), np.int64)
     places, factor = np.full((count, len(MovingEnd)), -1), np.zeros((count, len(StretchFactor)))
     all_kappa, can_stretch = np.zeros(modes.omega.size), np.zeros(len(islands.bodies), np.int64)
+    heard = _heard_bodies(layout)
     for n, b in enumerate(islands.body_order):
         if b in stretching:
+            least = least_detuning * (HEARD_DETUNING if b in heard else 1.0)
             kappa, inside, ends = stretching[b].kappa, modes.of_body[b], _moving_ends(layout, b)
             all_kappa[inside] = kappa
             softest = float(np.max(kappa / modes.omega[inside] ** 2))
             begin[n], end[n] = modes.in_island[b].start, modes.in_island[b].stop
             places[n] = ends.coordinates
-            factor[n] = stretching[b].stiffness, softest, least_detuning / CENTS_PER_ENERGY / softest**2, *ends.factors
+            factor[n] = stretching[b].stiffness, softest, least / CENTS_PER_ENERGY / softest**2, *ends.factors
             can_stretch[islands.of_body[b]] = 1
-    return Tension(begin, end, all_kappa, places, factor, can_stretch)
+    first = [islands.of_body[b] for b in islands.body_order].index
+    rows = [-1 if b < 0 else islands.body_order.index(b) - first(islands.of_body[b]) for b in heard]
+    return Tension(begin, end, all_kappa, places, factor, can_stretch, np.array(rows, np.int64))
+
+
+def _heard_bodies(layout: Layout) -> list[int]:
+    """Return the number of the body whose tension each pickup hears, -1 of other pickups."""
+    pickups = [heard.pickup for heard in layout.points.pickups]
+    return [layout.body_index[pickup.body] if pickup.quantity == "tension" else -1 for pickup in pickups]
 
 
 class MovingEnds(NamedTuple):

@@ -67,6 +67,7 @@ class BodyTable(Table):
     HAS_LENGTH: ClassVar[bool] = False  # a string or a bar
     HEARD: ClassVar[str] = "velocity"  # what a pickup hears of it that does not say
     HAS_AREA: ClassVar[bool] = False  # pushes air as a whole: `volume_row`
+    STRETCHED_BY: ClassVar[tuple[str, ...]] = ()  # keys one of which lets its tension rise
     PITCH_POWERS: ClassVar[dict[str, int]] = {}  # keys that make its pitch; each goes with this power of frequency
 
     @abstractmethod
@@ -98,6 +99,10 @@ class BodyTable(Table):
 
     def find_stretching(self, omega: np.ndarray) -> Stretching | None:
         """Rise of the tension as the body stretches; None if there is none. omega: of its modes at rest, rad/s"""
+        return None
+
+    def tension_at_rest(self) -> float | None:
+        """Tension at rest, N of a string, N/m of a sheet; None of a body without one."""
         return None
 
     @classmethod

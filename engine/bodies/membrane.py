@@ -35,6 +35,7 @@ class Membrane(TunedSheet):
         *TunedSheet.EXACTLY_ONE_OF,
         ("tension", "frequency", "tension in N/m or frequency in Hz"),
     ]
+    STRETCHED_BY: ClassVar[tuple[str, ...]] = "stretching_stiffness", "young"
     PITCH_POWERS: ClassVar[dict[str, int]] = {"frequency": 1, "tension": 2}
 
     AT_MOST_ONE_OF: ClassVar[list[tuple[str, str]]] = [("stretching_stiffness", "young")]
@@ -69,6 +70,9 @@ class Membrane(TunedSheet):
     def tension_for(self, lowest: float) -> float:
         """Tension T, N/m: ω = β·√(T/ρ). lowest: wave number of the first partial, 1/m"""
         return self.tension or self.area_density * (2 * math.pi * (self.frequency or 0.0) / lowest) ** 2
+
+    def tension_at_rest(self) -> float:
+        return self.tension_for(self.lowest_wave_number())
 
     def free_modes(self, max_omega: float) -> ModeSet:
         """ω = β·√(T/ρ). On a rectangle as those of a plate without rigidity; on a circle β = j_mn/a, the zeros of J_m,

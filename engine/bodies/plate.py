@@ -66,6 +66,7 @@ class Plate(TunedSheet):
             "flexural_rigidity in N·m, frequency in Hz, or Young's modulus in Pa",
         ),
     ]
+    STRETCHED_BY: ClassVar[tuple[str, ...]] = "stretching_stiffness", "stretching"
     PITCH_POWERS: ClassVar[dict[str, int]] = {
         "frequency": 1,
         "flexural_rigidity": 2,
@@ -137,6 +138,9 @@ class Plate(TunedSheet):
         number = np.arange(1, 2 * omega.size + 1)
         x, y = (np.square(number * (math.pi / side))[: omega.size] for side in self.size)
         return Stretching(stiffness, np.sort(np.add.outer(x, y), axis=None)[: omega.size] / self.area_density)
+
+    def tension_at_rest(self) -> float | None:
+        return self.tension
 
     @classmethod
     def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:

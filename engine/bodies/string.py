@@ -63,6 +63,7 @@ class String(LineBody):
         ("bending_stiffness", "inharmonicity"),
         ("axial_stiffness", "young"),
     ]
+    STRETCHED_BY: ClassVar[tuple[str, ...]] = "axial_stiffness", "young"
     PITCH_POWERS: ClassVar[dict[str, int]] = {"frequency": 1, "tension": 2, "bending_stiffness": 2}
 
     def tension_and_bending(self) -> tuple[float, float]:
@@ -112,6 +113,9 @@ class String(LineBody):
             return None
         beta = self._mode_numbers(omega) * (math.pi / self.length)
         return Stretching(stiffness / (2 * self.length), beta**2 / self.mass_per_length())
+
+    def tension_at_rest(self) -> float:
+        return self.tension_and_bending()[0]
 
     def end_row(self, omega: np.ndarray, end: float) -> np.ndarray:
         """∂V/∂y per modal displacement when an end (0 or 1) moves by y, for modes of these frequencies (rad/s), the

@@ -4,7 +4,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from engine.cli import arguments
-from engine.cli.messages import memory_errors_explained, print_result, read_patch, require_scene
+from engine.cli.messages import memory_errors_explained, print_messages, print_result, read_patch, require_scene
 from engine.cli.option_checks import read_options, samplerate_of, scene_of_key
 from engine.cli.progress import progress_feedback
 
@@ -42,6 +42,7 @@ def profile_command(args: argparse.Namespace) -> int:
         profile = profile_scene(scene, seconds, samplerate_of(args), progress, **args.accuracy)
     values = {"patch": args.patch, "seconds": seconds, "explain": profile.as_dict()}
     print_result(args.json, values, lambda: console.print_profile(profile, seconds))
+    print_messages(f"{args.patch}: {warning}" for warning in profile.warnings)
     return 0
 
 

@@ -15,6 +15,7 @@ from engine.offline.decimation import decimate, decimation_tail
 from engine.offline.shape_snapshots import ShapeSnapshots
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import RenderStatistics, island_statistics, simulation_statistics
+from engine.offline.stretching_record import FRAMES_OF_RENDER, Renderer, StretchingRecord
 from engine.offline.trace import TraceArrays, allocate_trace, name_columns, trace_rows
 from engine.offline.trust import (
     explain_build_doubts,
@@ -69,7 +70,11 @@ def render_arrays(
     audio = np.zeros((frames + decimation_tail(used.oversample), scene.channels))
     kept = allocate_trace(model, len(audio)) if trace or trace_shapes else None
     snapshots = ShapeSnapshots(simulation, layout, frames) if trace_shapes else None
-    elapsed = _render_in_chunks(snapshots or simulation, audio[:frames], kept, progress)
+    renderer: Renderer = snapshots or simulation
+    stretching = None
+    if state.tension is not None:
+        renderer = stretching = StretchingRecord(renderer, state, layout, FRAMES_OF_RENDER, only_beyond=True)
+    elapsed = _render_in_chunks(renderer, audio[:frames], kept, progress)
     simulated = simulation_statistics(simulation)
     if used.oversample > 1:
         simulation.render_block(audio[frames:], None if kept is None else trace_rows(kept, frames, len(audio)))
@@ -92,7 +97,12 @@ def render_arrays(
         accuracy=used.model_dump(),
         trusted=not reasons,
         reasons=reasons,
-        warnings=warnings(scene) + warn_of_strong_loss(state, used.order) + warn_of_capped_samples(state, used),
+        warnings=[
+            *warnings(scene),
+            *warn_of_strong_loss(state, used.order),
+            *warn_of_capped_samples(state, used),
+            *(stretching.warnings(fine) if stretching is not None else []),
+        ],
     )
     named = None if kept is None else name_columns(trace_rows(kept, 0, frames), layout, fine)
     if named is not None and snapshots is not None:
@@ -114,19 +124,19 @@ def _check_arguments(seconds: float, samplerate: int, cores: int | None) -> None
 
 
 def _render_in_chunks(
-    simulation: Simulation | ShapeSnapshots,
+    renderer: Renderer,
     audio: np.ndarray,
     trace: Trace | None,
     progress: Callable[[float], None] | None,
 ) -> float:
     """Fill audio [frames, channels] in chunks of about equal time. Returns the seconds that took, compiling apart."""
-    simulation.render_block(audio[:0], None if trace is None else trace_rows(trace, 0, 0))  # compile
+    renderer.render_block(audio[:0], None if trace is None else trace_rows(trace, 0, 0))  # compile
     elapsed, end, size = 0.0, 0, FIRST_CHUNK_FRAMES
     while end < len(audio):
         begin, end = end, min(end + size, len(audio))
         part = None if trace is None else trace_rows(trace, begin, end)
         start = time.perf_counter()
-        simulation.render_block(audio[begin:end], part)
+        renderer.render_block(audio[begin:end], part)
         taken = time.perf_counter() - start
         elapsed += taken
         if taken < QUICK_CHUNK_SECONDS:

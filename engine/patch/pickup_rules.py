@@ -34,8 +34,23 @@ def check_pickup(path: KeyPath, pickup: dict[str, Any], body: dict[str, Any] | N
         yield make_fault((*path, "at"), pickup["at"], message, "leave it out; other quantities have a position")
     elif quantity == "end_force":
         yield from _check_end(path, pickup, body)
+    elif quantity == "tension":
+        yield from _check_tension(path, pickup, body)
     elif quantity not in ("force", "pressure") or has_place:
         yield from check_positions((*path, "at"), pickup, body, single=False)
+
+
+def _check_tension(path: KeyPath, pickup: dict[str, Any], body: dict[str, Any] | None) -> Faults:
+    """The tension of a body is the same all over it, and rises where it stretches."""
+    kind = kind_of(body)
+    if is_given(pickup, "at"):
+        message = "the tension of a body is the same all over it"
+        yield make_fault((*path, "at"), pickup["at"], message, "leave it out; other quantities have a position")
+    if body is not None and kind is not None and not any(body.get(key) for key in kind.STRETCHED_BY):
+        message = f"{format_value(pickup['body'])} does not stretch, and its tension stays the same"
+        keys = " or ".join(kind.STRETCHED_BY)
+        remedy = f"give it {keys}" if keys else "only strings, membranes and plates stretch"
+        yield make_fault((*path, "quantity"), pickup["quantity"], message, remedy)
 
 
 def _check_end(path: KeyPath, pickup: dict[str, Any], body: dict[str, Any] | None) -> Faults:

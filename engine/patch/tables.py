@@ -370,11 +370,14 @@ class Pickup(Table):
         default=None,
         description="position on the body, or a list of positions, whose mean it gives; not needed for the force",
     )
-    quantity: Literal["displacement", "velocity", "acceleration", "pressure", "force", "end_force"] | None = Field(
+    quantity: (
+        Literal["displacement", "velocity", "acceleration", "pressure", "force", "end_force", "tension"] | None
+    ) = Field(
         default=None,
         description="quantity, in SI units; if absent, the velocity, or the acceleration of a membrane or plate;"
         " pressure: far field in air, of a baffled membrane or plate, a hole or a tube; force: sum of the contact"
-        " forces on the body; end_force: force of a string on its end, at 0 or 1",
+        " forces on the body; end_force: force of a string on its end, at 0 or 1; tension: rise of that of a body that"
+        " stretches (N, or N/m of a membrane or plate)",
     )
     angle: Angle = Field(default=0.0, description=f"direction in which it measures the motion, rad; {ANGLE}")
     distance: float | None = Field(

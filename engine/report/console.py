@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from engine.analysis.work_precision import WorkPrecisionStudy
 
 MAX_LISTED_ISLANDS = 32
+MAX_LISTED_INTERVALS = 3
+LAST_INTERVAL_MARGIN = 1e-3  # s before the end: what ends later lasts to the end
 BRANCH_NAMES = {"capped": "iteration limit reached"}  # of solves, where they differ from those of `--json`
 REAL_TIME_MARGIN = 0.8  # of the time there is, that a scene should take
 
@@ -206,7 +208,7 @@ def print_profile(profile: "Profile", seconds: float) -> None:
     print_table(island_rows(profile))
     if len(profile["islands"]) > MAX_LISTED_ISLANDS:
         print(f"… {len(profile['islands'])} islands in total; --json lists all of them")
-    for name, remark in effect_rows(profile):
+    for name, remark in [*effect_rows(profile), *stretching_rows(profile, seconds)]:
         print(f"{name:<24} {remark}")
 
 
@@ -216,6 +218,31 @@ def effect_rows(profile: "Profile") -> Iterator[tuple[str, str]]:
         yield name, remark.replace("compiled in", "enabled").replace("left out", "disabled", 1)
     for remark in profile["contacts_left_out"]:
         yield "disabled contact", remark
+
+
+def stretching_rows(profile: "Profile", seconds: float) -> Iterator[tuple[str, str]]:
+    """Yield the first bodies that stretch, with when they do in so many seconds, and how far their tensions rise."""
+    for body in profile["stretching"][:MAX_LISTED_ISLANDS]:
+        remark = describe_intervals(body["intervals"], seconds)
+        if body["rise"] > 0.0:
+            relative = "" if body["relative_rise"] is None else f", {body['relative_rise']:.2g} of that at rest,"
+            motion = f"{1e3 * body['amplitude']:.3g} mm from rest"
+            remark += (
+                f"; the tension rises by {body['rise']:.3g} {body['unit']}{relative} at {body['time']:.3f} s, {motion}"
+            )
+        yield f"{body['body']}:", remark
+
+
+def describe_intervals(intervals: list[list[float]], seconds: float) -> str:
+    """Describe when a body stretches, such as "stretches from 0.000 s to 0.412 s, then linear"."""
+    if not intervals:
+        return "linear throughout"
+    spans = [f"from {begin:.3f} s to {end:.3f} s" for begin, end in intervals]
+    if len(spans) > MAX_LISTED_INTERVALS:
+        total = sum(end - begin for begin, end in intervals)
+        spans[MAX_LISTED_INTERVALS:] = [f"… ({len(spans)} times, {total:.3f} s in all)"]
+    is_linear = intervals[-1][1] < seconds - LAST_INTERVAL_MARGIN
+    return f"stretches {', '.join(spans)}{', then linear' if is_linear else ''}"
 
 
 def island_rows(profile: "Profile") -> list[tuple[str, ...]]:

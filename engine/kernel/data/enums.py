@@ -12,7 +12,7 @@ class Quantity(IntEnum):
     DISPLACEMENT = 0
     VELOCITY = 1
     ACCELERATION = 2
-    CONTACT_FORCE = 3
+    FORCE = 3  # of contacts, or by which a tension rises: it does not follow from the motion linearly
 
 
 class SolveStatus(IntEnum):

@@ -194,6 +194,7 @@ class Tension(NamedTuple):
     ends: Annotated[np.ndarray, Items(Axis.BODY, np.int64, len(MovingEnd), neutral=-1)]
     factor: Annotated[np.ndarray, Items(Axis.BODY, columns=len(StretchFactor))]
     can_stretch: PerIslandInt  # 1 if a body of the island does
+    heard: Annotated[np.ndarray, Items(Axis.PICKUP, np.int64, neutral=-1)]  # body whose tension a pickup hears, or -1
 
 
 class ContactBasis(NamedTuple):

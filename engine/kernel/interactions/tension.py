@@ -85,13 +85,16 @@ def add_stretch_sums(of, k, sums):
 
 @inline
 def solve_polynomial(rise, half_stiffness, sums):
-    """Return the change δ of a tension with rise + δ = ½K·(s + c0 + c1·δ + c2·δ² + c3·δ³), N or N/m. sums: s and c"""
+    """Return the change δ of a tension with rise + δ = ½K·(s + c0 + c1·δ + c2·δ² + c3·δ³), N or N/m; -∞ if Newton's
+    method does not lead to it. sums: s and c"""
     s, c0, c1, c2, c3 = sums
     change = 0.0
     for _ in range(ROOT_STEPS):
         residual = (rise + change) - half_stiffness * (s + c0 + change * (c1 + change * (c2 + change * c3)))
         slope = 1.0 - half_stiffness * (c1 + change * (2.0 * c2 + 3.0 * change * c3))
-        step = residual / slope if slope > 0.0 else 0.0
+        if not slope > 0.0:
+            return -math.inf
+        step = residual / slope
         change -= step
         if abs(step) <= ROUNDING * rise:
             break
@@ -205,6 +208,16 @@ def push_by_tension(tension, h, state):
         rise = state.tension.body[b][Stretch.RISE]
         if rise != 0.0:
             push_body(modes_of_body(tension, h, state, b), state.push, rise)
+
+
+@inline
+def heard_rise(tension, state, n):
+    """Return the rise of the tension that pickup n hears, the mean over the step that ends here; 0 of other pickups."""
+    rise = 0.0
+    if tension is not None:
+        if tension.heard[n] >= 0 and stretches(tension, state):
+            rise = state.tension.body[tension.heard[n]][Stretch.LAST]
+    return rise
 
 
 # --- ends of strings that move

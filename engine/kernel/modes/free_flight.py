@@ -154,7 +154,7 @@ def find_outputs(flight, pickups, state):
         end, has_parts = min(begin + FLIGHT_MODES, state.p.shape[0]), False
         for n in range(pickups.quantity.shape[0]):
             first, last = max(begin, rows.mode_begin[n]), min(end, rows.mode_end[n])
-            if first < last and pickups.quantity[n] != Quantity.CONTACT_FORCE:
+            if first < last and pickups.quantity[n] != Quantity.FORCE:
                 if not has_parts:
                     find_parts(flight.part, begin, end - begin, state.q, state.p, saved.parts)
                     has_parts = True

@@ -23,6 +23,7 @@ from engine.kernel.interactions.contacts import (
 from engine.kernel.interactions.external_forces import next_external_force
 from engine.kernel.interactions.island_energy import island_energy
 from engine.kernel.interactions.near_contacts import keep_all_contacts
+from engine.kernel.interactions.tension import let_stretch
 from engine.kernel.modes.event_dampers import damp_modes, find_damped_loss, is_damping
 from engine.kernel.modes.mode_step import forget_drift
 from engine.kernel.modes.ordered_sums import accumulate
@@ -145,6 +146,7 @@ def run_due_events(model, state, frame):
             if frame < events.end[j] and events.kind[j] != EventKind.DAMP:
                 execute_event(model, state, j, frame)
         accumulate(state.energy_totals, EnergyTotal.SUPPLIED, island_energy(model, state) - before)
+        let_stretch(model.tension, model, state)  # a contact may close within this step
         state.contact_free_until[0] = 0
         invalidate_margins(state.refinement)
         forget_drift(state)

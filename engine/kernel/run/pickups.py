@@ -4,6 +4,7 @@ from engine.compiler.decorators import inline
 from engine.compiler.lanes import greater, lane_maximum, load_lanes, magnitude, splat
 from engine.kernel.data.enums import FLIGHT_FRAMES, LANES, Quantity, SleepMonitor
 from engine.kernel.interactions.one_way_drive import put_sample
+from engine.kernel.interactions.tension import heard_rise
 from engine.kernel.modes.point_rows import project
 
 
@@ -37,7 +38,8 @@ def add_pickups(model, state, row, frame):
     """Add the values of the pickups to a row of the audio, that of a frame."""
     pickups = model.pickups
     for n in range(pickups.quantity.shape[0]):
-        value = pickup_value(pickups, state, model.samplerate, n) * pickups.gain[n]
+        value = pickup_value(pickups, state, model.samplerate, n) + heard_rise(model.tension, state, n)
+        value *= pickups.gain[n]
         track_peak(state, value)
         put_sample(model.drive, state.drive, row, pickups.channel[n], frame, value)
 
@@ -51,7 +53,7 @@ def add_flown_pickups(model, state, audio, i, span, frame):
     (first, last), pickups = span, model.pickups
     for n in range(pickups.quantity.shape[0]):
         quantity, gain, channel = pickups.quantity[n], pickups.gain[n], pickups.channel[n]
-        if quantity != Quantity.CONTACT_FORCE:
+        if quantity != Quantity.FORCE:
             values = state.flight.pickup_values[n]
             if quantity == Quantity.ACCELERATION:
                 velocities_to_accelerations(values, first, last, model.samplerate, state.previous_velocity, n)

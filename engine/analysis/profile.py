@@ -43,6 +43,7 @@ REASONS_LEFT_OUT = {
     "contact between bodies": "no two bodies can touch",
     "contact loss": "no contact has damping",
     "coupled contacts": "no island has several contact points",
+    "friction": "nothing rubs",
     "connections": "no bodies are connected",
     "stretching": "no body stretches",
     "refinement": "each sample is one step",

@@ -18,7 +18,7 @@ from engine.assembly.contact_reach import contacts_to_build
 from engine.assembly.event_table import event_table
 from engine.assembly.external_forces import ForceTable, force_table
 from engine.assembly.free_flight import build_free_flight
-from engine.assembly.friction import friction
+from engine.assembly.friction import check_order, friction
 from engine.assembly.initial_state import initial_state
 from engine.assembly.islands import begins_of, find_islands
 from engine.assembly.layout import Layout, segment_arrays
@@ -151,6 +151,7 @@ def find_layout(
     bodies = [known.get(n) or body._replace(shape=remember_positions(body.shape)) for n, body in enumerate(bodies)]
     limits.check_sizes(scene, bodies)
     limits.check_forces(scene, samplerate, seconds)
+    check_order(scene, accuracy)
     system = ModalSystem(scene, bodies, {body.name: number for number, body in enumerate(scene.body)})
     names = {c.name for c in scene.connection if c.name is not None} if live else changed_connections(scene)
     is_plain = accuracy.scheme == "exact" and accuracy.order == 2 and accuracy.max_error is None

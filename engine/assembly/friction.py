@@ -5,9 +5,21 @@ from itertools import pairwise
 import numpy as np
 
 from engine.assembly.layout import Layout
+from engine.faults import BuildError, Fault
 from engine.kernel.data import model
 from engine.kernel.data.enums import Sliding
+from engine.patch.accuracy import Accuracy
 from engine.patch.friction import CHANGED_KEYS, Friction
+from engine.patch.scene import Scene
+
+
+def check_order(scene: Scene, accuracy: Accuracy) -> None:
+    """Raise BuildError if steps are to go back in time, in which friction would give energy."""
+    if scene.friction and accuracy.order > 2:
+        message = f"friction has order 2, not {accuracy.order}: some steps of that order go back in time"
+        raise BuildError(
+            Fault("friction[0]", f"{message}, in which it would give energy; give substeps or a max_error")
+        )
 
 
 def friction_points(layout: Layout) -> dict[int, Friction]:

@@ -19,6 +19,7 @@ EFFECTS: dict[str, Callable[[Model], Any]] = {
     "contact between bodies": lambda model: model.contact and model.contact.other_rows,
     "contact loss": lambda model: _at_contacts(model, "loss_rate"),
     "coupled contacts": lambda model: _at_contacts(model, "coupling"),
+    "friction": lambda model: model.contact and model.contact.friction,
     "connections": lambda model: model.connection,
     "stretching": lambda model: model.tension,
     "refinement": lambda model: model.refinement,

@@ -65,9 +65,7 @@ class Friction(Table):
         return self.bristle
 
 
-def check_friction(
-    path: KeyPath, table: dict[str, Any], bodies: dict[str, Any], contacts: dict[str, Any], accuracy: Any
-) -> Faults:
+def check_friction(path: KeyPath, table: dict[str, Any], bodies: dict[str, Any], contacts: dict[str, Any]) -> Faults:
     """Friction is pressed by a force or a contact, and its points are on its bodies."""
     body, on = bodies.get(str(table.get("body"))), is_given(table, "on")
     given = [key for key in ("force", "contact") if is_given(table, key)]
@@ -92,9 +90,6 @@ def check_friction(
         yield make_fault((*path, "on_at"), table["on_at"], f"{other_count} positions for {count} in at", remedy)
     yield from _check_coefficients(path, table)
     yield from _check_pressing(path, table, contacts, max(count, other_count), bodies)
-    if isinstance(accuracy, dict) and is_number(accuracy.get("order")) and accuracy["order"] > 2:
-        message = "friction has order 2: in orders 4 and 6 some steps go back in time, where it would give energy"
-        yield make_fault(path, table, message, "give order = 2 under [accuracy], with substeps or a max_error")
 
 
 def _check_coefficients(path: KeyPath, table: dict[str, Any]) -> Faults:

@@ -52,7 +52,7 @@ def check_rules(data: dict[str, Any]) -> Faults:
         yield from _check_contact(("contact", i), contact, bodies)
     yield from check_connections(data, bodies)
     for i, friction in tables_of(data, "friction"):
-        yield from check_friction(("friction", i), friction, bodies, contacts, data.get("accuracy"))
+        yield from check_friction(("friction", i), friction, bodies, contacts)
         yield from _check_angle(("friction", i, "angle"), friction, bodies.get(str(friction.get("body"))))
     end = data.get("seconds", 2.0)
     for i, event in tables_of(data, "event"):

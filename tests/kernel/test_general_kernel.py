@@ -173,6 +173,34 @@ PLUCKED = STRING | {"axial_stiffness": 1e4, "displacement": {"kind": "triangle",
 BRIDGE = {"name": "bridge", "kind": "oscillator", "mass": 0.02, "stiffness": 2e4}
 
 
+BOW = {"name": "bow", "body": "string", "at": 0.13, "velocity": 0.2, "force": 0.5}
+FINGER = {"name": "finger", "kind": "mass", "mass": 0.01, "velocity": 1.0, "displacement": -1e-3}
+TOUCH = {"name": "touch", "body": "finger", "on": "string", "on_at": 0.3, "stiffness": 1e5, "exponent": 1.5}
+RUB = {"body": "string", "at": 0.3, "angle": 1.5, "velocity": 0.3, "contact": "touch"}
+
+
+@pytest.mark.hard
+@pytest.mark.parametrize(
+    "scene",
+    [
+        {"body": [STRING], "friction": [BOW]},
+        {"body": [STRING | {"polarisations": 2}, FINGER], "contact": [TOUCH], "friction": [RUB]},
+        {"body": [STRING, STRING | {"name": "on"}], "friction": [{"body": "on", "on": "string", "force": 0.3}, BOW]},
+        {"body": [PLUCKED], "friction": [BOW], "accuracy": {"substeps": 2}},
+    ],
+    ids=["bow", "finger", "strings", "stretching"],
+)
+def test_friction_is_the_same_on_both(scene):
+    for rubbing in scene["friction"]:
+        rubbing.setdefault("at", 0.4)
+    if scene["friction"][0].get("on"):
+        scene["friction"][0]["on_at"] = 0.6
+    pickups = [{"body": "string", "at": 0.1}]
+    special, general = both(engine.Scene.model_validate(scene | {"pickup": pickups}), 0.05)
+    assert np.abs(special.audio).max() > 0.0
+    assert_same(special, general)
+
+
 @pytest.mark.hard
 @pytest.mark.parametrize(
     "parts",

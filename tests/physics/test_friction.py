@@ -160,6 +160,54 @@ def test_ten_seconds_of_bowing_lose_no_energy():
     assert balance <= SUPPLIED_SHARE * trace["supplied"][-1]
 
 
+def test_two_bows_on_one_string_are_solved_together():
+    """Two bows that pull opposite ways hold a string between them; each has its own force, and none makes energy."""
+    scene = bowed_string(0.107, 0.13, 0.3)
+    other = {"name": "other", "body": "string", "at": 0.6, "velocity": -0.05, "force": 0.2}
+    document = scene.document
+    trace = engine.render(engine.load(document | {"friction": [*document["friction"], other]}), trace=True).trace
+    assert trace["friction"].shape[1] == 2
+    assert trace["friction"][:, 0].mean() > 0.0 > trace["friction"][:, 1].mean()
+    balance = trace["total"] + trace["dissipated"] - trace["supplied"]
+    assert np.ptp(balance) <= 1e-13 * max(trace["supplied"][-1], trace["total"].max())
+
+
+def test_a_bow_on_a_string_that_hits_a_fret_keeps_its_energy():
+    """Friction and contacts of one string are solved together, and with a tension that rises, too."""
+    fret = {"body": "string", "at": 0.5, "barrier": -3e-4, "side": "below", "stiffness": 1e8, "exponent": 1.5}
+    scene = bowed_string(0.107, 0.4, 0.2)
+    for stretch in (0.0, 2e4):
+        struck = scene.replace({"contact": [fret], "body.string.axial_stiffness": stretch})
+        trace = engine.render(struck, trace=True).trace
+        assert trace["force"].max() > 0.0
+        balance = trace["total"] + trace["dissipated"] - trace["supplied"]
+        assert np.ptp(balance) <= 1e-12 * max(trace["supplied"][-1], trace["total"].max())
+
+
+def test_orders_with_steps_back_in_time_are_refused():
+    """Friction would give energy there; the message says what to do."""
+    with pytest.raises(engine.BuildError, match="give substeps or a max_error"):
+        engine.render(bowed_string(0.107, 0.13, 0.01), order=4)
+    few, many = (engine.render(bowed_string(0.107, 0.13, 0.02), substeps=n) for n in (4, 8))
+    assert many.audio[:, 0] == pytest.approx(few.audio[:, 0], abs=0.03 * np.abs(few.audio[:, 0]).max())
+
+
+def test_a_bow_sounds_the_same_in_blocks_of_any_size():
+    """Live, the bow is drawn harder and turned; a log of it gives the same samples."""
+    changes = [
+        {"kind": "change", "time": 300 / 44_100, "friction": "bow", "force": 0.3, "duration": 0.01},
+        {"kind": "change", "time": 300 / 44_100, "friction": "bow", "velocity": -0.1, "duration": 0.05},
+    ]
+    scored = engine.render(bowed_string(0.107, 0.13, 1.0).replace("event", changes), seconds=6300 / 44_100)
+    player, out = engine.Player(bowed_string(0.107, 0.13, 1.0), gain=1.0), np.zeros((6300, 2))
+    player.render_into(out[:300])
+    player.set("friction.bow.force", 0.3, seconds=0.01)
+    player.set("friction.bow.velocity", -0.1, seconds=0.05)
+    for begin, end in ((300, 301), (301, 1300), (1300, 6300)):
+        player.render_into(out[begin:end])
+    assert out == pytest.approx(scored.audio, abs=1e-12)
+
+
 # --- whatever is given
 
 

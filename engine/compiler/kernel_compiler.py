@@ -7,7 +7,7 @@ import numba
 from numba.core import types
 
 from engine.compiler.code_objects import to_content
-from engine.compiler.decorators import garbage_kept, kernel
+from engine.compiler.decorators import prepared_to_compile, kernel
 from engine.compiler.kinds import FLOAT, INT, Kind, example_of
 from engine.compiler.struct_types import StructHandleType
 
@@ -16,7 +16,7 @@ def compile_kernel(module: str, function: str, kinds: tuple[Kind, ...]) -> bytes
     """Compile a function for arguments of these kinds. Return the bytes that engine.compiler.code_objects loads."""
     dispatcher = kernel(getattr(importlib.import_module(module), function).py_func, from_python=False)
     signature = tuple(map(numba_type, kinds))
-    with garbage_kept():
+    with prepared_to_compile():
         dispatcher.compile(signature)
     compiled = dispatcher.overloads[signature]
     machine_code = compiled.library._get_compiled_object()

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import llvmlite.binding as llvm
 from numba.core.codegen import CPUCodeLibrary
 
-from engine.compiler.decorators import garbage_kept, kernel
+from engine.compiler.decorators import prepared_to_compile, kernel
 from engine.compiler.kernel_compiler import numba_type
 from engine.compiler.kinds import INT, Kind
 from engine.compiler.numba_patches import SkipInlinedLibraries
@@ -58,7 +58,7 @@ class NeutralCode(NamedTuple):
 def neutral_code(module: str, function: str, kinds: tuple[Kind, ...]) -> NeutralCode:
     """Return the intermediate code of a kernel for arguments of these kinds, pointers or integers."""
     dispatcher = kernel(getattr(importlib.import_module(module), function).py_func, from_python=False)
-    with garbage_kept(), _first_code_kept(function) as kept, suppress(_CodeKept):
+    with prepared_to_compile(), _first_code_kept(function) as kept, suppress(_CodeKept):
         dispatcher.compile(tuple(map(numba_type, kinds)))
     text = str(kept[0])
     names = [f.name for f in llvm.parse_assembly(text).functions if not f.is_declaration]

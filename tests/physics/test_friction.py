@@ -23,6 +23,7 @@ from engine.analysis.bowing import schelleng_forces
 
 BLOCK = {"name": "block", "kind": "mass", "mass": 0.1}
 HEARD = {"body": "block", "quantity": "displacement"}
+QUIET = 2.0**-10  # gain at which the limiter of live sound does nothing
 SUPPLIED_SHARE = 1e-15  # of what the bow supplied, that the energy balance may be off by
 
 
@@ -199,13 +200,14 @@ def test_a_bow_sounds_the_same_in_blocks_of_any_size():
         {"kind": "change", "time": 300 / 44_100, "friction": "bow", "velocity": -0.1, "duration": 0.05},
     ]
     scored = engine.render(bowed_string(0.107, 0.13, 1.0).replace("event", changes), seconds=6300 / 44_100)
-    player, out = engine.Player(bowed_string(0.107, 0.13, 1.0), gain=1.0), np.zeros((6300, 2))
+    player, out = engine.Player(bowed_string(0.107, 0.13, 1.0), gain=QUIET), np.zeros((6300, 2), np.float32)
     player.render_into(out[:300])
     player.set("friction.bow.force", 0.3, seconds=0.01)
     player.set("friction.bow.velocity", -0.1, seconds=0.05)
     for begin, end in ((300, 301), (301, 1300), (1300, 6300)):
         player.render_into(out[begin:end])
-    assert out == pytest.approx(scored.audio, abs=1e-12)
+    faded = 500  # samples in which live sound comes up
+    assert np.array_equal(out[faded:], (QUIET * scored.audio[faded:]).astype(np.float32))
 
 
 # --- whatever is given

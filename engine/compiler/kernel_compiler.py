@@ -7,7 +7,7 @@ import numba
 from numba.core import types
 
 from engine.compiler.code_objects import to_content
-from engine.compiler.decorators import prepared_to_compile, kernel
+from engine.compiler.decorators import kernel, prepared_to_compile
 from engine.compiler.kinds import FLOAT, INT, Kind, example_of
 from engine.compiler.struct_types import StructHandleType
 

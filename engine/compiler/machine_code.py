@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import llvmlite.binding as llvm
 from numba.core.codegen import CPUCodeLibrary
 
-from engine.compiler.decorators import prepared_to_compile, kernel
+from engine.compiler.decorators import kernel, prepared_to_compile
 from engine.compiler.kernel_compiler import numba_type
 from engine.compiler.kinds import INT, Kind
 from engine.compiler.numba_patches import SkipInlinedLibraries

@@ -235,22 +235,9 @@ def response_in_contact(law, k, s, b, eta, rate):
 
 @inline
 def contact_response(law, k, s, eta):
-    """Return the mean force and slope df/dη of contact k for a step η."""
-    return response_of_either(law.friction, law, k, s, eta)
-
-
-@inline
-def response_of_either(friction, law, k, s, eta):
-    """Do this for a contact or a point of friction."""
-    if friction is not None:
-        if slides(friction, k):
-            return respond_by_friction(friction[k], s, eta)
-    return response_by_power_law(law, k, s, eta)
-
-
-@inline
-def response_by_power_law(law, k, s, eta):
-    """Return the mean force and slope df/dη of a contact for a step η."""
+    """Return the mean force and slope df/dη of contact k, or of a point of friction, for a step η."""
+    if slides(law.friction, k):
+        return respond_by_friction(law.friction, k, s, eta)
     b = s + eta
     rate = loss_rate_of(law, k)
     if 1.0 + rate * eta <= 0.0:

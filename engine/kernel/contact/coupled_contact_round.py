@@ -19,7 +19,7 @@ from engine.compiler.lanes import (
     store_lanes,
 )
 from engine.kernel.contact.contact_law import contact_response, exponent, loss_rate_of, response_in_contact
-from engine.kernel.contact.friction_law import is_force_at, slides
+from engine.kernel.contact.friction_law import is_on_law, slides
 from engine.kernel.contact.scalar_contact_solver import solve_scalar_contact
 from engine.kernel.data.enums import LANES, Row, SolveStatus
 from engine.kernel.modes.ordered_sums import sum_products
@@ -241,14 +241,6 @@ def second_order_change(law, k, s, estimate, move):
         _, _, ddf, _ = response_in_contact(law.elastic, k, s, b, eta, loss_rate_of(law, k))
         return 0.5 * ddf * move * move
     return f * (move / eta) * (move / eta)
-
-
-@inline
-def is_on_law(friction, k, z, eta, f):
-    """True if point of friction k has the force f for a slip η."""
-    if friction is None:
-        return True
-    return is_force_at(friction[k], z, eta, f)
 
 
 @noinline

@@ -33,35 +33,49 @@ def acts(friction, k, z):
 
 
 @inline
-def solve_friction(point, z, g, compliance):
-    """Solve for the slip η of a step with η + B·F(η) = g, in closed form.
+def solve_friction(friction, k, z, g, compliance):
+    """Solve for the slip η at point k in a step with η + B·F(η) = g, in closed form.
 
-    point: row of State.friction; z: how far the bristle is bent, m; g: the slip without friction, m
-    compliance: B, m/N
+    z: how far the bristle is bent, m; g: the slip without friction, m; compliance: B, m/N
 
     Returns η (m), the end of the bristle (m), F (N), dF/dη (N/m), 0 evaluations of the law, and SolveStatus.
     """
-    k, most = point[Sliding.BRISTLE], point[Sliding.BOUND]
-    scale = compliance * k
-    f, eta, slope = k * (z + g) / (1.0 + scale), (g - scale * z) / (1.0 + scale), k
+    if friction is None:
+        return g, z, 0.0, 0.0, 0, SolveStatus.CLOSED_FORM
+    stiffness, most = friction[k][Sliding.BRISTLE], friction[k][Sliding.BOUND]
+    scale = compliance * stiffness
+    f, eta, slope = stiffness * (z + g) / (1.0 + scale), (g - scale * z) / (1.0 + scale), stiffness
     if not abs(f) <= most:  # NaN is clipped, and found by others
         f, slope = math.copysign(most, f), 0.0
         eta = g - compliance * f
-    return eta, f / k, f, slope, 0, SolveStatus.CLOSED_FORM
+    return eta, f / stiffness, f, slope, 0, SolveStatus.CLOSED_FORM
 
 
 @inline
-def respond_by_friction(point, z, eta):
-    """Return F, N, and its slope dF/dη, N/m, for a slip η."""
-    k, most = point[Sliding.BRISTLE], point[Sliding.BOUND]
-    f = k * (z + eta)
+def respond_by_friction(friction, k, z, eta):
+    """Return F at point k, N, and its slope dF/dη, N/m, for a slip η."""
+    if friction is None:
+        return 0.0, 0.0
+    stiffness, most = friction[k][Sliding.BRISTLE], friction[k][Sliding.BOUND]
+    f = stiffness * (z + eta)
     if abs(f) <= most:
-        return f, k
+        return f, stiffness
     return math.copysign(most, f), 0.0
 
 
 @inline
-def is_force_at(point, z, eta, f):
-    """True if F is the force for a slip η, but for rounding: after a move along its tangent, the point is still stuck,
-    or slides the same way."""
-    return abs(respond_by_friction(point, z, eta)[0] - f) <= SAME_FORCE * (abs(f) + point[Sliding.BRISTLE] * abs(eta))
+def is_on_law(friction, k, z, eta, f):
+    """True if F is the force at point k for a slip η, but for rounding: after a move along its tangent, the point is
+    still stuck, or slides the same way."""
+    if friction is None:
+        return True
+    size = abs(f) + friction[k][Sliding.BRISTLE] * abs(eta)
+    return abs(respond_by_friction(friction, k, z, eta)[0] - f) <= SAME_FORCE * size
+
+
+@inline
+def bristle_energy(friction, k, z):
+    """Energy of the bristle at point k, J."""
+    if friction is None:
+        return 0.0
+    return 0.5 * friction[k][Sliding.BRISTLE] * z * z

@@ -151,7 +151,7 @@ def solve_scalar_contact(lossy_law, k, s, g, compliance, tolerance):
     """Solve one contact equation.
 
     lossy_law, k: contact k's LossyLaw
-    s:          compression at the start of the step, m (negative: gap)
+    s:          compression at the start of the step, m (negative: gap); of friction, how far the bristle is bent
     g:          change of compression if there were no contact force, m
     compliance: B, change of compression per newton of contact force, m/N
     tolerance:  relative error left in b
@@ -159,21 +159,8 @@ def solve_scalar_contact(lossy_law, k, s, g, compliance, tolerance):
     Returns η (m), b (m), mean force f (N), slope df/dη (N/m), evaluations of the contact law, and SolveStatus (FREE,
     SEPARATION, CLOSED_FORM, NEWTON or FAILED).
     """
-    return solve_either(lossy_law.friction, lossy_law, k, s, g, compliance, tolerance)
-
-
-@inline
-def solve_either(friction, lossy_law, k, s, g, compliance, tolerance):
-    """Do this for a contact or a point of friction, of which s is how far the bristle is bent."""
-    if friction is not None:
-        if slides(friction, k):
-            return solve_friction(friction[k], s, g, compliance)
-    return solve_power_law(lossy_law, k, s, g, compliance, tolerance)
-
-
-@inline
-def solve_power_law(lossy_law, k, s, g, compliance, tolerance):
-    """Do this for a contact."""
+    if slides(lossy_law.friction, k):
+        return solve_friction(lossy_law.friction, k, s, g, compliance)
     free_end = s + g
     if s < MIN_COMPRESSION and free_end < MIN_COMPRESSION:
         return g, free_end, 0.0, 0.0, 0, SolveStatus.FREE

@@ -10,9 +10,9 @@ from engine.kernel.contact.contact_law import (
     potential,
     potential_difference,
 )
-from engine.kernel.contact.friction_law import acts, slides
+from engine.kernel.contact.friction_law import acts, bristle_energy, slides
 from engine.kernel.contact.reduced_contact_solver import basis_of_island, gather_rows, spread_rows
-from engine.kernel.data.enums import EventKind, Row, Sliding, SolveStatus
+from engine.kernel.data.enums import EventKind, Row, SolveStatus
 from engine.kernel.interactions.friction import (
     friction_parameter,
     is_of_friction,
@@ -186,17 +186,10 @@ def contact_energy(contact, state):
     total = 0.0
     if contact is not None:
         for k in range(state.compression.shape[0]):
-            total += energy_at_contact(state.friction, contact.law, k, state.compression[k])
+            s = state.compression[k]
+            is_friction = slides(state.friction, k)
+            total += bristle_energy(state.friction, k, s) if is_friction else potential(contact.law, k, s)
     return total
-
-
-@inline
-def energy_at_contact(friction, law, k, s):
-    """Potential energy of a contact, or of the bristle of a point of friction, J."""
-    if friction is not None:
-        if slides(friction, k):
-            return 0.5 * friction[k][Sliding.BRISTLE] * s * s
-    return potential(law, k, s)
 
 
 # --- can a contact close?
@@ -257,26 +250,6 @@ def count_outcome(state, evaluations, status):
 def store_solution(contact, h, state, k, solution, residual):
     """Store the new compression and force of contact k, or of a point of friction. Returns the energy lost, J.
 
-    solution: as of `store_force_of_contact`; residual: how far the bodies moved beyond η, m
-    """
-    return store_either(state.friction, contact, h, state, k, solution, residual)
-
-
-@inline
-def store_either(friction, contact, h, state, k, solution, residual):
-    """Do this for a contact or a point of friction."""
-    if friction is not None:
-        if slides(friction, k):
-            eta, _, f, _, _ = solution
-            residual -= h.compliance_low[k] * f
-            return store_friction(friction[k], state, k, item_or_zero(h.duration, k), eta, f, residual)
-    return store_force_of_contact(contact, h, state, k, solution, residual)
-
-
-@inline
-def store_force_of_contact(contact, h, state, k, solution, residual):
-    """Store the new compression and force of contact k. Returns the energy lost, J.
-
     solution: η (m), end compression b (m), force f (N), the force of the contact law (N), from which f differs where a
               solve was capped, and the elastic force at b (N) if there is contact loss
     residual:     how far the bodies moved at the contact beyond η, m
@@ -288,6 +261,8 @@ def store_force_of_contact(contact, h, state, k, solution, residual):
     eta, b, f, _, _ = solution
     s = state.compression[k]
     residual -= h.compliance_low[k] * f
+    if slides(state.friction, k):
+        return store_friction(state.friction, state, k, item_or_zero(h.duration, k), (eta, f), residual)
     lost = dissipation_of(law_in_step(contact, h, state), k, s, solution, residual)
     residue = state.compression_compensation[k] + residual
     if 2.0 * abs(eta) < b:

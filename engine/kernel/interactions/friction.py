@@ -101,11 +101,14 @@ def subtract_surface_moves(friction, duration, state):
 
 
 @inline
-def store_friction(point, state, k, duration, eta, f, residual):
+def store_friction(friction, state, k, duration, solution, residual):
     """Store the bristle, slip and force of point k after a step. Returns the energy lost, J.
 
-    eta: slip that was solved for, m; residual: how much further the surfaces slipped, m
+    solution: slip (m) and force (N); residual: how much further the surfaces slipped, m
     """
+    if friction is None:
+        return 0.0
+    point, (eta, f) = friction[k], solution
     before, end = state.compression[k], f / point[Sliding.BRISTLE]
     bent = end - before
     slip = (eta - bent) + residual  # what the bristle gave way

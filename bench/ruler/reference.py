@@ -171,16 +171,17 @@ def iterate(
         if stretches:
             slope = slope + stretching(system, qs)
         if rubs:
+            bristle_rates = rates(law, bent, ps @ rows.T - law.velocity)
+            bend, remembered = (x + ahead @ rate for x, rate in zip(bristles, bristle_rates, strict=False))
+            moved = np.abs(remembered - bent.remembered) / (law.speed + np.abs(remembered))
+            moved = np.maximum(moved, np.abs(bend - bent.bend) / reach(law, remembered)).max()
+            bent = bent._replace(bend=bend, remembered=remembered)
             friction = friction_forces(law, bent)
             slope, f = slope - friction @ rows, np.concatenate([f, friction], axis=1)
         next_ps = p + ahead @ slope
         change, size = np.abs(next_ps - ps).max(), np.abs(next_ps).max()
         if rubs:
-            bristle_rates = rates(law, bent, next_ps @ rows.T - law.velocity)
-            bend, remembered = (x + ahead @ rate for x, rate in zip(bristles, bristle_rates, strict=False))
-            moved = np.abs(remembered - bent.remembered) / (law.speed + np.abs(remembered))
-            change = max(change, moved.max() * size)
-            bent = bent._replace(bend=bend, remembered=remembered)
+            change = max(change, moved * size)
         ps = next_ps
         qs = q + ahead @ ps
         if not change < 1e3 * size + 1e3:

@@ -17,7 +17,17 @@ from engine.problems.problem import Friction, Problem, energy_of, read_problem, 
 SAMPLERATE = 44_100.0
 LOSSLESS = ("barrier", "repelled_oscillator", "bouncing_ball", "walls", "stretching_string", "joined")
 CHEAP = ("repelled_oscillator", "lossy_bounce")
-LONGER = ("barrier", "bouncing_ball", "walls", "hammer_c2", "hammer_c4", "stretching_string", "bowed_string", "joined", "drum")
+LONGER = (
+    "barrier",
+    "bouncing_ball",
+    "walls",
+    "hammer_c2",
+    "hammer_c4",
+    "stretching_string",
+    "bowed_string",
+    "joined",
+    "drum",
+)
 # the solvers refuse to run without; x86, and so CI, has them
 needs_extended_precision = pytest.mark.skipif(np.finfo(np.longdouble).eps > 2e-19, reason="needs 80-bit numbers")
 
@@ -218,7 +228,8 @@ def test_a_mass_sticks_slides_to_rest_and_sticks():
     t = np.arange(1901).astype(np.longdouble) / SAMPLERATE
     exact = np.where(t < begin, speed / omega * np.sin(omega * t), bend + way - slowing * (t - end) ** 2 / 2)
     exact = np.where(t > end, way + bend * np.cos(omega * (t - end)), exact)
-    assert 10 < begin * SAMPLERATE * 1000 and 1700 < end * SAMPLERATE < 1800
+    assert 10 < begin * SAMPLERATE < 12
+    assert 1700 < end * SAMPLERATE < 1800
     for motion in displacements(problem._replace(**nothing)):
         assert np.abs(motion - exact).max() < 1e-16 * exact.max()
 

@@ -113,6 +113,8 @@ def turn_points(rows, law, side, p, bend, remembered):
         if side[k] == 0:
             if abs(bend[k]) > most:
                 side[k] = 1 if bend[k] > 0.0 else -1
+                slipped = (abs(bend[k]) - most) / (1.0 + find_shrinking(law, k, remembered[k]))
+                remembered[k] += slipped / law[MEMORY, k]  # what it has bent too far was slip
         elif (
             side[k] * (project(rows, k, p) - law[VELOCITY, k]) + find_shrinking(law, k, remembered[k]) * remembered[k]
             < 0

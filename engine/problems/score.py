@@ -70,7 +70,7 @@ def energy_error(problem: Problem, reference: Reference, trajectory: Trajectory)
 
 
 def pull_of(force: np.ndarray) -> float:
-    """The strongest pull of a contact, share of the strongest push [frames, contacts]; NaN without contacts or forces."""
+    """The strongest pull of a contact, share of the strongest push [frames, contacts]; NaN without any."""
     if force.shape[1] == 0 or not np.all(np.isfinite(force)):
         return math.nan
     push = float(force.max(initial=0.0))

@@ -122,12 +122,13 @@ def test_dop853_meets_the_reference_of_a_bowed_string():
     assert error(fine, right) < 1e-6 and error(coarse, right) < 1e-3
 
 
+@pytest.mark.hard
 def test_the_friction_curve_is_the_law_of_a_stiff_bristle_without_weakening():
-    """With one coefficient there is nothing to choose, and a bristle of 1e9 N/m gives way by a ten-thousandth."""
+    """With one coefficient there is nothing to choose, and a bristle of 1e7 N/m hardly gives way."""
     problem = bowed(0.004, static=0.5, dynamic=0.5, bristle=1e7)
     by_curve = METHODS["friction curve, hysteresis"].simulate(problem, 64)
     by_bristle = METHODS["Störmer-Verlet, linear part exact"].simulate(problem, 256)
-    assert error(by_curve.displacement, by_bristle.displacement) < 0.01
+    assert error(by_curve.displacement, by_bristle.displacement) < 1e-3
 
 
 @pytest.mark.parametrize("name", SECOND)

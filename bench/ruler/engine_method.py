@@ -5,10 +5,11 @@ import time
 import numpy as np
 
 import engine
+from bench.ruler.methods.common import not_applicable
 from bench.ruler.problems import SAMPLERATE, ruler_scene
 from engine.assembly.build import build
 from engine.offline.simulation import Simulation
-from engine.problems import Problem, Trajectory
+from engine.problems import Problem, Trajectory, load_problem
 
 RUNS = 5
 MAX_SECONDS = 2.0  # of all runs
@@ -16,8 +17,12 @@ EMPTY_CALLS = 20  # of which the fastest is what a call costs
 
 
 def simulate_by_engine(name: str, **accuracy: float) -> Trajectory:
-    """The trajectory of a problem by the engine. accuracy: settings of Accuracy"""
+    """The trajectory of a problem by the engine. accuracy: settings of Accuracy; friction has order 2 alone"""
     scene = ruler_scene(name)
+    if scene.friction and "max_error" in accuracy:
+        accuracy["order"] = 2
+    if scene.friction and accuracy.get("order", 2) > 2:
+        return not_applicable(load_problem(name)[0])
     frames = round(scene.seconds * SAMPLERATE)
     settings = accuracy | {"silence": -np.inf, "iterations": 200}
     seconds = (frames + 1) / SAMPLERATE  # a rendering has the state before each step
@@ -25,7 +30,7 @@ def simulate_by_engine(name: str, **accuracy: float) -> Trajectory:
     trace = rendering.trace
     return Trajectory(
         displacement=rendering.audio[:, 0],
-        force=trace["force"][1:],
+        force=np.concatenate([trace["force"][1:], 0.0 - trace.get("friction", trace["force"][:, :0])[1:]], axis=1),
         energy=trace["kinetic"] + trace["potential"] + trace["contact"],
         seconds=time_engine(scene, settings, frames),
     )

@@ -8,9 +8,11 @@ import engine
 from engine.assembly.build import build
 from engine.assembly.connection_coordinates import find_stretching
 from engine.assembly.contact_points import BodyPoint, offset
+from engine.assembly.friction import friction_points
 from engine.assembly.layout import Layout
+from engine.patch.friction import Friction as FrictionTable
 from engine.problems.library import NAMES
-from engine.problems.problem import Problem
+from engine.problems.problem import Friction, Problem
 
 __all__ = ["NAMES", "as_problem", "ruler_scene"]
 
@@ -49,7 +51,10 @@ def as_problem(scene: engine.Scene, samplerate: float = SAMPLERATE) -> Problem:
             vectors.T @ pickup,
             shapes @ vectors,
         )
-    numbers = [k for k, _ in layout.islands.contact_points]
+    rubbing = friction_points(layout)
+    touching = [slot for slot in range(len(layout.islands.contact_points)) if slot not in rubbing]
+    points = [layout.islands.contact_points[slot] for slot in touching]
+    tables = [scene.contact[k] for k, _ in points]
     return Problem(
         title=scene.title or "",
         samplerate=float(samplerate),
@@ -59,14 +64,22 @@ def as_problem(scene: engine.Scene, samplerate: float = SAMPLERATE) -> Problem:
         weight=weight,
         q=q,
         p=p,
-        shapes=shapes,
-        barrier=np.array([offset(scene.contact[k], point) for k, point in layout.islands.contact_points]),
-        stiffness=np.array([point.stiffness for _, point in layout.islands.contact_points]),
-        exponent=np.array([scene.contact[k].exponent for k in numbers]),
-        loss=np.array([scene.contact[k].loss for k in numbers]),
+        shapes=shapes[touching],
+        barrier=np.array([offset(table, point) for table, (_, point) in zip(tables, points, strict=True)]),
+        stiffness=np.array([point.stiffness for _, point in points]),
+        exponent=np.array([table.exponent for table in tables]),
+        loss=np.array([table.loss for table in tables]),
         pickup=pickup,
         stretch=stretch,
+        rubbed=shapes[list(rubbing)] if rubbing else None,
+        friction=_friction(list(rubbing.values())) if rubbing else None,
     )
+
+
+def _friction(tables: list[FrictionTable]) -> np.ndarray:
+    """Return the numbers of points of friction [7, points]."""
+    assert all(table.contact is None for table in tables), "surfaces of the ruler are pressed by a given force"
+    return np.array([[getattr(table, name) for table in tables] for name in Friction._fields])
 
 
 def _stretch(layout: Layout, scene: engine.Scene, modes: np.ndarray) -> np.ndarray | None:

@@ -1,8 +1,9 @@
 """The motion of a problem of collision by Gauss collocation between its events, in extended precision.
 
-Between events the forces are smooth. A contact that begins or ends (s = 0), and one whose loss would turn its force
-round (1 + loss·ds/dt = 0), is an event: a step ends there. While nothing presses, modes move by their closed
-solution; else, and where bodies stretch, they and the forces are polynomials over each step, of a degree that their
+Between events the forces are smooth. A contact that begins or ends (s = 0), one whose loss would turn its force round
+(1 + loss·ds/dt = 0), and a point of friction that begins to slide or to stick (bench.ruler.rubbing), is an event: a
+step ends there. While nothing presses, modes move by their closed solution; else, and where bodies stretch or rub, they
+and the forces are polynomials over each step, of a degree that their
 last coefficients show to be enough. s^α with α not an integer is no polynomial near s = 0: steps shrink towards it
 until what is left is nothing.
 """
@@ -12,13 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bench.ruler.collocated_step import System, as_system, forces, iterate, select_contacts, stretching
 from bench.ruler.collocation import Nodes, Real, gauss_nodes, integral_to, value_at
+from bench.ruler.rubbing import Bristles, at_rest, excess_and_slope, excess_of, friction_forces, reach, stored_in, turn
 from engine.problems.problem import Problem
 
 EPSILON = np.finfo(Real).eps
 OPEN, PRESSING, SLACK = 0, 1, 2  # a slack contact is compressed, and leaves faster than its force would follow
 MAX_TRIES = 20_000  # of steps, in a sample
-MAX_ROUNDS = 80  # of a fixed-point iteration
 MAX_PHASE = 2.5  # rad, of the highest mode in a step
 
 
@@ -33,22 +35,6 @@ FINE = Setting(20, 1e-18)
 COARSE = Setting(16, 1e-16)
 
 
-class System(NamedTuple):
-    """A problem in one precision."""
-
-    squared: np.ndarray  # ω² [modes]
-    decay: np.ndarray  # 2σ [modes]
-    weight: np.ndarray  # [modes]
-    shapes: np.ndarray  # [contacts, modes]
-    barrier: np.ndarray  # [contacts]
-    stiffness: np.ndarray  # [contacts]
-    exponent: np.ndarray  # [contacts]
-    loss: np.ndarray  # [contacts]
-    length: np.ndarray  # √(Φ·Φ) [contacts]
-    is_whole: np.ndarray  # [contacts], whether α is an integer
-    stretch: np.ndarray  # [bodies that stretch, modes]
-
-
 class Step(NamedTuple):
     """A step that may be made."""
 
@@ -56,7 +42,10 @@ class Step(NamedTuple):
     q: np.ndarray  # [modes], at its end
     p: np.ndarray  # [modes], at its end
     speed: np.ndarray  # ds/dt [nodes, contacts]
-    impulse: np.floating  # N·s, of all contacts
+    slip: np.ndarray  # of surfaces that rub [nodes, points of friction], m/s
+    bristles: Bristles  # at its end
+    bristle_rates: tuple[np.ndarray, np.ndarray]  # of their bends and θ [nodes, points of friction]
+    impulse: np.floating  # N·s, of all contacts and friction
     error: np.floating  # share of the largest momentum
 
 
@@ -66,7 +55,7 @@ class Solution(NamedTuple):
     displacement: np.ndarray  # [frames + 1], m
     force: np.ndarray  # [frames], N
     energy: np.ndarray  # [frames + 1], J
-    events: list[tuple[float, int, int]]  # time, s; contact; what it is from then on
+    events: list[tuple[float, int, int]]  # time, s; contact, or after them point of friction; what it is from then on
     steps: int
 
 
@@ -78,82 +67,7 @@ class Motion:
     p: np.ndarray
     status: np.ndarray  # [contacts], OPEN, PRESSING or SLACK
     scale: np.floating  # largest √(Σ p² + ω²q²) so far
-
-
-def as_system(problem: Problem, kind: type) -> System:
-    """A problem in one precision."""
-    shapes, exponent = problem.shapes.astype(kind), problem.exponent.astype(kind)
-    return System(
-        squared=problem.omega.astype(kind) ** 2,
-        decay=2 * problem.sigma.astype(kind),
-        weight=problem.weight.astype(kind),
-        shapes=shapes,
-        barrier=problem.barrier.astype(kind),
-        stiffness=problem.stiffness.astype(kind),
-        exponent=exponent,
-        loss=problem.loss.astype(kind),
-        length=np.sqrt(np.sum(shapes**2, axis=1)),
-        is_whole=exponent == np.round(exponent),
-        stretch=(np.zeros((0, problem.omega.size)) if problem.stretch is None else problem.stretch).astype(kind),
-    )
-
-
-def select_contacts(system: System, which: np.ndarray) -> System:
-    """The same modes with some of the contacts."""
-    return system._replace(
-        **{
-            name: getattr(system, name)[which]
-            for name in ("shapes", "barrier", "stiffness", "exponent", "loss", "length", "is_whole")
-        }
-    )
-
-
-def power(system: System, s: np.ndarray) -> np.ndarray:
-    """s^α of contacts [..., contacts]; analytic through 0 if α is an integer, 0 below it if not."""
-    if system.is_whole.size and system.is_whole.all():
-        if (system.exponent == system.exponent[0]).all():
-            return np.asarray(s ** int(system.exponent[0]))
-        return np.stack([s[..., k] ** int(a) for k, a in enumerate(system.exponent)], axis=-1)
-    return np.where(system.is_whole, s, np.maximum(s, 0)) ** system.exponent
-
-
-def forces(system: System, s: np.ndarray, speed: np.ndarray) -> np.ndarray:
-    """Forces of pressing contacts, N. s, speed: [..., contacts]"""
-    f = system.stiffness * power(system, s)
-    return f * (1 + system.loss * speed) if system.loss.any() else f
-
-
-def stretching(system: System, q: np.ndarray) -> np.ndarray:
-    """Return the force of bodies that stretch on each mode [..., modes]. q: [..., modes]"""
-    return np.asarray(-((q**2 @ system.stretch.T) @ system.stretch) * q)
-
-
-def iterate(system: System, nodes: Nodes, h: np.floating, q: np.ndarray, p: np.ndarray, guess: tuple) -> tuple | None:
-    """Solve a step with all contacts of a system pressing, from a guess, by fixed-point iteration.
-
-    Returns q and p at the nodes [nodes, modes], dp/dt there, and forces [nodes, contacts]; None if it fails."""
-    stretches = len(system.stretch) > 0
-    qs, ps = guess
-    epsilon = np.finfo(q.dtype).eps
-    ahead = (h * nodes.integral).astype(q.dtype)
-    s0 = system.shapes @ q - system.barrier
-    before = np.inf
-    for _ in range(MAX_ROUNDS):
-        speed = ps @ system.shapes.T
-        f = forces(system, s0 + ahead @ speed, speed)
-        slope = system.weight - system.squared * qs - system.decay * ps - f @ system.shapes
-        if stretches:
-            slope = slope + stretching(system, qs)
-        next_ps = p + ahead @ slope
-        change, size = np.abs(next_ps - ps).max(), np.abs(next_ps).max()
-        ps = next_ps
-        qs = q + ahead @ ps
-        if not change < 1e3 * size + 1e3:
-            return None
-        if change <= 2 * epsilon * size or (change <= 200 * epsilon * size and change > 0.3 * before):
-            return qs, ps, slope, f
-        before = change
-    return None
+    bristles: Bristles
 
 
 class Solver:
@@ -168,7 +82,7 @@ class Solver:
         self.longest = Real(MAX_PHASE / highest) if highest > 0 else Real(np.inf)
         assert (problem.sigma < np.maximum(problem.omega, 1e-300)).all() or not problem.sigma.any()
         self.free = problem.omega == 0  # modes
-        self.stretches = len(self.fine.stretch) > 0
+        self.stretches, self.rubs = len(self.fine.stretch) > 0, len(self.fine.rubbing.shapes) > 0
         omega_squared, sigma = self.fine.squared, self.fine.decay / 2
         self.damped = np.sqrt(np.where(self.free, 1, omega_squared - sigma**2))
         self.rest = np.where(self.free, 0, self.fine.weight / np.where(self.free, 1, omega_squared))
@@ -186,25 +100,40 @@ class Solver:
             w = self.fine.weight[free]
             ps[:, free] = p[free] + w * t
             qs[:, free] = q[free] + p[free] * t + w * t * t / 2
-        return Step(h, qs[-1], ps[-1], ps[:-1] @ self.fine.shapes.T, Real(0), Real(0))
+        speed = ps[:-1] @ self.fine.shapes.T
+        nothing = np.zeros((self.nodes.place.size, 0), Real)
+        return Step(h, qs[-1], ps[-1], speed, nothing, motion.bristles, (nothing, nothing), Real(0), Real(0))
 
     def advance_forced(self, motion: Motion, pressing: np.ndarray, h: np.floating) -> Step | None:
-        """A step in which contacts press or bodies stretch: by collocation, begun in double precision. None if that
-        fails."""
+        """A step in which contacts press, or bodies stretch or rub: by collocation, begun in double precision. None if
+        that fails."""
         q, p, nodes = motion.q, motion.p, self.nodes
         system, rough = select_contacts(self.fine, pressing), select_contacts(self.rough, pressing)
         rough_q, rough_p = q.astype(np.float64), p.astype(np.float64)
         places = (h * nodes.place).astype(np.float64)[:, None]
         guess = rough_q + places * rough_p, np.repeat(rough_p[None], nodes.place.size, axis=0)
         with np.errstate(all="ignore"):
-            solution = iterate(rough, self.rough_nodes, np.float64(h), rough_q, rough_p, guess)
+            begin = Bristles(*(x.astype(np.float64) for x in motion.bristles))
+            solution = iterate(rough, self.rough_nodes, np.float64(h), rough_q, rough_p, begin, guess)
             if solution is None:
                 return None
-            solution = iterate(system, nodes, h, q, p, (solution[0].astype(Real), solution[1].astype(Real)))
+            guess = solution[0].astype(Real), solution[1].astype(Real)
+            solution = iterate(system, nodes, h, q, p, motion.bristles, guess)
         if solution is None:
             return None
-        qs, ps, slope, f = solution
-        moved = np.sum(system.length * np.abs(nodes.last @ f).max(axis=0))
+        qs, ps, slope, f, bent, bristle_rates = solution
+        (rows, law), contacts = system.rubbing, len(system.shapes)
+        moved = np.sum(system.length * np.abs(nodes.last @ f[:, :contacts]).max(axis=0))
+        bristles = motion.bristles
+        if self.rubs:
+            # the bound counts where a point is stuck, too: it says when it slides
+            of_bound = law.bristle * np.abs(nodes.last @ reach(law, bent.remembered)).max(axis=0)
+            rough_forces = np.abs(nodes.last @ f[:, contacts:]).max(axis=0) + of_bound
+            moved = moved + np.sum(np.sqrt(np.sum(rows**2, axis=1)) * rough_forces)
+            bend, remembered = (x + h * (nodes.share @ r) for x, r in zip(bristles, bristle_rates, strict=False))
+            bristles = bristles._replace(bend=bend, remembered=remembered)
+        else:
+            bristle_rates = (np.zeros((nodes.place.size, 0), Real),) * 2
         if self.stretches:
             moved = moved + np.sqrt(np.sum(np.abs(nodes.last @ stretching(system, qs)).max(axis=0) ** 2))
         return Step(
@@ -212,6 +141,9 @@ class Solver:
             q=q + h * (nodes.share @ ps),
             p=p + h * (nodes.share @ slope),
             speed=ps @ self.fine.shapes.T,
+            slip=ps @ rows.T - law.velocity,
+            bristles=bristles,
+            bristle_rates=bristle_rates,
             impulse=h * np.sum(nodes.share @ f),
             error=h * moved / motion.scale,
         )
@@ -219,7 +151,7 @@ class Solver:
     def try_step(self, motion: Motion, h: np.floating) -> Step | None:
         """A step of duration h, whatever happens in it; None if it cannot be solved."""
         pressing = np.flatnonzero(motion.status == PRESSING)
-        if pressing.size or self.stretches:
+        if pressing.size or self.stretches or self.rubs:
             return self.advance_forced(motion, pressing, h)
         return self.advance_free(motion, h)
 
@@ -227,8 +159,8 @@ class Solver:
         """s [contacts]"""
         return np.asarray(self.fine.shapes @ q - self.fine.barrier)
 
-    def accelerations(self, motion: Motion) -> np.ndarray:
-        """d²s/dt² [contacts]"""
+    def slope_of(self, motion: Motion) -> np.ndarray:
+        """dp/dt [modes]"""
         pressing = np.flatnonzero(motion.status == PRESSING)
         slope = self.fine.weight - self.fine.squared * motion.q - self.fine.decay * motion.p
         if pressing.size:
@@ -237,7 +169,13 @@ class Solver:
             slope = slope - f @ system.shapes
         if self.stretches:
             slope = slope + stretching(self.fine, motion.q)
-        return np.asarray(self.fine.shapes @ slope)
+        if self.rubs:
+            slope = slope - friction_forces(self.fine.rubbing.law, motion.bristles) @ self.fine.rubbing.shapes
+        return np.asarray(slope)
+
+    def accelerations(self, motion: Motion) -> np.ndarray:
+        """d²s/dt² [contacts]"""
+        return np.asarray(self.fine.shapes @ self.slope_of(motion))
 
     def excess(self, status: np.ndarray, s: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """What is above 0 when a contact has changed: [..., 2·contacts], by its compression and by its speed."""
@@ -245,17 +183,29 @@ class Solver:
         by_speed = np.where(status == PRESSING, -1, 1) * (1 + self.fine.loss * speed)
         return np.concatenate([by_compression, np.where((status == OPEN) | (self.fine.loss == 0), -1, by_speed)], -1)
 
-    def excess_at(self, motion: Motion, step: Step, place: np.ndarray) -> np.ndarray:
-        """The same at places on [0, 1] of a step, by its polynomials: [places, 2·contacts]"""
+    def excess_at(self, motion: Motion, step: Step, integral: np.ndarray, value: np.ndarray) -> np.ndarray:
+        """The same in a step, and then that of friction, by polynomials: [places, 2·contacts + points of friction]
+
+        integral, value: linear maps of values at the nodes to integrals up to places, and to values there
+        """
+        s = self.compressions(motion.q) + step.duration * (integral @ step.speed)
+        of_contacts = self.excess(motion.status, s, value @ step.speed)
+        if not self.rubs:
+            return of_contacts
+        moves = (step.duration * (integral @ rate) for rate in step.bristle_rates)
+        bend, remembered = (x + move for x, move in zip(motion.bristles, moves, strict=False))
+        law, bristles = self.fine.rubbing.law, motion.bristles._replace(bend=bend, remembered=remembered)
+        return np.concatenate([of_contacts, excess_of(law, bristles, value @ step.slip)], axis=-1)
+
+    def excess_in(self, motion: Motion, step: Step, place: np.ndarray) -> np.ndarray:
+        """The same at places on [0, 1] of a step."""
         count = self.setting.nodes
-        s = self.compressions(motion.q) + step.duration * (integral_to(count, place) @ step.speed)
-        return self.excess(motion.status, s, value_at(count, place) @ step.speed)
+        return self.excess_at(motion, step, integral_to(count, place), value_at(count, place))
 
     def first_event(self, motion: Motion, step: Step) -> tuple[int, float] | None:
         """Which excess of a step is the first to rise above 0, and where on [0, 1]; None if none does."""
         x = self.nodes.finer
-        s = self.compressions(motion.q) + step.duration * (self.nodes.finer_integral @ step.speed)
-        g = self.excess(motion.status, s, self.nodes.finer_value @ step.speed)
+        g = self.excess_at(motion, step, self.nodes.finer_integral, self.nodes.finer_value)
         bend = 2 * g[1:-1] - g[2:] - g[:-2]
         rise = g[2:] - g[:-2]
         is_top = (bend > 0) & (np.abs(rise) <= 2 * bend) & (g[1:-1] <= 0)
@@ -266,13 +216,13 @@ class Solver:
             brackets = [(float(x[j]), float(x[j + 1])) for j in np.flatnonzero(g[1:, column] > 0)[:1]]
             for j in np.flatnonzero(hidden[:, column])[:1]:
                 top = float(x[j + 1] + (x[1] - x[0]) * rise[j, column] / (2 * bend[j, column]))
-                if self.excess_at(motion, step, np.array([top], Real))[0, column] > 0:
+                if self.excess_in(motion, step, np.array([top], Real))[0, column] > 0:
                     brackets.append((float(x[j]), top))
             if brackets:
                 low, high = min(brackets)
                 for _ in range(3):
                     places = np.linspace(low, high, 12).astype(Real)
-                    is_above = self.excess_at(motion, step, places)[1:, column] > 0
+                    is_above = self.excess_in(motion, step, places)[1:, column] > 0
                     j = int(np.argmax(is_above)) if is_above.any() else 10
                     low, high = float(places[j]), float(places[j + 1])
                 crossings.append((0.5 * (low + high), int(column)))
@@ -281,30 +231,47 @@ class Solver:
         place, column = min(crossings)
         return column, place
 
+    def noise_of(self, motion: Motion, column: int) -> np.floating:
+        """How far an excess is from 0 by rounding."""
+        contacts, p = motion.status.size, np.abs(motion.p)
+        if column >= 2 * contacts:
+            (rows, law), point = self.fine.rubbing, column - 2 * contacts
+            far = reach(law, motion.bristles.remembered), np.abs(rows) @ p + np.abs(law.velocity)
+            return 4 * EPSILON * far[0 if motion.bristles.side[point] == 0 else 1][point]
+        row = np.abs(self.fine.shapes[column % contacts])
+        if column >= contacts:
+            return 4 * EPSILON * (1 + self.fine.loss[column - contacts] * (row @ p))
+        return 4 * EPSILON * (row @ np.abs(motion.q) + np.abs(self.fine.barrier[column]))
+
+    def measure(self, motion: Motion, column: int) -> tuple[np.floating, np.floating]:
+        """An excess, and its rate."""
+        contacts = motion.status.size
+        if column >= 2 * contacts:
+            (rows, law), point = self.fine.rubbing, column - 2 * contacts
+            slip, acceleration = rows @ motion.p - law.velocity, rows @ self.slope_of(motion)
+            excess, rate = excess_and_slope(law, motion.bristles, slip, acceleration)
+            return excess[point], rate[point]
+        contact = column % contacts
+        row, status, loss = self.fine.shapes[contact], motion.status[contact], self.fine.loss[contact]
+        speed = row @ motion.p
+        if column >= contacts:
+            sign = -1 if status == PRESSING else 1
+            return sign * (1 + loss * speed), sign * loss * self.accelerations(motion)[contact]
+        sign = 1 if status == OPEN else -1
+        return sign * (row @ motion.q - self.fine.barrier[contact]), sign * speed
+
     def locate(self, motion: Motion, column: int, guess: np.floating, longest: np.floating) -> Step | None:
         """The step that ends where an excess becomes 0, by Newton's method between bounds; None if a step fails."""
         low, high, h = Real(0), longest * (1 + EPSILON), guess
-        contact, by_speed = column % motion.status.size, column >= motion.status.size
-        row = self.fine.shapes[contact]
-        noise = 4 * EPSILON * (np.abs(row) @ np.abs(motion.q) + np.abs(self.fine.barrier[contact]))
-        if by_speed:
-            noise = 4 * EPSILON * (1 + self.fine.loss[contact] * (np.abs(row) @ np.abs(motion.p)))
+        noise = self.noise_of(motion, column)
         for _ in range(60):
             step = self.try_step(motion, h)
             if step is None or step.error > self.setting.tolerance:
                 return None
-            after = Motion(step.q, step.p, motion.status, motion.scale)
-            speed = row @ step.p
-            if by_speed:
-                g = 1 + self.fine.loss[contact] * speed
-                slope = self.fine.loss[contact] * self.accelerations(after)[contact]
-                sign = -1 if motion.status[contact] == PRESSING else 1
-            else:
-                g, slope = row @ step.q - self.fine.barrier[contact], speed
-                sign = 1 if motion.status[contact] == OPEN else -1
+            g, slope = self.measure(Motion(step.q, step.p, motion.status, motion.scale, step.bristles), column)
             if abs(g) <= noise:
                 return step
-            low, high = (low, h) if sign * g > 0 else (h, high)
+            low, high = (low, h) if g > 0 else (h, high)
             improved = h - g / slope if slope != 0 else (low + high) / 2
             if not low < improved < high:
                 improved = (low + high) / 2
@@ -340,8 +307,12 @@ class Solver:
         return step, None, max(length, longer) if h < length else longer  # a sample's end says nothing of the error
 
     def change(self, motion: Motion, column: int) -> int:
-        """Change the status of a contact. Returns the contact."""
-        contact, by_speed = column % motion.status.size, column >= motion.status.size
+        """Change the status of a contact, or of a point of friction. Returns the contact; after them, the point."""
+        contacts = motion.status.size
+        if column >= 2 * contacts:
+            motion.bristles = turn(self.fine.rubbing.law, motion.bristles, column - 2 * contacts)
+            return column - contacts
+        contact, by_speed = column % contacts, column >= contacts
         if by_speed:
             motion.status[contact] = SLACK if motion.status[contact] == PRESSING else PRESSING
         else:
@@ -350,7 +321,7 @@ class Solver:
 
     def first_duration(self, motion: Motion, contact: int) -> np.floating:
         """Duration of the first step of a contact that begins, s."""
-        if motion.status[contact] != PRESSING or self.fine.is_whole[contact]:
+        if contact >= motion.status.size or motion.status[contact] != PRESSING or self.fine.is_whole[contact]:
             return self.longest
         speed, a = abs(self.fine.shapes[contact] @ motion.p), self.fine.exponent[contact]
         push = self.fine.length[contact] * self.fine.stiffness[contact] * (speed + Real(1e-30)) ** a * Real(1e-3)
@@ -364,7 +335,7 @@ class Solver:
         """The motion at time 0."""
         s, speed = self.compressions(q), self.fine.shapes @ p
         status = np.where(s > 0, np.where(1 + self.fine.loss * speed > 0, PRESSING, SLACK), OPEN)
-        motion = Motion(q, p, status, Real(1e-30))
+        motion = Motion(q, p, status, Real(1e-30), at_rest(self.fine.rubbing))
         self.raise_scale(motion)
         return motion
 
@@ -387,7 +358,7 @@ def solve(problem: Problem, setting: Setting = FINE) -> Solution:
     sample, pickup, frames = 1 / Real(problem.samplerate), problem.pickup.astype(Real), problem.frames
     displacement, energy = np.empty(frames + 1, Real), np.empty(frames + 1, Real)
     force, events, steps, length = np.zeros(frames, Real), [], 0, solver.longest
-    displacement[0], energy[0] = pickup @ motion.q, energy_of_state(solver.fine, motion.q, motion.p)
+    displacement[0], energy[0] = pickup @ motion.q, energy_of_motion(solver.fine, motion)
     for n in range(frames):
         elapsed, impulse, tries = Real(0), Real(0), 0
         while elapsed < sample:
@@ -402,7 +373,7 @@ def solve(problem: Problem, setting: Setting = FINE) -> Solution:
                 step, column, length = solver.next_step(motion, left, length)
                 if step is None:
                     continue
-                motion.q, motion.p = step.q, step.p
+                motion.q, motion.p, motion.bristles = step.q, step.p, step.bristles
                 elapsed = sample if step.duration == left else elapsed + step.duration
                 impulse, steps = impulse + step.impulse, steps + 1
                 solver.raise_scale(motion)
@@ -410,16 +381,18 @@ def solve(problem: Problem, setting: Setting = FINE) -> Solution:
                     continue
                 contact = solver.change(motion, column)
                 length = solver.first_duration(motion, contact)
-            events.append((float(n * sample + elapsed), contact, int(motion.status[contact])))
+            states = np.concatenate([motion.status, motion.bristles.side])
+            events.append((float(n * sample + elapsed), contact, int(states[contact])))
         force[n] = impulse / sample
         displacement[n + 1] = pickup @ motion.q
-        energy[n + 1] = energy_of_state(solver.fine, motion.q, motion.p)
+        energy[n + 1] = energy_of_motion(solver.fine, motion)
     return Solution(displacement, force, energy, events, steps)
 
 
-def energy_of_state(system: System, q: np.ndarray, p: np.ndarray) -> np.floating:
-    """Energy of a state, J."""
+def energy_of_motion(system: System, motion: Motion) -> np.floating:
+    """Energy where a motion is, J."""
+    q, p = motion.q, motion.p
     squeezed = np.maximum(system.shapes @ q - system.barrier, 0)
     stored = system.stiffness / (system.exponent + 1) * squeezed ** (system.exponent + 1)
-    stretched = np.sum((system.stretch @ q**2) ** 2) / 4
-    return np.sum(p**2 / 2 + system.squared * q**2 / 2 - system.weight * q) + np.sum(stored) + stretched
+    stretched, bristles = np.sum((system.stretch @ q**2) ** 2) / 4, stored_in(system.rubbing.law, motion.bristles)
+    return np.sum(p**2 / 2 + system.squared * q**2 / 2 - system.weight * q) + np.sum(stored) + stretched + bristles

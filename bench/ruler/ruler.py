@@ -172,7 +172,7 @@ def publish_single_step(results: list[Result], stiffness: dict[str, str], made: 
             for m, form in (("motion", ".0e"), ("force", ".0e"), ("bands_db", ".2g"))
         ]
         cells += [_most([s[m] for s in done]) for m in ("energy", "pull")]
-        cells += [stiffness[family], _middle([s.ns_per_sample for s in done], ".0f")]
+        cells += [stiffness.get(family, "–"), _middle([s.ns_per_sample for s in done], ".0f")]
         rows.append([family, *cells])
     header = ["method, one step per sample", "stable problems", "motion error", "force error", "third-octave error, dB"]
     header += ["largest energy error", "largest pull", STABILITY, "ns per sample"]

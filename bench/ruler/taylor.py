@@ -2,8 +2,9 @@
 with bench.ruler.reference but the problem.
 
 From every state the series of modes and forces follow term by term: dp/dt from the forces, a power s^α of a series by
-its recurrence, the stretch of bodies by products of series. The last terms give the length of a step. The series show
-where a contact begins or ends, to the last digit, and the output in between. s^α with α not an integer has no series at
+its recurrence, the stretch of bodies by products of series, friction by products and quotients. The last terms give
+the length of a step. The series show where a contact begins or ends, or a point of friction slides or sticks, to the
+last digit, and the output in between. s^α with α not an integer has no series at
 s = 0: its force is on from a compression on that is so small that it could not be told from 0.
 """
 
@@ -12,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from engine.problems.problem import Problem
+from engine.problems.problem import Friction, Problem
 
 Real = np.longdouble
 OPEN, PRESSING, SLACK = 0, 1, 2  # a slack contact is compressed, and leaves faster than its force would follow
@@ -35,6 +36,25 @@ class Arrays(NamedTuple):
     loss: np.ndarray  # [contacts]
     onset: np.ndarray  # [contacts], compression from which on the force is on, m
     stretch: np.ndarray  # [bodies that stretch, modes]
+    rubbed: np.ndarray  # [points of friction, modes]
+    friction: Friction
+
+
+class Rub(NamedTuple):
+    """Taylor coefficients of points of friction, [order + 1, points] each."""
+
+    bend: np.ndarray  # z
+    remembered: np.ndarray  # θ
+    bound: np.ndarray  # N·μ(θ)/k, which |z| may reach
+    ahead: np.ndarray  # speed of slip where it slides, to its side, times what is above 0
+
+
+class Point(NamedTuple):
+    """Where points of friction are [points]."""
+
+    bend: np.ndarray
+    remembered: np.ndarray
+    side: np.ndarray  # 0 where stuck, else that on which it slides
 
 
 class Series(NamedTuple):
@@ -42,12 +62,15 @@ class Series(NamedTuple):
 
     q: np.ndarray  # [order + 1, modes]
     p: np.ndarray  # [order + 1, modes]
-    force: np.ndarray  # [order + 1], of all contacts
+    force: np.ndarray  # [order + 1], of all contacts and friction
+    rub: Rub
 
 
 def as_arrays(problem: Problem, scale: np.floating) -> Arrays:
     """A problem in extended precision. scale: largest momentum, √kg·m/s"""
     exponent, stiffness = problem.exponent.astype(Real), problem.stiffness.astype(Real)
+    rubbed = np.zeros((0, problem.omega.size)) if problem.rubbed is None else problem.rubbed
+    friction = np.zeros((7, 0)) if problem.friction is None else problem.friction
     slowest = 1e-3 * scale  # a contact that begins so slowly is rare
     onset = (TOLERANCE * (exponent + 1) * slowest * scale / stiffness) ** (1 / (exponent + 1))
     return Arrays(
@@ -61,6 +84,8 @@ def as_arrays(problem: Problem, scale: np.floating) -> Arrays:
         loss=problem.loss.astype(Real),
         onset=np.where(exponent == np.round(exponent), 0, onset),
         stretch=(np.zeros((0, problem.omega.size)) if problem.stretch is None else problem.stretch).astype(Real),
+        rubbed=rubbed.astype(Real),
+        friction=Friction(*friction.astype(Real)),
     )
 
 
@@ -83,7 +108,39 @@ def next_power_term(s: np.ndarray, powers: list[np.ndarray], exponent: np.ndarra
     return powers[-1][n]
 
 
-def expand(arrays: Arrays, status: np.ndarray, q: np.ndarray, p: np.ndarray) -> Series:
+class RubExpansion:
+    """The series of points of friction, term by term.
+
+    With m = speed/(speed + θ), the bound is b = N·(dynamic + (static - dynamic)·m)/k. Of a point that slides, with
+    c = db/dθ/τ = -N·(static - dynamic)·m²/(k·τ·speed), (1 + c)·slip = side·w + c·θ is above 0.
+    """
+
+    def __init__(self, law: Friction, at: Point) -> None:
+        self.law, self.at = law, at
+        blank = np.zeros((ORDER + 1, at.side.size), Real)
+        self.bend, self.remembered, self.bound, self.ahead = (blank.copy() for _ in range(4))
+        self.share, self.shrink, self.slip = (blank.copy() for _ in range(3))  # m, c, slip
+        self.bend[0], self.remembered[0] = at.bend, at.remembered
+
+    def next_forces(self, n: int, w: np.ndarray) -> np.ndarray:
+        """Term n of the forces, from that of the slip w of the surfaces; term n + 1 of z and θ follows. [points]"""
+        law, side, theta, m, c = self.law, self.at.side, self.remembered, self.share, self.shrink
+        begun = law.speed + theta[0]
+        m[n] = ((law.speed if n == 0 else 0) - np.sum(theta[1 : n + 1] * m[n - 1 :: -1][:n], axis=0)) / begun
+        weakening = law.force * (law.static - law.dynamic) / law.bristle
+        self.bound[n] = weakening * m[n] + (law.force * law.dynamic / law.bristle if n == 0 else 0)
+        c[n] = -weakening / (law.memory * law.speed) * np.sum(m[: n + 1] * m[n::-1], axis=0)
+        self.ahead[n] = side * w + np.sum(c[: n + 1] * theta[n::-1], axis=0)
+        late = np.sum(c[1 : n + 1] * self.slip[n - 1 :: -1][:n], axis=0)
+        self.slip[n] = np.where(side == 0, 0, (self.ahead[n] - late) / (1 + c[0]))
+        self.bend[n] = np.where(side == 0, self.bend[n], side * self.bound[n])
+        if n < ORDER:
+            theta[n + 1] = (self.slip[n] - theta[n]) / (law.memory * (n + 1))
+            self.bend[n + 1] = w / (n + 1)
+        return np.asarray(law.bristle * self.bend[n])
+
+
+def expand(arrays: Arrays, status: np.ndarray, q: np.ndarray, p: np.ndarray, point: Point) -> Series:
     """The series of a motion from a state."""
     size = ORDER + 1
     qs, ps, total = np.zeros((size, q.size), Real), np.zeros((size, q.size), Real), np.zeros(size, Real)
@@ -95,6 +152,7 @@ def expand(arrays: Arrays, status: np.ndarray, q: np.ndarray, p: np.ndarray) -> 
         powers = [blank.copy() for _ in range(int(exponent) if exponent == round(exponent) else 1)]
         kinds.append((which, arrays.shapes[which], blank.copy(), blank.copy(), powers, blank.copy()))
     stretches = np.zeros((size, len(arrays.stretch)), Real)
+    rub = RubExpansion(arrays.friction, point)
     for n in range(size):
         slope = -arrays.squared * qs[n] - arrays.decay * ps[n]
         if stretches.size:  # the products of series
@@ -111,9 +169,12 @@ def expand(arrays: Arrays, status: np.ndarray, q: np.ndarray, p: np.ndarray) -> 
                 f = f + arrays.loss[which] * np.sum(elastic[: n + 1] * speed[n::-1], axis=0)
             slope = slope - f @ shapes
             total[n] += np.sum(f)
+        if point.side.size:
+            f = rub.next_forces(n, arrays.rubbed @ ps[n] - (arrays.friction.velocity if n == 0 else 0))
+            slope, total[n] = slope - f @ arrays.rubbed, total[n] + np.sum(f)
         if n < ORDER:
             ps[n + 1], qs[n + 1] = slope / (n + 1), ps[n] / (n + 1)
-    return Series(qs, ps, total)
+    return Series(qs, ps, total, Rub(rub.bend, rub.remembered, rub.bound, rub.ahead))
 
 
 def duration_of(arrays: Arrays, status: np.ndarray, series: Series, scale: np.floating) -> np.floating:
@@ -123,6 +184,9 @@ def duration_of(arrays: Arrays, status: np.ndarray, series: Series, scale: np.fl
         size = np.sqrt(np.sum(series.p[n] ** 2 + arrays.squared * series.q[n] ** 2))
         if size > 0:
             limits.append((TOLERANCE * scale / size) ** (Real(1) / n))
+        size = np.max(np.abs(series.rub.remembered[n]) / arrays.friction.speed, initial=0)
+        if size > 0:
+            limits.append((TOLERANCE / size) ** (Real(1) / n))
     singular = np.flatnonzero((status == PRESSING) & (arrays.onset > 0))
     if singular.size:
         s = arrays.shapes[singular] @ series.q[0] - arrays.barrier[singular]
@@ -131,8 +195,9 @@ def duration_of(arrays: Arrays, status: np.ndarray, series: Series, scale: np.fl
     return min(limits)
 
 
-def excesses(arrays: Arrays, status: np.ndarray, series: Series) -> np.ndarray:
-    """Series of what is above 0 when a contact has changed: [order + 1, 2·contacts], by compression and by speed."""
+def excesses(arrays: Arrays, status: np.ndarray, series: Series, side: np.ndarray) -> np.ndarray:
+    """Series of what is above 0 when a contact has changed: [order + 1, 2·contacts + 2·points of friction], by
+    compression, by speed, and by the bend of a bristle up or down. side: of points of friction"""
     s, speed = series.q @ arrays.shapes.T, series.p @ arrays.shapes.T
     s[0] -= arrays.barrier + arrays.onset
     by_speed = arrays.loss * speed
@@ -141,7 +206,11 @@ def excesses(arrays: Arrays, status: np.ndarray, series: Series) -> np.ndarray:
     never = (status == OPEN) | (arrays.loss == 0)
     by_speed[:, never] = 0
     by_speed[0, never] = -1
-    return np.concatenate([np.where(status == OPEN, s, -s), by_speed], axis=1)
+    rub, never = series.rub, np.zeros_like(series.rub.bound)
+    never[0] = -1
+    up = np.where(side == 0, rub.bend - rub.bound, -rub.ahead)
+    down = np.where(side == 0, -rub.bend - rub.bound, never)
+    return np.concatenate([np.where(status == OPEN, s, -s), by_speed, up, down], axis=1)
 
 
 def value(terms: np.ndarray, x: np.floating) -> np.floating:
@@ -187,8 +256,13 @@ def first_rise(terms: np.ndarray) -> tuple[np.floating, int] | None:
     return min(crossings) if crossings else None
 
 
-def change(status: np.ndarray, column: int) -> None:
-    """Change the status of the contact that a column of `excesses` belongs to."""
+def change(status: np.ndarray, point: Point, column: int) -> None:
+    """Change the status of the contact, or of the point of friction, that a column of `excesses` belongs to."""
+    if column >= 2 * status.size:
+        column -= 2 * status.size
+        k, is_down = column % point.side.size, column >= point.side.size
+        point.side[k] = (-1 if is_down else 1) if point.side[k] == 0 else 0
+        return
     contact = column % status.size
     if column >= status.size:
         status[contact] = SLACK if status[contact] == PRESSING else PRESSING
@@ -204,16 +278,19 @@ def solve_by_series(problem: Problem) -> tuple[np.ndarray, np.ndarray, int]:
     arrays = as_arrays(problem, scale)
     s, speed = arrays.shapes @ q - arrays.barrier, arrays.shapes @ p
     status = np.where(s > arrays.onset, np.where(1 + arrays.loss * speed > 0, PRESSING, SLACK), OPEN)
+    nothing = np.zeros(len(arrays.rubbed), Real)
+    point = Point(nothing, nothing, np.zeros(nothing.size, int))
     displacement, impulse, events = np.empty(frames + 1, Real), np.zeros(frames + 1, Real), 0
     displacement[0] = pickup @ q
     frame, elapsed, idle = 0, Real(0), 0  # where the motion is: time since the frame began, s
     degree = np.arange(ORDER + 1)
     while frame < frames:
-        series = expand(arrays, status, q, p)
-        changes = excesses(arrays, status, series)
+        series = expand(arrays, status, q, p, point)
+        changes = excesses(arrays, status, series, point.side)
         late = np.flatnonzero((changes[0] > 0) & (changes[1] > 0))  # two events at once
+        late = late[late < 2 * status.size]  # of a bristle, only rounding is above 0
         if late.size:
-            change(status, int(late[0]))
+            change(status, point, int(late[0]))
             events, idle = events + 1, idle + 1
             assert idle < 100, f"{problem.title}: stuck in frame {frame}"
             continue
@@ -234,8 +311,9 @@ def solve_by_series(problem: Problem) -> tuple[np.ndarray, np.ndarray, int]:
         if frame < frames:
             impulse[frame] += h * (powers / (degree + 1)) @ series.force - begun
         q, p, elapsed = powers @ series.q, powers @ series.p, elapsed + h
+        point = Point(powers @ series.rub.bend, powers @ series.rub.remembered, point.side)
         if event is not None:
-            change(status, event[1])
+            change(status, point, event[1])
             events += 1
     return displacement, impulse[:frames] / sample, events
 

@@ -1,12 +1,13 @@
 """Problems of collision with reference solutions, and the score of a trajectory against them (docs/ruler.md)."""
 
 from engine.problems.library import NAMES, load_problem
-from engine.problems.problem import Problem, Reference, energy_of, stretching_force
+from engine.problems.problem import Friction, Problem, Reference, energy_of, stretching_force
 from engine.problems.score import Score, score
 from engine.problems.trajectory import Trajectory, UnfitTrajectory, read_trajectory
 
 __all__ = [
     "NAMES",
+    "Friction",
     "Problem",
     "Reference",
     "Score",

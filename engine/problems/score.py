@@ -47,7 +47,7 @@ def _score_finite(problem: Problem, reference: Reference, trajectory: Trajectory
         force=relative_rms_error(trajectory.force.sum(axis=1)[:, None], reference.force[:, None], frames),
         bands_db=band_error(velocity, known_velocity, problem.samplerate),
         energy=energy_error(problem, reference, trajectory),
-        pull=pull_of(trajectory.force),
+        pull=pull_of(trajectory.force[:, : problem.barrier.size]),  # friction has either sign
         ns_per_sample=nanoseconds,
         failed="",
     )
@@ -55,7 +55,9 @@ def _score_finite(problem: Problem, reference: Reference, trajectory: Trajectory
 
 def energy_error(problem: Problem, reference: Reference, trajectory: Trajectory) -> float:
     """The largest change of the energy without loss, or rise with it, share of the largest of the reference; NaN if it
-    is not known."""
+    is not known, or if a surface that rubs supplies energy."""
+    if problem.friction is not None:
+        return math.nan
     energy = trajectory.energy
     if trajectory.q is not None and trajectory.p is not None:
         energy = energy_of(problem, trajectory.q, trajectory.p)
@@ -68,8 +70,8 @@ def energy_error(problem: Problem, reference: Reference, trajectory: Trajectory)
 
 
 def pull_of(force: np.ndarray) -> float:
-    """The strongest pull of a contact, share of the strongest push [frames, contacts]; NaN without forces."""
-    if not np.all(np.isfinite(force)):
+    """The strongest pull of a contact, share of the strongest push [frames, contacts]; NaN without any."""
+    if force.shape[1] == 0 or not np.all(np.isfinite(force)):
         return math.nan
     push = float(force.max(initial=0.0))
     pull = max(0.0, -float(force.min(initial=0.0)))

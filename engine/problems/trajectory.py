@@ -12,7 +12,7 @@ class Trajectory(NamedTuple):
     """The result of a method for a problem (engine.problems.problem)."""
 
     displacement: np.ndarray  # [frames + 1], m, at the pickup, from time 0 on
-    force: np.ndarray  # [frames, contacts], N: the mean over each sample
+    force: np.ndarray  # [frames, contacts + points of friction], N: the mean over each sample
     q: np.ndarray | None = None  # [frames + 1, modes], √kg·m; with p, the energy is that of the continuous system
     p: np.ndarray | None = None  # [frames + 1, modes], √kg·m/s
     seconds: float = float("nan")  # that it took, on one core
@@ -30,7 +30,7 @@ def read_trajectory(path: Path, problem: Problem) -> Trajectory:
         raise UnfitTrajectory(f"{path}: unknown array {unknown[0]}; known are {', '.join(Trajectory._fields)}")
     if "displacement" not in values:
         raise UnfitTrajectory(f"{path}: has no array displacement [frames + 1], m")
-    values.setdefault("force", np.full((problem.frames, len(problem.stiffness)), np.nan))
+    values.setdefault("force", np.full((problem.frames, problem.force_count), np.nan))
     seconds = values.pop("seconds", np.array(np.nan))
     if seconds.dtype.kind not in "iuf" or seconds.size != 1:
         raise UnfitTrajectory(f"{path}: seconds is not a number")
@@ -59,8 +59,8 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
 
 def check_trajectory(problem: Problem, trajectory: Trajectory) -> None:
     """Raises UnfitTrajectory if an array has another shape than the problem asks for, or no numbers."""
-    frames, modes, contacts = problem.frames, problem.omega.size, len(problem.stiffness)
-    shapes: dict[str, tuple[int, ...]] = {"displacement": (frames + 1,), "force": (frames, contacts)}
+    frames, modes, forces = problem.frames, problem.omega.size, problem.force_count
+    shapes: dict[str, tuple[int, ...]] = {"displacement": (frames + 1,), "force": (frames, forces)}
     shapes |= {"q": (frames + 1, modes), "p": (frames + 1, modes), "energy": (frames + 1,)}
     for name, shape in shapes.items():
         array = getattr(trajectory, name)

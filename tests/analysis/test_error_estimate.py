@@ -73,8 +73,9 @@ def test_the_estimate_is_near_the_error_of_the_certified_problems():
     ratios = {}
     for name in problems.NAMES:
         known = problems.load_problem(name)[1].displacement[:-1, None]  # a rendering has the state before each step
-        for order in (2, 4):
-            ratios[name, order] = ratio_to_error(ruler_scene(name), known, order=order)
+        scene_of_problem = ruler_scene(name)
+        for order in (2,) if scene_of_problem.friction else (2, 4):
+            ratios[name, order] = ratio_to_error(scene_of_problem, known, order=order)
     within = [1 / MOST < ratio < MOST for ratio in ratios.values()]
     assert np.mean(within) >= 0.9, ratios
 

@@ -10,7 +10,8 @@ from bench.ruler.methods.dop853 import simulate_dop853
 from bench.ruler.problems import as_problem, ruler_scene
 from bench.ruler.stability import largest_stable_stiffness, meeting_a_barrier
 from engine.analysis.other_methods import SingleBody, simulate
-from engine.problems.problem import Problem, energy_of
+from engine.problems import load_problem
+from engine.problems.problem import Friction, Problem, energy_of
 
 SECOND = ["Störmer-Verlet", "Störmer-Verlet, linear part exact", "implicit midpoint"]
 FOURTH = ["RK4", "RK4, linear part exact"]
@@ -81,6 +82,53 @@ def test_methods_of_order_4_on_a_string_that_stretches(name):
 def test_methods_of_linear_modes_say_that_a_string_that_stretches_is_not_for_them(name):
     result = METHODS[name].simulate(of_the_ruler("stretching_string"), 1)
     assert not was_applicable(result) and np.isnan(result.displacement).all()
+
+
+FRICTION = ["Störmer-Verlet, linear part exact", "RK4, linear part exact", "friction curve, hysteresis"]
+
+
+@pytest.mark.parametrize("name", [n for n in METHODS if n not in FRICTION and n != "DOP853"])
+def test_methods_of_contacts_say_that_friction_is_not_for_them(name):
+    result = METHODS[name].simulate(of_the_ruler("bowed_string"), 1)
+    assert not was_applicable(result) and np.isnan(result.displacement).all()
+
+
+def test_the_friction_curve_says_that_contacts_are_not_for_it():
+    assert not was_applicable(METHODS["friction curve, hysteresis"].simulate(of_the_ruler("hammer_c2"), 1))
+
+
+def bowed(seconds: float, **changes: float) -> Problem:
+    """The beginning of the bowed string, with other numbers of friction."""
+    problem = of_the_ruler("bowed_string", seconds)
+    law = Friction(*problem.friction)._replace(**{name: np.array([value]) for name, value in changes.items()})
+    return problem._replace(friction=np.array(law))
+
+
+@pytest.mark.parametrize(("name", "order"), [(FRICTION[0], 2), (FRICTION[1], 4)])
+def test_orders_while_a_bow_sticks(name, order):
+    check_order(name, bowed(0.001, force=1e3), order, [8, 16, 32])
+
+
+@pytest.mark.parametrize("name", FRICTION[:2])
+def test_errors_vanish_where_a_bow_sticks_and_slides(name):
+    few, _, many = errors(name, bowed(0.001), [8, 32, 128])
+    assert many < few / 20 and many < 1e-6
+
+
+def test_dop853_meets_the_reference_of_a_bowed_string():
+    problem, reference = load_problem("bowed_string")
+    coarse, fine = (simulate_dop853(shortened(problem, 0.004), tolerance).displacement for tolerance in (1e-6, 1e-9))
+    right = reference.displacement[: fine.size]
+    assert error(fine, right) < 1e-6 and error(coarse, right) < 1e-3
+
+
+@pytest.mark.hard
+def test_the_friction_curve_is_the_law_of_a_stiff_bristle_without_weakening():
+    """With one coefficient there is nothing to choose, and a bristle of 1e7 N/m hardly gives way."""
+    problem = bowed(0.004, static=0.5, dynamic=0.5, bristle=1e7)
+    by_curve = METHODS["friction curve, hysteresis"].simulate(problem, 64)
+    by_bristle = METHODS["Störmer-Verlet, linear part exact"].simulate(problem, 256)
+    assert error(by_curve.displacement, by_bristle.displacement) < 1e-3
 
 
 @pytest.mark.parametrize("name", SECOND)

@@ -12,12 +12,22 @@ from bench.ruler import reference
 from bench.ruler.make_references import DIGESTS, FOLDER, MAX_DIFFERENCE, digest_arrays
 from bench.ruler.problems import NAMES, as_problem, ruler_scene
 from bench.ruler.taylor import solve_by_series
-from engine.problems.problem import Problem, energy_of, read_problem, stretching_force
+from engine.problems.problem import Friction, Problem, energy_of, read_problem, stretching_force
 
 SAMPLERATE = 44_100.0
 LOSSLESS = ("barrier", "repelled_oscillator", "bouncing_ball", "walls", "stretching_string", "joined")
 CHEAP = ("repelled_oscillator", "lossy_bounce")
-LONGER = ("barrier", "bouncing_ball", "walls", "hammer_c2", "hammer_c4", "stretching_string", "joined", "drum")
+LONGER = (
+    "barrier",
+    "bouncing_ball",
+    "walls",
+    "hammer_c2",
+    "hammer_c4",
+    "stretching_string",
+    "bowed_string",
+    "joined",
+    "drum",
+)
 # the solvers refuse to run without; x86, and so CI, has them
 needs_extended_precision = pytest.mark.skipif(np.finfo(np.longdouble).eps > 2e-19, reason="needs 80-bit numbers")
 
@@ -66,10 +76,14 @@ def test_the_problem_is_that_of_the_scene(name):
         assert getattr(problem, field) == getattr(made, field)
     for field in ("omega", "sigma", "q", "p", "barrier", "stiffness", "exponent", "loss"):
         a, b = np.abs(getattr(problem, field)), np.abs(getattr(made, field))  # a mode may have either sign
-        assert np.allclose(a, b, rtol=1e-9, atol=1e-9 * np.abs(a).max()), field
+        assert np.allclose(a, b, rtol=1e-9, atol=1e-9 * np.abs(a).max(initial=0)), field
     assert (problem.stretch is None) == (made.stretch is None) == (name != "stretching_string")
     if problem.stretch is not None:
         assert np.allclose(problem.stretch, made.stretch, rtol=1e-9)
+    assert (problem.friction is None) == (made.friction is None) == (name != "bowed_string")
+    if problem.friction is not None:
+        assert np.array_equal(problem.friction, made.friction)
+        assert np.allclose(np.abs(problem.rubbed), np.abs(made.rubbed), rtol=1e-9, atol=1e-9)
 
 
 def test_all_references_are_small():
@@ -82,11 +96,20 @@ def test_energy_is_constant_without_loss(name):
     assert np.abs(known.energy / known.energy[0] - 1).max() < 1e-14
 
 
-@pytest.mark.parametrize("name", [n for n in NAMES if n not in LOSSLESS])
+@pytest.mark.parametrize("name", [n for n in NAMES if n not in (*LOSSLESS, "bowed_string")])
 def test_energy_never_grows_with_loss(name):
     _, known = read_problem(FOLDER / f"{name}.npz")
     assert np.diff(known.energy).max() < 1e-14 * known.energy[0]
     assert known.energy[-1] < known.energy[0]
+
+
+def test_a_bow_supplies_all_energy_that_its_string_gains():
+    problem, known = read_problem(FOLDER / "bowed_string.npz")
+    supplied = -Friction(*problem.friction).velocity[0] * known.force / problem.samplerate
+    gained = np.diff(known.energy)
+    assert np.max(gained - supplied) < 1e-14 * known.energy[0]
+    assert gained.max() > 1e-3 * known.energy[0]  # while it sticks
+    assert np.sum(gained - supplied) < -known.energy[0]  # heat
 
 
 @needs_extended_precision
@@ -189,6 +212,38 @@ def test_the_force_of_a_stretch_is_the_slope_of_its_energy():
     assert stored(q) > 0.0
     assert -2e-3 * aside @ stretching_force(problem, q) == pytest.approx(work, rel=1e-5)
     assert not stretching_force(linear, q).any()
+
+
+@needs_extended_precision
+def test_a_mass_sticks_slides_to_rest_and_sticks():
+    """Without weakening: a sine of the bristle, a parabola, and the oscillation of the bristle from its bound on."""
+    speed, press, bristle, coefficient = np.longdouble(0.5), 100.0, 1e5, 0.5
+    numbers = [[0.0], [press], [coefficient], [coefficient], [0.1], [1e-4], [bristle]]
+    nothing = {name: np.zeros(0) for name in ("barrier", "stiffness", "exponent", "loss")}
+    problem = one_mode(p=0.5, shapes=np.zeros((0, 1)), rubbed=[[1.0]], friction=numbers, frames=500)
+    omega, bend, slowing = np.sqrt(np.longdouble(bristle)), coefficient * press / bristle, coefficient * press
+    begin = np.arcsin(bend * omega / speed) / omega
+    slip = speed * np.cos(omega * begin)
+    end, way = begin + slip / slowing, slip**2 / (2 * slowing)
+    t = np.arange(501).astype(np.longdouble) / SAMPLERATE
+    exact = np.where(t < begin, speed / omega * np.sin(omega * t), bend + way - slowing * (t - end) ** 2 / 2)
+    exact = np.where(t > end, way + bend * np.cos(omega * (t - end)), exact)
+    assert 40 < begin * SAMPLERATE < 50
+    assert 400 < end * SAMPLERATE < 500
+    for motion in displacements(problem._replace(**nothing)):
+        assert np.abs(motion - exact).max() < 1e-16 * exact.max()
+
+
+@needs_extended_precision
+def test_both_methods_agree_where_a_bow_slides_and_sticks():
+    problem, known = read_problem(FOLDER / "bowed_string.npz")
+    problem = problem._replace(frames=20)
+    solution, (by_series, force, events) = reference.solve(problem), solve_by_series(problem)
+    assert [status for _, _, status in solution.events] == [-1, 0, -1, 0] and events == 4
+    peak = np.abs(known.displacement).max()
+    assert np.abs(solution.displacement - by_series).max() < 1e-16 * peak
+    assert np.abs(solution.displacement - known.displacement[:21]).max() < 1e-15 * peak
+    assert np.abs(solution.force - force).max() < 1e-15 * np.abs(force).max()
 
 
 def check_again(name):

@@ -53,6 +53,14 @@ def test_a_pull_is_a_share_of_the_largest_push():
     assert pull_of(np.zeros((3, 1))) == 0.0
 
 
+def test_a_bow_supplies_energy_and_may_pull():
+    problem, reference = problems.load_problem("bowed_string")
+    right = problems.Trajectory(reference.displacement, reference.force[:, None], energy=reference.energy)
+    row = problems.score(problem, reference, right)
+    assert row.motion == row.force == 0.0
+    assert np.isnan(row.energy) and np.isnan(row.pull)  # of contacts, of which it has none
+
+
 def test_what_blows_up_is_said_to(known):
     row = problems.score(
         *problems.load_problem("repelled_oscillator"), known._replace(displacement=1e9 * known.displacement)

@@ -29,11 +29,18 @@ def error_of_problem(name: str, **accuracy) -> float:
 
 
 @pytest.mark.parametrize("order", [2, 4])
-@pytest.mark.parametrize("name", [name for name in problems.NAMES if name != "snare"])
+@pytest.mark.parametrize("name", [name for name in problems.NAMES if name not in ("snare", "bowed_string")])
 def test_the_error_of_a_problem_is_about_what_was_asked(name, order):
-    """But for the snare's, which is nearly chaotic; the energy balance is as exact as ever."""
+    """But for the snare's, which is nearly chaotic; the energy balance is as exact as ever. A bowed string has no order
+    4, and a test of its own."""
     for asked in (1e-2, 1e-4):
         assert error_of_problem(name, order=order, max_error=asked, max_substeps=8192) <= ALLOWED * asked
+
+
+@pytest.mark.hard
+def test_the_error_of_a_bowed_string_is_about_what_was_asked():
+    for asked in (1e-2, 1e-3):
+        assert error_of_problem("bowed_string", order=2, max_error=asked, max_substeps=8192) <= ALLOWED * asked
 
 
 def share_within(seeds: range, asked: float) -> float:

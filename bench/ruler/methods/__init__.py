@@ -5,7 +5,7 @@ Each method is a function simulate(problem, setting) -> Trajectory. One that is 
 bench.ruler.methods.common.not_applicable gives.
 """
 
-from bench.ruler.methods import dop853, fdn, midpoint, moreau_jean, quadratised, runge_kutta, spline, verlet
+from bench.ruler.methods import dop853, fdn, friction, midpoint, moreau_jean, quadratised, runge_kutta, spline, verlet
 from bench.ruler.methods.method import STEPS, Method
 
 __all__ = ["FAMILIES", "METHODS", "Method"]
@@ -36,6 +36,9 @@ FAMILIES: dict[str, tuple[Method, ...]] = {
     "SAV, drift control": quadratised.REGULATED,
     "SAV, non-adhesive": quadratised.NON_ADHESIVE,
     "quadratic spline potential": spline.METHODS,
+    "friction curve": (
+        Method("friction curve, hysteresis", "McIntyre, Schumacher & Woodhouse 1983", friction.simulate_curve, STEPS),
+    ),
     "DOP853 with events": (
         Method("DOP853", "Hairer, Nørsett & Wanner 1993; SciPy", dop853.simulate_dop853, (1e-6, 1e-9, 1e-12)),
     ),

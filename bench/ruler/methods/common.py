@@ -3,8 +3,8 @@ and how a kernel is run and timed.
 
 A kernel is called as kernel(system, tables, work, steps, h, q, p, displacement, force, q_out, p_out): it starts from q,
 p [modes], which it may overwrite, makes `steps` time steps of h seconds for each of the frames, and fills displacement
-[frames + 1], force [frames, contacts] and, if they have rows, q_out and p_out [frames + 1, modes]. Nothing is raised
-when a motion blows up: its numbers become infinite, or not numbers.
+[frames + 1], force [frames, contacts + points of friction] and, if they have rows, q_out and p_out [frames + 1, modes].
+Nothing is raised when a motion blows up: its numbers become infinite, or not numbers.
 """
 
 import time
@@ -140,10 +140,10 @@ def run_kernel(kernel: Callable[..., None], problem: Problem, steps: int, tables
     tables: what the kernel needs besides the system
     """
     system, h = system_of(problem), 1.0 / (problem.samplerate * steps)
-    modes, contacts = problem.omega.size, problem.barrier.size
+    modes, forces = problem.omega.size, problem.force_count
 
     def run(frames: int, kept: bool) -> Trajectory:
-        displacement, force = np.full(frames + 1, np.nan), np.full((frames, contacts), np.nan)
+        displacement, force = np.full(frames + 1, np.nan), np.full((frames, forces), np.nan)
         q, p = (np.full((frames + 1 if kept else 0, modes), np.nan) for _ in range(2))
         start = (np.array(problem.q, dtype=np.float64), np.array(problem.p, dtype=np.float64))
         work = room_for(problem)
@@ -160,8 +160,12 @@ def run_kernel(kernel: Callable[..., None], problem: Problem, steps: int, tables
 
 def not_applicable(problem: Problem) -> Trajectory:
     """What a method returns for a problem that it is not made for: no numbers, and no time taken."""
-    contacts = problem.barrier.size
-    return Trajectory(np.full(problem.frames + 1, np.nan), np.full((problem.frames, contacts), np.nan))
+    return Trajectory(np.full(problem.frames + 1, np.nan), np.full((problem.frames, problem.force_count), np.nan))
+
+
+def has_more_than_contacts(problem: Problem) -> bool:
+    """True if bodies of a problem stretch, or surfaces rub: most methods for contacts are not made for these."""
+    return problem.stretch is not None or problem.friction is not None
 
 
 def was_applicable(trajectory: Trajectory) -> bool:

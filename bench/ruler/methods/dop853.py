@@ -1,4 +1,4 @@
-"""DOP853 of SciPy, stopped where contacts close and open.
+"""DOP853 of SciPy, stopped where contacts close and open, and where points of friction slide and stick.
 
 Source: Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I (1993), section II.10, as scipy.integrate's
 DOP853, whose steps and error control are its own. The numbers of the problem are not smooth where s_k = 0, so a step
@@ -6,9 +6,10 @@ that passes there is cut at the crossing (found on its own interpolant), and the
 closed or open: it integrates only smooth parts, the force of an open contact being 0 within one. The interpolant of
 each step is looked at in several places, lest a contact closes and opens within it unseen.
 
-The impulses of the contacts are states of their own, which error control does not look at. Relative tolerance: as given
-(1e-6, 1e-9, 1e-12); absolute: the same share of what the energy of the start, or the weight, can do to a mode. Time is
-that of Python, with NumPy's products; a run that takes more than 20 s is given up, and is not a number from there on.
+The impulses of contacts and friction are states of their own, which error control does not look at. Relative tolerance:
+as given (1e-6, 1e-9, 1e-12); absolute: the same share of what the energy of the start, or the weight, can do to a mode.
+Time is that of Python, with NumPy's products; a run that takes more than 20 s is given up, and is not a number from
+there on.
 """
 
 import time
@@ -18,6 +19,7 @@ import numpy as np
 from scipy.integrate import DOP853
 from scipy.optimize import brentq
 
+from bench.ruler.rubbing import Bristles, as_rubbing, excess_of, friction_forces, rates, reach, turn
 from engine.problems.problem import Problem, energy_of, stretching_force
 from engine.problems.trajectory import Trajectory
 
@@ -27,19 +29,23 @@ UNCHECKED = 1e300  # absolute tolerance of what error control shall not look at
 
 
 def smallest_sizes(problem: Problem) -> np.ndarray:
-    """What counts as large for each state: q, p [modes each]; impulses [contacts] do not count."""
+    """What counts as large for each state: q, p [modes each]; impulses [contacts + points of friction] do not count;
+    bends of bristles and θ [points each]."""
     duration = problem.frames / problem.samplerate
     energy = abs(float(energy_of(problem, problem.q, problem.p))) + float(np.sum(np.abs(problem.weight * problem.q)))
     speed = np.sqrt(2.0 * energy) + np.abs(problem.weight) * duration
-    contacts = problem.barrier.size
-    return np.concatenate([speed / np.maximum(problem.omega, 1.0 / duration), speed, np.full(contacts, UNCHECKED)])
+    law = as_rubbing(problem, float).law
+    impulses = np.full(problem.force_count, UNCHECKED)
+    modal = speed / np.maximum(problem.omega, 1.0 / duration), speed
+    return np.concatenate([*modal, impulses, reach(law, np.zeros(law.speed.size)), law.speed])
 
 
 class SmoothPart:
-    """The motion while the same contacts are closed."""
+    """The motion while the same contacts are closed, and the same points of friction slide."""
 
-    def __init__(self, problem: Problem, closed: np.ndarray) -> None:
-        self.problem, self.closed = problem, closed
+    def __init__(self, problem: Problem, closed: np.ndarray, side: np.ndarray) -> None:
+        self.problem, self.closed, self.side = problem, closed, side
+        self.rubbing = as_rubbing(problem, float)
         self.modes = problem.omega.size
         self.touching = np.flatnonzero(closed)
         self.rows, self.barrier = problem.shapes[self.touching], problem.barrier[self.touching]
@@ -49,7 +55,7 @@ class SmoothPart:
         self.omega2, self.twice_sigma = problem.omega**2, 2.0 * problem.sigma
 
     def rate(self, _: float, y: np.ndarray) -> np.ndarray:
-        """dy/dt of the states q, p, impulses."""
+        """dy/dt of the states q, p, impulses, bends, θ."""
         problem, n = self.problem, self.modes
         q, p = y[:n], y[n : 2 * n]
         rate = np.zeros(y.size)
@@ -63,12 +69,38 @@ class SmoothPart:
                 f *= np.maximum(1.0 + self.loss * (self.rows @ p), 0.0)
             rate[n : 2 * n] -= f @ self.rows
             rate[2 * n + self.touching] = f
+        if self.side.size:
+            bristles, slip = self.bristles_at(y)
+            f = friction_forces(self.rubbing.law, bristles)
+            rate[n : 2 * n] -= f @ self.rubbing.shapes
+            rate[2 * n + self.problem.barrier.size :] = np.concatenate([f, *rates(self.rubbing.law, bristles, slip)])
         return rate
 
+    def bristles_at(self, y: np.ndarray) -> tuple[Bristles, np.ndarray]:
+        """The bristles, and the slip of the surfaces, m/s; y: [..., states]"""
+        (shapes, law), n, points = self.rubbing, self.modes, self.side.size
+        slip = y[..., n : 2 * n] @ shapes.T - law.velocity
+        return Bristles(
+            y[..., y.shape[-1] - 2 * points : y.shape[-1] - points], y[..., y.shape[-1] - points :], self.side
+        ), slip
+
     def excess(self, y: np.ndarray) -> np.ndarray:
-        """How far each contact is on the side where it should not be, m; y: [..., states]"""
+        """How far each contact is on the side where it should not be, m, and then each point of friction; y: [...,
+        states]"""
         s = y[..., : self.modes] @ self.problem.shapes.T - self.problem.barrier
-        return np.asarray(np.where(self.closed, -s, s))
+        of_contacts = np.where(self.closed, -s, s)
+        return np.concatenate([of_contacts, excess_of(self.rubbing.law, *self.bristles_at(y))], axis=-1)
+
+    def after(self, y: np.ndarray, k: int) -> tuple[np.ndarray, "SmoothPart"]:
+        """The state and the motion when contact k, or after them a point of friction, has changed."""
+        closed, side, points = self.closed.copy(), self.side, self.side.size
+        if k < closed.size:
+            closed[k] = not closed[k]
+        else:
+            bristles = turn(self.rubbing.law, self.bristles_at(y)[0], k - closed.size)
+            y, side = y.copy(), bristles.side
+            y[y.size - 2 * points : y.size - points] = bristles.bend
+        return y, SmoothPart(self.problem, closed, side)
 
 
 def find_crossing(part: SmoothPart, solver: DOP853, motion: Callable[..., np.ndarray]) -> tuple[float, int] | None:
@@ -103,21 +135,21 @@ def simulate_dop853(problem: Problem, tolerance: float) -> Trajectory:
 
 def integrate(problem: Problem, tolerance: float) -> Trajectory:
     """Integrate from crossing to crossing."""
-    began, begun = time.perf_counter(), time.process_time()
-    n, contacts = problem.omega.size, problem.barrier.size
+    begun = time.process_time()
+    n, forces = problem.omega.size, problem.force_count
     at = np.arange(problem.frames + 1) / problem.samplerate
-    states = np.full((problem.frames + 1, 2 * n + contacts), np.nan)
-    y = np.concatenate([problem.q, problem.p, np.zeros(contacts)]).astype(float)
+    side = np.zeros(forces - problem.barrier.size, int)
+    y = np.concatenate([problem.q, problem.p, np.zeros(forces + 2 * side.size)]).astype(float)
+    states = np.full((problem.frames + 1, y.size), np.nan)
     s = problem.shapes @ problem.q - problem.barrier
     closed = (s > 0.0) | ((s == 0.0) & (problem.shapes @ problem.p > 0.0))
     sizes, now, done = tolerance * smallest_sizes(problem), 0.0, 1
-    states[0] = y
+    states[0], part = y, SmoothPart(problem, closed, side)
     while done <= problem.frames:
-        part = SmoothPart(problem, closed)
         solver = DOP853(part.rate, now, y, at[-1], rtol=tolerance, atol=sizes)
         crossing = None
         while solver.status == "running" and crossing is None:
-            if time.perf_counter() - began > GIVEN_UP_SECONDS:
+            if time.process_time() - begun > GIVEN_UP_SECONDS:
                 done = problem.frames + 1
                 break
             solver.step()
@@ -129,10 +161,9 @@ def integrate(problem: Problem, tolerance: float) -> Trajectory:
                 done += 1
         if crossing is None:
             break
-        now, y = crossing[0], motion(crossing[0])
-        closed = closed.copy()
-        closed[crossing[1]] = not closed[crossing[1]]
-    impulse = np.diff(states[:, 2 * n :], axis=0)
+        now, k = crossing
+        y, part = part.after(motion(now), k)
+    impulse = np.diff(states[:, 2 * n : 2 * n + forces], axis=0)
     seconds = time.process_time() - begun
     q, p = states[:, :n], states[:, n : 2 * n]
     return Trajectory(q @ problem.pickup, impulse * problem.samplerate, q, p, seconds)

@@ -30,6 +30,7 @@ from bench.ruler.methods.common import (
     exact_flow,
     exact_recurrence,
     find_compressions,
+    has_more_than_contacts,
     keep,
     kernel,
     not_applicable,
@@ -147,8 +148,8 @@ def starting_pull(problem: Problem) -> np.ndarray:
 
 
 def is_printed(problem: Problem) -> bool:
-    """True if the authors give the scheme for all exponents of a problem, and its bodies do not stretch."""
-    return problem.stretch is None and bool(np.all(np.isin(problem.exponent, (1.0, 3.0))))
+    """True if the authors give the scheme for all exponents of a problem, and it has contacts alone."""
+    return not has_more_than_contacts(problem) and bool(np.all(np.isin(problem.exponent, (1.0, 3.0))))
 
 
 def simulate_fdn(problem: Problem, steps: int) -> Trajectory:

@@ -24,6 +24,7 @@ from bench.ruler.methods.common import (
     inline,
     keep,
     kernel,
+    not_applicable,
     power,
     project,
     push,
@@ -249,6 +250,8 @@ def step_implicitly(system, tables, work, steps, h, q, p, displacement, force, q
 
 def simulate_midpoint(problem: Problem, steps: int) -> Trajectory:
     """Simulate by the implicit midpoint rule, in `steps` time steps per sample."""
+    if problem.friction is not None:
+        return not_applicable(problem)
     h = 1.0 / (problem.samplerate * steps)
     softened = 1.0 / (1.0 + problem.sigma * h + 0.25 * (problem.omega * h) ** 2)
     tables = (softened, 0.5 * h * softened, 0.25 * h * h * coupling(problem, softened), np.zeros(softened.size))

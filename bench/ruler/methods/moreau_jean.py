@@ -12,9 +12,9 @@ exact scheme and its integrator for it:
 Choices: the linear complementarity problem is solved exactly by block principal pivoting (Júdice & Pires, 1994), which
 falls back to one index at a time (Murty, 1974), from the last step's contacts; projected Gauss-Seidel would leave an
 error where contacts are close to each other. Stiffness, exponent and loss of the contacts are not used: a soft contact
-is an error of the model, not of the scheme. The modes are linear: not made for bodies that stretch. Force = impulse/h.
-With the exact recurrence, v is (q - q₋)/h; p at a sample is the exact one where there is no contact, and has half of an
-impulse (exact_velocity_rule). With θ = 1/2, p is v before the impulse.
+is an error of the model, not of the scheme. The modes are linear: not made for bodies that stretch, nor for friction.
+Force = impulse/h. With the exact recurrence, v is (q - q₋)/h; p at a sample is the exact one where there is no contact,
+and has half of an impulse (exact_velocity_rule). With θ = 1/2, p is v before the impulse.
 """
 
 import numpy as np
@@ -25,6 +25,7 @@ from bench.ruler.methods.common import (
     coupling,
     exact_flow,
     exact_recurrence,
+    has_more_than_contacts,
     keep,
     kernel,
     not_applicable,
@@ -144,7 +145,7 @@ def step_rigidly(system, tables, work, steps, h, q, p, displacement, force, q_ou
 
 def simulate_modal(problem: Problem, steps: int, restitution: float) -> Trajectory:
     """Simulate by Moreau-Jean with the linear part exact, in `steps` time steps per sample."""
-    if problem.stretch is not None:
+    if has_more_than_contacts(problem):
         return not_applicable(problem)
     h = 1.0 / (problem.samplerate * steps)
     a, e, b = exact_recurrence(problem, h)
@@ -158,7 +159,7 @@ def simulate_modal(problem: Problem, steps: int, restitution: float) -> Trajecto
 
 def simulate_theta(problem: Problem, steps: int, restitution: float) -> Trajectory:
     """Simulate by Moreau-Jean with θ = 1/2, in `steps` time steps per sample."""
-    if problem.stretch is not None:
+    if has_more_than_contacts(problem):
         return not_applicable(problem)
     h, omega2, sigma = 1.0 / (problem.samplerate * steps), problem.omega**2, problem.sigma
     inverse = 1.0 / (1.0 + 0.25 * h * h * omega2 + h * sigma)

@@ -40,6 +40,7 @@ import numpy as np
 
 from bench.ruler.methods import quadratised_contacts as rules
 from bench.ruler.methods import quadratised_kernels as kernels
+from bench.ruler.methods.common import not_applicable
 from bench.ruler.methods.method import STEPS, Method
 from bench.ruler.methods.modal_steps import EXACT, IMPULSE, best_of_three, build_flow, build_recurrence, start_of
 from bench.ruler.methods.quadratised_contacts import Contacts
@@ -91,6 +92,8 @@ def run(
 
 def simulate(problem: Problem, steps: int, **options) -> Trajectory:
     """Simulate a problem at a number of time steps per sample; timed. options: of `run`"""
+    if problem.friction is not None:
+        return not_applicable(problem)
     return best_of_three(lambda: run(problem, steps, **options)[0])
 
 

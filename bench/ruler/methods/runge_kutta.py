@@ -8,6 +8,7 @@ The force of a step is that of its stages, weighted as the method weighs them: (
 that of the force's smoothness: below 4 where a contact closes with a small exponent.
 """
 
+from bench.ruler.methods import friction
 from bench.ruler.methods.common import (
     add_forces,
     add_stretching,
@@ -16,6 +17,7 @@ from bench.ruler.methods.common import (
     inline,
     keep,
     kernel,
+    not_applicable,
     run_kernel,
 )
 from engine.problems.problem import Problem
@@ -125,10 +127,14 @@ def step_with_exact_flow(system, tables, work, steps, h, q, p, displacement, for
 
 def simulate_rk4(problem: Problem, steps: int) -> Trajectory:
     """Simulate by the classical Runge-Kutta method, in `steps` time steps per sample."""
+    if problem.friction is not None:
+        return not_applicable(problem)
     return run_kernel(step_plainly, problem, steps, ())
 
 
 def simulate_lawson4(problem: Problem, steps: int) -> Trajectory:
     """Simulate by Lawson's Runge-Kutta method with the linear part exact, in `steps` time steps per sample."""
+    if problem.friction is not None:
+        return friction.simulate_lawson4(problem, steps)
     h = 1.0 / (problem.samplerate * steps)
     return run_kernel(step_with_exact_flow, problem, steps, (exact_flow(problem, 0.5 * h), exact_flow(problem, h)))

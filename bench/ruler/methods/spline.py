@@ -12,7 +12,7 @@ system but for the spline; or the trapezoidal rule.
 
 Contact loss: μ times the force of the step without loss, times the rate of compression in the step; never pulls.
 
-The modes are linear: not made for bodies that stretch.
+The modes are linear: not made for bodies that stretch, nor for friction.
 """
 
 import time
@@ -21,7 +21,7 @@ from functools import partial
 import numpy as np
 
 from bench.ruler.methods import spline_kernels as kernels
-from bench.ruler.methods.common import not_applicable
+from bench.ruler.methods.common import has_more_than_contacts, not_applicable
 from bench.ruler.methods.method import STEPS, Method
 from bench.ruler.methods.modal_steps import EXACT, best_of_three, build_flow
 from bench.ruler.methods.spline_kernels import Spline
@@ -74,7 +74,7 @@ def run(problem: Problem, steps: int, linear: str = EXACT, knots: int = 4096) ->
 
 def simulate(problem: Problem, steps: int, linear: str = EXACT, knots: int = 4096) -> Trajectory:
     """Simulate a problem at a number of time steps per sample; timed."""
-    if problem.stretch is not None:
+    if has_more_than_contacts(problem):
         return not_applicable(problem)
     return best_of_three(lambda: run(problem, steps, linear, knots)[0])
 

@@ -17,6 +17,7 @@ force of a step is the mean of those at its ends.
 
 import numpy as np
 
+from bench.ruler.methods import friction
 from bench.ruler.methods.common import (
     add_forces,
     add_stretching,
@@ -30,6 +31,7 @@ from bench.ruler.methods.common import (
     inline,
     keep,
     kernel,
+    not_applicable,
     push,
     run_kernel,
 )
@@ -110,6 +112,8 @@ def step_with_exact_flow(system, tables, work, steps, h, q, p, displacement, for
 
 def simulate_verlet(problem: Problem, steps: int) -> Trajectory:
     """Simulate by Störmer-Verlet, in `steps` time steps per sample."""
+    if problem.friction is not None:
+        return not_applicable(problem)
     h = 1.0 / (problem.samplerate * steps)
     kick = 0.5 * h / (1.0 + h * problem.sigma)
     return run_kernel(step_plainly, problem, steps, (kick, coupling(problem, kick)))
@@ -117,6 +121,8 @@ def simulate_verlet(problem: Problem, steps: int) -> Trajectory:
 
 def simulate_verlet_exact(problem: Problem, steps: int) -> Trajectory:
     """Simulate by Störmer-Verlet with the linear part exact, in `steps` time steps per sample."""
+    if problem.friction is not None:
+        return friction.simulate_verlet(problem, steps)
     h = 1.0 / (problem.samplerate * steps)
     kick = np.full(problem.omega.size, 0.5 * h)
     return run_kernel(step_with_exact_flow, problem, steps, (exact_flow(problem, h), kick, coupling(problem, kick)))

@@ -66,7 +66,7 @@ def test_what_presses_too_little_slips_and_what_presses_enough_holds():
     push = {"kind": "constant", "body": "block", "amplitude": 1.0}
     held = rub(BLOCK, {"force": 2.1}, 0.1, force=[push]).trace
     assert abs(held["displacement"][-1, 0]) < 2e-6
-    assert abs(held["velocity"][-1, 0]) < 1e-8
+    assert abs(held["velocity"][-2000:, 0].mean()) < 1e-6
     slips = rub(BLOCK, {"force": 1.0}, 0.1, force=[push]).trace
     assert slips["displacement"][-1, 0] == pytest.approx(0.5 * (0.5 / 0.1) * 0.1**2, rel=1e-3)
 
@@ -98,7 +98,7 @@ def test_a_contact_presses():
     rendering = engine.render(engine.load(scene), trace=True)
     time, push = rendering.trace["time"], rendering.trace["friction"][:, 0]
     assert push[(time > 0.05) & (time < 0.09)].mean() == pytest.approx(-0.5 * 2.0, rel=1e-3)
-    assert rendering.trace["velocity"][-1, 0] == pytest.approx(0.0, abs=1e-6)
+    assert rendering.trace["velocity"][time > 0.15, 0].mean() == pytest.approx(0.0, abs=2e-5)
     assert rendering.stats.energy.error_max < 1e-12
 
 
@@ -189,7 +189,7 @@ def test_orders_with_steps_back_in_time_are_refused():
     """Friction would give energy there; the message says what to do."""
     with pytest.raises(engine.BuildError, match="give substeps or a max_error"):
         engine.render(bowed_string(0.107, 0.13, 0.01), order=4)
-    few, many = (engine.render(bowed_string(0.107, 0.13, 0.02), substeps=n) for n in (4, 8))
+    few, many = (engine.render(bowed_string(0.107, 0.13, 0.02), substeps=n) for n in (16, 32))
     assert many.audio[:, 0] == pytest.approx(few.audio[:, 0], abs=0.03 * np.abs(few.audio[:, 0]).max())
 
 
@@ -258,6 +258,19 @@ def test_three_hundred_hostile_bows_never_create_energy():
 
 
 # --- the order
+
+
+@pytest.mark.hard
+def test_a_body_that_sticks_to_a_belt_has_order_two():
+    """A body on a bristle rings as the exact oscillator does, as long as it sticks."""
+    mass, bristle, belt = 0.1, 1e4, 0.01
+    omega, errors = math.sqrt(bristle / mass), []
+    for rate in (8000, 16_000, 32_000):
+        rubbing = {"body": "block", "velocity": belt, "force": 100.0, "bristle": bristle}
+        scene = {"seconds": 0.051, "body": [BLOCK], "friction": [rubbing], "pickup": [HEARD]}
+        moved = engine.render(engine.load(scene), samplerate=rate, trace=True).trace["displacement"][:, 0]
+        errors.append(abs(moved[round(0.05 * rate)] - belt * (0.05 - math.sin(omega * 0.05) / omega)))
+    assert np.log2(np.array(errors[:-1]) / errors[1:]) == pytest.approx(2.0, abs=0.2)
 
 
 @pytest.mark.hard

@@ -1,11 +1,12 @@
 """The law of friction at a point: a bristle of stiffness k between two surfaces, which bends by z and slips where it
 would push harder than the normal force allows (docs/design.md, "Friction").
 
-    F = k·z⁺,    z⁺ = clip(z + Δ, ±F_max/k)
+    F = clip(k·(z + θ·Δ), ±F_max),    z⁺ = clip(z + Δ, ±F_max/k),    θ = max(½, 1 - 1/(B·k))
 
 with Δ = η the slip of the surfaces in a step, and F_max known before it. F never falls with η, so that the law is
 solved with those of contacts, of which each is such a law too. It contains Coulomb's as k → ∞, and creates no energy:
-the work F·Δ is at least what the bristle gains, ½k(z⁺² - z²).
+the work F·Δ is at least what the bristle gains, ½k(z⁺² - z²). The force of a point that sticks is the mean over the
+step, unless it would then alternate from step to step.
 """
 
 import math
@@ -42,13 +43,30 @@ def solve_friction(friction, k, z, g, compliance):
     """
     if friction is None:
         return g, z, 0.0, 0.0, 0, SolveStatus.CLOSED_FORM
-    stiffness, most = friction[k][Sliding.BRISTLE], friction[k][Sliding.BOUND]
-    scale = compliance * stiffness
-    f, eta, slope = stiffness * (z + g) / (1.0 + scale), (g - scale * z) / (1.0 + scale), stiffness
+    stiffness, share, most = friction[k][Sliding.BRISTLE], friction[k][Sliding.SHARE], friction[k][Sliding.BOUND]
+    per_scale = 1.0 / (1.0 + compliance * stiffness * share)
+    f, eta, slope = (
+        stiffness * (z + share * g) * per_scale,
+        (g - compliance * stiffness * z) * per_scale,
+        stiffness * share,
+    )
     if not abs(f) <= most:  # NaN is clipped, and found by others
         f, slope = math.copysign(most, f), 0.0
         eta = g - compliance * f
-    return eta, f / stiffness, f, slope, 0, SolveStatus.CLOSED_FORM
+    return eta, end_of_bristle(friction[k], z + eta), f, slope, 0, SolveStatus.CLOSED_FORM
+
+
+@inline
+def end_of_bristle(point, z):
+    """Return how far the bristle is bent at the end of a step, m, if it would be bent by z without a limit."""
+    limit = point[Sliding.BOUND] / point[Sliding.BRISTLE]
+    return min(max(z, -limit), limit)
+
+
+@inline
+def share_of_move(bristle, compliance):
+    """Return θ: 1/2, or so much more that the bristle does not alternate. bristle: k, N/m; compliance: B, m/N"""
+    return max(0.5, 1.0 - 1.0 / (compliance * bristle)) if compliance > 0.0 else 0.5
 
 
 @inline
@@ -56,10 +74,10 @@ def respond_by_friction(friction, k, z, eta):
     """Return F at point k, N, and its slope dF/dη, N/m, for a slip η."""
     if friction is None:
         return 0.0, 0.0
-    stiffness, most = friction[k][Sliding.BRISTLE], friction[k][Sliding.BOUND]
-    f = stiffness * (z + eta)
+    stiffness, share, most = friction[k][Sliding.BRISTLE], friction[k][Sliding.SHARE], friction[k][Sliding.BOUND]
+    f = stiffness * (z + share * eta)
     if abs(f) <= most:
-        return f, stiffness
+        return f, stiffness * share
     return math.copysign(most, f), 0.0
 
 

@@ -123,8 +123,9 @@ class Sliding(IntEnum):
     PRESS = 7  # N: what presses in the present step
     COEFFICIENT = 8  # of friction in it
     BOUND = 9  # N: the largest force of friction in it
-    SLIP = 10  # m/s: how fast the surfaces slip, beyond what the bristle bends
-    REMEMBERED_SPEED = 11  # m/s, of slip
+    SHARE = 10  # θ, of the slip in a step that bends the bristle by then
+    SLIP = 11  # m/s: how fast the surfaces slip, beyond what the bristle bends
+    REMEMBERED_SPEED = 12  # m/s, of slip
 
 
 class MovingEnd(IntEnum):

@@ -7,7 +7,7 @@ with a memory τ. It is known before the step, so that the step has one solution
 
 from engine.compiler.decorators import inline
 from engine.compiler.elementary import expm1_of
-from engine.kernel.contact.friction_law import slides
+from engine.kernel.contact.friction_law import end_of_bristle, share_of_move, slides
 from engine.kernel.data.enums import EventKind, Sliding
 from engine.kernel.modes.ordered_sums import copy_or_back
 
@@ -24,18 +24,19 @@ def has_friction(friction):
 def prepare_friction(contact, h, state):
     """Find how hard each point of friction may push in the coming step. h: ContactCoefficients or None"""
     if contact is not None:
-        bound_friction(contact.friction, h.duration, state)
+        bound_friction(contact.friction, h.duration, h.compliance, state)
 
 
 @inline
-def bound_friction(friction, duration, state):
-    """Do this in a scene with contacts. duration: of the step at each, s; or None"""
+def bound_friction(friction, duration, compliance, state):
+    """Do this in a scene with contacts. duration: of the step at each, s; or None; compliance: B_kk, m/N"""
     if friction is not None:
         if has_friction(friction):
             for k in range(state.compression.shape[0]):
                 if slides(state.friction, k):
                     point, pressed_by = state.friction[k], friction.pressed_by[k]
                     press = state.contact_force[pressed_by] if pressed_by >= 0 else point[Sliding.FORCE]
+                    point[Sliding.SHARE] = share_of_move(point[Sliding.BRISTLE], compliance[k])
                     point[Sliding.COEFFICIENT] = coefficient(point, duration[k])
                     press_point(point, press)
 
@@ -109,15 +110,15 @@ def store_friction(friction, state, k, duration, solution, residual):
     if friction is None:
         return 0.0
     point, (eta, f) = friction[k], solution
-    before, end = state.compression[k], f / point[Sliding.BRISTLE]
-    bent = end - before
+    before, end = state.compression[k], end_of_bristle(point, state.compression[k] + eta)
+    bent = eta if end == before + eta else end - before
     slip = (eta - bent) + residual  # what the bristle gave way
     state.compression[k], state.compression_compensation[k], state.contact_force[k] = end, 0.0, f
-    speed = slip / duration if abs(f) >= point[Sliding.BOUND] else 0.0
+    speed = slip / duration if end != before + eta else 0.0
     remembered = point[Sliding.REMEMBERED_SPEED]
     remembered += (abs(speed) - remembered) * share_forgotten(point[Sliding.MEMORY], duration)
     point[Sliding.SLIP], point[Sliding.REMEMBERED_SPEED] = speed, remembered
-    return f * slip + 0.5 * point[Sliding.BRISTLE] * bent * bent
+    return f * slip + bent * (f - point[Sliding.BRISTLE] * (before + 0.5 * bent))
 
 
 @inline

@@ -26,7 +26,7 @@ DIMENSIONLESS = {
     "order", "substeps", "max_error", "max_substeps", "tolerance", "oversample", "iterations",
     "b", "eta", "number", "x", "y", "scale",
     "pan", "poisson", "Note.velocity", "Note.release", "polyphony", "sustain", "soft", "sostenuto",
-    "envelope", "seed", "share", "polarisations",
+    "envelope", "velocity_envelope", "force_envelope", "static", "dynamic", "seed", "share", "polarisations",
     "range", "input", "ChangeEvent.value", "bend_range", "mpe_lower", "mpe_upper", "mpe_bend_range",
 }  # fmt: skip
 PICKUP = {"body": "a"}

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from engine.analysis.bowing import describe_friction
 from engine.assembly.build import build
 from engine.assembly.layout import Layout
 from engine.assembly.subsystems import estimate_cost
@@ -42,6 +43,7 @@ REASONS_LEFT_OUT = {
     "connections": "no bodies are connected",
     "stretching": "no body stretches",
     "refinement": "each sample is one step",
+    "friction": "nothing rubs",
     "events": "there are no events",
 }
 
@@ -71,6 +73,7 @@ class Profile(Statistics):
     islands: list[IslandProfile]
     effects: dict[str, str]  # by name: compiled in, or why not
     contacts_left_out: list[str]  # each with the reason
+    friction: list[str]  # forces of bows beside their limits, and where forces come from
 
 
 def profile_scene(
@@ -99,6 +102,7 @@ def profile_scene(
             for name, find in EFFECTS.items()
         },
         contacts_left_out=_contacts_left_out(layout),
+        friction=describe_friction(layout, model),
     )
 
 

@@ -22,6 +22,7 @@ EFFECTS: dict[str, Callable[[Model], Any]] = {
     "connections": lambda model: model.connection,
     "stretching": lambda model: model.tension,
     "refinement": lambda model: model.refinement,
+    "friction": lambda model: model.contact and model.contact.friction,
     "events": lambda model: model.events,
 }
 

@@ -62,8 +62,8 @@ samplers:
 The reference is refined until it converges. [What accuracy costs](accuracy.md) explains the table and the verdict.""",
     "inspect": """
 The table has the modes, contacts, solver and cost of each island. The list after it says which effects are enabled or
-disabled in this scene, and why. Below it, each force of a bow on a string stands beside the limits within which a string
-can be played ([the force of a bow](friction.md#the-force-of-a-bow)).""",
+disabled in this scene, and why. Below it, each force of a bow on a string stands beside the limits within which that
+string can be played ([the force of a bow](friction.md#the-force-of-a-bow)).""",
 }
 CONVENTIONS = """
 ## Output, errors and exit codes

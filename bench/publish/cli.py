@@ -63,7 +63,8 @@ The reference is refined until it converges. [What accuracy costs](accuracy.md) 
     "inspect": """
 The table has the modes, contacts, solver and cost of each island. The list after it says which effects are enabled or
 disabled in this scene, and why. For each [body that stretches](bodies.md#bodies-that-stretch) it says when its tension
-rose and when it was linear, and how far its tension rose at most.""",
+rose and when it was linear, and how far its tension rose at most. Each force of a bow on a string stands beside the
+limits within which that string can be played ([the force of a bow](friction.md#the-force-of-a-bow)).""",
 }
 CONVENTIONS = """
 ## Output, errors and exit codes

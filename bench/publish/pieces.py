@@ -24,6 +24,18 @@ NEIGHBOUR = {"B4": "A4", "C5": "B4", "A4": "G4"}
 # Romance, of an unknown hand of the 19th century: melody, and the bass of each bar
 ROMANCE = ["B4 B4 B4 E2", "B4 A4 G4 E2", "G4 F#4 E4 E2", "E4 G4 B4 E2", "E5 E5 E5 E2", "E5 D5 C5 E2", "C5 B4 A4 A2"]
 
+# Greensleeves, English, about 1580: notes, and how many eighths each lasts
+GREENSLEEVES = (
+    "A4 1  C5 2 D5 1 E5 1.5 F5 .5 E5 1  D5 2 B4 1 G4 1.5 A4 .5 B4 1 "
+    "C5 2 A4 1 A4 1.5 G#4 .5 A4 1  B4 2 G#4 1 E4 2 A4 1 "
+    "C5 2 D5 1 E5 1.5 F5 .5 E5 1  D5 2 B4 1 G4 1.5 A4 .5 B4 1 "
+    "C5 1.5 B4 .5 A4 1 G#4 1.5 F#4 .5 G#4 1  A4 6 "
+    "G5 3 G5 1.5 F#5 .5 E5 1  D5 2 B4 1 G4 1.5 A4 .5 B4 1 "
+    "C5 2 A4 1 A4 1.5 G#4 .5 A4 1  B4 2 G#4 1 E4 3 "
+    "G5 3 G5 1.5 F#5 .5 E5 1  D5 2 B4 1 G4 1.5 A4 .5 B4 1 "
+    "C5 1.5 B4 .5 A4 1 G#4 1.5 F#4 .5 G#4 1  A4 5"
+)
+
 
 def _note(time: float, name: str, velocity: float, duration: float) -> PlayedNote:
     return PlayedNote(time, parse_key(name), max(1, min(127, round(velocity))), duration, RELEASE)
@@ -154,6 +166,18 @@ def drone() -> Score:
     return make_score(notes)
 
 
+def greensleeves() -> Score:
+    """Greensleeves on a violin, each note joined to the next; the second half louder."""
+    eighth, time, notes = 0.3, 0.0, list[PlayedNote]()
+    words = GREENSLEEVES.split()
+    for n, (name, eighths) in enumerate(zip(words[::2], words[1::2], strict=True)):
+        length = eighth * float(eighths)
+        swell = 60 + 22 * (2 * n > len(words) // 2) + 10 * (float(eighths) >= 2)
+        notes.append(_note(time, name, swell, length))
+        time += length
+    return make_score(notes)
+
+
 def march() -> Score:
     """Rudiments on a snare drum: taps, flams, a roll that swells, and rim shots."""
     step, notes = 0.125, list[PlayedNote]()
@@ -185,5 +209,6 @@ def fills() -> Score:
 
 
 PIECES: dict[str, Callable[[], Score]] = {
-    piece.__name__: piece for piece in (prelude, cello_prelude, romance, slow_chords, thumbs, alap, drone, march, fills)
+    piece.__name__: piece
+    for piece in (prelude, cello_prelude, romance, slow_chords, thumbs, alap, drone, greensleeves, march, fills)
 }

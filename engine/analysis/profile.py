@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from engine.analysis.bowing import describe_friction
 from engine.assembly.build import build
 from engine.assembly.layout import Layout
 from engine.assembly.subsystems import estimate_cost
@@ -78,6 +79,7 @@ class Profile(Statistics):
     contacts_left_out: list[str]  # each with the reason
     stretching: list[StretchingStatistics]  # of bodies that stretch
     warnings: list[str]  # of bodies that move further than their model holds
+    friction: list[str]  # forces of bows beside their limits, and where forces come from
 
 
 def profile_scene(
@@ -109,6 +111,7 @@ def profile_scene(
         contacts_left_out=_contacts_left_out(layout),
         stretching=[] if record is None else record.statistics(samplerate),
         warnings=[] if record is None else record.warnings(samplerate),
+        friction=describe_friction(layout, model),
     )
 
 

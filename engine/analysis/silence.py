@@ -9,11 +9,13 @@ from engine.bodies import Mass, MeasuredBody, Oscillator
 from engine.bodies.sheet import SheetBody
 from engine.offline.statistics import SimulationStatistics
 from engine.output_files import SILENT_PEAK
+from engine.patch.friction import Friction
 from engine.patch.scene import Scene, connected_bodies
 from engine.patch.tables import ChangeEvent, Contact, Force, Pickup, PluckEvent, StrikeEvent
 
 MODES_EXAMINED = 8  # a position where none of the lowest moves is a node of all
 NODE_THRESHOLD = 1e-9  # a shape this much smaller than elsewhere is rounding
+RUBBING = "velocity", "force"  # what a surface needs to rub
 HEARD_AT_NODES = "force", "end_force", "tension"  # quantities that are there where nothing moves
 GENERIC_POSITIONS = 0.137, 0.29, 0.41  # at no simple fraction, and so at no node of a low mode
 
@@ -100,13 +102,22 @@ def _moving_bodies(scene: Scene, seconds: float) -> list[str]:
     changed = {e.contact or e.connection for e in scene.event if isinstance(e, ChangeEvent) and e.time < seconds} - {
         None
     }
-    changing = {e.friction for e in scene.event if isinstance(e, ChangeEvent) and e.time < seconds}
     # what changes may push both its bodies
     joining = [c for c in [*scene.contact, *scene.connection] if c.name in changed]
     joining += [c for c in scene.connection if getattr(c, "rest", 0.0) != 0.0 and not getattr(c, "rigid", False)]
     names += [body for c in joining for body in (c.body, c.on) if body]
-    names += [f.body for f in scene.friction if f.velocity != 0.0 or (f.name is not None and f.name in changing)]
+    names += [f.body for f in scene.friction if all(_comes_to(scene, f, key, seconds) for key in RUBBING)]
     return names + _struck_bodies(scene, seconds)
+
+
+def _comes_to(scene: Scene, friction: Friction, key: str, seconds: float) -> bool:
+    """True if a surface that rubs has a velocity or a force before the end (s)."""
+    if friction.on is not None or getattr(friction, key):
+        return friction.on is None
+    changes = (e for e in scene.event if isinstance(e, ChangeEvent) and e.friction == friction.name and friction.name)
+    return any(getattr(e, key) for e in changes if e.time < seconds) or (
+        key == "force" and friction.contact is not None
+    )
 
 
 def _explain_no_motion(scene: Scene, seconds: float) -> str:
@@ -114,6 +125,11 @@ def _explain_no_motion(scene: Scene, seconds: float) -> str:
     if forces := _acting_forces(scene, seconds):  # all of them at nodes
         first = forces[0]
         return f'"{first.body}" is only pushed at {first.at}, where it never moves; give another position'
+    for friction in scene.friction:
+        lacking = [key for key in RUBBING if not _comes_to(scene, friction, key, seconds)]
+        if friction.on is None and lacking:
+            name = f'the bow "{friction.name}"' if friction.name else f'what rubs "{friction.body}"'
+            return f"{name} has no {' and no '.join(lacking)} before {seconds:g} s; give it a velocity and a force"
     times = [f.start for f in scene.force if f.amplitude != 0.0]
     times += [e.time for e in scene.event if isinstance(e, StrikeEvent | PluckEvent)]
     if times:

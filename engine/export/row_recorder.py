@@ -20,13 +20,17 @@ from engine.live.midi_notes import Note
 from engine.live.player import Player
 from engine.live.shared_memory import Slot
 from engine.patch.live_parameters import value_at
+from engine.patch.live_ranges import live_range
 from engine.patch.scene import Scene
 
 LEVELS = (1, 16, 32, 48, 64, 80, 96, 112, 127)  # MIDI velocities; rows between two of them are interpolated
 RELEASE = 64  # MIDI velocity with which a page lets keys go
 TIMES = 1e3  # a slider of a stiffness goes so many times beyond the value of the patch, and below
 LEAST_GAP = 1e-3  # m, that a slider of a gap goes either way
+# numbers that may be 0 or less, whose sliders are linear, and how far these go at least
+LEAST_REACH = dict.fromkeys(("barrier", "gap", "rest"), LEAST_GAP) | {"velocity": 0.5, "force": 1.0}
 UNITS = {"barrier": "m", "gap": "m", "rest": "m", "stiffness": "N/m^α", "damping_coefficient": "kg/s"}
+UNITS |= {"velocity": "m/s", "force": "N", "speed": "m/s", "memory": "s", "bristle": "N/m"}
 MAX_SLIDERS = 24  # an instrument of many keys has hundreds of such numbers: then none is shown
 SLIDER_SECONDS = 0.02  # that its parameter takes to glide
 
@@ -174,13 +178,15 @@ def sliders_of_player(player: RowRecorder) -> list[Slider]:
     sliders, glided = list[Slider](), {name: path for name, path in player.live_paths.items() if path.is_glided}
     for parameter, path in glided.items() if len(glided) <= MAX_SLIDERS else ():
         value, key = value_at(player.scene, path), str(path.keys[0])
-        is_length = key in ("barrier", "gap", "rest")
-        if not is_length and value <= 0.0:
+        is_linear = key in LEAST_REACH
+        if not is_linear and value <= 0.0:
             continue
-        reach = max(LEAST_GAP, 2.0 * abs(value))
-        ends = (value - reach, value + reach) if is_length else (value / TIMES, value * TIMES)
-        rows = [_rows_at(player, parameter, one) for one in (value, value + _step(value, is_length))]
-        sliders.append(_slider(parameter, UNITS.get(key, ""), value, ends, is_length, *rows))
+        reach = max(LEAST_REACH.get(key, 0.0), 2.0 * abs(value))
+        low, high = (value - reach, value + reach) if is_linear else (value / TIMES, value * TIMES)
+        limits = live_range(player.scene, *path[:3])
+        ends = max(low, limits.low), min(high, limits.high)
+        rows = [_rows_at(player, parameter, one) for one in (value, value + _step(value, is_linear))]
+        sliders.append(_slider(parameter, UNITS.get(key, ""), value, ends, is_linear, *rows))
     return sliders
 
 
@@ -189,17 +195,17 @@ def _rows_at(player: RowRecorder, parameter: str, value: float) -> Rows:
     return player.take_rows()
 
 
-def _step(value: float, is_length: bool) -> float:
+def _step(value: float, is_linear: bool) -> float:
     """Return how far apart the two values of a slider are whose rows are looked at."""
-    return LEAST_GAP if is_length else value
+    return LEAST_GAP if is_linear else value
 
 
 def _slider(
-    parameter: str, unit: str, value: float, ends: tuple[float, float], is_length: bool, low: Rows, high: Rows
+    parameter: str, unit: str, value: float, ends: tuple[float, float], is_linear: bool, low: Rows, high: Rows
 ) -> Slider:
     """Return a slider whose rows at two values are known: at `value`, and a step beyond."""
-    step = _step(value, is_length)
+    step = _step(value, is_linear)
     slopes = [(b[6] - a[6]) / step for a, b in zip(low, high, strict=True)]
     at_zero = [[*row[:6], row[6] - slope * value, row[7]] for row, slope in zip(low, slopes, strict=True)]
     at_one = [[*row[:6], row[6] + slope, row[7]] for row, slope in zip(at_zero, slopes, strict=True)]
-    return Slider(parameter, unit, value, *ends, not is_length, at_zero, at_one)
+    return Slider(parameter, unit, value, *ends, not is_linear, at_zero, at_one)

@@ -7,9 +7,10 @@ from engine.bodies.table import KeyPath, is_number, make_fault
 from engine.instrument.key_names import name_of_copy, note_name, parse_keys
 from engine.instrument.key_values import KeyValueError, names_of_key, value_at_key, wrong_formulas
 
-SECTIONS = ("body", "contact", "connection", "pickup")  # of what each key has
+SECTIONS = ("body", "contact", "connection", "friction", "bow", "pickup")  # of what each key has
 REFERENCES = ("body", "on")  # keys of tables that name a body
-EVENT_REFERENCES = ("contact", "connection")  # of events, that name what changes
+EVENT_REFERENCES = ("contact", "connection", "friction")  # of events, that name what changes
+ALSO_NAMED = {"friction": ("friction", "bow")}  # sections of what such a name may be of
 MAX_COPIES = 8
 Origins = dict[tuple[str, int], tuple[KeyPath, str]]  # of tables written out: path in the patch, and the key's name
 
@@ -152,12 +153,14 @@ class KeyWriter:
         return f"{section}.{name_of_copy(key, name, copy)}.{keys}"
 
     def has_name(self, section: str, name: str) -> bool:
-        """True if each key has a contact or a connection of a name."""
-        return any(table.get("name") == name for table in self.tables.get(section) or [])
+        """True if each key has a contact, a connection or a friction of a name."""
+        sections = ALSO_NAMED.get(section, (section,))
+        return any(table.get("name") == name for part in sections for table in self.tables.get(part) or [])
 
     def copies_by_name(self, section: str, key: int, name: str) -> int | None:
-        """Count the copies of a contact or a connection of a name at a key."""
-        for _, table in self.tables_at(section, key):
-            if table.get("name") == name:
-                return self.copies_of(key, table)
+        """Count the copies of a contact, a connection or a friction of a name at a key."""
+        for part in ALSO_NAMED.get(section, (section,)):
+            for _, table in self.tables_at(part, key):
+                if table.get("name") == name:
+                    return self.copies_of(key, table)
         return None

@@ -95,6 +95,8 @@ class KeyTables(Table):
     body: list[dict[str, Any]] = Field(default=[], description="bodies, as [[body]]; each may have `copies`")
     contact: list[dict[str, Any]] = Field(default=[], description="contacts, as [[contact]]")
     connection: list[dict[str, Any]] = Field(default=[], description="connections, as [[connection]]")
+    friction: list[dict[str, Any]] = Field(default=[], description="friction, as [[friction]]")
+    bow: list[dict[str, Any]] = Field(default=[], description="bows, as [[bow]], without strokes")
     pickup: list[dict[str, Any]] = Field(default=[], description="pickups, as [[pickup]]")
     on: list[dict[str, Any]] = Field(
         default=[], description="events when the key is pressed, as [[event]]; `time` counts from the press"
@@ -147,6 +149,8 @@ class InstrumentDocument(BaseModel):
     body: list[dict[str, Any]] | None = None
     contact: list[dict[str, Any]] | None = None
     connection: list[dict[str, Any]] | None = None
+    friction: list[dict[str, Any]] | None = None
+    bow: list[dict[str, Any]] | None = None
     pickup: list[dict[str, Any]] | None = None
     event: list[dict[str, Any]] | None = None
     force: list[dict[str, Any]] | None = None

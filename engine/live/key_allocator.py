@@ -13,12 +13,14 @@ from engine.live.key_bends import KeyBends, bent_parameters
 from engine.live.midi_notes import UNKNOWN_RELEASE, Move, Note
 from engine.live.player import Player
 from engine.patch.frames import nearest_frame
+from engine.patch.friction import CHANGED_KEYS as FRICTION_KEYS
 from engine.patch.scene import Scene
 from engine.patch.tables import MAX_SECONDS
 
 DAMPER_SECONDS = MAX_SECONDS  # how long a damper stays down if nothing lifts it
 STEAL_DAMPER = 300.0, 0.03  # of a key that another needs: decay rate, 1/s, and how long, s
 CHANGES = ("stiffness", "exponent", "barrier", "gap", "damping_coefficient", "rest")  # what an event may change
+CHANGES_OF = {"contact": CHANGES, "connection": CHANGES, "friction": FRICTION_KEYS}
 CHANGE_SECONDS = 0.005  # that a change glides
 DEFAULT_POLYPHONY = 24
 
@@ -120,11 +122,15 @@ class KeyAllocator:
     def _release(self, key: int, release: float, frame: int) -> None:
         if key not in self._held.down:
             return
+        self._let_go(key, release, frame)
+        self.damp(key, release, frame)
+
+    def _let_go(self, key: int, release: float, frame: int) -> None:
+        """Do what a key does when it is let go, but for its dampers."""
         self._held.down.discard(key)
         names = {"v": 0.5, "soft": self._held.pedals["soft"], "release": release}
         for event, _, _ in events_of_key(self._writer, "off", key, names, 0.0):
             self._do(event, key, frame)
-        self.damp(key, release, frame)
 
     def _make_room(self, key: int, frame: int) -> None:
         """End the notes that cannot go on beside a new one: of its group, or one too many."""
@@ -140,8 +146,9 @@ class KeyAllocator:
             others.remove(oldest)
 
     def end(self, key: int, frame: int) -> None:
-        """End a note soon, whatever the pedals say."""
-        self._held.down.discard(key)
+        """End a note soon, whatever the pedals say: a bow is lifted, and dampers come down."""
+        if key in self._held.down:
+            self._let_go(key, 0.5, frame)
         self._held.kept.discard(key)
         self._sounding = [k for k in self._sounding if k != key]
         for event in self._damper_events(key, 0.5):
@@ -195,8 +202,8 @@ class KeyAllocator:
             self.player.set(event["parameter"], event["value"], event.get("duration", CHANGE_SECONDS), frame)
             self.player.make_tables()  # what the key does next is done with them
         elif kind == "change":
-            section = "contact" if event.get("contact") else "connection"
-            for name in CHANGES:
+            section = next(section for section in CHANGES_OF if event.get(section))
+            for name in CHANGES_OF[section]:
                 if event.get(name) is not None:
                     glide = event.get("duration", CHANGE_SECONDS)
                     self.player.set(f"{section}.{event[section]}.{name}", event[name], glide, frame)

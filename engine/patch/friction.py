@@ -5,7 +5,7 @@ answers what assembly asks of a contact.
 """
 
 from collections.abc import Iterator
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 from pydantic_core import InitErrorDetails
@@ -18,6 +18,22 @@ from engine.wording import format_names, format_value
 Faults = Iterator[InitErrorDetails]
 
 CHANGED_KEYS = ("velocity", "force", "static", "dynamic", "speed", "memory", "bristle")  # in the order of Sliding
+
+Force = Annotated[float, Field(ge=0.0, le=1e6)]
+Static = Annotated[float, Field(default=0.8, ge=0.0, le=10.0, description="coefficient of friction at rest")]
+Dynamic = Annotated[float, Field(default=0.3, ge=0.0, le=10.0, description="coefficient of friction in fast slip")]
+Speed = Annotated[
+    float,
+    Field(default=0.1, ge=1e-4, le=100.0, description="speed of slip at which the coefficient is half-way, m/s"),
+]
+Memory = Annotated[
+    float,
+    Field(default=0.0, ge=0.0, le=0.1, description="time in which the coefficient follows the speed, s; 0: one sample"),
+]
+Bristle = Annotated[
+    float,
+    Field(default=1e5, ge=1.0, le=1e12, description="stiffness at which the surfaces stick to each other, N/m"),
+]
 
 
 class Friction(Table):
@@ -34,21 +50,15 @@ class Friction(Table):
     velocity: float = Field(
         default=0.0, ge=-100.0, le=100.0, description="velocity of the surface, as of a bow, m/s; not with `on`"
     )
-    force: float | None = Field(
-        default=None, ge=0.0, le=1e6, description="force that presses the surfaces together, N; or give a contact"
+    force: Force | None = Field(
+        default=None, description="force that presses the surfaces together, N; or give a contact"
     )
     contact: Name | None = Field(default=None, description="name of the contact whose force presses them together")
-    static: float = Field(default=0.8, ge=0.0, le=10.0, description="coefficient of friction at rest")
-    dynamic: float = Field(default=0.3, ge=0.0, le=10.0, description="coefficient of friction in fast slip")
-    speed: float = Field(
-        default=0.1, ge=1e-4, le=100.0, description="speed of slip at which the coefficient is half-way, m/s"
-    )
-    memory: float = Field(
-        default=0.0, ge=0.0, le=0.1, description="time in which the coefficient follows the speed, s; 0: one sample"
-    )
-    bristle: float = Field(
-        default=1e5, ge=1.0, le=1e12, description="stiffness at which the surfaces stick to each other, N/m"
-    )
+    static: Static
+    dynamic: Dynamic
+    speed: Speed
+    memory: Memory
+    bristle: Bristle
 
     # what assembly asks of a contact, too
     side: ClassVar[str] = "above"

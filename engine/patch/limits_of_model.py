@@ -5,7 +5,7 @@ PAGE = "docs/limits.md"
 # what is said, the section of the page, and the words that it answers
 _ANSWERS: tuple[tuple[str, str, str], ...] = (
     (
-        "[[friction]] is a bow, or another surface that rubs: give it a body, a velocity, and a force or a contact",
+        "[[bow]] bows a body; [[friction]] is any surface that rubs, pressed by a force or a contact",
         "friction",
         "bow bowed bowing friction rosin rub rubbing scrape stick_slip",
     ),

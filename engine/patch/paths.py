@@ -9,6 +9,7 @@ from pydantic import BaseModel
 
 from engine.bodies.table import KeyPath
 from engine.faults import Fault, PatchError
+from engine.instrument.expansion import is_instrument
 from engine.patch.error_messages import suggestion
 from engine.patch.parameters import list_parameters
 from engine.patch.reader import DOCUMENT, S, validate_document
@@ -85,8 +86,20 @@ def locate(path: str, scene: SceneTables, data: dict[str, Any]) -> tuple[KeyPath
             raise ValueError(f"{path}: {prefix[:-1]} {fault}")
         prefix += f"{word}."
     _refuse_table(path, node)
+    key_path = _path_of_bow(data, key_path)
     _check_in_document(data, key_path, path)
     return key_path, integer
+
+
+def _path_of_bow(data: dict[str, Any], key_path: KeyPath) -> KeyPath:
+    """A path of a value of friction, or, if the document has a bow in its place (engine.patch.bow), that of the bow."""
+    if key_path[0] != "friction" or is_instrument(data):
+        return key_path
+    _, number, *keys = key_path
+    plain = len(data.get("friction") or [])
+    if not isinstance(number, int) or not plain <= number < plain + len(data.get("bow") or []):
+        return key_path
+    return ("bow", number - plain, *keys)
 
 
 def _current_part(part: str, key_path: KeyPath, node: Any) -> str:
@@ -153,5 +166,8 @@ def _check_in_document(data: dict[str, Any], key_path: KeyPath, path: str) -> No
             fault = "its modes come from a file" if "file" in node else "it is not in the patch"
             raise ValueError(f"{path}: {fault}; write {'.'.join(map(str, key_path[: n + 1]))} there")
         if isinstance(node, list) and isinstance(key, int) and key >= len(node):
-            raise ValueError(f"{path}: it is written out for a key; change what is under key or keyboard.values")
+            remedy = "what is under key or keyboard.values" if is_instrument(data) else "the bow"
+            raise ValueError(
+                f"{path}: it is written out for a {'key' if is_instrument(data) else 'bow'}; change {remedy}"
+            )
         node = node[key]

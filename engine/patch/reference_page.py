@@ -45,6 +45,7 @@ SECTIONS: dict[str, tuple[str, dict[str, str]]] = {
     "contact": ("Contacts: `[[contact]]`", {"bridge = { … }": "Bridge", "frets = { … }": "Frets"}),
     "connection": ("Connections: `[[connection]]`", {}),
     "friction": ("Friction: `[[friction]]`", {}),
+    "bow": ("Bows: `[[bow]]`", {"strokes = [{ … }]": "Stroke"}),
     "force": ("Forces: `[[force]]`", {}),
     "event": ("Events: `[[event]]`", {}),
     "pickup": ("Pickups: `[[pickup]]`", {}),

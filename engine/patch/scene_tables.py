@@ -23,6 +23,7 @@ from engine.instrument.expansion import Expansion, expand, is_instrument
 from engine.instrument.tables import Keyboard, KeyTables, Note, Pedal
 from engine.output_files import error_reason
 from engine.patch.accuracy import Accuracy
+from engine.patch.bow import Bow, expand_bows
 from engine.patch.control_rules import as_plain_change, check_changes, check_controls
 from engine.patch.control_tables import Control, Midi
 from engine.patch.friction import Friction
@@ -67,6 +68,9 @@ class SceneTables(Table):
     friction: list[Friction] = Field(
         default=[], max_length=MAX_TABLES, description="friction between bodies, or with surfaces such as bows"
     )
+    bow: list[Bow] = Field(
+        default=[], max_length=MAX_TABLES, description="bows: short for friction, and for the events that move it"
+    )
     force: list[Force] = Field(default=[], max_length=MAX_TABLES, description="external forces")
     event: list[Event] = Field(default=[], max_length=MAX_EVENTS, description="events of the score")
     pickup: list[Pickup] = Field(min_length=1, max_length=MAX_TABLES, description="outputs of the scene")
@@ -104,6 +108,8 @@ class SceneTables(Table):
                 faults += expansion.faults
                 raise ValidationError.from_exception_data(cls.__name__, faults[:MAX_FAULTS_COLLECTED])
         if isinstance(data, dict):
+            data, bow_faults = expand_bows(data, document is not None, context.get("origins", {}))
+            faults += bow_faults
             data, file_faults = _read_body_files(_limit_integers(data), folder)
             faults += [*file_faults, *islice(_check_force_files(data, folder), MAX_FAULTS_COLLECTED)]
         try:

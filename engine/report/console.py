@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from engine.analysis.profile import Profile
     from engine.analysis.work_precision import WorkPrecisionStudy
 
+MAX_LISTED_BOWS = 12
 MAX_LISTED_ISLANDS = 32
 MAX_LISTED_INTERVALS = 3
 LAST_INTERVAL_MARGIN = 1e-3  # s before the end: what ends later lasts to the end
@@ -210,6 +211,15 @@ def print_profile(profile: "Profile", seconds: float) -> None:
         print(f"… {len(profile['islands'])} islands in total; --json lists all of them")
     for name, remark in [*effect_rows(profile), *stretching_rows(profile, seconds)]:
         print(f"{name:<24} {remark}")
+    print_friction(profile)
+
+
+def print_friction(profile: "Profile") -> None:
+    """Print the forces of bows beside their limits, and where the forces of other friction come from."""
+    for line in profile["friction"][:MAX_LISTED_BOWS]:
+        print(line)
+    if len(profile["friction"]) > MAX_LISTED_BOWS:
+        print(f"… {len(profile['friction'])} lines of friction in total; --json lists all of them")
 
 
 def effect_rows(profile: "Profile") -> Iterator[tuple[str, str]]:

@@ -16,7 +16,7 @@ from conftest import PATCHES, ROOT, needs_alsa, needs_portaudio
 
 import engine
 
-GUIDES = ["first_patch", "bodies", "joining", "scheme", "accuracy"]
+GUIDES = ["first_patch", "bodies", "joining", "friction", "scheme", "accuracy"]
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 

@@ -18,7 +18,9 @@ from engine.api.page import level_of
 from engine.cli.main import main
 from engine.export.faults import CannotExport
 from engine.export.page import compose
+from engine.export.row_recorder import keys_of_player, player_of_keys, player_of_scene, sliders_of_player
 from engine.files import shipped_names
+from engine.kernel.data.enums import EventKind
 from engine.live.key_allocator import KeyAllocator, live_scene
 from engine.live.midi_notes import Note
 from engine.live.player import Player
@@ -51,9 +53,10 @@ PATCHES = [  # contacts with and without loss, bridges, connections, several isl
     "ball_on_drum",
     "guitar_body",
     "sympathetic_strings",
+    "bowed_violin",
 ]
 SENSITIVE = "snare_wires", "guitar_frets", "rattle"  # whose contacts amplify last bits within half a second
-INSTRUMENTS = ["vibraphone", "toms", "piano"]
+INSTRUMENTS = ["vibraphone", "toms", "piano", "violin"]
 NODE = shutil.which("node")
 PLAIN = "#plain"  # at the end of a page's address: multiply-adds in two steps, as in browsers without fused ones
 WAIT_FOR_LEVEL = """(async () => {
@@ -127,11 +130,12 @@ def test_without_fused_multiply_add_the_samples_of_a_page_differ_in_their_last_b
 
 
 @needs_node
-def test_without_fused_multiply_add_contacts_keep_their_energy(tmp_path):
-    """Many contacts amplify last bits to another sound, as good as that of the engine."""
-    page, data = page_of("snare_wires")
+@pytest.mark.parametrize("name", ["snare_wires", "bowed_violin"])
+def test_without_fused_multiply_add_contacts_and_friction_keep_their_energy(name, tmp_path):
+    """Many contacts, and friction, amplify last bits to another sound, as good as that of the engine."""
+    page, data = page_of(name)
     page.save(tmp_path / "page.html")
-    audio = engine.render(engine.load("snare_wires"), seconds=SECONDS, cores=1).audio * data["gain"]
+    audio = engine.render(engine.load(name), seconds=SECONDS, cores=1).audio * data["gain"]
     played, meter = played_in_node(tmp_path / "page.html", len(audio))
     assert np.isfinite(played).all()
     assert np.square(played).mean() == pytest.approx(np.square(audio).mean(), rel=0.1)
@@ -295,6 +299,24 @@ def test_every_shipped_patch_has_a_page_that_sounds(tmp_path):
             assert np.abs(audio).max() > 1e-4, name
             assert meter["error"] < 1e-10, name
             assert browser.errors == [], name
+
+
+def test_a_page_has_sliders_for_the_speed_and_the_force_of_a_bow():
+    """They go both ways from rest, and no further than live sound lets them."""
+    player = player_of_scene(engine.load("bowed_violin"), 44_100, "general")
+    sliders = {slider.path: slider for slider in sliders_of_player(player)}
+    speed, force, static = (sliders[f"friction.bow.{key}"] for key in ("velocity", "force", "static"))
+    assert (speed.low, speed.high, speed.unit) == (-0.5, 0.5, "m/s")
+    assert (force.low, force.high, force.unit) == (0.0, 1.0, "N")
+    assert static.high == 10.0
+
+
+def test_a_key_of_a_page_moves_its_bow_the_faster_the_harder_it_is_pressed():
+    keys = keys_of_player(player_of_keys(engine.load("violin"), 44_100, "general"))
+    key = next(key for key in keys if key.name == "D4")
+    speeds = [[row[6] for row in rows if row[0] == EventKind.FRICTION_VELOCITY] for rows in (key.on[0], key.on[-1])]
+    assert speeds == [[pytest.approx(0.12 + 0.4 / 127)], [pytest.approx(0.52)]]
+    assert [row[6] for row in key.off if row[0] == EventKind.FRICTION_VELOCITY] == [0.0]
 
 
 class Tags(HTMLParser):

@@ -42,7 +42,7 @@ def test_kinds_that_are_not_there_are_answered(word, section, tmp_path, capsys):
     assert f'.kind: unknown kind "{word}"; {ANSWERS[word]}' in error
 
 
-@pytest.mark.parametrize("word", ["pan", "bow", "volume", "lfo", "Reverb", "fade-in"])
+@pytest.mark.parametrize("word", ["pan", "scrape", "volume", "lfo", "Reverb", "fade-in"])
 def test_keys_and_tables_that_are_not_there_are_answered(word, tmp_path, capsys):
     answer = ANSWERS[word.lower().replace("-", "_")]
     error = said(tmp_path, capsys, PATCH.format(body=f"{word} = 0.3", pickup=""))

@@ -45,11 +45,8 @@ def solve_friction(friction, k, z, g, compliance):
         return g, z, 0.0, 0.0, 0, SolveStatus.CLOSED_FORM
     stiffness, share, most = friction[k][Sliding.BRISTLE], friction[k][Sliding.SHARE], friction[k][Sliding.BOUND]
     per_scale = 1.0 / (1.0 + compliance * stiffness * share)
-    f, eta, slope = (
-        stiffness * (z + share * g) * per_scale,
-        (g - compliance * stiffness * z) * per_scale,
-        stiffness * share,
-    )
+    f, slope = stiffness * (z + share * g) * per_scale, stiffness * share
+    eta = (g - compliance * stiffness * z) * per_scale
     if not abs(f) <= most:  # NaN is clipped, and found by others
         f, slope = math.copysign(most, f), 0.0
         eta = g - compliance * f

@@ -131,9 +131,23 @@ def describe_friction(layout: Layout, model: Model) -> list[str]:
     """Return a line for each velocity and force of each bow on a string, with the limits to its force; and one for each
     friction whose force is that of a contact."""
     lines = [_describe_range(motion) for motion in playing_ranges(layout, model)]
-    for table in dict.fromkeys(t.contact for t in friction_points(layout).values() if t.contact is not None):
-        lines.append(f"friction under {table}: pressed by the force that this contact had in the step before")
-    return lines
+    when = _steps_of_press(layout, model)
+    return lines + [
+        f"friction under {contact}: pressed by the force of this contact in {step}" for contact, step in when
+    ]
+
+
+def _steps_of_press(layout: Layout, model: Model) -> list[tuple[str, str]]:
+    """Return the contacts that press, and the step whose force counts."""
+    rubbing = model.contact.friction if model.contact is not None else None
+    if rubbing is None:
+        return []
+    steps: dict[str, str] = {}
+    for table in friction_points(layout).values():
+        if table.contact is not None:
+            island = layout.islands.of_body[layout.body_index[table.body]]
+            steps[table.contact] = "the same step" if rubbing.is_apart[island] else "the step before"
+    return list(steps.items())
 
 
 def _describe_range(motion: PlayingRange) -> str:

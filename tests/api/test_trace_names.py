@@ -9,7 +9,8 @@ from conftest import PATCHES, exit_code
 import engine
 from engine.offline.trace import TraceArrays
 
-ALWAYS, WITH_SHAPES = TraceArrays.__required_keys__, TraceArrays.__optional_keys__
+ALWAYS, WITH_SHAPES = TraceArrays.__required_keys__, {"shape_time"}
+WITH_FRICTION = TraceArrays.__optional_keys__ - WITH_SHAPES
 
 
 def test_a_rendering_has_a_trace_of_that_type():
@@ -21,6 +22,12 @@ def test_a_trace_has_the_names_of_its_type(name):
     rendering = engine.render(engine.load(name), seconds=0.005, trace=True)
     assert set(rendering.trace) == ALWAYS
     assert {name for name, _ in rendering.trace["units"]} == ALWAYS - {"units", "bodies", "contacts"}
+
+
+def test_with_friction_there_is_that_of_each_point_too():
+    rendering = engine.render(engine.load("bowed_violin"), seconds=0.005, trace=True)
+    assert set(rendering.trace) == ALWAYS | WITH_FRICTION
+    assert {"slip", "friction", "sticks"} <= {name for name, _ in rendering.trace["units"]}
 
 
 @pytest.mark.parametrize(("name", "bodies"), [("piano_c4", ["string"]), ("barrier_linear", [])])
@@ -40,4 +47,4 @@ def test_a_file_has_the_same_names(tmp_path):
 
 
 def test_every_name_is_explained():
-    assert all(name in TraceArrays.__doc__ for name in ALWAYS | WITH_SHAPES)
+    assert all(name in TraceArrays.__doc__ for name in ALWAYS | WITH_SHAPES | WITH_FRICTION)

@@ -70,7 +70,8 @@ class StretchingRecord:
         self._omega_squared = layout.modes.omega[self._modes] ** 2
         self._kappa = np.concatenate([of_body.kappa for of_body in stretching.values()])
         self._stiffness = np.array([of_body.stiffness for of_body in stretching.values()])
-        self._hardness = np.minimum.reduceat(self._omega_squared / self._kappa, self._begins)
+        with np.errstate(divide="ignore"):  # the second polarisation has modes that do not stretch
+            self._hardness = np.minimum.reduceat(self._omega_squared / self._kappa, self._begins)
         limits = [rise_to_warn_of(layout.scene.body[b], of_body) for b, of_body in stretching.items()]
         self._least = np.array(limits) if only_beyond else np.zeros(len(limits))
         self._rise, self._rise_frame = np.zeros(len(limits)), np.zeros(len(limits), np.int64)

@@ -15,7 +15,7 @@ EXPONENTS = [1.0, 1.3, 1.5, 2.0, 2.5, 3.0, 5.0, 8.0, 12.0]
 def solve_all(law, s, g, compliance, out, count, how):
     for i in range(s.shape[0]):
         out[i, 0], out[i, 1], out[i, 2], _, count[i], how[i] = solve_scalar_contact(
-            LossyLaw(law, None), 0, s[i], g[i], compliance[i], 1e-15
+            LossyLaw(law, None, None), 0, s[i], g[i], compliance[i], 1e-15
         )
 
 

@@ -198,7 +198,7 @@ def solve_by_number(contact, h, coupling, state):
 def solve_several(contact, h, state):
     """Find the forces of several contacts. Returns a Found."""
     s, g = state.compression, state.free_displacement
-    reach = Reach(s.shape[0], None, s, g, LossyLaw(contact.law, h.loss_rate), h.coupling, None)
+    reach = Reach(s.shape[0], None, s, g, LossyLaw(contact.law, h.loss_rate, None), h.coupling, None)
     solution = solve_several_contacts(contact, h, reach, contact.max_rounds, state)
     return Found(solution.status, solution.evaluations, (0.0, 0.0, 0.0))
 
@@ -242,9 +242,9 @@ def store_contact(contact, h, state, k, found):
     (eta, b, f, status), s = found, state.compression[k]
     move = free_displacement_at(contact, contact.other_rows, h, k, state.p)
     state.free_displacement[k] = move
-    law_force, end_force = f, end_force_of(LossyLaw(contact.law, h.loss_rate), k, b)
+    law_force, end_force = f, end_force_of(LossyLaw(contact.law, h.loss_rate, None), k, b)
     if status == SolveStatus.CAPPED:
-        law_force = force_of_lossy_law(LossyLaw(contact.law, h.loss_rate), k, s, eta, f)
+        law_force = force_of_lossy_law(LossyLaw(contact.law, h.loss_rate, None), k, s, eta, f)
     lost = store_solution(
         contact, h, state, k, (eta, b, f, law_force, end_force), (move - eta) + h.compliance_low[k] * f
     )

@@ -26,7 +26,9 @@ from engine.live.player import Player
 
 @kernel
 def reduced(law, loss_rate, basis, coefficients, s, g, scratch):
-    return solve_reduced(LossyLaw(law, loss_rate), basis_of_island(basis, coefficients, s.shape[0]), s, g, scratch)
+    return solve_reduced(
+        LossyLaw(law, loss_rate, None), basis_of_island(basis, coefficients, s.shape[0]), s, g, scratch
+    )
 
 
 def solved(law, loss_rate, u: np.ndarray, s: np.ndarray, g: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:

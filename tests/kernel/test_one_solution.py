@@ -26,7 +26,7 @@ TOLERANCE = 1e-15  # of the solvers
 @kernel
 def scalar(law, loss_rate, compliance, s, g, found):
     eta, _, force, _, _, status = solve_scalar_contact(
-        LossyLaw(law, loss_rate), 0, s[0], g[0], compliance[0], TOLERANCE
+        LossyLaw(law, loss_rate, None), 0, s[0], g[0], compliance[0], TOLERANCE
     )
     found[0], found[1] = eta, force
     return status
@@ -34,19 +34,21 @@ def scalar(law, loss_rate, compliance, s, g, found):
 
 @kernel
 def persistent(law, loss_rate, compliance, s, g, scratch):
-    return solve_persistent(CoupledProblem(LossyLaw(law, loss_rate), compliance, s, g, TOLERANCE, scratch))
+    return solve_persistent(CoupledProblem(LossyLaw(law, loss_rate, None), compliance, s, g, TOLERANCE, scratch))
 
 
 @kernel
 def coupled(law, loss_rate, compliance, s, g, scratch, budget):
     return solve_coupled(
-        CoupledProblem(LossyLaw(law, loss_rate), compliance, s, g, TOLERANCE, scratch), NO_CAP, budget
+        CoupledProblem(LossyLaw(law, loss_rate, None), compliance, s, g, TOLERANCE, scratch), NO_CAP, budget
     )[1]
 
 
 @kernel
 def reduced(law, loss_rate, basis, coefficients, s, g, scratch):
-    return solve_reduced(LossyLaw(law, loss_rate), basis_of_island(basis, coefficients, s.shape[0]), s, g, scratch)
+    return solve_reduced(
+        LossyLaw(law, loss_rate, None), basis_of_island(basis, coefficients, s.shape[0]), s, g, scratch
+    )
 
 
 class Problem:

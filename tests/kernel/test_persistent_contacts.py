@@ -16,7 +16,7 @@ from engine.kernel.data.state import Scratch
 
 @kernel
 def solve(law, loss_rate, compliance, s, g, scratch):
-    return solve_persistent(CoupledProblem(LossyLaw(law, loss_rate), compliance, s, g, 1e-15, scratch))
+    return solve_persistent(CoupledProblem(LossyLaw(law, loss_rate, None), compliance, s, g, 1e-15, scratch))
 
 
 def mean_force(stiffness: float, alpha: float, rate: float, s: float, eta: float) -> float:

@@ -37,14 +37,14 @@ RATE = 44_100
 @kernel
 def scalar(law, loss_rate, s, g, compliance, out):
     out[0], out[1], out[2], out[3], count, how = solve_scalar_contact(
-        LossyLaw(law, loss_rate), 0, s, g, compliance, 1e-15
+        LossyLaw(law, loss_rate, None), 0, s, g, compliance, 1e-15
     )
     return count, how
 
 
 @kernel
 def several(law, matrix, s, g, cap, budget, scratch):
-    return solve_coupled(CoupledProblem(LossyLaw(law, None), matrix, s, g, 1e-15, scratch), cap, budget)
+    return solve_coupled(CoupledProblem(LossyLaw(law, None, None), matrix, s, g, 1e-15, scratch), cap, budget)
 
 
 def long(scene: engine.Scene, seconds: float, samplerate: float = RATE) -> tuple[dict, dict]:

@@ -71,6 +71,8 @@ def _range_of_key(model: type[BaseModel], keys: tuple[str | int, ...]) -> LiveRa
     low, high = node.get("minimum", -math.inf), node.get("maximum", math.inf)
     is_open = "exclusiveMinimum" in node
     low = node.get("exclusiveMinimum", low)
+    if "exclusiveMaximum" in node:
+        high = math.nextafter(node["exclusiveMaximum"], -math.inf)
     key = next(str(key) for key in reversed(keys) if isinstance(key, str))
     least, farthest = LEAST.get(key, -math.inf), FARTHEST.get(key, math.inf)
     may_be_zero = not is_open and low <= 0.0 < least

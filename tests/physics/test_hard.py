@@ -393,7 +393,10 @@ def not_a_number(built):
     contact = built.model.step.contact
     coupling = None if contact.coupling is None else contact.coupling * np.nan
     contact = contact._replace(compliance=contact.compliance * np.nan, coupling=coupling)
-    step = built.model.step._replace(contact=contact)
+    connection = built.model.step.connection  # contacts of bodies that stretch are found from its compliance
+    if connection is not None:
+        connection = connection._replace(contact_compliance=connection.contact_compliance * np.nan)
+    step = built.model.step._replace(contact=contact, connection=connection)
     return built._replace(model=built.model._replace(step=step))
 
 

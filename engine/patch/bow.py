@@ -81,12 +81,13 @@ def expand_bows(document: dict[str, Any], is_score_of_keys: bool, origins: Origi
     frictions, events = (list(document.get(section) or []) for section in ("friction", "event"))
     end = document.get("seconds", 2.0)
     for i, table in enumerate(bows):
+        path, key = origins.get(("bow", i), (("bow", i), ""))
         try:
             bow = Bow.model_validate(table)
         except ValidationError:
+            origins["bow", len(kept)] = path, key
             kept.append(table)
             continue
-        path, key = origins.get(("bow", i), (("bow", i), ""))
         wrong = list(_check_strokes(path, bow, is_score_of_keys))
         faults += wrong
         origins["friction", len(frictions)] = path, key

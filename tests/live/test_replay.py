@@ -30,7 +30,7 @@ def documented_patches() -> dict[str, str]:
             names = [name for name in patches if name.startswith(f"{page.name} ")]
             if block.startswith("title = "):
                 patches[f"{page.name} {len(names) + 1}"] = block
-            elif names and block.startswith("[["):
+            elif names and (block.startswith("[[") or not block.startswith("[")):
                 patches[names[-1]] += block
     return patches
 

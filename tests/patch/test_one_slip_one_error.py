@@ -39,6 +39,7 @@ def faults_of(text: str) -> list[str]:
         ("guitar", 'quantity = "pressure"', 'quantity = "presure"', '"presure" is not known; expected'),
         ("marimba_keys", "{ time = 0.0,", "{ tiem = 0.0,", 'note[0].tiem: unknown key; did you mean "time"?'),
         ("marimba_keys", "{ time = 0.0,", "{ time = -1.0,", "note[0].time: -1.0 is out of range"),
+        ("bowed_vibraphone", 'name = "bow_c4"', 'naem = "bow_c4"', 'bow[1].naem: unknown key; did you mean "name"?'),
         ("marimba_keys", "[[key.body]]", "[[kye.body]]", 'kye: unknown key; did you mean "key"?'),
         ("guitar", "open =", "openx =", "keyboard.values.length: at key E2: unknown name open; the names are"),
         (

@@ -257,6 +257,69 @@ def test_three_hundred_hostile_bows_never_create_energy():
     check_hostile(range(20, 320))
 
 
+# --- one solution
+
+
+def random_rubbing(rng: np.random.Generator, is_one_body: bool) -> dict:
+    """A block on a belt, pressed by the contact of a body that bounces on it: a second one, or itself."""
+    draw = lambda low, high: float(10 ** rng.uniform(low, high))
+    block = {"name": "block", "kind": "mass", "mass": draw(-3, 0), "velocity": float(rng.uniform(-3, 3))}
+    weight = {"name": "weight", "kind": "mass", "mass": draw(-3, 0), "velocity": -draw(-2, 1)}
+    press = {"name": "press", "body": "block" if is_one_body else "weight", "barrier": 0.0, "side": "below"}
+    press |= {"stiffness": draw(3, 9), "exponent": float(rng.choice([1.0, 1.5, 2.5]))}
+    rub = {"name": "rub", "body": "block", "contact": "press", "velocity": float(rng.uniform(-3, 3))}
+    rub |= {"static": (coefficient := draw(-1, 1)), "dynamic": coefficient, "bristle": draw(1, 10)}
+    load = {"kind": "constant", "body": press["body"], "amplitude": -draw(0, 3)}
+    scene = {"seconds": 500 / 44_100, "body": [block, weight], "contact": [press], "friction": [rub], "force": [load]}
+    return scene | {"pickup": [HEARD]}
+
+
+def check_states(scene: dict, is_one_body: bool) -> int:
+    """Follow the bristle through a rendering by the law alone. The sum of what a step has too much is 0 at the motion
+    that was computed, and rises with every other. Returns the number of states."""
+    trace, h = engine.render(engine.load(scene), trace=True).trace, 1 / 44_100
+    mass, rub, press = scene["body"][0]["mass"], scene["friction"][0], scene["contact"][0]
+    compliance, bristle, a = 0.5 * h * h / mass, rub["bristle"], press["exponent"]
+    theta = max(0.5, 1.0 - 1.0 / (compliance * bristle))
+    v, x, z = trace["velocity"][:, 0], trace["displacement"][:, 0], 0.0
+    energy = lambda y: press["stiffness"] / (a + 1) * np.maximum(-y, 0.0) ** (a + 1)
+    for n in range(1, len(v)):
+        most = rub["static"] * trace["force"][n - is_one_body, 0]
+        moved = 0.5 * h * (v[n - 1] + v[n])
+        factors = np.concatenate([-np.geomspace(1e4, 1e-3, 30), [0.0], np.geomspace(1e-3, 1e4, 30)])
+        moves = moved + (abs(moved) + h * abs(rub["velocity"])) * factors
+        slips = moves - h * rub["velocity"]
+        forces = np.clip(bristle * (z + theta * slips), -most, most)
+        pushes = forces.copy()
+        if is_one_body:
+            pushes += (energy(x[n - 1] + moves) - energy(x[n - 1])) / np.where(moves == 0.0, np.inf, moves)
+            pushes -= scene["force"][0]["amplitude"]
+        excess = moves - h * v[n - 1] + compliance * pushes
+        scale = abs(moved) + h * abs(v[n - 1]) + compliance * (abs(forces[30]) + abs(pushes[30]))
+        assert abs(excess[30]) <= 1e-9 * scale, n
+        assert abs(forces[30] + trace["friction"][n, 0]) <= 1e-9 * (most + bristle * theta * scale), n
+        assert np.diff(excess).min() > 0.0, n
+        z = min(max(z + slips[30], -most / bristle), most / bristle)
+    return len(v) - 1
+
+
+def test_each_state_has_one_solution_by_either_bound():
+    """Pressed by a contact of the same step, or, where both act on one body, of the step before."""
+    states = 0
+    for seed in range(5):
+        states += sum(check_states(random_rubbing(np.random.default_rng(seed), one), one) for one in (False, True))
+    assert states > 4_900
+
+
+@pytest.mark.hard
+def test_twenty_thousand_states_have_one_solution():
+    """As above."""
+    states = 0
+    for seed in range(5, 26):
+        states += sum(check_states(random_rubbing(np.random.default_rng(seed), one), one) for one in (False, True))
+    assert states > 20_000
+
+
 # --- the order
 
 

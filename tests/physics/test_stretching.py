@@ -351,6 +351,53 @@ def test_hostile_hammers_keep_the_energy():
         assert np.isfinite(y).all() and error < 1e-10, (axial, stiffness, exponent, speed)
 
 
+def joined_strings(seed):
+    """A few strings that stretch, with springs between them and to the ground, and contacts."""
+    rng = np.random.default_rng(seed)
+    draw = lambda low, high: float(10 ** rng.uniform(low, high))
+    count = int(rng.integers(2, 5))
+    decay = {"kind": "chaigne_askenfelt", "b1": draw(-1, 2), "b3": 1e-9}
+    bodies = [
+        {"name": f"b{i}", "kind": "string", "length": 0.5, "linear_density": draw(-4, -2), "decay": decay}
+        | {"frequency": draw(1.7, 3), "modes": int(rng.integers(1, 40)), "axial_stiffness": draw(2, 7)}
+        | ({"displacement": {"kind": "triangle", "at": 0.3, "amplitude": draw(-4, -1.5)}} if rng.random() < 0.7 else {})
+        for i in range(count)
+    ]
+
+    def between(grounded, joined):
+        i, j = rng.integers(count, size=2)
+        at, on_at = rng.uniform(0.05, 0.95, 2).tolist()
+        return {"body": f"b{i}", "at": at} | (grounded if i == j else {"on": f"b{j}", "on_at": on_at} | joined)
+
+    place = {"side": "above", "stiffness": draw(4, 9), "exponent": float(rng.choice([1, 1.3, 1.5, 2.5]))}
+    contacts = [between({"barrier": 1e-4}, {"gap": 3e-4}) | place for _ in range(rng.integers(0, 3))]
+    springs = [
+        between({}, {}) | {"stiffness": draw(1, 5), "damping_coefficient": float(rng.choice([0, draw(-3, 1)]))}
+        for _ in range(rng.integers(1, 5))
+    ]
+    scene = {"seconds": 0.03, "body": bodies, "contact": contacts, "connection": springs}
+    return scene | {"pickup": [{"body": "b0", "at": 0.2}], "accuracy": {"least_detuning": 0.0}}
+
+
+def check_joined_strings(seeds, limit):
+    """No step of any of them errs by more of its energy than the limit."""
+    for seed in seeds:
+        trace = engine.render(engine.load(joined_strings(seed)), trace=True).trace
+        balance = trace["total"] + trace["dissipated"] - trace["supplied"]
+        assert np.abs(np.diff(balance)).max() <= limit * np.abs(balance).max(), seed
+
+
+def test_strings_that_stretch_each_other_keep_the_energy():
+    """Each tension depends on all others, which move while it is sought."""
+    check_joined_strings(range(60), 1e-12)
+
+
+@pytest.mark.hard
+def test_five_hundred_groups_of_strings_keep_the_energy():
+    """As above, at extremes."""
+    check_joined_strings(range(60, 560), 1e-11)
+
+
 def glide(body, at, seconds, frequency):
     """Pitch of the first 93 ms above that at the end, cents."""
     pickup = [{"body": body["name"], "at": at, "quantity": "displacement"}]

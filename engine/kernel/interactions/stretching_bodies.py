@@ -58,7 +58,7 @@ from engine.kernel.interactions.tension import (
 from engine.kernel.modes.ordered_sums import copy_items
 
 MAX_ROUNDS = 100  # to find tensions; two or three are usual
-SECANTS = 8  # rounds after which the bracket of a tension is halved
+SECANTS = 8  # rounds after which the bracket of a tension is halved where secants do not lead to it
 SAME = 1e-15  # of a tension: two that differ by less are the same
 
 
@@ -144,7 +144,7 @@ def are_rises_found(tension, h, n, state):
             rise = body[Stretch.RISE]
             miss = find_rise(tension, h, state, b, rise) - rise
             narrow_bracket(body, n, rise, miss)
-            is_narrow = n > SECANTS and is_bracket_closed(body) and math.isfinite(miss)
+            is_narrow = n > SECANTS and is_between_neighbours(body, rise, miss)
             is_same = is_same and (abs(miss) <= SAME * rise or is_narrow)
             if abs(miss) > SAME * rise and not is_narrow:
                 body[Stretch.RISE] = next_rise(body, n, rise, miss)
@@ -153,22 +153,23 @@ def are_rises_found(tension, h, n, state):
 
 
 @inline
-def is_bracket_closed(body):
-    """True if nothing is left between the bounds of a tension."""
-    high = body[Stretch.HIGH]
-    return high < math.inf and high - body[Stretch.LOW] <= SAME * high
+def is_between_neighbours(body, rise, miss):
+    """True if the tension of the step lies between this one and that of the round before, and nothing else does."""
+    return miss * body[Stretch.MISSED] <= 0.0 and abs(rise - body[Stretch.TRIED]) <= SAME * rise
 
 
 @inline
 def narrow_bracket(body, n, rise, miss):
     """Keep between which tensions that of the step lies: what is found is above it where that which was tried is
-    below."""
+    below. A bound that is missed was one for other tensions of other bodies, and is given up."""
     if n == 0:
         body[Stretch.LOW], body[Stretch.HIGH] = 0.0, math.inf
     if miss > 0.0:
         body[Stretch.LOW] = max(body[Stretch.LOW], rise)
+        body[Stretch.HIGH] = body[Stretch.HIGH] if rise < body[Stretch.HIGH] else math.inf
     else:
         body[Stretch.HIGH] = min(body[Stretch.HIGH], rise)
+        body[Stretch.LOW] = body[Stretch.LOW] if rise > body[Stretch.LOW] else 0.0
 
 
 @inline
@@ -177,7 +178,7 @@ def next_rise(body, n, rise, miss):
     if these do not lead to it, the middle of the bracket."""
     low, high = body[Stretch.LOW], body[Stretch.HIGH]
     following = rise + miss
-    if n > SECANTS:
+    if n > SECANTS and abs(miss) > 0.5 * abs(body[Stretch.MISSED]):
         following = 0.5 * (low + high) if high < math.inf else 2.0 * following
     elif n > 0:
         slope = (miss - body[Stretch.MISSED]) / (rise - body[Stretch.TRIED])

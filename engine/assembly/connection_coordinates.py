@@ -222,14 +222,23 @@ def find_stretching(system: ModalSystem, name: str) -> Stretching | None:
 
 
 def stretch_of_ends(system: ModalSystem, a: EndConnection, b: EndConnection) -> float:
-    """Return what displacements of the bodies at two ends of a string, or at one, stretch it, per product, 1/m:
-    x·x·(Σ κₙ·c̃ₙ·c̃ₙ ± 1/L), with the shares x of both."""
-    name = a.body
-    string, stretching = system.scene.body[system.body_index[name]], find_stretching(system, name)
-    assert isinstance(string, String) and stretching is not None
-    square, shares = system.modal_bodies[system.body_index[name]].omega ** 4, a.share * b.share
-    product = float(np.sum(stretching.kappa * end_row(system, name, a.at) * end_row(system, name, b.at) / square))
-    return shares * (product + (1.0 if a.at == b.at else -1.0) / string.length)
+    """Return what displacements of the bodies at two ends of a string, or at one, stretch it, per product, 1/m."""
+    stretching = find_stretching(system, a.body)
+    assert stretching is not None
+    return a.share * b.share * stretch_between(system, a.body, stretching.kappa, a.at, b.at)
+
+
+def stretch_between(system: ModalSystem, name: str, kappa: np.ndarray, a: float, b: float) -> float:
+    """Return what displacements of two ends of a string stretch it, per product, 1/m: Σ κₙ·c̃ₙ·c̃ₙ ± 1/L."""
+    string, square = system.scene.body[system.body_index[name]], squared_omega(system, name) ** 2
+    assert isinstance(string, String)
+    product = float(np.sum(kappa * end_row(system, name, a) * end_row(system, name, b) / square))
+    return product + (1.0 if a == b else -1.0) / string.length
+
+
+def squared_omega(system: ModalSystem, name: str) -> np.ndarray:
+    """Return ω² of the modes of a body [modes], 1/s²."""
+    return np.asarray(system.modal_bodies[system.body_index[name]].omega ** 2)
 
 
 def slope_row(system: ModalSystem, end: EndConnection) -> np.ndarray | None:
@@ -238,8 +247,7 @@ def slope_row(system: ModalSystem, end: EndConnection) -> np.ndarray | None:
     stretching = find_stretching(system, end.body)
     if stretching is None:
         return None
-    omega = system.modal_bodies[system.body_index[end.body]].omega
-    weighted = stretching.kappa * (end.share * end_row(system, end.body, end.at)) / omega**2
+    weighted = stretching.kappa * (end.share * end_row(system, end.body, end.at)) / squared_omega(system, end.body)
     return np.asarray(weighted / stretch_of_ends(system, end, end))
 
 
@@ -273,6 +281,21 @@ def end_force_parts(system: ModalSystem, name: str, end: float) -> list[tuple[st
             other = c.share * end_row(system, name, c.at)
             stiffness = end_stiffness(system, name, row, other, c.share, end == c.at)
             parts.append((c.on, -stiffness * system.shape(c.on, c.on_at)))
+    return parts
+
+
+def end_pull_parts(system: ModalSystem, name: str, end: float) -> list[tuple[str, np.ndarray]]:
+    """Return what adds to the force of a string on its end (0 or 1) as its tension rises, per N of the rise, in the
+    same parts [(name of the body, row [modes], 1/(√kg·m))]; none of a string that does not stretch."""
+    stretching = find_stretching(system, name)
+    if stretching is None:
+        return []
+    kappa = stretching.kappa
+    parts = [(name, -kappa * end_row(system, name, end) / squared_omega(system, name))]
+    for _, c in moving_ends(system.scene):
+        if c.body == name:
+            stretch = c.share * stretch_between(system, name, kappa, end, c.at)
+            parts.append((c.on, -stretch * system.shape(c.on, c.on_at)))
     return parts
 
 

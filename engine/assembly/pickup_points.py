@@ -1,11 +1,12 @@
 """Points of pickups: each pickup has one or several points on bodies, with a quantity, a channel and a gain."""
 
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from engine.assembly.connection_coordinates import end_force_parts
+from engine.assembly.connection_coordinates import end_force_parts, end_pull_parts
 from engine.assembly.contact_points import NOWHERE, BodyPoint
 from engine.assembly.islands import Islands
 from engine.assembly.modal_system import ModalSystem
@@ -47,6 +48,7 @@ class HeardPoint(NamedTuple):
     quantity: Quantity
     channel: int  # from 0; -1 - n: it drives point n
     gain: float
+    pull: ShapeRow | None = None  # what the rise of the tension of the body adds to it, per N
 
 
 def heard_points(system: ModalSystem, islands: Islands, modes: Modes) -> list[HeardPoint]:
@@ -55,11 +57,23 @@ def heard_points(system: ModalSystem, islands: Islands, modes: Modes) -> list[He
     pickups += [DrivePickup(drive.string, drive.end, drive.share, drive.point) for drive in find_drives(system.scene)]
     pickups.sort(key=lambda pickup: islands.of_body[system.body_index[pickup.body]])
     return [
-        HeardPoint(pickup, row, QUANTITIES[pickup.quantity or "velocity"], channel, gain)
+        HeardPoint(pickup, row, quantity, channel, gain, pull)
         for pickup in pickups
-        for row in [find_row(system, modes, point) for point in _points(system, pickup)]
+        for row, quantity, pull in _terms(system, modes, pickup)
         for channel, gain in channel_gains(pickup)
     ]
+
+
+def _terms(
+    system: ModalSystem, modes: Modes, pickup: Pickup | DrivePickup
+) -> Iterator[tuple[ShapeRow, Quantity, ShapeRow | None]]:
+    """Yield the terms of the signal of a pickup."""
+    for point in _points(system, pickup):
+        yield find_row(system, modes, point), QUANTITIES[pickup.quantity or "velocity"], None
+    if pickup.quantity == "end_force":
+        for name, row in end_pull_parts(system, pickup.body, pickup.at):
+            pull = find_row(system, modes, BodyPoint(name, None, 1.0, row))
+            yield find_row(system, modes, NOWHERE), Quantity.FORCE, pull
 
 
 def channel_gains(pickup: Pickup | DrivePickup) -> list[tuple[int, float]]:

@@ -8,6 +8,7 @@ import numpy as np
 from engine.assembly.array_memory import allocate
 from engine.assembly.connection_coordinates import find_stretching, stretch_of_ends
 from engine.assembly.layout import Layout
+from engine.assembly.mode_shape_rows import ShapeRow, mode_shape_rows
 from engine.bodies.stretching import Stretching
 from engine.kernel.data.axes import Axis
 from engine.kernel.data.enums import MovingEnd, Stretch, StretchFactor
@@ -41,7 +42,8 @@ def tension(layout: Layout, least_detuning: float) -> Tension | None:
     begin, end = np.zeros((2, count), np.int64)
     places, factor = np.full((count, len(MovingEnd)), -1), np.zeros((count, len(StretchFactor)))
     all_kappa, can_stretch = np.zeros(modes.omega.size), np.zeros(len(islands.bodies), np.int64)
-    heard = _heard_bodies(layout)
+    pickups = layout.points.pickups
+    heard = {layout.body_index[point.pickup.body] for point in pickups if point.pickup.quantity == "tension"}
     for n, b in enumerate(islands.body_order):
         if b in stretching:
             least = least_detuning * (HEARD_DETUNING if b in heard else 1.0)
@@ -52,15 +54,21 @@ def tension(layout: Layout, least_detuning: float) -> Tension | None:
             places[n] = ends.coordinates
             factor[n] = stretching[b].stiffness, softest, least / CENTS_PER_ENERGY / softest**2, *ends.factors
             can_stretch[islands.of_body[b]] = 1
-    first = [islands.of_body[b] for b in islands.body_order].index
-    rows = [-1 if b < 0 else islands.body_order.index(b) - first(islands.of_body[b]) for b in heard]
-    return Tension(begin, end, all_kappa, places, factor, can_stretch, np.array(rows, np.int64))
+    heard_bodies = np.array(_heard_bodies(layout), np.int64)
+    share = np.array([float(point.pull is None) for point in pickups])
+    pull = mode_shape_rows([point.pull or ShapeRow(0, 0, np.empty(0)) for point in pickups])
+    return Tension(begin, end, all_kappa, places, factor, can_stretch, heard_bodies, share, pull)
 
 
 def _heard_bodies(layout: Layout) -> list[int]:
-    """Return the number of the body whose tension each pickup hears, -1 of other pickups."""
-    pickups = [heard.pickup for heard in layout.points.pickups]
-    return [layout.body_index[pickup.body] if pickup.quantity == "tension" else -1 for pickup in pickups]
+    """Return the body of each pickup that hears the rise of its tension, by its place in the island, -1 of others."""
+    islands, order = layout.islands, layout.islands.body_order
+    first = [islands.of_body[b] for b in order].index
+    hears = [p.pickup.quantity == "tension" or p.pull is not None for p in layout.points.pickups]
+    bodies = [layout.body_index[point.pickup.body] for point in layout.points.pickups]
+    return [
+        order.index(b) - first(islands.of_body[b]) if is_one else -1 for b, is_one in zip(bodies, hears, strict=True)
+    ]
 
 
 class MovingEnds(NamedTuple):

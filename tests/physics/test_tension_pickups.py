@@ -86,6 +86,32 @@ def test_the_tension_is_heard_through_contacts_and_stages():
         assert np.max(np.abs(other - heard[0])) < 0.1 * heard[0].max()
 
 
+def test_an_end_is_pulled_by_the_risen_tension():
+    """F = (T + λ)·∂y/∂x at the end, of one mode."""
+    force = {"body": "string", "at": 0, "quantity": "end_force"}
+    motion = {"body": "string", "at": 0.5, "quantity": "displacement", "channel": 2}
+    pull, displacement, rise = render(STRING | BEND, force, motion, HEARD | {"channel": 3}).audio.T
+    assert rise.max() > 0.005 * TENSION
+    assert pull == pytest.approx((TENSION + rise) * math.pi / LENGTH * displacement, rel=1e-9, abs=1e-9)
+
+
+def test_what_carries_an_end_is_moved_by_the_force_that_is_heard_there():
+    """m·a of a bridge is the force of the string on its end, also as the tension rises."""
+    bridge = {"name": "bridge", "kind": "mass", "mass": 2e-3}
+    end = {"kind": "end", "body": "string", "at": 1, "on": "bridge"}
+    force = {"body": "string", "at": 1, "quantity": "end_force"}
+    moved = {"body": "bridge", "quantity": "acceleration", "channel": 2}
+    bend = {"displacement": {"kind": "mode", "number": 1, "amplitude": 2e-2}}
+    string = STRING | bend | {"modes": 12, "residual": True}
+    scene = {"body": [string, bridge], "connection": [end], "pickup": [force, moved], "accuracy": {"substeps": 8}}
+    pull, acceleration = engine.render(engine.Scene.model_validate(scene), seconds=0.05, samplerate=RATE).audio.T
+    linear = scene | {"body": [string | {"axial_stiffness": None}, bridge]}
+    without = engine.render(engine.Scene.model_validate(linear), seconds=0.05, samplerate=RATE).audio[:, 0]
+    assert np.max(np.abs(pull - without)) > 0.2 * np.max(np.abs(pull))
+    mean = 0.5 * (pull[1:] + pull[:-1])
+    assert 2e-3 * acceleration[1:] == pytest.approx(mean, abs=2e-3 * np.max(np.abs(pull)))
+
+
 @pytest.mark.parametrize(
     ("body", "pickup", "message"),
     [

@@ -194,7 +194,9 @@ class Tension(NamedTuple):
     ends: Annotated[np.ndarray, Items(Axis.BODY, np.int64, len(MovingEnd), neutral=-1)]
     factor: Annotated[np.ndarray, Items(Axis.BODY, columns=len(StretchFactor))]
     can_stretch: PerIslandInt  # 1 if a body of the island does
-    heard: Annotated[np.ndarray, Items(Axis.PICKUP, np.int64, neutral=-1)]  # body whose tension a pickup hears, or -1
+    heard: Annotated[np.ndarray, Items(Axis.PICKUP, np.int64, neutral=-1)]  # body whose rise a pickup hears, or -1
+    heard_share: PerPickup  # of the rise itself: 1 or 0
+    pull: Annotated[ModeShapeRows, Axis.PICKUP]  # force of a string on its end that a pickup hears, per N of the rise
 
 
 class ContactBasis(NamedTuple):

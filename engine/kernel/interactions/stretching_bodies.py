@@ -80,9 +80,7 @@ def push_stretched(model, contact, settings, state):
 
 @noinline
 def push_together(model, contact, settings, touches, state):
-    """Do this where contacts may close (`touches`), or bodies are connected: for given tensions contacts and
-    connections are solved as ever, with the compliance of stretched bodies; and for given forces each tension follows.
-    The two are found in turn."""
+    """Do this where contacts may close (`touches`), or bodies are connected."""
     tension, h, connection, of = model.tension, settings.h, model.connection, state.tension
     softened = softened_settings(settings, state)
     copy_items(state.drift_momentum, of.momentum)
@@ -144,9 +142,8 @@ def are_rises_found(tension, h, n, state):
             rise = body[Stretch.RISE]
             miss = find_rise(tension, h, state, b, rise) - rise
             narrow_bracket(body, n, rise, miss)
-            is_narrow = n > SECANTS and is_between_neighbours(body, rise, miss)
-            is_same = is_same and (abs(miss) <= SAME * rise or is_narrow)
-            if abs(miss) > SAME * rise and not is_narrow:
+            if not (abs(miss) <= SAME * rise or (n > SECANTS and is_between_neighbours(body, rise, miss))):
+                is_same = False
                 body[Stretch.RISE] = next_rise(body, n, rise, miss)
             body[Stretch.TRIED], body[Stretch.MISSED] = rise, miss
     return is_same

@@ -210,16 +210,6 @@ def push_by_tension(tension, h, state):
             push_body(modes_of_body(tension, h, state, b), state.push, rise)
 
 
-@inline
-def heard_rise(tension, state, n):
-    """Return the rise of the tension that pickup n hears, the mean over the step that ends here; 0 of other pickups."""
-    rise = 0.0
-    if tension is not None:
-        if tension.heard[n] >= 0 and stretches(tension, state):
-            rise = state.tension.body[tension.heard[n]][Stretch.LAST]
-    return rise
-
-
 # --- ends of strings that move
 
 

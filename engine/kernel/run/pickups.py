@@ -2,9 +2,9 @@
 
 from engine.compiler.decorators import inline
 from engine.compiler.lanes import greater, lane_maximum, load_lanes, magnitude, splat
-from engine.kernel.data.enums import FLIGHT_FRAMES, LANES, Quantity, SleepMonitor
+from engine.kernel.data.enums import FLIGHT_FRAMES, LANES, Quantity, SleepMonitor, Stretch
 from engine.kernel.interactions.one_way_drive import put_sample
-from engine.kernel.interactions.tension import heard_rise
+from engine.kernel.interactions.tension import stretches
 from engine.kernel.modes.point_rows import project
 
 
@@ -15,19 +15,30 @@ def track_peak(state, value):
 
 
 @inline
-def pickup_value(pickups, state, samplerate, n):
+def heard_rise(tension, state, n):
+    """Return what pickup n hears of the rise of a tension, the mean over the step that ends here; 0 of others."""
+    value = 0.0
+    if tension is not None:
+        if tension.heard[n] >= 0 and stretches(tension, state):
+            rise = state.tension.body[tension.heard[n]][Stretch.LAST]
+            value = rise * (tension.heard_share[n] + project(tension.pull, n, state.q))
+    return value
+
+
+@inline
+def pickup_value(model, state, n):
     """Return the value of pickup n at this sample."""
-    quantity = pickups.quantity[n]
+    pickups, quantity = model.pickups, model.pickups.quantity[n]
     if quantity == Quantity.VELOCITY:
         return project(pickups.rows, n, state.p)
     if quantity == Quantity.DISPLACEMENT:
         return project(pickups.rows, n, state.q)
     if quantity == Quantity.ACCELERATION:  # its mean over the step that ends here
         velocity = project(pickups.rows, n, state.p)
-        change = (velocity - state.previous_velocity[n]) * samplerate
+        change = (velocity - state.previous_velocity[n]) * model.samplerate
         state.previous_velocity[n] = velocity
         return change
-    value = 0.0
+    value = heard_rise(model.tension, state, n)
     for i in range(pickups.contact_begin[n], pickups.contact_end[n]):
         value += pickups.contact_sign[i] * state.contact_force[pickups.contact[i]]
     return value
@@ -38,8 +49,7 @@ def add_pickups(model, state, row, frame):
     """Add the values of the pickups to a row of the audio, that of a frame."""
     pickups = model.pickups
     for n in range(pickups.quantity.shape[0]):
-        value = pickup_value(pickups, state, model.samplerate, n) + heard_rise(model.tension, state, n)
-        value *= pickups.gain[n]
+        value = pickups.gain[n] * pickup_value(model, state, n)
         track_peak(state, value)
         put_sample(model.drive, state.drive, row, pickups.channel[n], frame, value)
 

@@ -14,12 +14,14 @@ ForzeeStereo (Vladimir Sadovnikov, Alexander Belokurov) and The Black Pearl 1.0 
 import re
 import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import soundfile
 
-from bench.recordings import patches, piano, toms
-from bench.recordings.instrument import VELOCITY, KeyResult, Sound, compare_keys
+from bench.recordings import patches, peers, piano, toms
+from bench.recordings.instrument import LAYERS, VELOCITY, KeyResult, ReadNote, compare_keys, seconds_needed
 from bench.recordings.keys import key_name, key_number
+from bench.recordings.note import Sound
 from bench.recordings.tables import publish_instrument
 from bench.recordings.tune import tune
 
@@ -70,7 +72,7 @@ def compare_toms(folder: Path) -> int:
     return 0
 
 
-def fit_piano(names: list[str], read: patches.ReadNote) -> int:
+def fit_piano(names: list[str], read: ReadNote) -> int:
     """Fit numbers of the instrument, and print them."""
     try:
         tune(names, read)
@@ -80,14 +82,17 @@ def fit_piano(names: list[str], read: patches.ReadNote) -> int:
     return 0
 
 
-def compare_piano(keys: set[int], read: patches.ReadNote) -> int:
+def compare_piano(keys: set[int], read: ReadNote) -> int:
     """Compare the instrument at all keys; it may be tuned on at most one in three."""
-    if 3 * len(keys & set(piano.TUNED)) > len(keys):
-        print(f"bench: tuned on {len(piano.TUNED)} of {len(keys)} keys: more than one in three", file=sys.stderr)
+    if 3 * len(keys & set(piano.FITTED_KEYS)) > len(keys):
+        print(f"bench: tuned on {len(piano.FITTED_KEYS)} of {len(keys)} keys: more than one in three", file=sys.stderr)
         return 2
+    notes = [(key, layer, seconds_needed(layer)) for key in sorted(keys) for layer in LAYERS]
     results: list[KeyResult] = []
-    for result in compare_keys(keys, read, piano.render_note):
-        print(f"{key_name(result.key)}: {result.off.levels:.1f} dB", file=sys.stderr)
-        results.append(result)
-    publish_instrument("piano", results, piano.TUNED)
+    with TemporaryDirectory() as folder:
+        played = {name: peers.play_font(font, notes, Path(folder)) for name, font in peers.find_fonts().items()}
+        for result in compare_keys(keys, read, piano.render_note, played):
+            print(f"{key_name(result.key)}: {result.off.levels:.1f} dB", file=sys.stderr)
+            results.append(result)
+    publish_instrument("piano", results, piano.FITTED_KEYS)
     return 0

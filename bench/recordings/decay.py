@@ -17,6 +17,7 @@ DEPTH_DB = 50.0  # as far as a partial is followed
 NOISE_DB = 6.0  # by which it must stand above what is half-way to the next partial
 SMOOTH_SECONDS = 0.25  # over which that is judged: a beat's trough is no end
 LEAST_SECONDS = 0.3  # of a partial that can be followed
+LEAST_SLOPE = 0.5  # dB/s: a slower decay looks like a beat in ten seconds
 
 KNEE_SECONDS = 0.15  # a knee is no sooner …
 TAIL = 1 / 3  # … and leaves this share of the time after it

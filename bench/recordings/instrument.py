@@ -3,66 +3,27 @@
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
-import soxr
 
-from bench.recordings.brightness import Brightness, brightness, brightness_slope
+from bench.recordings.brightness import brightness_slope
+from bench.recordings.decay import LEAST_SLOPE
 from bench.recordings.decay import SECONDS as DECAY_SECONDS
-from bench.recordings.decay import partial_decays
+from bench.recordings.distances import BRIGHTEST_KEY, NoteResult, compare_layers, spectral_distance
 from bench.recordings.keys import key_frequency
 from bench.recordings.measure import SECONDS as LEVEL_SECONDS
-from bench.recordings.measure import band_levels, difference, knock_level
-from bench.recordings.partials import Partials, read_partials
+from bench.recordings.note import Note, Sound, retune
+from bench.recordings.summary import mean_of
 
-VELOCITY = 10  # of 16, at which all but the brightness is compared
-VELOCITIES = (4, 10, 16)
+VELOCITY = 10  # the layer, of 16, at which strings and decays are compared
+STRING_LAYERS = (4, 10, 16)  # at which partials are read, and how brightness follows level
+LAYERS = (2, 4, 6, 10, 16)  # at which spectra, levels and brightness are, those of them that are recorded
 MARGIN = 0.25  # s that a rendering is longer than what is measured of it: sound may be late
-LEAST_SLOPE = 0.5  # dB/s: a slower decay looks like a beat in ten seconds
-BRIGHTEST_KEY = 1000.0  # Hz: of a note above it, what lies over 2 kHz says nothing
 
-Sound = tuple[np.ndarray, float]  # [frames, channels] and its rate, Hz
-RenderNote = Callable[[int, int, float], Sound | None]  # of a key, a velocity and seconds; None if it has no such key
-ReadNote = Callable[[int, int], Sound | None]  # of a key and a velocity
-
-
-class Note:
-    """A note, and its measures, computed when they are needed."""
-
-    def __init__(self, sound: Sound, key: int) -> None:
-        self.audio, self.rate = sound
-        self.key = key
-
-    @cached_property
-    def levels(self) -> np.ndarray:
-        """Levels in third-octave bands [frames of 50 ms, bands], dB."""
-        return band_levels(self.audio, self.rate)
-
-    @cached_property
-    def partials(self) -> Partials | None:
-        """What string it is."""
-        return read_partials(self.audio, self.rate, key_frequency(self.key))
-
-    @cached_property
-    def slopes(self) -> np.ndarray:
-        """Early and late slopes of partials 1 to 10, dB/s [10, 2]; not a number where there is none."""
-        return partial_decays(self.audio, self.rate, self.partials) if self.partials else np.full((10, 2), math.nan)
-
-    @cached_property
-    def knock(self) -> float:
-        """Energy below the fundamental in the first 60 ms against all there, dB."""
-        return knock_level(self.audio, self.rate, key_frequency(self.key))
-
-    @cached_property
-    def brightness(self) -> Brightness:
-        """Level and share above 2 kHz."""
-        return brightness(self.audio, self.rate)
-
-    @property
-    def inharmonicity(self) -> float:
-        """B, or not a number."""
-        return self.partials.inharmonicity if self.partials else math.nan
+RenderNote = Callable[[int, int, float], Sound | None]  # of a key, a layer and seconds; None if it has no such key
+ReadNote = Callable[[int, int], Sound | None]  # of a key and a layer
+INSTRUMENT = "this piano"  # the source of what is rendered
 
 
 @dataclass(frozen=True)
@@ -99,32 +60,45 @@ class KeyResult:
     off: Distance
     other_velocities: Distance  # of the same recorded key
     neighbour: Distance  # the next key recorded, played faster or slower until it has the pitch
+    notes: list[NoteResult]  # by layer and source
 
 
-def compare_keys(keys: Iterable[int], read_note: ReadNote, render_note: RenderNote) -> Iterator[KeyResult]:
-    """Compare each recorded key with the rendered one, with itself at other velocities and with its neighbour."""
+def compare_keys(
+    keys: Iterable[int], read_note: ReadNote, render_note: RenderNote, peers: dict[str, ReadNote] | None = None
+) -> Iterator[KeyResult]:
+    """Compare each recorded key with the rendered one, with itself at other velocities and with its neighbour.
+
+    peers: other instruments, by name
+    """
     keys = sorted(keys)
-    recorded_notes = lru_cache(maxsize=2)(lambda key: notes_of(key, read_note))  # sounds are large
+    recorded_notes = lru_cache(maxsize=2)(lambda key: notes_of(key, read_note, True))  # sounds are large
     for at, key in enumerate(keys):
         recorded = recorded_notes(key)
         next_key = keys[at + 1] if at + 1 < len(keys) else keys[at - 1]
-        neighbour = {velocity: retuned(note, key) for velocity, note in recorded_notes(next_key).items()}
+        neighbour = {layer: retune(note, key) for layer, note in recorded_notes(next_key).items()}
         rendered = notes_of(key, lambda key, velocity: render_note(key, velocity, seconds_needed(velocity)))
-        others = [distance({VELOCITY: note}, recorded) for velocity, note in recorded.items() if velocity != VELOCITY]
+        sources = {INSTRUMENT: rendered} | {name: notes_of(key, play) for name, play in (peers or {}).items()}
+        its, mine, beside = (notes_of_strings(notes) for notes in (recorded, rendered, neighbour))
         yield KeyResult(
             key,
-            reading(recorded),
-            reading(rendered) if VELOCITY in rendered else None,
-            distance(rendered, recorded),
-            mean_distance(others),
-            distance(neighbour, recorded),
+            reading(its),
+            reading(mine) if VELOCITY in mine else None,
+            distance(mine, its),
+            mean_distance([distance({VELOCITY: note}, its) for layer, note in its.items() if layer != VELOCITY]),
+            distance(beside, its),
+            list(compare_layers(recorded, neighbour, sources, VELOCITY)),
         )
 
 
-def notes_of(key: int, sound_of: ReadNote) -> dict[int, Note]:
-    """A key's notes by velocity, those that there are."""
-    sounds = {velocity: sound_of(key, velocity) for velocity in VELOCITIES}
-    return {velocity: Note(sound, key) for velocity, sound in sounds.items() if sound is not None}
+def notes_of(key: int, sound_of: ReadNote, is_recording: bool = False) -> dict[int, Note]:
+    """A key's notes by layer, those that there are."""
+    sounds = {layer: sound_of(key, layer) for layer in LAYERS}
+    return {layer: Note(sound, key, is_recording) for layer, sound in sounds.items() if sound is not None}
+
+
+def notes_of_strings(notes: dict[int, Note]) -> dict[int, Note]:
+    """Notes of the layers at which strings are read."""
+    return {layer: note for layer, note in notes.items() if layer in STRING_LAYERS}
 
 
 def reading(notes: dict[int, Note]) -> Reading:
@@ -139,25 +113,18 @@ def reading(notes: dict[int, Note]) -> Reading:
         early,
         late,
         note.knock,
-        slope_of_brightness(notes.values()),
+        slope_of_brightness(notes),
     )
 
 
-def slope_of_brightness(notes: Iterable[Note]) -> float:
-    """dB of the share above 2 kHz per dB of level; not a number for a high key."""
-    notes = [note for note in notes if key_frequency(note.key) < BRIGHTEST_KEY]
-    return brightness_slope([note.brightness for note in notes])
+def slope_of_brightness(notes: dict[int, Note]) -> float:
+    """dB of the share above 2 kHz per dB of level; not a number for a high key. notes: by layer"""
+    return brightness_slope([note.brightness for note in notes.values() if key_frequency(note.key) < BRIGHTEST_KEY])
 
 
 def seconds_needed(velocity: int) -> float:
     """How long a rendering must be: slow decays are read at one velocity only."""
     return (DECAY_SECONDS if velocity == VELOCITY else LEVEL_SECONDS) + MARGIN
-
-
-def retuned(note: Note, key: int) -> Note:
-    """A note played faster or slower, at the pitch of another key."""
-    speed = key_frequency(key) / key_frequency(note.key)
-    return Note((soxr.resample(note.audio, note.rate * speed, note.rate), note.rate), key)
 
 
 def distance(notes: dict[int, Note], recorded: dict[int, Note]) -> Distance:
@@ -167,9 +134,9 @@ def distance(notes: dict[int, Note], recorded: dict[int, Note]) -> Distance:
     one, other = notes[VELOCITY], recorded[VELOCITY]
     early, late = (slope_factor(one.slopes[:, stage], other.slopes[:, stage]) for stage in (0, 1))
     both = notes.keys() & recorded.keys()
-    mine, its = (slope_of_brightness(by[velocity] for velocity in both) for by in (notes, recorded))
+    mine, its = (slope_of_brightness({layer: by[layer] for layer in both}) for by in (notes, recorded))
     stiffness = abs(one.inharmonicity / typical_inharmonicity(recorded) - 1)
-    return Distance(difference(one.levels, other.levels)[0], stiffness, early, late, abs(mine / its - 1))
+    return Distance(spectral_distance(one, other), stiffness, early, late, abs(mine / its - 1))
 
 
 def typical_inharmonicity(notes: dict[int, Note]) -> float:
@@ -198,9 +165,3 @@ def mean_distance(distances: list[Distance]) -> Distance:
         math.exp(mean_of(math.log(d.late) for d in distances)),
         mean_of(d.brightness for d in distances),
     )
-
-
-def mean_of(values: Iterable[float], mean: Callable[[list[float]], float] = np.mean) -> float:
-    """Mean, or median, of what is a number."""
-    finite = [value for value in values if math.isfinite(value)]
-    return float(mean(finite)) if finite else math.nan

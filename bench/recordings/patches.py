@@ -6,11 +6,13 @@ from functools import cache
 import engine
 from bench.publish.report import ROOT, publish
 from bench.recordings.decay import SECONDS, median_decays
-from bench.recordings.instrument import VELOCITIES, VELOCITY, ReadNote, Sound
+from bench.recordings.instrument import VELOCITY, ReadNote
 from bench.recordings.keys import key_frequency, key_number
-from bench.recordings.measure import band_levels, difference, knock_level
+from bench.recordings.measure import band_levels, clear_cells, difference, knock_level
+from bench.recordings.note import Sound
 from bench.recordings.partials import read_partials
 
+VELOCITIES = (4, 10, 16)
 SPEED_PER_VELOCITY = 1.12  # the hammer's speed, and the force of the knock, from one velocity to the next
 RATE = 44_100
 
@@ -44,7 +46,7 @@ def strike_once(scene: engine.Scene, velocity: int = VELOCITY) -> engine.Scene:
 
 def row(name: str, against: str, sound: Sound, recorded: Sound, key: int) -> list[str]:
     """What is measured of a sound, and of how far it is from a recording."""
-    rms, mean = difference(*(band_levels(audio, rate) for audio, rate in (sound, recorded)))
+    rms, mean = difference(band_levels(*sound), band_levels(*recorded), clear_cells(*recorded))
     partials = read_partials(*sound, key_frequency(key))
     early, late = median_decays(*sound, partials) if partials else (math.nan, math.nan)
     knock = knock_level(*sound, key_frequency(key))

@@ -10,7 +10,7 @@ import soundfile
 import engine
 from bench.publish.report import figure, publish
 from bench.recordings.glide import Glide, first_level, read_glide
-from bench.recordings.instrument import Sound
+from bench.recordings.note import Sound
 from bench.recordings.plot import RECORDED, RENDERED
 from engine.patch.note_scene import scene_of_note
 

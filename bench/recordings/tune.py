@@ -12,18 +12,12 @@ from typing import Any
 import numpy as np
 
 import engine
-from bench.recordings.instrument import (
-    LEAST_SLOPE,
-    VELOCITIES,
-    VELOCITY,
-    Note,
-    ReadNote,
-    seconds_needed,
-    slope_of_brightness,
-)
+from bench.recordings.decay import LEAST_SLOPE
+from bench.recordings.instrument import VELOCITY, ReadNote, seconds_needed, slope_of_brightness
 from bench.recordings.keys import key_name
-from bench.recordings.measure import differences
-from bench.recordings.piano import TUNED, load_piano, render_note
+from bench.recordings.measure import decibels, differences
+from bench.recordings.note import Note
+from bench.recordings.piano import FITTED_KEYS, FITTED_LAYERS, load_piano, render_note
 
 PROBE = 0.18  # change of the logarithm of a number that shows what it does
 LARGEST = 0.75  # change of a logarithm in a round
@@ -74,25 +68,25 @@ def change_numbers(document: dict[str, Any], paths: list[Path], logarithms: np.n
 
 def read_recorded(key: int, read: ReadNote) -> Notes:
     """A recorded key. Raises ValueError if it is not there at all velocities."""
-    sounds = {velocity: read(key, velocity) for velocity in VELOCITIES}
+    sounds = {velocity: read(key, velocity) for velocity in FITTED_LAYERS}
     if missing := [str(velocity) for velocity, sound in sounds.items() if sound is None]:
         raise ValueError(f"no recording of {key_name(key)} at velocity {', '.join(missing)}")
-    return {velocity: Note(sound, key) for velocity, sound in sounds.items() if sound}
+    return {velocity: Note(sound, key, is_recording=True) for velocity, sound in sounds.items() if sound}
 
 
 def residuals(piano: engine.Scene, recorded: Notes) -> np.ndarray:
     """How far a key is from the recorded one, dB: the sum of squares is the mean square of the differences of levels,
     and something for its decays and its brightness."""
     its = recorded[VELOCITY]
-    notes = {v: Note(render_note(its.key, v, seconds_needed(v), piano), its.key) for v in VELOCITIES}
+    notes = {v: Note(render_note(its.key, v, seconds_needed(v), piano), its.key) for v in FITTED_LAYERS}
     mine = notes[VELOCITY]
-    off, counted = differences(mine.levels, its.levels)
+    off, counted = differences(decibels(mine.powers()), decibels(its.powers()), its.clear())
     ratios = np.log(np.maximum(-mine.slopes, LEAST_SLOPE) / np.maximum(-its.slopes, LEAST_SLOPE))
     known = ratios[np.isfinite(ratios).all(axis=1)]
     decays = np.median(known, axis=0) if len(known) else np.ones(2)
-    slopes = [slope_of_brightness(by.values()) for by in (notes, recorded)]
+    slopes = [slope_of_brightness(by) for by in (notes, recorded)]
     brighter = math.tanh(slopes[0] / slopes[1] - 1) if math.isfinite(slopes[1]) else 0.0
-    levels = np.ravel(off) / math.sqrt(np.sum(counted))
+    levels = np.ravel(np.where(counted, off, 0.0)) / math.sqrt(np.sum(counted))
     return np.concatenate([levels, DECAY_WEIGHT * decays, [BRIGHTNESS_WEIGHT * brighter]])
 
 
@@ -125,5 +119,5 @@ def tune(names: list[str], read: ReadNote) -> None:
     """Fit numbers of the shipped piano, and print them after each round. Raises ValueError as those above do."""
     document = load_piano().instrument or {}
     paths = find_numbers(document, names)
-    for fitted in fit(document, paths, [read_recorded(key, read) for key in TUNED]):
+    for fitted in fit(document, paths, [read_recorded(key, read) for key in FITTED_KEYS]):
         print("\n".join(f"{'.'.join(map(str, path[1:]))} = {value_at(fitted, path)}" for path in paths))

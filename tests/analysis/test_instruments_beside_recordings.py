@@ -92,7 +92,7 @@ def test_a_key_that_the_instrument_lacks_has_a_row_and_counts_in_no_mean():
 
 
 def test_tuning_on_more_than_one_key_in_three_is_refused(monkeypatch, capsys):
-    monkeypatch.setattr(command.piano, "TUNED", (48, 51))
+    monkeypatch.setattr(command.piano, "FITTED_KEYS", (48, 51))
     assert command.compare_piano(set(KEYS), keyboard()) == 2
     assert "one in three" in capsys.readouterr().err
 

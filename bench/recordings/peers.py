@@ -35,14 +35,16 @@ def find_fonts() -> dict[str, Path]:
     return {name: files[0] for name, files in there.items() if files}
 
 
-def play_font(font: Path, notes: Iterable[tuple[int, int, float]], folder: Path) -> PlayNote:
+def play_font(font: Path, notes: Iterable[tuple[int, int, float]], folder: Path, program: int = 0) -> PlayNote:
     """Play notes of a sound font, dry, into a file in a folder, from which single ones are then read.
 
-    notes: key, layer, and s. Raises subprocess.CalledProcessError if fluidsynth fails.
+    notes: key, layer, and s; program: the instrument of General MIDI, from 0, a grand piano. Raises
+    subprocess.CalledProcessError if fluidsynth fails.
     """
     import mido
 
-    track, begins, now = mido.MidiTrack(), dict[tuple[int, int], tuple[float, float]](), 0.0
+    track = mido.MidiTrack([mido.Message("program_change", program=program)])
+    begins, now = dict[tuple[int, int], tuple[float, float]](), 0.0
     for key, layer, seconds in notes:
         pause = round(PAUSE * TICKS_PER_SECOND)
         track.append(mido.Message("note_on", note=key, velocity=layer_velocity(layer), time=pause))

@@ -1,0 +1,100 @@
+"""Instruments beside sampled ones: those of a free sound font of General MIDI, FluidR3, and of others.
+
+The sampled notes are recorded, but looped after half a second to a second: what is later says little.
+"""
+
+import sys
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import engine
+from bench.publish.report import publish
+from bench.recordings.distances import NoteResult, compare_note
+from bench.recordings.keys import layer_velocity
+from bench.recordings.note import Note, retune
+from bench.recordings.peers import FONTS, PlayNote, find_fonts, play_font
+from bench.recordings.summary import mean_of
+from engine.patch.note_scene import scene_of_note
+
+RATE = 44_100  # Hz
+SECONDS, LAYERS = 2.5, (7, 12, 15)
+RECORDED = next(name for name in FONTS if name.startswith("FluidR3"))
+OURS, NEIGHBOUR = "ours", "recorded neighbour, retuned"
+MEASURES = {"third octaves": "bands", "in three windows": "windows", "of the attack": "attack"}
+
+
+class Instrument(NamedTuple):
+    """An instrument, and the sampled one that it is held to."""
+
+    patch: str
+    program: int  # of General MIDI, from 0
+    keys: tuple[int, ...]
+    neighbour: int  # semitones to the key whose sound, retuned, shows natural variation
+
+
+INSTRUMENTS = (
+    Instrument("marimba_keys", 12, (48, 55, 62, 69, 76), 5),
+    Instrument("vibraphone", 11, (53, 60, 67, 74, 81), 5),
+    Instrument("kalimba_keys", 108, (60, 64, 67, 72, 76), 5),
+    Instrument("guitar", 24, (40, 45, 52, 59, 64), 5),
+    Instrument("sitar", 104, (48, 53, 55, 60, 67), 5),
+    Instrument("violin", 40, (55, 62, 69, 76, 83), 5),
+)
+
+
+@cache
+def load(patch: str) -> engine.Scene:
+    """A shipped instrument."""
+    return engine.load(patch)
+
+
+def render_note(patch: str, key: int, layer: int) -> Note:
+    """A key, struck and held."""
+    scene = scene_of_note(load(patch), key, layer_velocity(layer), SECONDS + 1.0, SECONDS)
+    return Note((engine.render(scene, SECONDS, RATE).audio, RATE), key)
+
+
+def compare_instrument(of: Instrument, fonts: dict[str, PlayNote]) -> Iterator[NoteResult]:
+    """Compare each key and layer with the recorded one."""
+
+    def note(font: str, key: int, layer: int) -> Note:
+        sound = fonts[font](key, layer)
+        assert sound is not None
+        return Note(sound, key)
+
+    for key in of.keys:
+        for layer in LAYERS:
+            recorded = note(RECORDED, key, layer)
+            sources = {OURS: render_note(of.patch, key, layer)}
+            sources[NEIGHBOUR] = retune(note(RECORDED, key + of.neighbour, layer), key)
+            sources |= {font: note(font, key, layer) for font in fonts if font != RECORDED}
+            for source, sound in sources.items():
+                yield compare_note(source, layer, sound, recorded, with_decay=False)
+
+
+def run(names: list[str]) -> int:
+    """Compare the instruments of some patches, all if none is named; print and write the table of all."""
+    if RECORDED not in find_fonts():
+        print("bench: fluidsynth or its sound font FluidR3 is not there", file=sys.stderr)
+        return 2
+    chosen = [of for of in INSTRUMENTS if not names or of.patch in names]
+    header, rows = ["dB", "keys × layers"], list[list[str]]()
+    for of in chosen:
+        keys = sorted({*of.keys, *(key + of.neighbour for key in of.keys)})
+        notes = [(key, layer, SECONDS) for key in keys for layer in LAYERS]
+        with TemporaryDirectory() as folder:
+            fonts = {n: play_font(font, notes, Path(folder), of.program) for n, font in find_fonts().items()}
+            results = list(compare_instrument(of, fonts))
+        sources = list(dict.fromkeys(r.source for r in results))
+        header = ["dB", "keys × layers", *sources]
+        for name, measure in MEASURES.items():
+            means = [mean_of(getattr(r, measure) for r in results if r.source == source) for source in sources]
+            row = [f"{of.patch}: {name}", f"{len(of.keys)} × {len(LAYERS)}", *(f"{mean:.1f}" for mean in means)]
+            print(*row, sep=" | ", file=sys.stderr)
+            rows.append(row)
+    if not names:
+        publish("recordings_others", header, rows)
+    return 0

@@ -4,7 +4,7 @@ tables; `… bench compare OLD NEW`: which times have moved; `… bench golden O
 `… bench stale`: which tables are of older kernels; `… bench site [FOLDER]`: the guides as a site; `… bench playable
 [FOLDER]`: a site on which every patch plays; `… bench ruler_package FOLDER`: the problems of the ruler as a package of
 their own; `… bench recordings FOLDER`: how far pianos and toms are from recorded ones; `… bench exhibit PATCH …`: the
-parts of the gallery that show some patches."""
+parts of the gallery that show some patches; `… bench pieces [PATCH …]`: its pieces of music."""
 
 import ast
 import difflib
@@ -19,7 +19,7 @@ from pathlib import Path
 
 from bench.accuracy import golden
 from bench.performance import pairs
-from bench.publish import compare, exhibit, playable, ruler_package, shipped, site, stale
+from bench.publish import compare, exhibit, performances, playable, ruler_package, shipped, site, stale
 from bench.recordings import command
 
 SENTENCE_END = re.compile(r"[.?] (?=[A-Z])")
@@ -58,6 +58,7 @@ OTHERS: dict[str, Callable[[list[str]], int]] = {  # that are no tables, and hav
     "ruler_package": ruler_package.main,
     "recordings": command.main,
     "exhibit": exhibit.main,
+    "pieces": performances.main,
 }
 
 

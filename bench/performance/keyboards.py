@@ -93,7 +93,7 @@ def play_stages() -> dict[str, np.ndarray]:
 
 def minute_of(piece: str) -> Score:
     """A piece, again and again for a minute."""
-    once = PIECES[piece]()
+    once = PIECES[piece].score
     starts = np.arange(0.0, 60.0, once.end)
     notes = [note._replace(time=note.time + start) for start in starts for note in once.notes]
     moves = [move._replace(time=move.time + start) for start in starts for move in once.pedals]

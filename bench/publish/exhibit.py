@@ -7,8 +7,9 @@ import sys
 import tomllib
 
 from bench.publish import stale
-from bench.publish.gallery import LIMIT, PAGE, PICTURES, SOUNDS, WORDS, exhibit
+from bench.publish.gallery import PAGE, PICTURES, WORDS, exhibit
 from bench.publish.report import RESULTS, ROOT, stamp
+from bench.publish.sounds import SOUNDS, check_size
 
 TABLE = re.compile(r"(<!-- bench:gallery -->\n)(.*?)(\n<!-- /bench:gallery -->)", re.DOTALL)
 SECTIONS = re.compile(r"^## .*(?=^`uv run python -m bench gallery`)", re.DOTALL | re.MULTILINE)
@@ -24,9 +25,7 @@ def main(names: list[str]) -> int:
     PICTURES.mkdir(exist_ok=True)
     SOUNDS.mkdir(exist_ok=True)
     made = {name: exhibit(ROOT / "patches" / f"{name}.toml", words[name]) for name in names}
-    size = sum(path.stat().st_size for path in SOUNDS.glob("*.ogg"))
-    if size > LIMIT:
-        raise RuntimeError(f"the sounds take {size / 1e6:.1f} MB, more than {LIMIT / 1e6:g}")
+    check_size()
     caption = f"{stamp('exhibit')}: {', '.join(names)}"
     rows = replace_rows({name: row for name, (row, _) in made.items()}, list(words), caption)
     PAGE.write_text(

@@ -9,25 +9,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import soundfile
 
 import engine
+from bench.publish import mixed
 from bench.publish.pieces import PIECES
 from bench.publish.report import ROOT, publish, stamp
+from bench.publish.sounds import SOUNDS, check_size, hear
 from engine.analysis.features import features
 from engine.analysis.string_shape import string_shape
 from engine.instrument.expansion import expand_for_score
-from engine.output_files import apply_gain
 from engine.patch.paths import locate
 from engine.report import plots
 from engine.sweep.axes import SweepAxis
 from engine.sweep.plan import scene_at
 
 PAGE, WORDS = ROOT / "docs" / "gallery.md", ROOT / "bench" / "gallery.toml"
-PICTURES, SOUNDS = ROOT / "docs" / "gallery", ROOT / "docs" / "audio"
+PICTURES = ROOT / "docs" / "gallery"
 TAIL = 2.0  # s, after a piece
-FADE = 0.01  # s, at the end of a sound that is cut off
-LIMIT = 9e6  # bytes of all sounds
 COLOURS = 160  # of a picture
 HEADER = [
     "patch",
@@ -42,7 +40,7 @@ HEADER = [
 INTRODUCTION = """# Gallery
 
 This page has a picture and the sound of every patch in `patches/`, and two changes to try, with their measured effects.
-Most instruments, such as the [guitar](#guitar) and the [piano](#piano), also have a piece of half a minute.
+Most instruments, such as the [guitar](#guitar) and the [piano](#piano), also play a piece of half a minute or more.
 
 To render a patch, give its name: `uv run fdh render tanpura` writes `tanpura.wav`. A change such as
 `contact.felt.on_at=0.5` sets the key `on_at` of the contact `felt`; `contact.0` is the first contact. This command
@@ -52,6 +50,9 @@ To make a sound of your own, copy the patch, `cp patches/tanpura.toml my_tanpura
 ([first patch](first_patch.md)). The [glossary](glossary.md) explains the words.
 
 `uv run python -m bench gallery` makes this page, its pictures and its sounds.
+
+<!-- mixed -->
+<!-- /mixed -->
 """
 LEGEND = """The fundamental is the lowest partial within 20 dB of the strongest; "none" means that no partial stands
 out. T60 is computed from the energy that is still to come, between -5 and -25 dB; "none" means that the sound does
@@ -74,10 +75,16 @@ def run() -> None:
         row, part = exhibit(path, words[path.stem])
         rows.append(row)
         parts.append(part)
-    size = sum(p.stat().st_size for p in SOUNDS.glob("*.ogg"))
-    if size > LIMIT:
-        raise RuntimeError(f"the sounds take {size / 1e6:.1f} MB, more than {LIMIT / 1e6:g}")
-    page = [INTRODUCTION, "<!-- bench:gallery -->\n<!-- /bench:gallery -->\n", LEGEND, *parts, stamp("gallery"), ""]
+    mixed.make()
+    check_size()
+    page = [
+        mixed.insert(INTRODUCTION),
+        "<!-- bench:gallery -->\n<!-- /bench:gallery -->\n",
+        LEGEND,
+        *parts,
+        stamp("gallery"),
+        "",
+    ]
     PAGE.write_text("\n".join(page), "utf-8")
     publish("gallery", HEADER, rows)
 
@@ -105,14 +112,13 @@ def exhibit(path: Path, words: dict[str, Any]) -> tuple[list[str], str]:
 
 def play(scene: engine.Scene, piece: str, name: str) -> str:
     """Render a piece, and say what it is."""
-    score = PIECES[piece]()
+    score = PIECES[piece].score
     document = (scene.instrument or {}) | {"seconds": score.end + TAIL}
     rendering = engine.render(scene.with_expansion(expand_for_score(document, score)))
     hear(rendering, SOUNDS / f"{name}_piece.ogg")
-    factor, error = rendering.stats.real_time_factor, rendering.stats.energy.error_max
-    what = (PIECES[piece].__doc__ or "").rstrip(".")
-    sound = f"Half a minute: [{name}_piece.ogg](audio/{name}_piece.ogg)"
-    return f"{sound}. {what}. {len(score.notes)} notes, {factor:.1f} × real time, energy error {error:.0e}."
+    error = rendering.stats.energy.error_max
+    sound = f"A piece of {score.end + TAIL:.0f} s: [{name}_piece.ogg](audio/{name}_piece.ogg)"
+    return f"{sound}. {PIECES[piece].about}. {len(score.notes)} notes, energy error {error:.0e}."
 
 
 def attempt(path: Path, trial: dict[str, Any], before: dict[str, float | None]) -> str:
@@ -156,16 +162,6 @@ def sources(path: Path) -> str:
         if not line.startswith("#:"):
             found.append(line.lstrip("# "))
     return " ".join(found)
-
-
-def hear(rendering: engine.Rendering, path: Path) -> None:
-    """A small file of the sound, normalised."""
-    audio, _ = apply_gain(rendering.audio, float(rendering.stats["peak"]), None)
-    end = round(FADE * rendering.samplerate)
-    audio[-end:] *= np.linspace(1.0, 0.0, end)[:, None]
-    with soundfile.SoundFile(path, "w", rendering.samplerate, audio.shape[1], format="OGG", subtype="VORBIS") as file:
-        for begin in range(0, len(audio), 4096):  # libsndfile loses its way in longer pieces
-            file.write(audio[begin : begin + 4096])
 
 
 def see(scene: engine.Scene, rendering: engine.Rendering, path: Path) -> None:

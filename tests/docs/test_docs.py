@@ -101,7 +101,10 @@ def test_the_notebook_runs(tmp_path):
 
 def test_the_gallery_is_that_of_the_patches():
     """Made of the patches as they are, with a sound and a picture of each, and the pieces; sounds fit in 9 MB."""
-    from bench.publish.gallery import LIMIT, PAGE, PICTURES, SOUNDS, WORDS, changed, mark
+    from bench.publish import mixed
+    from bench.publish.gallery import INTRODUCTION, PAGE, PICTURES, WORDS, changed, mark
+    from bench.publish.pieces import PIECES
+    from bench.publish.sounds import LIMIT, SOUNDS
 
     words, page = tomllib.loads(WORDS.read_text("utf-8")), PAGE.read_text("utf-8")
     assert set(words) == {p.stem for p in PATCHES} and len(words) >= 12
@@ -115,10 +118,11 @@ def test_the_gallery_is_that_of_the_patches():
         assert (PICTURES / f"{path.stem}.png").read_bytes().startswith(b"\x89PNG")
     assert sum(p.stat().st_size for p in SOUNDS.iterdir()) < LIMIT
     pieces = {f"{name}_piece" for name in words if "piece" in words[name]}
-    assert {p.stem for p in SOUNDS.iterdir()} == set(words) | pieces and {p.stem for p in PICTURES.iterdir()} == set(
-        words
-    )
+    assert {p.stem for p in SOUNDS.iterdir()} == set(words) | pieces | {mixed.SOUND.stem}
+    assert {p.stem for p in PICTURES.iterdir()} == set(words)
     assert all(f"audio/{piece}.ogg" in page for piece in pieces)
+    assert page.startswith(mixed.insert(INTRODUCTION))
+    assert all(PIECES[word["piece"]].about in page for word in words.values() if "piece" in word)
 
 
 def test_a_dozen_patches_sound_different():

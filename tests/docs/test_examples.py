@@ -270,4 +270,4 @@ def test_all_scripts_are_tested_and_all_pictures_are_small_and_shown():
     page, source = (FOLDER / "README.md").read_text("utf-8"), Path(__file__).read_text("utf-8")
     assert len(SCRIPTS) == 8 and all(f'run("{path.stem}"' in source for path in SCRIPTS)
     assert all(is_picture(path) and f"]({path.name})" in page for path in FOLDER.glob("*.png"))
-    assert {path.suffix for path in FOLDER.iterdir() if path.is_file()} == {".py", ".md", ".png"}
+    assert {path.suffix for path in FOLDER.iterdir() if path.is_file()} == {".py", ".md", ".png", ".mid"}

@@ -54,8 +54,7 @@ class SceneTables(Table):
         default=None,
         ge=-MAX_LEVEL,
         le=MAX_LEVEL,
-        description="gain where the sound is heard, dB: live, on a page, and in files with --level patch; `fdh level`"
-        " measures the one at which the loudest note peaks at -6 dBFS; if absent, live sound is measured at its start",
+        description="gain of live sound, of pages and of files with --level patch, dB",
     )
     gravity: float = Field(
         default=0.0,

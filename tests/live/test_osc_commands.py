@@ -281,8 +281,9 @@ def test_an_instrument_that_waits_for_notes_has_a_level(name):
     asked.kernel, asked.json, asked.ignore_speed = "general", True, True
     asked.gain, asked.accuracy = None, {}
     factory = PlayerFactory(asked, 44_100, 2)
-    scene = engine.load(name).model_copy(update={"level": None})
-    player = factory.make_player(factory.prepare(scene), 0.1)
+    document = engine.load(name).document
+    del document["level"]
+    player = factory.make_player(factory.prepare(engine.Scene.model_validate(document)), 0.1)
     keys = make_allocator(player)
     keys.play(Note(0.0, "on", keys.keys[len(keys.keys) // 2], 127))
     player.render_into(np.zeros((11_025, player.channels), np.float32))

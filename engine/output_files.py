@@ -44,7 +44,7 @@ def describe_lowered_gain(output: Path, gain: float, requested: float | None) ->
     """A message that the requested gain was lowered, in a list; an empty list if it was not."""
     if requested is None or gain >= requested:
         return []
-    return [f"{output}: --gain {requested:g} exceeds the range of its numbers; {gain:g} dB was used instead"]
+    return [f"{output}: a gain of {requested:g} dB exceeds the range of its numbers; {gain:g} dB was used instead"]
 
 
 def save_audio(output: Path, audio: "np.ndarray", samplerate: int, subtype: str | None) -> None:

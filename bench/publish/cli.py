@@ -25,7 +25,7 @@ PATCH is a file, or the name of a shipped patch, which works in any folder:
 NOTES = {  # on what the options cannot say, under the table of a command
     "render": """
 - Signals are in SI units and can be very small. The file is therefore normalised to −1 dBFS, and the gain is printed;
-  `--gain 0` keeps SI units.
+  `--gain 0` keeps SI units, and `--level patch` gives the file the [level](live.md#level) of live sound.
 - A rendering estimates the error of its first twentieth where that costs little. `--error-estimate` compares all
   of it, and `--target-error 1e-3` renders until the error is smaller: [what accuracy costs](accuracy.md).
 - `--trace` writes every sample's displacement, velocity, compression, force, Newton iterations and energies, with the

@@ -74,8 +74,10 @@ def export_page(
 
 
 def level_of(scene: Scene, samplerate: int) -> float:
-    """Return the gain that brings a scene to half of full scale: its first two seconds, or the middle key of an
-    instrument, as loud as can be."""
+    """Return the gain of the scene's `level`; if it has none, that which brings to half of full scale its first two
+    seconds, or the middle key of an instrument, as loud as can be."""
+    if scene.level_factor is not None:
+        return scene.level_factor
     is_instrument = scene.instrument is not None
     played = live_scene(scene) if is_instrument else scene
     kernel = KernelName.GENERAL  # which need not be compiled

@@ -46,8 +46,11 @@ class Pilot:
 
     @cached_property
     def gain(self) -> float:
-        """The gain at which the first run reaches half of full scale; 1 for silence."""
-        _, peak = self._first_run
+        """The gain at which the first run, and the middle key, reach half of full scale; 1 for silence."""
+        _ = self._first_run
+        if self.plays_keys:
+            self._press_middle_key(self.player)
+        peak = float(self.player.gauges[Gauge.PEAK])
         is_silent = peak == 0.0 or (not self.plays_keys and is_inaudible(self.player.patch))
         return 1.0 if is_silent else HEADROOM / peak
 
@@ -55,19 +58,19 @@ class Pilot:
     def speed(self) -> float:
         """Times real time that the dearest stretch of the scene runs at. The machine may have been busy with something
         else: what seems too dear is played anew, by another player, and of each stretch the quickest counts."""
-        costs, _ = self._first_run
+        costs = self._first_run
         for _ in range(RETRIES):
             if costs.max(initial=0.0) > 1.0:
-                repeated, _ = self._run(self.make(), costs.size)
+                repeated = self._run(self.make(), costs.size)
                 costs[: repeated.size] = np.minimum(costs[: repeated.size], repeated)
         return 1.0 / float(costs.max(initial=1e-9))
 
     @cached_property
-    def _first_run(self) -> tuple[np.ndarray, float]:
+    def _first_run(self) -> np.ndarray:
         return self._run(self.player, math.inf)
 
-    def _run(self, player: Player, most: float) -> tuple[np.ndarray, float]:
-        """Play a scene. Returns the time spent per time of sound, of each stretch, and the peak in SI units.
+    def _run(self, player: Player, most: float) -> np.ndarray:
+        """Play a scene. Returns the time spent per time of sound, of each stretch.
 
         most: stretches that are played
         """
@@ -85,9 +88,7 @@ class Pilot:
                 spent, played = 0.0, 0
         if played and not costs:
             costs.append(spent / played * rate)
-        if self.plays_keys:
-            self._press_middle_key(player)
-        return np.array(costs), float(player.gauges[Gauge.PEAK])
+        return np.array(costs)
 
     def _press_middle_key(self, player: Player) -> None:
         """Play the middle key of an instrument as loud as can be."""

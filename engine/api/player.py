@@ -24,8 +24,9 @@ class Player(player.Player):
     """A scene that is played while events come: strikes, plucks, dampers, live parameters.
 
     seconds: until it fades out; the scene's own if None; `math.inf`: until it is stopped
-    gain:    factor on SI units. If None, the first two seconds of the scene are computed beforehand, and their peak is
-             brought to half of full scale, or left in SI units if they are silent; what is louder later is limited
+    gain:    factor on SI units; if None, that of the scene's `level`. Without a level, the first two seconds of the
+             scene are computed beforehand, and their peak is brought to half of full scale, or left in SI units if they
+             are silent. What is louder than full scale is limited
     input:   an AudioInput: the sound of a microphone, or what `read` is given, pushes a body
     options: some of these:
 
@@ -80,6 +81,7 @@ class Player(player.Player):
             )
         if input is not None and options.get("voices"):
             raise ValueError("a player of voices takes no audio input; leave out voices, or the input")
+        gain = scene.level_factor if gain is None else gain
         if gain is None:
             make = partial(player.Player, scene, samplerate, math.inf, **options)
             gain = Pilot(make, frame_count(min(PILOT_SECONDS, scene.seconds), samplerate), PILOT_SECONDS).gain

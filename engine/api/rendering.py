@@ -134,7 +134,8 @@ class Rendering(RenderedArrays):
         """Write the sound to a file, in the format of its name: .wav, .flac, .ogg and more. A name that ends in .npz
         gets the trace instead, and in .png, .pdf or .svg the picture.
 
-        gain:    dB; if None, the sound is normalised to -1 dBFS, for SI units may be tiny. 0 keeps SI units
+        gain:    dB; if None, the sound is normalised to -1 dBFS, for SI units may be tiny. 0 keeps SI units, and
+                 `rendering.scene.level` is the level of the patch
         subtype: FLOAT (of a .wav, if None), PCM_24, PCM_16 or DOUBLE
         style:   of a picture, as of `plot`
 

@@ -107,8 +107,8 @@ class PlayerFactory:
         return Player(scene, self.samplerate, seconds, gain, **many)
 
     def find_gain(self, pilot: Pilot, size: str) -> float:
-        """The gain that an option or a test run gives, a factor. Raises CommandError if the scene is too slow. size: of
-        the scene, in words"""
+        """The gain that an option, the patch or a test run gives, a factor. Raises CommandError if the scene is too
+        slow. size: of the scene, in words"""
         with progress_feedback("measuring the speed", size):
             speed = pilot.speed
         if speed < 1.0 and not self.args.ignore_speed:
@@ -117,7 +117,10 @@ class PlayerFactory:
                 f"TOO SLOW for real time: {speed:.2f} × in the worst case; {remedy}; or give a lower --samplerate, or"
                 " --ignore-speed"
             )
-        return pilot.gain if self.args.gain is None else float(10 ** (self.args.gain / 20))
+        if self.args.gain is not None:
+            return float(10 ** (self.args.gain / 20))
+        level = pilot.player.patch.level_factor
+        return pilot.gain if level is None else level
 
     def make_quickly(self, scene: Scene) -> Player:
         """Make a player with a shorter test run, as for an edited patch."""

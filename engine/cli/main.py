@@ -14,6 +14,7 @@ from engine.cli.accuracy_command import add_accuracy_command
 from engine.cli.arguments import CommandParser, Parser
 from engine.cli.export_command import add_export_command
 from engine.cli.inspect_command import add_inspect_command
+from engine.cli.level_command import add_level_command
 from engine.cli.machine_commands import add_machine_commands
 from engine.cli.messages import (
     CommandError,
@@ -41,6 +42,7 @@ COMMAND_GROUPS = (
     add_score_command,
     add_export_command,
     add_inspect_command,
+    add_level_command,
     add_patch_commands,
     add_machine_commands,
 )

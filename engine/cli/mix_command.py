@@ -186,7 +186,8 @@ def play_parts(mixed: MixedPatch, excerpt: "Excerpt", args: argparse.Namespace) 
     except MidiError as error:
         raise MidiError(f"{mixed.name}: {error}") from None
     print_messages(f"{mixed.name}: {line}" for line in notes.remarks)
-    return MixedSound(mixed, notes, mix_factor(notes.audio, mixed.level, is_balanced=args.gain is None))
+    level = mixed.level + (0.0 if args.level is None else mixed.scene.level or 0.0)
+    return MixedSound(mixed, notes, mix_factor(notes.audio, level, is_balanced=args.gain is None))
 
 
 def mix_factor(audio: "np.ndarray", level: float, is_balanced: bool) -> float:

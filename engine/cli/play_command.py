@@ -35,7 +35,12 @@ def add_play_command(commands: "arguments.Commands") -> None:
     rate = "--samplerate", "HZ", "sample rate in Hz (default: that of the device)"
     midi = "--midi", "PORT|FILE", "play the notes of a MIDI file, or of a MIDI port"
     voices = "--voices", "N", f"maximum number of notes at a time, with --midi or --osc (default: {arguments.VOICES})"
-    arguments.add_options(parser, latency, "--seconds", rate, "--gain", "--cores", "--kernel", midi)
+    gain = (
+        "--gain",
+        "DB",
+        "gain in dB, applied to SI units (default: the level of the patch, or else measured)",
+    )
+    arguments.add_options(parser, latency, "--seconds", rate, gain, "--cores", "--kernel", midi)
     text = "receive Open Sound Control on this UDP port; only from this machine unless HOST is given"
     arguments.add_options(parser, "--channels", "--tracks", voices, ("--osc", "[HOST:]PORT", text))
     parser.add_argument("--watch", action="store_true", help="reload the patch whenever it is saved")

@@ -13,7 +13,7 @@ from engine.cli.messages import (
     read_patch,
     require_scene,
 )
-from engine.cli.mix_command import mix_command, read_assignments
+from engine.cli.mix_command import MixedPatch, mix_command, read_assignments
 from engine.cli.notes import PARTS_REMEDY, add_score, note_errors_explained, play_notes
 from engine.cli.option_checks import (
     check_kernel,
@@ -29,6 +29,7 @@ from engine.cli.option_checks import (
 from engine.cli.progress import progress_feedback
 from engine.faults import Fault
 from engine.output_files import check_audio_format
+from engine.wording import program_name
 
 if TYPE_CHECKING:
     from engine.patch.scene import Scene
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 # what a render of notes takes no notice of
 NOT_OF_MIXES = {"--trace": "trace", "--plot": "plot", "--report": "report"}
 NOT_OF_MIXES |= {"--oversample": "oversample", "--error-estimate": "error_estimate"}
+LEVEL_OF_PATCH = "patch"
 NOT_OF_NOTES = NOT_OF_MIXES | {"--cores": "cores"}
 
 
@@ -45,7 +47,8 @@ def add_render_command(commands: "arguments.Commands") -> None:
     arguments.add_patch(parser)
     help_text = "sound file to write (default: PATCH.wav in this folder, or TUNE_PATCH.wav with --midi)"
     parser.add_argument("-o", "--output", metavar="OUT.wav", help=help_text)
-    arguments.add_options(parser, "--seconds", "--samplerate", "--subtype", "--gain", "--cores", "--kernel")
+    level = "--level", LEVEL_OF_PATCH, "patch: at the level of the patch, as in live sound, instead of normalised"
+    arguments.add_options(parser, "--seconds", "--samplerate", "--subtype", "--gain", level, "--cores", "--kernel")
     arguments.add_accuracy_options(parser)
     help_text = "choose the steps by error, and render until the error is below 1e-4, or 0.1dB"
     arguments.add_options(parser, ("--target-error", "E", help_text))
@@ -79,11 +82,13 @@ def render_command(args: argparse.Namespace) -> int:
         option_faults.append(Fault("--trace-shapes", "requires --trace; give that too, with the name of a file"))
     option_faults += ignored_options(scene, args) + check_kernel(args) + check_parts(args) + note_faults
     assignments, assignment_faults = read_assignments(args)
-    option_faults += assignment_faults
+    option_faults += assignment_faults + check_level(scene, [each.mixed for each in assignments], args)
     if scene is not None and not option_faults:
         channels = max(scene.channels, *(each.mixed.scene.channels for each in assignments), 0)
         option_faults += check_rate_and_channels("--output", args.output, samplerate_of(args), channels)
     scene = require_scene(scene, faults + option_faults)
+    if args.level is not None:
+        args.gain = 0.0 if assignments else scene.level  # a mix applies the level of each patch by itself
     if not args.midi:
         return scene_command(scene, args)
     if assignments:
@@ -104,6 +109,22 @@ def ignored_options(scene: "Scene | None", args: argparse.Namespace) -> list[Fau
         return [Fault("--voices", message)] if scene is not None and args.voices is not None else []
     given = [option for option, name in NOT_OF_NOTES.items() if getattr(args, name) is not None]
     return [Fault(option, "cannot be combined with --midi") for option in given]
+
+
+def check_level(scene: "Scene | None", others: list[MixedPatch], args: argparse.Namespace) -> list[Fault]:
+    """List the faults of --level. others: the patches beside PATCH that play"""
+    if args.level is None:
+        return []
+    if args.level != LEVEL_OF_PATCH:
+        return [Fault("--level", f'"{args.level}" is not known; give {LEVEL_OF_PATCH}')]
+    if args.gain is not None:
+        return [Fault("--level", "cannot be combined with --gain; give one of them")]
+    patches = {mixed.patch: mixed.scene for mixed in others} | ({} if scene is None else {args.patch: scene})
+    return [
+        Fault("--level", f"{path} gives no level; {program_name()} level {path} measures the one to add to it")
+        for path, patch in patches.items()
+        if patch.level is None
+    ]
 
 
 def scene_command(scene: "Scene", args: argparse.Namespace) -> int:

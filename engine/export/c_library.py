@@ -141,7 +141,9 @@ def _events_of(scene: Scene, player: RowRecorder) -> tuple[EventTables, list[str
     middle = min((key.number for key in keys), key=lambda number: abs(number - 60), default=0)
     numbers = {"KEYS": len(keys), "PADS": len(pads), "SLIDERS": len(sliders), "MIDDLE_KEY": middle}
     first = {"FIRST_SIZE": (pads[0].size or 1.0) if pads else 0.0}
-    return tables, [*_named_keys(keys), *_named_pads(pads), *_named_sliders(sliders), *_defined(numbers | first)]
+    gain = f"#define FDH_GAIN {scene.level_factor or 0.0!r} /* the level of the patch, a factor on samples; 0: none */"
+    lines = [*_named_keys(keys), *_named_pads(pads), *_named_sliders(sliders), *_defined(numbers | first), gain]
+    return tables, lines
 
 
 def _named_keys(keys: list[Key]) -> list[str]:

@@ -82,7 +82,7 @@ _ANSWERS: tuple[tuple[str, str, str], ...] = (
         "pan panning balance stereo",
     ),
     (
-        "gain is a key of a [[pickup]]; --gain sets the level of the file",
+        "gain is a key of a [[pickup]]; level, dB, is one of the patch; --gain sets the level of the file",
         "sound",
         "volume level amp loudness",
     ),

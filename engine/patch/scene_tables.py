@@ -35,6 +35,7 @@ from engine.patch.tables import MAX_GRAVITY, MAX_SECONDS, Connection, Contact, E
 from engine.wording import to_one_line
 
 SAMPLE_RATE_RANGE = (4_000, 768_000)  # Hz
+MAX_LEVEL = 400.0  # dB, either way
 MAX_TABLES = 5_000  # of one section
 MAX_EVENTS = 100_000
 MAX_NOTES = 20_000
@@ -49,6 +50,12 @@ class SceneTables(Table):
 
     title: str = Field(default="", description="title")
     seconds: float = Field(default=2.0, gt=0.0, le=MAX_SECONDS, description="length of the sound, s")
+    level: float | None = Field(
+        default=None,
+        ge=-MAX_LEVEL,
+        le=MAX_LEVEL,
+        description="gain of live sound, of pages and of files with --level patch, dB",
+    )
     gravity: float = Field(
         default=0.0,
         ge=-MAX_GRAVITY,
@@ -158,6 +165,11 @@ class SceneTables(Table):
     def folder(self) -> Path:
         """The folder to which files in the document are relative."""
         return self._folder
+
+    @property
+    def level_factor(self) -> float | None:
+        """The factor on SI units that its level means; None if it gives no level."""
+        return None if self.level is None else float(10.0 ** (self.level / 20.0))
 
     @property
     def channels(self) -> int:

@@ -130,7 +130,7 @@ def test_a_gain_is_no_larger_than_the_file_holds(tmp_path, capsys, subtype, most
     assert np.isfinite(audio).all() and np.abs(audio).max() < most
     said = capsys.readouterr()
     lowered = subtype == "FLOAT"
-    assert ("--gain 400 exceeds the range of its numbers" in said.err) == lowered
+    assert ("a gain of 400 dB exceeds the range of its numbers" in said.err) == lowered
     assert json.loads(said.out)["gain_db"] == pytest.approx(345.0 if lowered else 400.0, abs=5.0)
 
 

@@ -196,7 +196,7 @@ def test_an_impossible_rate_names_the_patch(tmp_path, capsys):
     text = (ROOT / "patches" / "repelled_oscillator.toml").read_text()
     (tmp_path / "p.toml").write_text(text.replace("frequency = 440.0", "frequency = 44000.0"))
     assert main.main([str(tmp_path / "p.toml"), "-o", str(tmp_path / "a.wav")]) == 2
-    assert "p.toml:7 body[0]: vibrates at 44000 Hz" in capsys.readouterr().err
+    assert "p.toml:8 body[0]: vibrates at 44000 Hz" in capsys.readouterr().err
 
 
 def test_help_answers_at_once():

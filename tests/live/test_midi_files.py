@@ -234,6 +234,23 @@ def test_a_mix_is_the_sum_of_its_parts(rods, tmp_path, capsys):
     np.testing.assert_allclose(quiet, wanted, atol=1e-15)
 
 
+def test_a_mix_takes_the_level_of_each_patch_if_asked_for(rods, tmp_path, capsys):
+    """Patches that give a level are mixed at it, as they would be heard live; nothing is normalised."""
+    (tmp_path / "loud.toml").write_text("level = 20.0\n" + RODS, "utf-8")
+    (tmp_path / "low.toml").write_text("level = -20.0\n" + RODS, "utf-8")
+    song = write(tmp_path / "song.mid", MELODY, BASS)
+    first = render("loud.toml", "--midi", song, "--channels", "1")
+    second = render("low.toml", "--midi", song, "--channels", "2")
+    wanted = np.zeros((max(len(first), len(second)), 1))
+    wanted[: len(first)] += 10.0 * first
+    wanted[: len(second)] += 0.1 * 2.0 * second
+    words = ["render", "loud.toml", "--midi", song, "--play", f"2=low.toml@{20 * np.log10(2.0)}"]
+    assert main.main([*words, "--level", "patch", "--subtype", "DOUBLE", "-o", "mix.wav"]) == 0
+    np.testing.assert_allclose(soundfile.read("mix.wav", always_2d=True)[0], wanted, atol=1e-12)
+    assert main.main(["render", "loud.toml", "--midi", song, "--play", "2=" + rods, "--level", "patch"]) == 2
+    assert "gives no level" in capsys.readouterr().err
+
+
 def test_a_mix_brings_its_patches_to_one_level(rods, tmp_path, capsys):
     """Units of different pickups do not compare: one patch is a millionth as loud."""
     (tmp_path / "soft.toml").write_text(RODS.replace('velocity = "= v"', 'velocity = "= 1e-6*v"'), "utf-8")

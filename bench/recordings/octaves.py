@@ -24,12 +24,13 @@ from bench.recordings.measure import (
 DECAY_FRAMES = Frames(0.2, 0.05, seconds=DECAY_SECONDS)  # long enough for the lowest octave
 LATE = 1 / 3  # of the time that an octave is heard: its late decay begins
 LEAST_SECONDS = 0.5  # that an octave is heard, to have a late decay
-OCTAVES = CENTRES[1:-2:3]  # Hz, 31 Hz to 8 kHz: centres of octaves of three bands each
+OCTAVES = CENTRES[3:-1:3]  # Hz, 62.5 Hz to 8 kHz: centres of octaves of three bands each
+FIRST = 2  # band of the first octave
 
 
 def sum_octaves(bands: np.ndarray) -> np.ndarray:
     """Sums over the three bands of each octave [..., octaves]. bands: [..., third-octave bands]"""
-    return np.asarray(bands[..., : 3 * len(OCTAVES)].reshape(*bands.shape[:-1], -1, 3).sum(axis=-1))
+    return np.asarray(bands[..., FIRST : FIRST + 3 * len(OCTAVES)].reshape(*bands.shape[:-1], -1, 3).sum(axis=-1))
 
 
 def octave_levels(audio: np.ndarray, rate: float) -> np.ndarray:

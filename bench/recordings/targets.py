@@ -125,11 +125,12 @@ def group_results(results: list[KeyResult], fitted: tuple[int, ...]) -> dict[str
         NEIGHBOUR: mean_distance([r.neighbour for r in new]),
     }
     sources = dict.fromkeys([*strings, *(note.source for r in new for note in r.notes)])
-    groups = {
-        source: Group([n for r in new for n in r.notes if n.source == source], strings.get(source, Distance()))
-        for source in sources
-    }
-    at_fitted = Group([n for r in old for n in r.notes if n.source == INSTRUMENT], mean_distance([r.off for r in old]))
+
+    def group(results: list[KeyResult], source: str, strings: Distance) -> Group:
+        return Group([note for r in results for note in r.notes if note.source == source], strings)
+
+    groups = {source: group(new, source, strings.get(source, Distance())) for source in sources}
+    at_fitted = group(old, INSTRUMENT, mean_distance([r.off for r in old]))
     return {INSTRUMENT: groups.pop(INSTRUMENT), FITTED: at_fitted} | groups
 
 

@@ -19,8 +19,8 @@ def add_level_command(commands: "arguments.Commands") -> None:
     """Add `level` and its options."""
     summary = "measure the level of patches: the gain at which the loudest note peaks at -6 dBFS"
     description = (
-        f"{summary.capitalize().replace('dbfs', 'dBFS')}. Of an instrument, each key is played alone at velocity 127;"
-        " another patch plays by itself. The line that is printed goes to the top of the patch."
+        f"{summary[0].upper()}{summary[1:]}. Of an instrument, each key is played alone at velocity 127; another patch"
+        " plays by itself. What is printed, level = …, is for the top of the patch."
     )
     parser = arguments.add_command(commands, "level", level_command, summary, description=description)
     arguments.add_patch(parser, nargs="+")

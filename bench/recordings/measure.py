@@ -97,7 +97,7 @@ def band_levels(audio: np.ndarray, rate: float, frames: Frames = FRAMES) -> np.n
 
 
 def clear_cells(audio: np.ndarray, rate: float, frames: Frames = FRAMES) -> np.ndarray:
-    """Which bands of which frames of a recording stand 6 dB above its noise: truths [frames, bands].
+    """Bands and frames in which a recording stands 6 dB above its noise: truths [frames, bands].
 
     audio: [frames, channels], the whole recording
     """

@@ -64,8 +64,9 @@ def band_level(sound: np.ndarray, rate: float, frequency: float, fundamental: fl
     """Time, s, and level, dB, in a narrow band about a frequency. sound: [frames, channels]"""
     size = round(max(SHORTEST, PERIODS / fundamental) * rate)
     starts = np.arange(0, len(sound) - size + 1, max(1, size // HOPS))
+    parts = np.ascontiguousarray(sound.T, complex)
     wave = np.hanning(size) * np.exp(-2j * np.pi * frequency * np.arange(size) / rate)
-    power = np.array([np.sum(np.abs(wave @ sound[s : s + size]) ** 2) for s in starts])
+    power = np.array([sum(abs(np.vdot(wave, part[s : s + size])) ** 2 for part in parts) for s in starts])
     return starts / rate, 10 * np.log10(power + 1e-30)
 
 

@@ -1,5 +1,6 @@
 """What is compared with a recorded note: levels in third-octave bands over time, and the knock below the partials."""
 
+import functools
 import itertools
 import math
 from typing import NamedTuple
@@ -39,7 +40,7 @@ WIDTHS = CENTRES * (2 ** (1 / 6) - 2 ** (-1 / 6))  # Hz [bands]
 
 def onset(audio: np.ndarray) -> int:
     """The first frame within 30 dB of the peak. audio: [frames, channels]"""
-    size = np.abs(audio).max(axis=1)
+    size = functools.reduce(np.maximum, np.abs(audio).T)  # sooner than a maximum over so short an axis
     return int(np.argmax(size > size.max() * 10 ** (-ONSET_DB / 20)))
 
 
@@ -97,7 +98,7 @@ def band_levels(audio: np.ndarray, rate: float, frames: Frames = FRAMES) -> np.n
 
 
 def clear_cells(audio: np.ndarray, rate: float, frames: Frames = FRAMES) -> np.ndarray:
-    """Which bands of which frames of a recording stand 6 dB above its noise: truths [frames, bands].
+    """Bands and frames in which a recording stands 6 dB above its noise: truths [frames, bands].
 
     audio: [frames, channels], the whole recording
     """

@@ -34,7 +34,7 @@ class Note:
         return self._powers[frames]
 
     def clear(self, frames: Frames = FRAMES) -> np.ndarray:
-        """Where it is clear of its noise: truths [frames, bands]."""
+        """Cells that are clear of its noise: truths [frames, bands]."""
         if frames not in self._clear:
             of_all = np.ones(self.powers(frames).shape, bool)
             self._clear[frames] = clear_cells(self.audio, self.rate, frames) if self.is_recording else of_all

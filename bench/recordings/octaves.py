@@ -39,12 +39,12 @@ def octave_levels(audio: np.ndarray, rate: float) -> np.ndarray:
 
 
 def clear_frames(levels: np.ndarray, audio: np.ndarray, rate: float) -> np.ndarray:
-    """How many frames each octave of a recording stands 6 dB above its noise [octaves]. levels: dB [frames, octaves]"""
+    """Frames that each octave of a recording stays 6 dB above its noise [octaves]. levels: dB [frames, octaves]"""
     return frames_above(levels, decibels(sum_octaves(noise_powers(audio, rate, DECAY_FRAMES))) + CLEAR_DB)
 
 
 def frames_above(levels: np.ndarray, least: np.ndarray) -> np.ndarray:
-    """How many frames each octave is above a level, a beat's trough aside [octaves]. levels: dB [frames, octaves]"""
+    """Frames that each octave stays above a level, a beat's trough aside [octaves]. levels: dB [frames, octaves]"""
     length = 1 + 2 * round(SMOOTH_SECONDS / 2 / DECAY_FRAMES.hop)
     below = median_filter(levels - least, (length, 1), mode="nearest") < 0
     return np.where(below.any(axis=0), below.argmax(axis=0), len(levels))
@@ -55,7 +55,9 @@ def late_ratios(levels: np.ndarray, recorded: np.ndarray, clear: np.ndarray, low
 
     Both are lines through the same time: from a third of that in which the recording is heard to its end. It is heard
     until it has fallen by 50 dB, or has come near its noise. Not a number for an octave that is below the note, heard
-    for less than half a second, or 60 dB softer than the loudest. levels: dB [frames, octaves], recorded likewise;
+    for less than half a second, or 60 dB softer than the loudest.
+
+    levels: dB [frames, octaves], recorded likewise;
     clear: frames in which both are clear of their noise [octaves]; lowest: frequency of the note, Hz
     """
     top = recorded.max(axis=0)

@@ -42,7 +42,8 @@ def key_row(result: KeyResult) -> list[str]:
 
     return [
         key_name(result.key),
-        *(two(d.levels) for d in (result.off, result.other_velocities, result.neighbour)),
+        two(result.off.levels),
+        *(two(d.levels) for d in (result.other_velocities, result.neighbour)),
         *both("cents", two),
         f"{its.inharmonicity:.2e}" if math.isfinite(its.inharmonicity) else "",
         str(its.partials),

@@ -54,18 +54,17 @@ def late_ratios(levels: np.ndarray, recorded: np.ndarray, clear: np.ndarray, low
     """Late decay of octaves over the recorded one, natural logarithms of ratios of dB/s [octaves].
 
     Both are lines through the same time: from a third of that in which the recording is heard to its end. It is heard
-    until it has fallen by 50 dB, or has come near its noise. Not a number for an octave that is below the note, heard
-    for less than half a second, or 60 dB softer than the loudest.
+    until it has fallen by 50 dB, or to 60 dB below the loudest octave, or has come near its noise. Not a number for an
+    octave that is below the note, or heard for less than half a second.
 
     levels: dB [frames, octaves], recorded likewise;
     clear: frames in which both are clear of their noise [octaves]; lowest: frequency of the note, Hz
     """
     top = recorded.max(axis=0)
-    ends = np.minimum(clear, frames_above(recorded, top - DEPTH_DB))
+    ends = np.minimum(clear, frames_above(recorded, np.maximum(top - DEPTH_DB, top.max() - FLOOR_DB)))
     ratios = np.full(len(OCTAVES), math.nan)
     for n, end in enumerate(ends):
-        is_in_note = OCTAVES[n] * math.sqrt(2) > lowest and top[n] > top.max() - FLOOR_DB
-        if is_in_note and end * DECAY_FRAMES.hop >= LEAST_SECONDS:
+        if OCTAVES[n] * math.sqrt(2) > lowest and end * DECAY_FRAMES.hop >= LEAST_SECONDS:
             seconds = np.arange(round(LATE * end), end) * DECAY_FRAMES.hop
             falls = [-np.polyfit(seconds, x[round(LATE * end) : end, n], 1)[0] for x in (levels, recorded)]
             ratios[n] = np.log(np.divide(*np.maximum(falls, LEAST_SLOPE)))

@@ -4,14 +4,16 @@ import math
 from collections.abc import Callable
 
 from bench.publish.report import figure, publish
-from bench.recordings.instrument import KeyResult
+from bench.recordings.instrument import INSTRUMENT, KeyResult
 from bench.recordings.keys import key_name
 from bench.recordings.plot import draw
-from bench.recordings.targets import layer_table, number, octave_table, target_table
+from bench.recordings.summary import mean_of
+from bench.recordings.targets import SIGNED, layer_table, number, octave_table, target_table
 
 KEYS_HEADER = [
     "key",
     "level difference, dB",
+    "level over the recorded one, dB",
     "difference from other velocities, dB",
     "difference from the neighbouring key, dB",
     "pitch, cents: recorded",
@@ -32,8 +34,8 @@ KEYS_HEADER = [
 ]
 
 
-def key_row(result: KeyResult) -> list[str]:
-    """One key, recorded and rendered."""
+def key_row(result: KeyResult, gain: float = 0.0) -> list[str]:
+    """One key, recorded and rendered. gain: of the instrument, dB"""
     one, two, three = number(".0f"), number(".1f"), number(".2f")
     its, mine = result.recorded, result.rendered
 
@@ -43,6 +45,7 @@ def key_row(result: KeyResult) -> list[str]:
     return [
         key_name(result.key),
         two(result.off.levels),
+        SIGNED(level_over_recorded([result]) - gain),
         *(two(d.levels) for d in (result.other_velocities, result.neighbour)),
         *both("cents", two),
         f"{its.inharmonicity:.2e}" if math.isfinite(its.inharmonicity) else "",
@@ -57,11 +60,17 @@ def key_row(result: KeyResult) -> list[str]:
     ]
 
 
+def level_over_recorded(results: list[KeyResult]) -> float:
+    """Level of the instrument over the recorded one, dB, the mean over layers and keys."""
+    return mean_of(note.level for r in results for note in r.notes if note.source == INSTRUMENT)
+
+
 def publish_instrument(name: str, results: list[KeyResult], fitted: tuple[int, ...]) -> None:
     """Print and write the tables, and draw the figure. fitted: keys"""
     rows = {"": target_table, "_layers": layer_table, "_octaves": octave_table}
     for part, table in rows.items():
         publish(f"recordings_{name}{part}", *table(results, fitted), "recordings")
-    publish(f"recordings_{name}_keys", KEYS_HEADER, [key_row(r) for r in results], "recordings")
+    gain = level_over_recorded([r for r in results if r.key not in fitted])
+    publish(f"recordings_{name}_keys", KEYS_HEADER, [key_row(r, gain) for r in results], "recordings")
     with figure(f"recordings_{name}", 10.0, 11.0, nrows=4, sharex=True) as axes:
         draw(axes, results, fitted)

@@ -1,6 +1,6 @@
 """Instruments beside sampled ones: those of a free sound font of General MIDI, FluidR3, and of others.
 
-The sampled notes are recorded, but looped after half a second to a second: what is later says little.
+The sampled notes are recorded, but looped after about half a second and faded by the font, so that only that is compared.
 """
 
 import sys
@@ -20,7 +20,7 @@ from bench.recordings.summary import mean_of
 from engine.patch.note_scene import scene_of_note
 
 RATE = 44_100  # Hz
-SECONDS, LAYERS = 2.5, (7, 12, 15)
+SECONDS, LAYERS = 0.5, (7, 12, 15)
 RECORDED = next(name for name in FONTS if name.startswith("FluidR3"))
 OURS, NEIGHBOUR = "ours", "recorded neighbour, retuned"
 MEASURES = {"third octaves": "bands", "in three windows": "windows", "of the attack": "attack"}

@@ -1,6 +1,6 @@
 """Instruments beside sampled ones: those of a free sound font of General MIDI, FluidR3, and of others.
 
-The sampled notes are recorded, but looped after about half a second and faded by the font, so that only that is compared.
+The sampled notes are recorded, but looped after about half a second and faded by the font: only that much is compared.
 """
 
 import sys

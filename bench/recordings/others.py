@@ -69,7 +69,8 @@ def compare_instrument(of: Instrument, fonts: dict[str, PlayNote]) -> Iterator[N
         for layer in LAYERS:
             recorded = note(RECORDED, key, layer)
             sources = {OURS: render_note(of.patch, key, layer)}
-            sources[NEIGHBOUR] = retune(note(RECORDED, key + of.neighbour, layer), key)
+            neighbour = retune(note(RECORDED, key + of.neighbour, layer), key)
+            sources[NEIGHBOUR] = Note((neighbour.audio[: recorded.audio.shape[0]], neighbour.rate), key)
             sources |= {font: note(font, key, layer) for font in fonts if font != RECORDED}
             for source, sound in sources.items():
                 yield compare_note(source, layer, sound, recorded, with_decay=False)

@@ -105,7 +105,7 @@ def test_a_trick_that_is_switched_off_is_compiled(fresh_choice, monkeypatch):
     assert shipped._fitting_archive() is None
 
 
-@pytest.mark.hard
+@pytest.mark.slow  # nine minutes of compiling
 def test_the_same_sources_make_the_same_bytes(tmp_path):
     skip_if_stale()
     import llvmlite

@@ -31,8 +31,9 @@ from engine.assembly.one_way_drive import DriveForce, drive_forces
 from engine.assembly.pickup_points import HeardPoint
 from engine.assembly.points import find_points
 from engine.assembly.refinement import build_refinement
+from engine.assembly.softening import count_pairs
 from engine.assembly.step_coefficients import basis_rows, find_bases, step_coefficients
-from engine.assembly.tension import tension
+from engine.assembly.tension import stretching_bodies, tension
 from engine.bodies.body import ModalBody, remember_positions
 from engine.faults import BuildError, Fault
 from engine.kernel.data.enums import EventKind, Quantity
@@ -95,7 +96,7 @@ def build(
     events, event_counts = event_table(layout, stiffness, samplerate, event_capacity)
     has_dampers = events is not None and bool((events.kind == EventKind.DAMP).any()) and not accuracy.is_refined
     modes = mode_coefficients(layout.modes, samplerate, accuracy, has_dampers)
-    islands = segment_arrays(layout, event_counts)
+    islands = segment_arrays(layout, event_counts, count_pairs(layout, list(stretching_bodies(layout))))
     if one_partition_per_island:
         islands = islands._replace(partition=np.arange(islands.mode.size))
     omega, weight = layout.modes.omega, layout.modes.weight if layout.modes.weight.any() else None

@@ -1,7 +1,7 @@
 """Layout of a scene in the kernels' arrays: three records, made one after the other. Islands: who is where; modes: the
 numbers of all bodies side by side; points: mode shapes where something acts."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,8 +36,11 @@ class Layout(ModalSystem):
         return np.bincount(np.array(owners, np.int64), minlength=len(self.islands.bodies))
 
 
-def segment_arrays(layout: Layout, event_counts: np.ndarray) -> model.Islands:
-    """Return the first item of each island on each axis of the arrays. event_counts: [islands]"""
+def segment_arrays(layout: Layout, event_counts: np.ndarray, pair_counts: Sequence[int]) -> model.Islands:
+    """Return the first item of each island on each axis of the arrays.
+
+    event_counts, pair_counts: of events, and of pairs of points on bodies that stretch [islands]
+    """
     islands, points = layout.islands, layout.points
     contacts = np.diff(islands.contact_begins)
     connections = np.array([len(coordinates.items) for coordinates in islands.coordinates])
@@ -51,6 +54,7 @@ def segment_arrays(layout: Layout, event_counts: np.ndarray) -> model.Islands:
         Axis.CONNECTION_PAIR: connections**2,
         Axis.CONNECTION_CONTACT: connections * contacts,
         Axis.CONNECTION_PART: np.bincount(parts, minlength=contacts.size),
+        Axis.PAIR_ON_BODY: pair_counts,
         Axis.FORCE: layout.count_by_island(force.body for force in islands.forces),
         Axis.EVENT: event_counts,
         Axis.PICKUP: layout.count_by_island(heard.pickup.body for heard in points.pickups),

@@ -9,6 +9,7 @@ from engine.assembly.array_memory import allocate
 from engine.assembly.connection_coordinates import find_stretching, stretch_of_ends
 from engine.assembly.layout import Layout
 from engine.assembly.mode_shape_rows import ShapeRow, mode_shape_rows
+from engine.assembly.softening import softening
 from engine.bodies.stretching import Stretching
 from engine.kernel.data.axes import Axis
 from engine.kernel.data.enums import MovingEnd, Stretch, StretchFactor
@@ -57,7 +58,8 @@ def tension(layout: Layout, least_detuning: float) -> Tension | None:
     heard_bodies = np.array(_heard_bodies(layout), np.int64)
     share = np.array([float(point.pull is None) for point in pickups])
     pull = mode_shape_rows([point.pull or ShapeRow(0, 0, np.empty(0)) for point in pickups])
-    return Tension(begin, end, all_kappa, places, factor, can_stretch, heard_bodies, share, pull)
+    pairs = softening(layout, list(stretching))
+    return Tension(begin, end, all_kappa, places, factor, pairs, can_stretch, heard_bodies, share, pull)
 
 
 def _heard_bodies(layout: Layout) -> list[int]:

@@ -23,6 +23,7 @@ class Axis(StrEnum):
     CONNECTION_PART = "connection_part"  # what each body has in a connection
     FORCE = "force"
     EVENT = "event"
+    PAIR_ON_BODY = "pair_on_body"  # pairs of points on bodies that stretch
     PICKUP = "pickup"
     BODY = "body"
     FREE_MASS = "free_mass"
@@ -37,7 +38,7 @@ class Axis(StrEnum):
 SEGMENTED = (
     *(Axis.MODE, Axis.CONTACT, Axis.BASIS, Axis.COMPLIANCE),
     *(Axis.CONNECTION, Axis.CONNECTION_PAIR, Axis.CONNECTION_CONTACT, Axis.CONNECTION_PART),
-    *(Axis.FORCE, Axis.EVENT, Axis.PICKUP, Axis.BODY, Axis.FREE_MASS),
+    *(Axis.PAIR_ON_BODY, Axis.FORCE, Axis.EVENT, Axis.PICKUP, Axis.BODY, Axis.FREE_MASS),
 )
 MODAL = (Axis.MODE, Axis.SHAPE)  # these may be of single precision
 

@@ -110,6 +110,26 @@ class Stretch(IntEnum):
     ENDS_AFTER = 9
 
 
+class SoftMatrix(IntEnum):
+    """Matrices of the points of an island that a rise of tension changes."""
+
+    CONTACTS = 0  # how far contacts move each other
+    CONTACT_MOVES = 1  # how far contacts move coordinates of connections
+    CONNECTIONS = 2  # and these each other
+
+
+class PairOnBody(IntEnum):
+    """Columns of Softening.pairs: two points on a body that stretches."""
+
+    BODY = 0
+    MODE_BEGIN = 1  # of its modes, and their number
+    MODES = 2
+    SHAPE = 3  # where Softening.shapes has those of the first point, and of the second
+    OTHER_SHAPE = 4
+    TARGET = 5  # what a force at one moves the other, in its matrix
+    MIRROR = 6  # the same once more, or -1
+
+
 class Sliding(IntEnum):
     """Columns of State.friction. Events change the first seven."""
 

@@ -44,7 +44,7 @@ from engine.kernel.data.axes import (
     Shared,
     SharedInt,
 )
-from engine.kernel.data.enums import FLIGHT_FRAMES, FLIGHT_PART, MovingEnd, StretchFactor
+from engine.kernel.data.enums import FLIGHT_FRAMES, FLIGHT_PART, MovingEnd, PairOnBody, SoftMatrix, StretchFactor
 from engine.kernel.data.laws import Law
 
 
@@ -185,6 +185,15 @@ class Connections(NamedTuple):
     contact_reach_by_forces: PerContact  # m/√J: and how much further than its bodies by themselves
 
 
+class Softening(NamedTuple):
+    """Pairs of points on bodies that stretch, which these move less where their tension rises
+    (engine.kernel.interactions.stretched_compliance)."""
+
+    pairs: Annotated[np.ndarray, Items(Axis.PAIR_ON_BODY, np.int64, len(PairOnBody))]
+    begin: Annotated[np.ndarray, Items(Axis.ISLAND, np.int64, len(SoftMatrix) + 1)]  # of those in each matrix
+    shapes: PerShape  # Φ, 1/√kg
+
+
 class Tension(NamedTuple):
     """Bodies whose tension rises as they stretch (engine.kernel.interactions.tension), by body."""
 
@@ -193,6 +202,7 @@ class Tension(NamedTuple):
     kappa: PerDoubleMode  # κ: the stretch is Σ κ·q², in m of strings, in m² of sheets
     ends: Annotated[np.ndarray, Items(Axis.BODY, np.int64, len(MovingEnd), neutral=-1)]
     factor: Annotated[np.ndarray, Items(Axis.BODY, columns=len(StretchFactor))]
+    softening: Softening
     can_stretch: PerIslandInt  # 1 if a body of the island does
     heard: Annotated[np.ndarray, Items(Axis.PICKUP, np.int64, neutral=-1)]  # body whose rise a pickup hears, or -1
     heard_share: PerPickup  # of the rise itself: 1 or 0
@@ -356,6 +366,7 @@ class Islands(NamedTuple):
     connection_pair: np.ndarray
     connection_contact: np.ndarray
     connection_part: np.ndarray
+    pair_on_body: np.ndarray
     force: np.ndarray
     event: np.ndarray
     pickup: np.ndarray

@@ -8,7 +8,8 @@ and where a coordinate is rigid, (B·f)ᵢ = (g + s)ᵢ instead. The compliance 
 what the connections hold: B_kk - B_kc·Y·B_ck.
 """
 
-from engine.compiler.decorators import inline, noinline
+from engine.compiler.decorators import INT64_0, inline, noinline
+from engine.kernel.modes.ordered_sums import add_products, sum_products
 
 
 @inline
@@ -170,25 +171,24 @@ def reduce_coupling(h, coupling, j, contacts, connection_state):
     """Compute the compliance of each contact to contact j again; `coupling` is None if no island has several
     contacts."""
     if coupling is not None:
-        for k in range(contacts):
+        for k in range(j):  # it is symmetric
             coupling[k * contacts + j] = reduced_compliance(h, contacts, k, j, connection_state)
+            coupling[j * contacts + k] = coupling[k * contacts + j]
+        coupling[j * contacts + j] = reduced_compliance(h, contacts, j, j, connection_state)
 
 
 @inline
 def find_held(h, j, connection_state):
     """Find the forces of connections per newton at contact j, which the first row of State.connection.matrix holds."""
-    n, held = connection_state.extension.shape[0], connection_state.matrix
+    n = connection_state.extension.shape[0]
+    held = connection_state.matrix[0:n]
     for a in range(n):
-        force = 0.0
-        for b in range(n):
-            force += h.force_per_move[b * n + a] * h.contact_moves[j * n + b]
-        held[a] = force
+        held[a] = 0.0
+    add_products(h.force_per_move, h.contact_moves[j * n : (j + 1) * n], held)
 
 
 @inline
 def reduced_compliance(h, contacts, k, j, connection_state):
     """Displacement at contact k per newton at contact j over the step, while the connections hold, m/N."""
-    n, total = connection_state.extension.shape[0], h.contact_compliance[k * contacts + j]
-    for a in range(n):
-        total -= h.contact_moves[k * n + a] * connection_state.matrix[a]
-    return total
+    n, held = connection_state.extension.shape[0], connection_state.matrix
+    return h.contact_compliance[k * contacts + j] - sum_products(h.contact_moves, k * n, held, INT64_0, n)

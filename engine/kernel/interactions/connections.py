@@ -12,12 +12,11 @@ import numpy as np
 
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.compiler.elementary import expm1_of
-from engine.compiler.lanes import multiply_add, number_at, place_after, put_number, splat
 from engine.kernel.data.enums import EventKind
 from engine.kernel.interactions.connection_factors import update_factors
 from engine.kernel.interactions.contacts import contact_number
 from engine.kernel.modes.mode_step import forget_drift
-from engine.kernel.modes.ordered_sums import copy_or_back, fold_lanes, sum_products
+from engine.kernel.modes.ordered_sums import add_products, copy_or_back, sum_products
 from engine.kernel.modes.point_rows import (
     displacement_at_row,
     project,
@@ -94,23 +93,6 @@ def find_forces(connection, h, state):
     clear(connection_state.force)
     add_products(h.connection.force_per_extension, connection_state.extension, connection_state.force)
     add_products(h.connection.force_per_move, connection_state.free_move, connection_state.force)
-
-
-@inline
-def add_products(matrix, x, total):
-    """Add the product of a matrix, column by column, and a vector to a total; each column at once."""
-    fold_lanes(add_product, (matrix, x, total), total.shape[0], (splat(0.0),))
-
-
-@inline
-def add_product(of, i, sums):
-    """Add row i of the product, or as many as i stands for, to the total."""
-    matrix, x, total = of
-    value = number_at(total, i)
-    for j in range(x.shape[0]):
-        value = multiply_add(number_at(matrix, place_after(i, np.int64(j) * x.shape[0])), x[j], value)
-    put_number(total, i, value)
-    return sums
 
 
 @noinline

@@ -6,12 +6,10 @@ a = ½·e·κ. Here this w is called softness.
 
 from typing import Any
 
-import numpy as np
-
 from engine.compiler.decorators import inline, noinline
 from engine.compiler.lanes import multiply_add, number_at, place_after, put_number, splat
 from engine.compiler.overloads import is_none, overload_by_source
-from engine.kernel.data.enums import MovingEnd, Stretch, StretchFactor
+from engine.kernel.data.enums import MovingEnd, PairOnBody, SoftMatrix, Stretch, StretchFactor
 from engine.kernel.data.model import ConnectionCoefficients, ContactCoefficients, StepCoefficients, StepSettings
 from engine.kernel.data.state import SoftenedConnections
 from engine.kernel.interactions.tension import (
@@ -99,13 +97,34 @@ def soften_body(modes, softness, rise):
 
 
 @inline
-def span_of(tension, b):
-    """Return the first mode of body b, and its last + 1; -1 of one that does not stretch."""
-    return tension.mode_begin[b], tension.mode_end[b]
+def soften_matrix(softening, kind, matrix, state):
+    """Take from how far forces at points move others what tensions take. kind: SoftMatrix of the matrix"""
+    for n in range(softening.begin[kind], softening.begin[kind + 1]):
+        pair = softening.pairs[n]
+        if state.tension.body[pair[PairOnBody.BODY]][Stretch.RISE] != 0.0:
+            softness = softness_between(softening.shapes, pair, state.displacement_bound)
+            matrix[pair[PairOnBody.TARGET]] -= softness
+            if pair[PairOnBody.MIRROR] >= 0:
+                matrix[pair[PairOnBody.MIRROR]] -= softness
+
+
+@noinline
+def softness_between(shapes, pair, softness):
+    """Return how much less a force at one point of a body moves another because the body is stretched, m/N."""
+    of = shapes, pair[PairOnBody.SHAPE], pair[PairOnBody.OTHER_SHAPE], softness, pair[PairOnBody.MODE_BEGIN]
+    return fold(add_softness_of_pair, of, pair[PairOnBody.MODES], (splat(0.0),))[0]
 
 
 @inline
-def soften_contacts(contact, tension, h, coupling, state):
+def add_softness_of_pair(of, n, sums):
+    """Add the product of two mode shapes and what tensions take from a compliance to the sums."""
+    shapes, begin, other_begin, softness, first = of
+    product = number_at(shapes, place_after(n, begin)) * number_at(shapes, place_after(n, other_begin))
+    return (multiply_add(product, number_at(softness, place_after(n, first)), sums[0]),)
+
+
+@inline
+def soften_contacts(tension, h, coupling, state):
     """Find the compliance of contacts of stretched bodies if nothing is connected.
 
     h: their ContactCoefficients; coupling: of it, or None
@@ -114,146 +133,36 @@ def soften_contacts(contact, tension, h, coupling, state):
     for k in range(count):
         of.compliance[k], of.compliance_low[k] = h.compliance[k], 0.0
     if count == 1:
-        soften_pairs(contact, tension, of.compliance, state)
+        soften_matrix(tension.softening, SoftMatrix.CONTACTS, of.compliance, state)
     else:
-        soften_coupling(contact, tension, coupling, state)
+        soften_coupling(tension, coupling, state)
 
 
 @inline
-def soften_coupling(contact, tension, coupling, state):
+def soften_coupling(tension, coupling, state):
     """Do this for the several contacts of an island."""
     of, count = state.tension, state.compression.shape[0]
     if coupling is not None:
         copy_items(coupling, of.coupling)
-        soften_pairs(contact, tension, of.coupling, state)
+        soften_matrix(tension.softening, SoftMatrix.CONTACTS, of.coupling, state)
         for k in range(count):
             of.compliance[k] = of.coupling[k * count + k]
-
-
-@noinline
-def soften_pairs(contact, tension, compliance, state):
-    """Take from the compliance of contacts, row by row, what tensions take."""
-    count = state.compression.shape[0]
-    for b in range(tension.mode_begin.shape[0]):
-        span = span_of(tension, b)
-        for k in range(count):
-            if is_contact_of(contact, contact.other_rows, k, span):
-                for i in range(k + 1):
-                    if is_contact_of(contact, contact.other_rows, i, span):
-                        softness = softness_between(contact, contact.other_rows, k, i, span, state)
-                        compliance[k * count + i] -= softness
-                        if i != k:
-                            compliance[i * count + k] -= softness
-
-
-@inline
-def is_contact_of(contact, other_rows, k, span):
-    """True if contact k is on the body of these modes."""
-    if other_rows is not None:
-        if overlaps(other_rows, k, span):
-            return True
-    return overlaps(contact.rows, k, span)
-
-
-@inline
-def softness_between(contact, other_rows, k, i, span, state):
-    """Return how much less a force at contact k moves contact i because a body is stretched, m/N."""
-    softness = softness_at_rows(contact.rows, k, contact.rows, i, span, state)
-    if other_rows is not None:
-        softness += softness_at_rows(contact.rows, k, other_rows, i, span, state)
-        softness += softness_at_rows(other_rows, k, contact.rows, i, span, state)
-        softness += softness_at_rows(other_rows, k, other_rows, i, span, state)
-    return softness
-
-
-@inline
-def add_softness_of_rows(of, n, sums):
-    """Add the product of two mode shapes and what tensions take from a compliance to the sums."""
-    phi, begin, other_phi, other_begin, softness, first = of
-    shapes = number_at(phi, place_after(n, begin)) * number_at(other_phi, place_after(n, other_begin))
-    return (multiply_add(shapes, number_at(softness, place_after(n, first)), sums[0]),)
-
-
-@inline
-def softness_at_rows(rows, k, other_rows, i, span, state):
-    """Return how much less a force at row k moves row i of others because the modes of a span are stretched, m/N."""
-    # a row of connections may be of several bodies
-    begin, other_begin = np.int64(rows.mode_begin[k]), np.int64(other_rows.mode_begin[i])
-    first, end = max(span[0], begin, other_begin), np.int64(rows.mode_end[k])
-    end = min(span[1], end, np.int64(other_rows.mode_end[i]))
-    if first >= end:
-        return 0.0
-    place = np.int64(rows.offset[k]) + (first - begin)
-    other_place = np.int64(other_rows.offset[i]) + (first - other_begin)
-    at, other_at = (rows.phi, place), (other_rows.phi, other_place)
-    return sum_softness(at, other_at, (state.displacement_bound, first), end - first)
-
-
-@noinline
-def sum_softness(at, other_at, softness, count):
-    """Return the sum of the products of two mode shapes and softness over so many modes, m/N. Of each: an array, and
-    where it begins"""
-    return fold(add_softness_of_rows, (*at, *other_at, *softness), count, (splat(0.0),))[0]
 
 
 # --- connections
 
 
-@noinline
-def soften_connections(connection, tension, h, softened, state):
-    """Find the compliance of connections of stretched bodies. h, softened: ConnectionCoefficients"""
-    rows, n = connection.rows, state.connection.extension.shape[0]
+@inline
+def soften_connections(contact, tension, h, softened, state):
+    """Find how far connections, and contacts beside them, move each other on stretched bodies. contact: Contact or
+    None; h, softened: ConnectionCoefficients"""
     copy_items(h.compliance, softened.compliance)
-    for b in range(tension.mode_begin.shape[0]):
-        span = span_of(tension, b)
-        for r in range(connection.coordinate.shape[0]):
-            if overlaps(rows, r, span):
-                for s in range(r + 1):
-                    if overlaps(rows, s, span):
-                        i, j = connection.coordinate[r], connection.coordinate[s]
-                        softness = softness_at_rows(rows, r, rows, s, span, state)
-                        softened.compliance[i * n + j] -= softness
-                        if r != s:
-                            softened.compliance[j * n + i] -= softness
-
-
-@inline
-def overlaps(rows, r, span):
-    """True if row r weighs a mode of a span."""
-    return np.int64(rows.mode_begin[r]) < span[1] and span[0] < np.int64(rows.mode_end[r])
-
-
-@inline
-def soften_contact_moves(contact, tension, connection, h, softened, state):
-    """Find how far contacts of stretched bodies move each other and connections. h, softened: ConnectionCoefficients"""
+    soften_matrix(tension.softening, SoftMatrix.CONNECTIONS, softened.compliance, state)
     if contact is not None:
         copy_items(h.contact_moves, softened.contact_moves)
         copy_items(h.contact_compliance, softened.contact_compliance)
-        soften_pairs(contact, tension, softened.contact_compliance, state)
-        for b in range(tension.mode_begin.shape[0]):
-            span = span_of(tension, b)
-            for k in range(state.compression.shape[0]):
-                if is_contact_of(contact, contact.other_rows, k, span):
-                    soften_moves_of_contact(contact, connection, softened.contact_moves, k, span, state)
-
-
-@inline
-def soften_moves_of_contact(contact, connection, moves, k, span, state):
-    """Take from how far contact k moves connections what the tension of a body takes."""
-    n = state.connection.extension.shape[0]
-    for r in range(connection.coordinate.shape[0]):
-        if overlaps(connection.rows, r, span):
-            softness = softness_of_other(contact.other_rows, connection.rows, k, r, span, state)
-            softness += softness_at_rows(contact.rows, k, connection.rows, r, span, state)
-            moves[k * n + connection.coordinate[r]] -= softness
-
-
-@inline
-def softness_of_other(other_rows, rows, k, r, span, state):
-    """Return how much less the other side of contact k moves row r because bodies are stretched, m/N."""
-    if other_rows is None:
-        return 0.0
-    return softness_at_rows(other_rows, k, rows, r, span, state)
+        soften_matrix(tension.softening, SoftMatrix.CONTACT_MOVES, softened.contact_moves, state)
+        soften_matrix(tension.softening, SoftMatrix.CONTACTS, softened.contact_compliance, state)
 
 
 @inline

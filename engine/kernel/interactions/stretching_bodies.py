@@ -41,7 +41,6 @@ from engine.kernel.interactions.near_contacts import contacts_in_reach, reach_of
 from engine.kernel.interactions.stretched_compliance import (
     find_softness,
     soften_connections,
-    soften_contact_moves,
     soften_contacts,
     softened_settings,
     stiffen_ends,
@@ -193,12 +192,11 @@ def find_softened_connection_forces(connection, model, softened, h, state):
     if connection is not None:
         if has_connections(connection, state):
             find_softness(model.tension, h, state)
-            soften_connections(connection, model.tension, h.connection, softened.connection, state)
+            soften_connections(model.contact, model.tension, h.connection, softened.connection, state)
             stiffen_ends(connection, model.tension, state)
             clear(state.connection.free_move)
             project_rows(connection, h.connection, state.drift_momentum, state.connection.free_move)
             solve_connections(connection, state.tension.connection.coupling, softened.connection, state.connection)
-            soften_contact_moves(model.contact, model.tension, connection, h.connection, softened.connection, state)
 
 
 @inline
@@ -272,7 +270,7 @@ def find_forces_of_contacts(contact, model, softened, h, state):
         reduce_softened(model.connection, softened.h, state)
     else:
         find_softness(model.tension, h, state)
-        soften_contacts(contact, model.tension, h.contact, h.contact.coupling, state)
+        soften_contacts(model.tension, h.contact, h.contact.coupling, state)
     forces = solve_one_or_several(contact, softened.h.contact, h.contact.coupling, reach, state)
     answer_contacts(model.connection, softened.h, reach, state)
     return forces

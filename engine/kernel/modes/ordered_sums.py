@@ -1,6 +1,8 @@
 """Sums of products whose bits are the same on any processor and in any kernel. Eight numbers are taken at a time, and
 then summed over the lanes; fewer than eight are taken one after the other."""
 
+import numpy as np
+
 from engine.compiler.decorators import INT64_0, inline
 from engine.compiler.lanes import (
     EightFrom,
@@ -11,6 +13,8 @@ from engine.compiler.lanes import (
     magnitude,
     multiply_add,
     number_at,
+    place_after,
+    put_number,
     splat,
 )
 from engine.kernel.data.enums import LANES
@@ -106,6 +110,23 @@ def sum_sizes_of_products(a, i, b, j, count):
         last = magnitude(load_first_lanes(a, i + whole, count - whole))
         lanes = multiply_add(last, load_first_lanes(b, j + whole, count - whole), lanes)
     return lane_sum(lanes)
+
+
+@inline
+def add_products(matrix, x, total):
+    """Add the product of a matrix, column by column, and a vector to a total; each column at once."""
+    fold_lanes(add_product, (matrix, x, total), total.shape[0], (splat(0.0),))
+
+
+@inline
+def add_product(of, i, sums):
+    """Add row i of the product, or as many as i stands for, to the total."""
+    matrix, x, total = of
+    value = number_at(total, i)
+    for j in range(x.shape[0]):
+        value = multiply_add(number_at(matrix, place_after(i, np.int64(j) * x.shape[0])), x[j], value)
+    put_number(total, i, value)
+    return sums
 
 
 @inline

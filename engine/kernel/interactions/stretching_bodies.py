@@ -50,6 +50,7 @@ from engine.kernel.interactions.tension import (
     find_rise,
     predict_rises,
     push_by_tension,
+    push_freely,
     remember_rises,
     stiffness_of,
     stretch_by_ends,
@@ -72,7 +73,7 @@ def push_stretched(model, contact, settings, state):
         remember_rises(model.tension, state)
         return touch
     find_free_rises(model.tension, settings.h, state)
-    push_by_tension(model.tension, settings.h, state)
+    push_freely(model.tension, settings.h, state)
     remember_rises(model.tension, state)
     return Touch(SolveStatus.FREE, INT64_0, 0.0, 0.0, TRUE, 0.0)
 
@@ -139,7 +140,7 @@ def are_rises_found(tension, h, n, state):
         body = state.tension.body[b]
         if stiffness_of(tension, b) != 0.0:
             rise = body[Stretch.RISE]
-            miss = find_rise(tension, h, state, b, rise) - rise
+            miss = find_rise(tension, h, state, b, rise)[0] - rise
             narrow_bracket(body, n, rise, miss)
             if not (abs(miss) <= SAME * rise or (n > SECANTS and is_between_neighbours(body, rise, miss))):
                 is_same = False

@@ -22,6 +22,7 @@ from engine.kernel.modes.potential import add_elastic
 
 MAX_PASSES = 200  # over the modes, to find a tension; two or three are usual
 ROUNDING = 1e-16  # of the tension: what is left out is less
+NEAR = 1e-5  # change of a tension, times the largest a: its third power is rounding
 ROOT_STEPS = 4  # of Newton's method on the polynomial of a pass
 
 
@@ -64,13 +65,14 @@ def modes_of_body(tension, h, state, b):
 @inline
 def add_stretch_sums(of, k, sums):
     """Add to the sums, of mode k of a body: its stretch at the begin of the step; and that at the end by powers of the
-    change of the tension."""
-    modes, rise = of
+    change of the tension. Write 1/(1 + a·λ), the share of its motion that is left, to the shares."""
+    modes, shares, rise = of
     m = place_after(k, modes.first)
     q, drift, kappa = number_at(modes.q, m), number_at(modes.drift, m), number_at(modes.kappa, m)
     x = q + 0.5 * drift * number_at(modes.momentum, m)
     compliance = 0.5 * number_at(modes.kick, m) * drift * kappa
     share = 1.0 / (1.0 + compliance * rise)
+    put_number(shares, m, share)
     y, softness = x * share, compliance * share
     end, weighted = 2.0 * y - q, kappa * y * softness
     c2 = weighted * softness
@@ -103,18 +105,20 @@ def solve_polynomial(rise, half_stiffness, sums):
 
 @inline
 def find_rise(tension, h, state, b, rise):
-    """Return the rise of the tension of body b over the coming drift, with all other forces; N, or N/m of a sheet.
+    """Return the rise of the tension of body b over the coming drift, with all other forces, N, or N/m of a sheet; and
+    that for which the shares of its modes were written last.
 
     rise: a guess
     """
     body, modes = state.tension.body[b], modes_of_body(tension, h, state, b)
     ends = body[Stretch.ENDS_BEFORE], body[Stretch.ENDS_AFTER]
-    return solve_rise(modes, 0.5 * stiffness_of(tension, b), tension.factor[b][StretchFactor.SOFTEST], ends, rise)
+    softest, shares = tension.factor[b][StretchFactor.SOFTEST], state.tension.share
+    return solve_rise(modes, shares, 0.5 * stiffness_of(tension, b), softest, ends, rise)
 
 
 @noinline
-def solve_rise(modes, half, softest, ends, rise):
-    """Return the root λ of λ = ½K·(s + s⁺(λ)).
+def solve_rise(modes, shares, half, softest, ends, rise):
+    """Return the root λ of λ = ½K·(s + s⁺(λ)), and the tension of the last pass.
 
     half: ½K; softest: StretchFactor.SOFTEST
     ends: what ends add to s and to s⁺
@@ -123,7 +127,7 @@ def solve_rise(modes, half, softest, ends, rise):
     low, high = 0.0, math.inf
     for _ in range(MAX_PASSES):
         zeros = splat(0.0), splat(0.0), splat(0.0), splat(0.0), splat(0.0)
-        sums = fold(add_stretch_sums, (modes, rise), modes.size, zeros)
+        sums = fold(add_stretch_sums, (modes, shares, rise), modes.size, zeros)
         sums = sums[0] + ends[0], sums[1] + ends[1], sums[2], sums[3], sums[4]
         if rise > half * (sums[0] + sums[1]):
             high = min(high, rise)
@@ -132,17 +136,17 @@ def solve_rise(modes, half, softest, ends, rise):
         change = solve_polynomial(rise, half, sums)
         following = rise + change
         if abs(change) <= 10.0 * ROUNDING * rise:
-            return following
+            return following, rise
         if low <= following and following <= high:
             cut = half * abs(sums[4] * change * change * change) * abs(change) * softest
             if cut <= ROUNDING * following:
-                return following
+                return following, rise
         elif high < math.inf:
             following = 0.5 * (low + high)
         else:
             following = 2.0 * rise + half * sums[0]
         rise = following
-    return rise
+    return rise, math.inf
 
 
 @inline
@@ -151,7 +155,7 @@ def find_free_rises(tension, h, state):
     for b in range(tension.mode_begin.shape[0]):
         body = state.tension.body[b]
         if stiffness_of(tension, b) != 0.0:
-            body[Stretch.RISE] = find_rise(tension, h, state, b, predicted_rise(body))
+            body[Stretch.RISE], body[Stretch.TRIED] = find_rise(tension, h, state, b, predicted_rise(body))
 
 
 @inline
@@ -208,6 +212,35 @@ def push_by_tension(tension, h, state):
         rise = state.tension.body[b][Stretch.RISE]
         if rise != 0.0:
             push_body(modes_of_body(tension, h, state, b), state.push, rise)
+
+
+@inline
+def add_push_near_pass(of, k, sums):
+    """Do this where the share of mode k is known for a tension that is lower by a small change: without a division."""
+    modes, shares, push, rise, change = of
+    m = place_after(k, modes.first)
+    kick, drift, kappa = number_at(modes.kick, m), number_at(modes.drift, m), number_at(modes.kappa, m)
+    share, momentum = number_at(shares, m), number_at(modes.momentum, m)
+    x = number_at(modes.q, m) + 0.5 * drift * momentum
+    less = 0.5 * kick * drift * kappa * share * change
+    kicked = kick * kappa * rise * x * (share - share * less * (1.0 - less))
+    put_number(modes.momentum, m, momentum - kicked)
+    put_number(push, m, number_at(push, m) - kicked)
+    return sums
+
+
+@inline
+def push_freely(tension, h, state):
+    """Do half a kick by the rise of the tension of each body, as `find_free_rises` has left it."""
+    for b in range(tension.mode_begin.shape[0]):
+        body = state.tension.body[b]
+        if body[Stretch.RISE] != 0.0:
+            change = body[Stretch.RISE] - body[Stretch.TRIED]
+            if abs(change) * tension.factor[b][StretchFactor.SOFTEST] <= NEAR:
+                of = modes_of_body(tension, h, state, b), state.tension.share, state.push, body[Stretch.RISE], change
+                fold_lanes(add_push_near_pass, of, tension.mode_end[b] - tension.mode_begin[b], (splat(0.0),))
+            else:
+                push_body(modes_of_body(tension, h, state, b), state.push, body[Stretch.RISE])
 
 
 # --- ends of strings that move

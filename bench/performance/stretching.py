@@ -13,7 +13,13 @@ from engine.assembly.build import build
 from engine.compiler.decorators import kernel
 from engine.compiler.lanes import splat
 from engine.kernel.data.enums import Stretch, StretchFactor
-from engine.kernel.interactions.tension import ROUNDING, StretchingModes, add_stretch_sums, solve_polynomial
+from engine.kernel.interactions.tension import (
+    ROUNDING,
+    StretchingModes,
+    add_stretch_sums,
+    series_of_stretch,
+    solve_polynomial,
+)
 from engine.kernel.modes.ordered_sums import fold
 from engine.offline.simulation import Simulation, time_block
 
@@ -65,7 +71,7 @@ class Timed:
 def change_of_rise(modes: Any, half: float, rise: float, change: Any) -> None:
     """Find by how much a tension differs from its guess after one sum over the modes, and what the series leaves."""
     zeros = splat(0.0), splat(0.0), splat(0.0), splat(0.0), splat(0.0)
-    sums = fold(add_stretch_sums, (modes, rise), modes.size, zeros)
+    sums = series_of_stretch(fold(add_stretch_sums, (modes, rise), modes.size, zeros), (0.0, 0.0))
     change[0] = solve_polynomial(rise, half, sums)
     change[1] = half * abs(sums[4] * change[0] ** 4)
 
@@ -86,7 +92,7 @@ def count_sums(modes: int, seconds: float = 1.0) -> float:
         q, (last, second, third) = state.q.copy(), body[[Stretch.LAST, Stretch.SECOND_LAST, Stretch.THIRD_LAST]]
         simulation.render_block(audio)
         x = (q + state.q) / 2 * (1 + 0.5 * kick * drift * kappa * body[Stretch.LAST])
-        drifting = StretchingModes(kick, drift, kappa, q, 2 * (x - q) / drift, 0, q.size)
+        drifting = StretchingModes(kick, drift, kappa, q, 2 * (x - q) / drift, 0, q.size, *np.zeros((2, q.size)))
         guess = max(0.0, 3 * (last - second) + third)
         change_of_rise(drifting, factor[StretchFactor.STIFFNESS] / 2, guess, change)
         is_one = change[1] * factor[StretchFactor.SOFTEST] <= ROUNDING * (guess + change[0])

@@ -100,6 +100,7 @@ def initial_tension(layout: Layout, model: Tension, counts: dict[Axis, int]) -> 
     for n, b in enumerate(layout.islands.body_order):
         if b in stretching:
             stretch = stretching[b].kappa @ layout.modes.q[layout.modes.of_body[b]] ** 2
+            body[n, Stretch.STRETCHES] = 1.0
             body[n, [Stretch.LAST, Stretch.SECOND_LAST, Stretch.THIRD_LAST]] = stretching[b].stiffness * stretch
     state: TensionState = allocate(
         TensionState,

@@ -60,10 +60,10 @@ class StretchingRecord:
         assert state.tension is not None
         stretching, islands = stretching_bodies(layout), layout.islands
         self._renderer, self._state, self._tension, self._layout = renderer, state, state.tension, layout
-        self._frames, self._frame, self._last_look, self._next_bound, self._is_loud = frames, 0, 0, 0, True
+        self._frames, self._last_look, self._next_bound, self._is_loud = frames, 0, 0, True
+        self._frame = 0
         self._numbers = list(stretching)
         self._rows = [islands.body_order.index(b) for b in stretching]
-        self._islands = np.array([islands.of_body[b] for b in stretching])
         inside = [layout.modes.of_body[b] for b in stretching]
         self._modes = np.concatenate([np.arange(modes.start, modes.stop) for modes in inside])
         self._begins = np.cumsum([0, *(modes.stop - modes.start for modes in inside[:-1])])
@@ -76,8 +76,8 @@ class StretchingRecord:
         self._least = np.array(limits) if only_beyond else np.zeros(len(limits))
         self._rise, self._rise_frame = np.zeros(len(limits)), np.zeros(len(limits), np.int64)
         self._q = [np.zeros(modes.stop - modes.start) for modes in inside]
-        self._intervals: dict[int, list[list[int]]] = {int(island): [] for island in self._islands}
-        self._was_active = dict.fromkeys(self._intervals, False)
+        self._intervals: list[list[list[int]]] = [[] for _ in limits]
+        self._was_active = np.zeros(len(limits), bool)
         self._look()
 
     def render_block(self, audio: np.ndarray, trace: Trace | None = None) -> None:
@@ -94,14 +94,13 @@ class StretchingRecord:
 
     def _look(self) -> None:
         """Read which bodies stretch, and their tensions; and find if these can rise further than they have."""
-        active = self._tension.is_active != 0
-        for island, intervals in self._intervals.items():
-            if active[island] and not self._was_active[island]:
+        is_active = self._tension.body[self._rows, Stretch.STRETCHES] != 0.0
+        for n, intervals in enumerate(self._intervals):
+            if is_active[n] and not self._was_active[n]:
                 intervals.append([self._last_look, self._frame])
-            elif active[island]:
-                intervals[-1][1] = self._frame
-            self._was_active[island] = bool(active[island])
-        self._last_look, is_active = self._frame, active[self._islands]
+            elif is_active[n]:
+                intervals[-1][1] = int(self._frame)
+        self._last_look, self._was_active = self._frame, is_active
         if not is_active.any():
             self._is_loud = False
             return
@@ -137,7 +136,7 @@ class StretchingRecord:
         return StretchingStatistics(
             body=body.name,
             unit="N" if isinstance(body, String) else "N/m",
-            intervals=[[begin / samplerate, end / samplerate] for begin, end in self._intervals[int(self._islands[n])]],
+            intervals=[[begin / samplerate, end / samplerate] for begin, end in self._intervals[n]],
             rise=rise,
             relative_rise=None if tension is None else rise / tension,
             time=float(self._rise_frame[n] / samplerate),

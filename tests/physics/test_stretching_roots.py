@@ -15,15 +15,15 @@ TRIED = 8001  # rises of tension, evenly apart; and so many in equal ratios
 
 
 @kernel
-def solve(kick, drift, kappa, q, momentum, half, softest, ends, guess):
-    modes = StretchingModes(kick, drift, kappa, q, momentum, 0, q.shape[0])
-    return solve_rise(modes, half, softest, ends, guess)
+def solve(kick, drift, kappa, q, momentum, memory, half, softest, ends, guess):
+    modes = StretchingModes(kick, drift, kappa, q, momentum, 0, q.shape[0], *memory)
+    return solve_rise(modes, half, softest, ends, guess)[0]
 
 
 @kernel
-def find_residuals(kick, drift, kappa, q, momentum, half, ends, rises, residuals):
+def find_residuals(kick, drift, kappa, q, momentum, memory, half, ends, rises, residuals):
     """Find R(λ) = λ - ½K·(s + s⁺(λ)) for each λ of rises."""
-    modes = StretchingModes(kick, drift, kappa, q, momentum, 0, q.shape[0])
+    modes = StretchingModes(kick, drift, kappa, q, momentum, 0, q.shape[0], *memory)
     for i in range(rises.shape[0]):
         zeros = splat(0.0), splat(0.0), splat(0.0), splat(0.0), splat(0.0)
         sums = fold(add_stretch_sums, (modes, rises[i]), modes.size, zeros)
@@ -33,7 +33,7 @@ def find_residuals(kick, drift, kappa, q, momentum, half, ends, rises, residuals
 class HostileState(NamedTuple):
     """A body at the begin of a step, with numbers over twelve decades."""
 
-    modes: tuple[Any, ...]  # kick, drift, κ, q, momentum
+    modes: tuple[Any, ...]  # kick, drift, κ, q, momentum, memory
     half: float  # ½K
     softest: float
     ends: tuple[float, float]
@@ -50,7 +50,9 @@ class HostileState(NamedTuple):
         half = 0.5 * 10 ** random.uniform(-3, 9)
         ends = tuple(10 ** random.uniform(-6, 6, 2)) if random.random() < 0.3 else (0.0, 0.0)
         softest = np.max(0.5 * kick * drift * kappa)
-        return HostileState((kick, drift, kappa, q, 2 * (x - q) / drift), half, softest, ends)
+        return HostileState(
+            (kick, drift, kappa, q, 2 * (x - q) / drift, (np.zeros(count), np.zeros(count))), half, softest, ends
+        )
 
     def residuals(self, rises):
         residuals = np.zeros(len(rises))
@@ -59,7 +61,7 @@ class HostileState(NamedTuple):
 
     def bounds(self):
         """Bounds of the root: s⁺ is at least 0, and at most Σκ·(2|x| + |q|)²."""
-        _, drift, kappa, q, momentum = self.modes
+        _, drift, kappa, q, momentum, _ = self.modes
         x = q + 0.5 * drift * momentum
         low = self.half * (kappa @ q**2 + sum(self.ends))
         return low, low + self.half * (kappa @ (2 * np.abs(x) + np.abs(q)) ** 2)

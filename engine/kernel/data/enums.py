@@ -108,6 +108,7 @@ class Stretch(IntEnum):
     HIGH = 7
     ENDS_BEFORE = 8  # what moving ends stretch it, m: at the begin of the step, and at its end
     ENDS_AFTER = 9
+    STRETCHES = 10  # 1, or 0 while the body is taken for linear
 
 
 class SoftMatrix(IntEnum):

@@ -105,7 +105,8 @@ class TensionState(NamedTuple):
 
     body: Annotated[np.ndarray, Items(Axis.BODY, columns=len(Stretch))]
     is_active: PerIslandInt  # 0 while the bodies of the island are taken for linear
-    share: PerDoubleMode  # memory: of the motion of a mode, what its tension leaves
+    push_per_rise: PerDoubleMode  # memory: of the tension of a step, √kg·m/s per N
+    softness: PerDoubleMode  # memory, 1/N
     momentum: PerDoubleMode  # √kg·m/s: of the drift by neither contacts nor tension
     push: PerDoubleMode  # √kg·m/s: what external forces give in half a kick
     compliance: PerContact  # B_kk of stretched bodies, m/N

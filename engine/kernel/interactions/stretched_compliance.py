@@ -14,7 +14,7 @@ from engine.kernel.data.model import ConnectionCoefficients, ContactCoefficients
 from engine.kernel.data.state import SoftenedConnections
 from engine.kernel.interactions.tension import (
     modes_of_body,
-    stiffness_of,
+    present_stiffness,
 )
 from engine.kernel.modes.ordered_sums import copy_items, fold, fold_lanes
 
@@ -86,7 +86,7 @@ def find_softness(tension, h, state):
     """Find what tensions take from the compliance of each mode of the bodies that stretch."""
     for b in range(tension.mode_begin.shape[0]):
         body = state.tension.body[b]
-        if stiffness_of(tension, b) != 0.0:
+        if present_stiffness(tension, state, b) != 0.0:
             soften_body(modes_of_body(tension, h, state, b), state.displacement_bound, body[Stretch.RISE])
 
 

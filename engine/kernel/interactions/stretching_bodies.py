@@ -49,10 +49,10 @@ from engine.kernel.interactions.tension import (
     find_free_rises,
     find_rise,
     predict_rises,
+    present_stiffness,
     push_by_tension,
     push_freely,
     remember_rises,
-    stiffness_of,
     stretch_by_ends,
 )
 from engine.kernel.modes.ordered_sums import copy_items
@@ -138,7 +138,7 @@ def are_rises_found(tension, h, n, state):
     is_same = True
     for b in range(tension.mode_begin.shape[0]):
         body = state.tension.body[b]
-        if stiffness_of(tension, b) != 0.0:
+        if present_stiffness(tension, state, b) != 0.0:
             rise = body[Stretch.RISE]
             miss = find_rise(tension, h, state, b, rise)[0] - rise
             narrow_bracket(body, n, rise, miss)

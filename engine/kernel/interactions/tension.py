@@ -14,8 +14,8 @@ It has one solution, also where contacts push (docs/design.md, "Bodies that stre
 import math
 from typing import Any, NamedTuple
 
-from engine.compiler.decorators import TRUE, inline, noinline
-from engine.compiler.lanes import number_at, place_after, put_number, splat
+from engine.compiler.decorators import inline, noinline
+from engine.compiler.lanes import multiply_add, number_at, place_after, put_number, splat
 from engine.kernel.data.enums import EnergyTotal, MovingEnd, Stretch, StretchFactor
 from engine.kernel.modes.ordered_sums import accumulate, fold, fold_lanes
 from engine.kernel.modes.potential import add_elastic
@@ -23,6 +23,7 @@ from engine.kernel.modes.potential import add_elastic
 MAX_PASSES = 200  # over the modes, to find a tension; two or three are usual
 ROUNDING = 1e-16  # of the tension: what is left out is less
 NEAR = 1e-5  # change of a tension, times the largest a: its third power is rounding
+SHARE_IN_CONTACT = 1 / 16  # of the rise that the scene lets pass, from which a body stretches that gains energy
 ROOT_STEPS = 4  # of Newton's method on the polynomial of a pass
 
 
@@ -36,8 +37,14 @@ def stretches(tension, state):
 
 @inline
 def stiffness_of(tension, b):
-    """Return K of body b; 0 if it does not stretch."""
+    """Return K of body b; 0 if it cannot stretch."""
     return tension.factor[b][StretchFactor.STIFFNESS]
+
+
+@inline
+def present_stiffness(tension, state, b):
+    """Return K of body b; 0 if it does not stretch now."""
+    return stiffness_of(tension, b) * state.tension.body[b][Stretch.STRETCHES]
 
 
 # --- the tension is found
@@ -53,36 +60,49 @@ class StretchingModes(NamedTuple):
     momentum: Any  # of the drift
     first: int
     size: int
+    push_per_rise: Any  # memory: of a mode in half a kick, √kg·m/s per N
+    softness: Any  # memory: a/(1 + a·λ)
 
 
 @inline
 def modes_of_body(tension, h, state, b):
     """Return the StretchingModes of body b."""
     begin, end = tension.mode_begin[b], tension.mode_end[b]
-    return StretchingModes(h.kick, h.drift, tension.kappa, state.q, state.drift_momentum, begin, end - begin)
+    memory = state.tension.push_per_rise, state.tension.softness
+    return StretchingModes(h.kick, h.drift, tension.kappa, state.q, state.drift_momentum, begin, end - begin, *memory)
 
 
 @inline
 def add_stretch_sums(of, k, sums):
     """Add to the sums, of mode k of a body: its stretch at the begin of the step; and that at the end by powers of the
-    change of the tension. Write 1/(1 + a·λ), the share of its motion that is left, to the shares."""
-    modes, shares, rise = of
+    change of the tension, the odd ones with the other sign, and all but the first over four. Write what the tension
+    pushes the mode by in half a kick, per tension, and its softness."""
+    modes, rise = of
     m = place_after(k, modes.first)
-    q, drift, kappa = number_at(modes.q, m), number_at(modes.drift, m), number_at(modes.kappa, m)
-    x = q + 0.5 * drift * number_at(modes.momentum, m)
-    compliance = 0.5 * number_at(modes.kick, m) * drift * kappa
-    share = 1.0 / (1.0 + compliance * rise)
-    put_number(shares, m, share)
-    y, softness = x * share, compliance * share
-    end, weighted = 2.0 * y - q, kappa * y * softness
-    c2 = weighted * softness
+    q, kappa, kick = number_at(modes.q, m), number_at(modes.kappa, m), number_at(modes.kick, m)
+    half = 0.5 * number_at(modes.drift, m)
+    compliance = kick * half * kappa
+    share = 1.0 / multiply_add(compliance, rise, 1.0)
+    y, softness = multiply_add(half, number_at(modes.momentum, m), q) * share, compliance * share
+    end, pull = (y - q) + y, kappa * y
+    put_number(modes.push_per_rise, m, kick * pull)
+    put_number(modes.softness, m, softness)
+    c1, beyond = pull * softness, end + y
+    c2 = c1 * softness
     return (
-        sums[0] + kappa * q * q,
-        sums[1] + kappa * end * end,
-        sums[2] - 4.0 * weighted * end,
-        sums[3] + 4.0 * c2 * (3.0 * y - q),
-        sums[4] - 4.0 * c2 * softness * (4.0 * y - q),
+        multiply_add(kappa * q, q, sums[0]),
+        multiply_add(kappa * end, end, sums[1]),
+        multiply_add(c1, end, sums[2]),
+        multiply_add(c2, beyond, sums[3]),
+        multiply_add(c2 * softness, beyond + y, sums[4]),
     )
+
+
+@inline
+def series_of_stretch(sums, ends):
+    """Return the stretch at the begin of a step, and the coefficients of that at its end, from the sums over the modes.
+    ends: what ends add to both"""
+    return sums[0] + ends[0], sums[1] + ends[1], -4.0 * sums[2], 4.0 * sums[3], -4.0 * sums[4]
 
 
 @inline
@@ -106,18 +126,18 @@ def solve_polynomial(rise, half_stiffness, sums):
 @inline
 def find_rise(tension, h, state, b, rise):
     """Return the rise of the tension of body b over the coming drift, with all other forces, N, or N/m of a sheet; and
-    that for which the shares of its modes were written last.
+    that of the last pass over its modes.
 
     rise: a guess
     """
     body, modes = state.tension.body[b], modes_of_body(tension, h, state, b)
     ends = body[Stretch.ENDS_BEFORE], body[Stretch.ENDS_AFTER]
-    softest, shares = tension.factor[b][StretchFactor.SOFTEST], state.tension.share
-    return solve_rise(modes, shares, 0.5 * stiffness_of(tension, b), softest, ends, rise)
+    softest = tension.factor[b][StretchFactor.SOFTEST]
+    return solve_rise(modes, 0.5 * present_stiffness(tension, state, b), softest, ends, rise)
 
 
 @noinline
-def solve_rise(modes, shares, half, softest, ends, rise):
+def solve_rise(modes, half, softest, ends, rise):
     """Return the root λ of λ = ½K·(s + s⁺(λ)), and the tension of the last pass.
 
     half: ½K; softest: StretchFactor.SOFTEST
@@ -127,8 +147,7 @@ def solve_rise(modes, shares, half, softest, ends, rise):
     low, high = 0.0, math.inf
     for _ in range(MAX_PASSES):
         zeros = splat(0.0), splat(0.0), splat(0.0), splat(0.0), splat(0.0)
-        sums = fold(add_stretch_sums, (modes, shares, rise), modes.size, zeros)
-        sums = sums[0] + ends[0], sums[1] + ends[1], sums[2], sums[3], sums[4]
+        sums = series_of_stretch(fold(add_stretch_sums, (modes, rise), modes.size, zeros), ends)
         if rise > half * (sums[0] + sums[1]):
             high = min(high, rise)
         else:
@@ -154,7 +173,7 @@ def find_free_rises(tension, h, state):
     """Find the rise of the tension of each body, with all forces that have pushed so far."""
     for b in range(tension.mode_begin.shape[0]):
         body = state.tension.body[b]
-        if stiffness_of(tension, b) != 0.0:
+        if present_stiffness(tension, state, b) != 0.0:
             body[Stretch.RISE], body[Stretch.TRIED] = find_rise(tension, h, state, b, predicted_rise(body))
 
 
@@ -163,7 +182,7 @@ def predict_rises(tension, state):
     """Predict the rise of the tension of each body from the last steps."""
     for b in range(tension.mode_begin.shape[0]):
         body = state.tension.body[b]
-        if stiffness_of(tension, b) != 0.0:
+        if present_stiffness(tension, state, b) != 0.0:
             body[Stretch.RISE] = predicted_rise(body)
 
 
@@ -216,15 +235,12 @@ def push_by_tension(tension, h, state):
 
 @inline
 def add_push_near_pass(of, k, sums):
-    """Do this where the share of mode k is known for a tension that is lower by a small change: without a division."""
-    modes, shares, push, rise, change = of
+    """Do this from what the last pass has written, for a tension that is larger by a small change."""
+    modes, push, rise, change = of
     m = place_after(k, modes.first)
-    kick, drift, kappa = number_at(modes.kick, m), number_at(modes.drift, m), number_at(modes.kappa, m)
-    share, momentum = number_at(shares, m), number_at(modes.momentum, m)
-    x = number_at(modes.q, m) + 0.5 * drift * momentum
-    less = 0.5 * kick * drift * kappa * share * change
-    kicked = kick * kappa * rise * x * (share - share * less * (1.0 - less))
-    put_number(modes.momentum, m, momentum - kicked)
+    less = number_at(modes.softness, m) * change
+    kicked = rise * number_at(modes.push_per_rise, m) * (1.0 - less * (1.0 - less))
+    put_number(modes.momentum, m, number_at(modes.momentum, m) - kicked)
     put_number(push, m, number_at(push, m) - kicked)
     return sums
 
@@ -237,7 +253,7 @@ def push_freely(tension, h, state):
         if body[Stretch.RISE] != 0.0:
             change = body[Stretch.RISE] - body[Stretch.TRIED]
             if abs(change) * tension.factor[b][StretchFactor.SOFTEST] <= NEAR:
-                of = modes_of_body(tension, h, state, b), state.tension.share, state.push, body[Stretch.RISE], change
+                of = modes_of_body(tension, h, state, b), state.push, body[Stretch.RISE], change
                 fold_lanes(add_push_near_pass, of, tension.mode_end[b] - tension.mode_begin[b], (splat(0.0),))
             else:
                 push_body(modes_of_body(tension, h, state, b), state.push, body[Stretch.RISE])
@@ -291,12 +307,12 @@ def sum_stretch(kappa, omega_squared, q, p, begin, end):
 
 
 @inline
-def energies_of_body(tension, omega_squared, state, b):
-    """Return the energy of the stretch of body b, and that of its modes, J."""
+def stretch_and_vibration(tension, omega_squared, state, b):
+    """Return the stretch of body b, m or m², and the energy of its modes, J."""
     begin, end = tension.mode_begin[b], tension.mode_end[b]
     stretch, vibration = sum_stretch(tension.kappa, omega_squared, state.q, state.p, begin, end)
     stretch = add_stretch_by_ends(tension, state.connection, b, stretch)
-    return 0.25 * stiffness_of(tension, b) * stretch * stretch, 0.5 * vibration
+    return stretch, 0.5 * vibration
 
 
 @inline
@@ -314,8 +330,9 @@ def sum_stretching_energies(tension, omega_squared, state):
     """Return the sum of the energies of the stretch of all bodies of an island, J."""
     total = 0.0
     for b in range(tension.mode_begin.shape[0]):
-        if stiffness_of(tension, b) != 0.0:
-            total += energies_of_body(tension, omega_squared, state, b)[0]
+        if present_stiffness(tension, state, b) != 0.0:
+            stretch, _ = stretch_and_vibration(tension, omega_squared, state, b)
+            total += 0.25 * stiffness_of(tension, b) * stretch * stretch
     return total
 
 
@@ -324,36 +341,79 @@ def sum_stretching_energies(tension, omega_squared, state):
 
 @inline
 def update_stretching(tension, model, state):
-    """Let the bodies of an island stretch if the rise of the tension of one may be heard, else be linear."""
+    """Let each body of an island stretch if the rise of its tension may be heard, else be linear, where nothing acts
+    before the next check."""
     if tension is not None:
         if tension.can_stretch[0] != 0:
-            set_stretching(tension, model.omega_squared, is_any_loud(tension, model.omega_squared, state), state)
+            choose_stretching(tension, None, model.omega_squared, 1.0, state)
+
+
+@inline
+def update_touched(tension, model, state):
+    """Do this where contacts may act: what a body can get from those that touch it counts, too."""
+    if tension is not None:
+        if tension.can_stretch[0] != 0:
+            choose_stretching(tension, model.contact, model.omega_squared, SHARE_IN_CONTACT, state)
 
 
 @inline
 def let_stretch(tension, model, state):
-    """Let the bodies of an island stretch, as something may act on them."""
+    """Let the bodies of an island stretch, as something may act on them before the next check."""
     if tension is not None:
         if tension.can_stretch[0] != 0:
-            set_stretching(tension, model.omega_squared, TRUE, state)
+            for b in range(tension.mode_begin.shape[0]):
+                if stiffness_of(tension, b) != 0.0:
+                    set_stretching(tension, model.omega_squared, True, state, b)
+            state.tension.is_active[0] = 1
 
 
-@inline
-def is_any_loud(tension, omega_squared, state):
-    """True if the energy of a body may raise its pitch by more than the scene lets pass."""
+@noinline
+def choose_stretching(tension, contact, omega_squared, share, state):
+    """Let each body of an island stretch, or be linear. contact: that which may act; share: of the rise that the scene
+    lets pass"""
+    is_any = False
     for b in range(tension.mode_begin.shape[0]):
-        stiffness = stiffness_of(tension, b)
-        if stiffness != 0.0:
-            stretch, vibration = energies_of_body(tension, omega_squared, state, b)
-            if not stiffness * (stretch + vibration) <= tension.factor[b][StretchFactor.UNHEARD]:
-                return True
-    return False
+        if stiffness_of(tension, b) != 0.0:
+            is_loud = is_heard(tension, contact, omega_squared, share, state, b)
+            set_stretching(tension, omega_squared, is_loud, state, b)
+            is_any = is_any or is_loud
+    state.tension.is_active[0] = 1 if is_any else 0
 
 
 @inline
-def set_stretching(tension, omega_squared, is_active, state):
-    """Let bodies stretch or be linear. The energy of the stretch is supplied or dissipated."""
-    if is_active != stretches(tension, state):
-        energy = sum_stretching_energies(tension, omega_squared, state)
+def is_heard(tension, contact, omega_squared, share, state, b):
+    """True if the energy that body b has, or may get, may raise its pitch by more than a share of what the scene lets
+    pass."""
+    stretch, vibration = stretch_and_vibration(tension, omega_squared, state, b)
+    energy = 0.25 * stiffness_of(tension, b) * stretch * stretch + vibration
+    if contact is not None:
+        energy += energy_in_reach(contact.rows, contact.other_rows, tension, omega_squared, state, b)
+        energy += energy_in_reach(contact.other_rows, contact.rows, tension, omega_squared, state, b)
+    unheard = share * tension.factor[b][StretchFactor.UNHEARD]
+    return unheard <= 0.0 or not stiffness_of(tension, b) * energy <= unheard
+
+
+@inline
+def energy_in_reach(rows, other_rows, tension, omega_squared, state, b):
+    """Return the energy of vibration of the bodies that contacts join with body b, J. rows: where they are on it;
+    other_rows: on the other body"""
+    energy = 0.0
+    if rows is not None:
+        if other_rows is not None:
+            for k in range(state.compression.shape[0]):
+                if rows.mode_begin[k] < tension.mode_end[b] and rows.mode_end[k] > tension.mode_begin[b]:
+                    begin, end = other_rows.mode_begin[k], other_rows.mode_end[k]
+                    energy += 0.5 * sum_stretch(tension.kappa, omega_squared, state.q, state.p, begin, end)[1]
+    return energy
+
+
+@inline
+def set_stretching(tension, omega_squared, is_active, state, b):
+    """Let body b stretch or be linear. The energy of its stretch is supplied or dissipated."""
+    body = state.tension.body[b]
+    if is_active != (body[Stretch.STRETCHES] != 0.0):
+        stretch, _ = stretch_and_vibration(tension, omega_squared, state, b)
+        energy = 0.25 * stiffness_of(tension, b) * stretch * stretch
         accumulate(state.energy_totals, EnergyTotal.SUPPLIED if is_active else EnergyTotal.DISSIPATED, energy)
-        state.tension.is_active[0] = 1 if is_active else 0
+        body[Stretch.STRETCHES] = 1.0 if is_active else 0.0
+        body[Stretch.RISE] = body[Stretch.LAST] = body[Stretch.SECOND_LAST] = body[Stretch.THIRD_LAST] = 0.0

@@ -27,7 +27,7 @@ from engine.kernel.interactions.contacts import (
 from engine.kernel.interactions.external_forces import has_external_forces
 from engine.kernel.interactions.near_contacts import cannot_close
 from engine.kernel.interactions.one_way_drive import clear_drive
-from engine.kernel.interactions.tension import let_stretch, stretches, update_stretching
+from engine.kernel.interactions.tension import let_stretch, stretches, update_stretching, update_touched
 from engine.kernel.modes.event_dampers import is_event_active, step_with_dampers
 from engine.kernel.modes.free_flight import begin_flight, end_flight
 from engine.kernel.modes.mode_energies import bound_modal_displacements, vibration_energy
@@ -170,7 +170,12 @@ def update_before_sample(model, state, frame):
             if is_check:
                 plan_free_flight(model, state, frame - 1)
             if frame >= state.contact_free_until[0]:
-                let_stretch(model.tension, model, state)
+                if is_check:
+                    update_touched(model.tension, model, state)
+                elif next_due(model.force, model.events, state, frame - 1) <= frame:
+                    let_stretch(model.tension, model, state)
+    elif is_check and state.in_contact[0] != 0:
+        update_touched(model.tension, model, state)
 
 
 @inline

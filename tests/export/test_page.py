@@ -22,7 +22,7 @@ from engine.export.row_recorder import keys_of_player, player_of_keys, player_of
 from engine.files import shipped_names
 from engine.kernel.data.enums import EventKind
 from engine.live.key_allocator import KeyAllocator, live_scene
-from engine.live.midi_notes import Note
+from engine.live.midi_notes import PEDALS, Note
 from engine.live.player import Player
 from engine.live.shared_memory import Slot
 from tests.export.browser import (
@@ -55,7 +55,7 @@ PATCHES = [  # contacts with and without loss, bridges, connections, several isl
     "sympathetic_strings",
     "bowed_violin",
 ]
-SENSITIVE = "snare_wires", "guitar_frets", "rattle"  # whose contacts amplify last bits within half a second
+SENSITIVE = "snare_wires", "guitar_frets", "rattle", "bowed_violin"  # contacts and friction that amplify last bits
 INSTRUMENTS = ["vibraphone", "toms", "piano", "violin"]
 NODE = shutil.which("node")
 PLAIN = "#plain"  # at the end of a page's address: multiply-adds in two steps, as in browsers without fused ones
@@ -211,37 +211,70 @@ def test_a_page_says_when_it_does_not_fuse_multiply_adds(tmp_path):
             assert meter["error"] < 1e-12
 
 
+def midi_of(kind, number, value):
+    """Return a message of MIDI as its bytes."""
+    if kind in ("on", "off"):
+        return [0x90 if kind == "on" else 0x80, number, value]
+    return [0xB0, next(controller for controller, pedal in PEDALS.items() if pedal == kind), value]
+
+
+def notes_and_pedals(keys):
+    """Return messages with their frames: half a pedal, a key that the sostenuto pedal keeps, and one struck softly."""
+    a, b, c = (keys[3 * len(keys) // 4 + n] for n in (0, -1, -2))
+    return [
+        (0, "sustain", 0, 40),
+        (0, "on", a, 80),
+        (1024, "sostenuto", 0, 127),
+        (1024, "off", a, 64),
+        (2048, "on", b, 96),
+        (4096, "off", b, 64),
+        (6144, "sustain", 0, 79),
+        (8192, "soft", 0, 70),
+        (8192, "on", c, 112),
+        (10240, "off", c, 64),
+        (12288, "sostenuto", 0, 63),
+        (16384, "sustain", 0, 0),
+    ]
+
+
+def live_sound(scene, gain, messages, frames):
+    """Return what live sound plays of an instrument, [frames, channels], if messages come at these frames."""
+    player = Player(live_scene(scene), 44_100, math.inf, gain, waiting=True, kernel="general")
+    player.counters[Slot.FADE_IN_FRAMES] = 0
+    allocator, audio = KeyAllocator(player), np.zeros((frames, player.channels), np.float32)
+    for begin in range(0, frames, 128):
+        for frame, *message in messages(allocator.keys):
+            if frame == begin:
+                allocator.play(Note(0.0, *message))
+        player.render_into(audio[begin : begin + 128])
+    return audio
+
+
 @pytest.mark.slow
 @needs_browser
 @pytest.mark.parametrize("name", INSTRUMENTS)
-def test_the_keys_and_the_pedal_of_a_page_do_what_those_of_live_sound_do(name, tmp_path):
+def test_the_keys_and_pedals_of_a_page_do_what_those_of_live_sound_do(name, tmp_path):
+    """All three pedals, the sustain pedal half down, by the same messages of MIDI."""
     page, data = page_of(name)
     page.save(tmp_path / "page.html")
     frames = round(SECONDS * 44_100) // 128 * 128
-    player = Player(live_scene(engine.load(name)), 44_100, math.inf, data["gain"], waiting=True, kernel="general")
-    player.counters[Slot.FADE_IN_FRAMES] = 0
-    keys = KeyAllocator(player)
-    for note in (Note(0.0, "sustain", 0, 127), Note(0.0, "on", keys.keys[3], 80), Note(0.0, "off", keys.keys[3], 64)):
-        keys.play(note)
-    keys.play(Note(0.0, "sustain", 0, 0), 8192)
-    expected = np.zeros((frames, player.channels), np.float32)
-    for begin in range(0, frames, 128):
-        player.render_into(expected[begin : begin + 128])
+    expected = live_sound(engine.load(name), data["gain"], notes_and_pedals, frames)
     with Browser(tmp_path / "browser") as browser:
         browser.open(tmp_path / "page.html")
         browser.ask("started")
-        told = """(() => {
-          const told = [];
-          let later = 0;
-          window.send = ({ rows }) => told.push({ rows: rows.map(r => [...r.slice(0, 4), later, ...r.slice(5)]) });
-          movePedal(true);
-          press(fdh.data.keys[3], 80);
-          release(fdh.data.keys[3]);
-          later = 8192;
-          movePedal(false);
-          return told;
-        })()"""
-        audio, meter = heard(browser, frames, browser.ask(f"JSON.stringify({told})"))
+        keys = browser.ask("fdh.data.keys.map(key => key.number)")
+        heard_midi = [[frame, midi_of(*message)] for frame, *message in notes_and_pedals(keys)]
+        sent = """(() => {
+          const sent = [];
+          let now = 0;
+          window.send = message => sent.push({ ...message, at: now });
+          for (const [frame, data] of MESSAGES) {
+            now = frame;
+            hear({ data });
+          }
+          return sent;
+        })()""".replace("MESSAGES", json.dumps(heard_midi))
+        audio, meter = heard(browser, frames, browser.ask(f"JSON.stringify({sent})"))
         assert browser.errors == []
     np.testing.assert_array_equal(audio, expected)
     assert np.abs(audio).max() > 0.001

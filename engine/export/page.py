@@ -33,6 +33,8 @@ from engine.export.player_bytes import (
 )
 from engine.export.row_recorder import (
     LEVELS,
+    PEDAL_DOWN,
+    SHARES,
     RowRecorder,
     check_oversample,
     keys_of_player,
@@ -47,6 +49,7 @@ from engine.export.wasm_kernels import compile_module, general_module_of, read_m
 from engine.instrument.score import Score, read_score
 from engine.kernel.data.enums import Balance, EventKind, Sleep
 from engine.live.key_allocator import DEFAULT_POLYPHONY
+from engine.live.midi_notes import PEDALS
 from engine.live.shared_memory import Gauge, Slot
 from engine.patch.scene import Scene
 from engine.runtime.event_slots import EventSlot
@@ -139,6 +142,9 @@ def _controls(scene: Scene, player: RowRecorder) -> dict[str, Any]:
         "keys": keys,
         "levels": LEVELS,
         "polyphony": polyphony,
+        "pedals": PEDALS,
+        "shares": SHARES,
+        "pedal_down": PEDAL_DOWN,
         "sliders": sliders,
         "song": song,
         "song_seconds": score.end,

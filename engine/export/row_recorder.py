@@ -10,13 +10,14 @@ from engine.assembly.build import BuildResult
 from engine.assembly.event_table import EventRow
 from engine.assembly.table_changes import scored_exchanges
 from engine.export.faults import CannotExport
+from engine.instrument.held_keys import PEDAL_STEPS, SOSTENUTO_HALF, damper_share
 from engine.instrument.key_names import note_name
 from engine.instrument.key_writer import KeyWriter
 from engine.instrument.score import Score
 from engine.instrument.score_events import FULL_VELOCITY
 from engine.live.audio_memory import MAX_FRAMES
 from engine.live.key_allocator import KeyAllocator, live_scene
-from engine.live.midi_notes import Note
+from engine.live.midi_notes import UNKNOWN_RELEASE, Note
 from engine.live.player import Player
 from engine.live.shared_memory import Slot
 from engine.patch.live_parameters import value_at
@@ -24,7 +25,10 @@ from engine.patch.live_ranges import live_range
 from engine.patch.scene import Scene
 
 LEVELS = (1, 16, 32, 48, 64, 80, 96, 112, 127)  # MIDI velocities; rows between two of them are interpolated
-RELEASE = 64  # MIDI velocity with which a page lets keys go
+RELEASE = UNKNOWN_RELEASE  # MIDI velocity with which a page lets keys go
+# of how many PEDAL_STEPS the sustain pedal leaves to the dampers, by how far MIDI says that it is down
+SHARES = [round(PEDAL_STEPS * damper_share(value / FULL_VELOCITY)) for value in range(128)]
+PEDAL_DOWN = math.ceil(FULL_VELOCITY * SOSTENUTO_HALF)  # as MIDI says it: soft and sostenuto pedals are down from there
 TIMES = 1e3  # a slider of a stiffness goes so many times beyond the value of the patch, and below
 LEAST_GAP = 1e-3  # m, that a slider of a gap goes either way
 # numbers that may be 0 or less, whose sliders are linear, and how far these go at least
@@ -83,16 +87,24 @@ def _without_fades(player: RowRecorder) -> RowRecorder:
 
 
 class Key(NamedTuple):
-    """A key of an instrument."""
+    """A key of an instrument. Of its dampers there are rows for each share of their force that a pedal may leave them,
+    from 1 / PEDAL_STEPS to 1."""
 
     number: int  # of MIDI
     name: str
     on: list[Rows]  # at each of LEVELS
+    soft_on: list[Rows]  # … with the soft pedal down; empty if that changes nothing
     off: Rows  # when it is let go …
-    damp: Rows  # … and its dampers come down, which a pedal may keep up
+    soft_off: Rows  # … with the soft pedal down
+    damp: list[Rows]  # its dampers come down
     lift: Rows  # its dampers
-    end: Rows  # another key needs its place
+    steal: Rows  # another key needs its place: it is damped, whatever the pedals say
     group: float | None  # keys of which one sounds at a time
+
+    @property
+    def end(self) -> Rows:
+        """Rows that end it while it is down, and no pedal is."""
+        return [*self.off, *self.steal, *self.damp[-1]]
 
 
 def keys_of_player(player: RowRecorder) -> list[Key]:
@@ -101,28 +113,45 @@ def keys_of_player(player: RowRecorder) -> list[Key]:
     document = player.patch.instrument or {}
     mono, writer = document["keyboard"].get("mono"), KeyWriter(document)
 
-    def rows_of(kind: str, number: int, value: int) -> Rows:
+    def play(kind: str, number: int, value: int) -> Rows:
         allocator.play(Note(0.0, kind, number, value))
         return player.take_rows()
 
+    def damp(number: int) -> Rows:
+        allocator.damp(number, RELEASE / FULL_VELOCITY, 0)
+        return player.take_rows()
+
+    def lift(number: int) -> Rows:
+        allocator.lift(number, 0)
+        return player.take_rows()
+
+    def steal(number: int) -> Rows:
+        allocator.end(number, 0)
+        return player.take_rows()
+
+    def press(number: int) -> tuple[list[Rows], Rows]:
+        on, off = list[Rows](), Rows()
+        for level in LEVELS:
+            on.append(play("on", number, level))
+            off = play("off", number, RELEASE)
+        return on, off[: len(off) - len(dampers[-1][number])]
+
+    dampers = []
+    for share in range(1, PEDAL_STEPS + 1):
+        play("sustain", 0, SHARES.index(share))
+        dampers.append({number: damp(number) for number in allocator.keys})
+    pressed = {number: press(number) for number in allocator.keys}
+    play("soft", 0, round(FULL_VELOCITY))
+    softly = {number: press(number) for number in allocator.keys}
+    play("sustain", 0, SHARES.index(0))  # no damper comes down beside those of `steal`
     keys = []
     for number in allocator.keys:
-        on = []
-        for level in LEVELS:
-            on.append(rows_of("on", number, level))
-            rows_of("off", number, RELEASE)
-        rows_of("on", number, LEVELS[0])
-        allocator.end(number, 0)
-        end = player.take_rows()
-        rows_of("on", number, LEVELS[0])
-        whole = rows_of("off", number, RELEASE)
-        allocator.lift(number, 0)
-        lift = player.take_rows()
-        allocator.damp(number, RELEASE / FULL_VELOCITY, 0)
-        damp = player.take_rows()
-        off = whole[: len(whole) - len(damp)]
+        on, off = pressed[number]
+        soft_on, soft_off = softly[number] if softly[number] != pressed[number] else ([], [])
+        damp_rows = [rows[number] for rows in dampers]
         group = None if mono is None else writer.names(number).get(mono)
-        keys.append(Key(number, note_name(number), on, off, damp, lift, end, group))
+        key = Key(number, note_name(number), on, soft_on, off, soft_off, damp_rows, lift(number), steal(number), group)
+        keys.append(key)
     return keys
 
 

@@ -180,10 +180,11 @@ function draw() {
 
 // Rows between those of two velocities, of which the page has a few.
 function rowsAt(key, velocity) {
-  const { levels } = data, v = Math.min(levels[levels.length - 1], Math.max(levels[0], velocity));
+  const { levels } = data, rowsOn = isDown("soft") && key.soft_on.length ? key.soft_on : key.on;
+  const v = Math.min(levels[levels.length - 1], Math.max(levels[0], velocity));
   let n = levels.findIndex(level => level >= v);
-  if (levels[n] === v) return key.on[n];
-  const a = key.on[n - 1], b = key.on[n], share = (v - levels[n - 1]) / (levels[n] - levels[n - 1]);
+  if (levels[n] === v) return rowsOn[n];
+  const a = rowsOn[n - 1], b = rowsOn[n], share = (v - levels[n - 1]) / (levels[n] - levels[n - 1]);
   if (a.length !== b.length) return share < 0.5 ? a : b;
   return a.map((row, i) => row.map((x, j) => j < 6 ? x : x + share * (b[i][j] - x)));
 }
@@ -198,46 +199,96 @@ const scaled = (pad, share) => pad.rows.map(row => {
 const sliderRows = (slider, value) => slider.rows.map((row, i) => row.map((x, j) =>
   j < 6 ? x : x + value * (slider.rows_at_one[i][j] - x)));
 
-// --- keys: which are down, and which the pedal keeps
+// --- keys and pedals, as live sound has them (engine.live.key_allocator)
 
-const down = new Set(), kept = new Set();
-let pedal = false, sounding = [];
+const down = new Set(), kept = new Set(); // keys that are down, and those that the sostenuto pedal keeps
+const pedals = { sustain: 0, sostenuto: 0, soft: 0 }; // how far down, 0 to 127
+let sounding = []; // keys whose dampers have not ended them, the oldest first
+
+const isDown = pedal => pedals[pedal] >= data.pedal_down;
+const letGo = key => isDown("soft") && key.soft_on.length ? key.soft_off : key.off;
+
+// Rows that put the dampers of a key down as far as the pedals let them.
+function damp(key) {
+  const share = down.has(key) || kept.has(key) ? 0 : data.shares[pedals.sustain];
+  if (!share) return [];
+  sounding = sounding.filter(one => one !== key);
+  return key.damp[share - 1];
+}
+
+// Rows that end a key, as it cannot go on beside another.
+function end(key) {
+  const rows = down.delete(key) ? letGo(key) : [];
+  kept.delete(key);
+  sounding = sounding.filter(one => one !== key);
+  mark(key, false);
+  return [...rows, ...key.steal, ...damp(key)];
+}
 
 function press(key, velocity) {
   const rows = [];
-  for (const other of [...sounding]) {
-    const mono = key.group !== null && other.group === key.group && other !== key;
-    if (mono || (other !== key && sounding.length >= data.polyphony && other === sounding[0])) {
-      rows.push(...other.end);
-      release(other, false);
-    }
+  const inGroup = other => other !== key && key.group !== null && other.group === key.group;
+  for (const other of sounding.filter(inGroup)) rows.push(...end(other));
+  let others = sounding.filter(other => other !== key);
+  while (others.length >= data.polyphony) {
+    const oldest = others.find(other => !down.has(other)) || others[0];
+    rows.push(...end(oldest));
+    others = others.filter(other => other !== oldest);
   }
-  sounding = [...sounding.filter(k => k !== key), key];
+  sounding = [...others, key];
   down.add(key);
-  kept.delete(key);
   rows.push(...rowsAt(key, velocity));
   send({ rows });
   mark(key, true);
 }
 
-function release(key, isSent = true) {
+function release(key) {
   if (!down.delete(key)) return;
-  if (pedal) kept.add(key);
-  else sounding = sounding.filter(k => k !== key);
-  if (isSent) send({ rows: pedal ? key.off : [...key.off, ...key.damp] });
+  send({ rows: [...letGo(key), ...damp(key)] });
   mark(key, false);
 }
 
-function movePedal(isDown) {
-  if (isDown === pedal) return;
-  pedal = isDown;
-  $("pedal").setAttribute("aria-pressed", isDown);
-  const free = data.keys.filter(key => !down.has(key));
-  send({ rows: free.flatMap(key => isDown ? key.lift : key.damp) });
-  if (!isDown) {
-    sounding = sounding.filter(key => down.has(key));
+function movePedal(pedal, value) {
+  const was = isDown(pedal), share = data.shares[pedals.sustain], before = [...kept];
+  pedals[pedal] = value;
+  showPedals();
+  let moved = [];
+  if (pedal === "sustain" && share !== data.shares[value]) moved = data.keys;
+  if (pedal === "sostenuto" && was !== isDown(pedal)) {
     kept.clear();
+    if (isDown(pedal)) down.forEach(key => kept.add(key));
+    moved = before;
   }
+  const free = moved.filter(key => !down.has(key) && !kept.has(key));
+  if (free.length) send({ rows: free.flatMap(key => [...key.lift, ...damp(key)]) });
+}
+
+// All keys and pedals come up; nothing is sent.
+function letAllUp() {
+  down.forEach(key => mark(key, false));
+  down.clear();
+  kept.clear();
+  sounding = [];
+  for (const pedal in pedals) pedals[pedal] = 0;
+  showPedals();
+}
+
+function showPedals() {
+  for (const pedal in pedals) $(pedal).setAttribute("aria-pressed", isDown(pedal));
+  $("depth").value = pedals.sustain;
+}
+
+function makePedals() {
+  const hasDampers = data.keys.some(key => key.lift.length), isSoftened = data.keys.some(key => key.soft_on.length);
+  $("sustain").hidden = $("sostenuto").hidden = $("depth-label").hidden = !hasDampers;
+  $("soft").hidden = !isSoftened;
+  $("pedals").hidden = !hasDampers && !isSoftened;
+  for (const pedal in pedals) $(pedal).onclick = () => movePedal(pedal, isDown(pedal) ? 0 : 127);
+  $("depth").oninput = () => movePedal("sustain", +$("depth").value);
+  if (!hasDampers) return;
+  document.addEventListener("keydown", event => { if (event.key === "Shift" && !event.repeat) movePedal("sustain", 127); });
+  document.addEventListener("keyup", event => { if (event.key === "Shift") movePedal("sustain", 0); });
+  $("hint").textContent += " Shift is the pedal.";
 }
 
 const elements = new Map();
@@ -270,8 +321,6 @@ function makeKeyboard() {
   }
   $("keyboard").append(box);
   $("keyboard").hidden = false;
-  $("pedal").hidden = false;
-  $("pedal").onclick = () => movePedal(!pedal);
   const middle = keys.reduce((a, b) => Math.abs(b.number - 60) < Math.abs(a.number - 60) ? b : a);
   const button = elements.get(middle);
   $("keyboard").scrollLeft = button.offsetLeft - $("keyboard").clientWidth / 2;
@@ -283,15 +332,14 @@ function makeKeyboard() {
   document.addEventListener("keydown", event => {
     const key = played(event) ? keyOf(event) : undefined;
     if (key && !event.repeat) press(key, 80);
-    if (event.key === "Shift") movePedal(true);
   });
   document.addEventListener("keyup", event => {
     const key = played(event) ? keyOf(event) : undefined;
     if (key) release(key);
-    if (event.key === "Shift") movePedal(false);
   });
   window.addEventListener("blur", () => [...down].forEach(key => release(key))); // no key is left hanging
-  $("hint").textContent = "Lower on a key is louder. The computer's keys Z to M and Q to P play too; Shift is the pedal.";
+  $("hint").textContent = "Lower on a key is louder. The computer's keys Z to M and Q to P play too.";
+  makePedals();
 }
 
 function makePads() {
@@ -350,9 +398,10 @@ function makeSliders() {
 
 $("play").onclick = () => {
   if (playing) send({ reset: true });
-  send({ rows: data.song || [] });
+  letAllUp();
+  send({ song: data.song || [] });
 };
-$("damp").onclick = () => send({ rows: data.keys.length ? data.keys.flatMap(key => key.end) : data.damp });
+$("damp").onclick = () => send({ rows: data.keys.length ? data.keys.flatMap(end) : data.damp });
 $("copy").onclick = async () => {
   await navigator.clipboard.writeText($("text").textContent);
   $("copy").textContent = "Copied";
@@ -402,7 +451,7 @@ function hear({ data: [status, number, value] }) {
   const kind = status & 0xf0, key = data.keys.find(one => one.number === number);
   if (kind === 0x90 && value > 0 && key) press(key, value);
   else if ((kind === 0x80 || kind === 0x90) && key) release(key);
-  else if (kind === 0xb0 && number === 64) movePedal(value >= 64);
+  else if (kind === 0xb0 && number in data.pedals) movePedal(data.pedals[number], value);
 }
 
 $("midi").onclick = useMidi;

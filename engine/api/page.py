@@ -1,6 +1,7 @@
 """A patch as a page that plays, from Python and in a notebook."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from html import escape
@@ -47,6 +48,7 @@ def export_page(
     kernel: str = "general",
     text: str | None = None,
     command: str = "engine.export_page(scene)",
+    slide: Sequence[str] = (),
 ) -> Page:
     """Make a page that plays a scene in any browser, computed there: one HTML file that needs no network.
 
@@ -55,6 +57,8 @@ def export_page(
              the size, which takes half the time
     text:    of the patch, which the page shows; the scene as JSON if None
     command: that makes the page, which it shows
+    slide:   live parameters that get a slider, such as `body.string.frequency`: a pitch, a tension, a length or a loss
+             needs tables for each of 25 positions, which make the page larger
 
     >>> import engine
     >>> page = engine.export_page(engine.load("piano_c4"))  # doctest: +SKIP
@@ -70,7 +74,7 @@ def export_page(
     if text is None:
         text = scene.model_dump_json(exclude_unset=True, indent=2)
     about = {"title": scene.title or "A patch", "text": text, "command": command}
-    return Page(make_page(scene, partial(level_of, scene, samplerate), samplerate, kernel, about))
+    return Page(make_page(scene, partial(level_of, scene, samplerate), samplerate, kernel, about, slide))
 
 
 def level_of(scene: Scene, samplerate: int) -> float:

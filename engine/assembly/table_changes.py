@@ -14,7 +14,7 @@ import numpy as np
 from engine.assembly import limits
 from engine.assembly.build import BuildResult, build
 from engine.assembly.pickup_points import channel_gains
-from engine.assembly.table_exchange import Copies, collect_copies, make_copies
+from engine.assembly.table_exchange import Copies, collect_copies, make_alternatives, make_copies
 from engine.kernel.data.axes import map_arrays
 from engine.kernel.data.model import Model
 from engine.patch.frames import nearest_frame
@@ -142,6 +142,29 @@ class TableChanges:
         self._busy_until |= dict.fromkeys(islands, due[-1])
         self._kept += steps
         return steps
+
+    def alternatives(self, variants: Sequence[Sequence[NewValue]]) -> list[Exchange]:
+        """Return exchanges for those of some variants of the same parameters that are possible: each gives them its
+        values, whichever of them was made last. They are due at once, and nothing has changed yet."""
+        possible, models = list[tuple[NewValue, ...]](), list[list[Model]]()
+        for values in variants:
+            try:
+                after = self._build(self._with_values(values))
+                make_copies(self._targets, self._state, self._known, after)
+            except ValueError:  # BuildError, CannotExchange
+                continue
+            possible.append(tuple(values))
+            models.append(after)
+        first, count = self._islands([new.path for values in variants for new in values])
+        _, *copies = make_alternatives(self._targets, self._state, [self._known, *models])
+        steps = [Exchange(values, one, first, count, 0) for values, one in zip(possible, copies, strict=True)]
+        self._kept += steps
+        return steps
+
+    @property
+    def exchanges(self) -> list[Exchange]:
+        """The exchanges that the audio thread may still make."""
+        return [*self._kept]
 
     def _glide(self, values: Sequence[NewValue], number: int) -> list[tuple[NewValue, ...]]:
         """Return the values of parameters in each step of a glide to new ones."""

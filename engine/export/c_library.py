@@ -16,6 +16,7 @@ from engine.compiler.kernel_name import KernelName
 from engine.compiler.machine_code import TARGETS, NeutralCode, neutral_code, object_code
 from engine.compiler.struct_handle import pointer_kind
 from engine.export.c_events import EventTables
+from engine.export.faults import CannotExport
 from engine.export.player_bytes import INSERT, MEMORY, PLAY, RENDER, arrays_of_player, lay_out_player, requests_of
 from engine.export.row_recorder import (
     LEVELS,
@@ -68,6 +69,8 @@ def export_c(
     check_oversample(scene, "C")
     seconds = scene.seconds if seconds is None else seconds
     players = {SCORE: player_of_scene(scene, samplerate, KernelName.AUTO, seconds)}
+    if players[SCORE].tables.exchanges:  # they part a block, of which fdh.c reads the whole
+        raise CannotExport("a patch whose events change bodies cannot be exported to C yet")
     if scene.instrument is not None:
         players[KEYS] = player_of_keys(scene, samplerate, KernelName.AUTO)
     codes, tables, layouts = dict[str, NeutralCode](), dict[str, bytes](), list[str]()

@@ -9,7 +9,7 @@ import gzip
 import hashlib
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from typing import Any
@@ -18,6 +18,7 @@ import numpy as np
 
 from engine.compiler.kernel_name import KernelName
 from engine.compiler.wasm_multiply_add import make_replaceable
+from engine.export.exchange_bytes import add_queued_exchanges
 from engine.export.faults import CannotExport
 from engine.export.player_bytes import (
     INSERT,
@@ -45,6 +46,7 @@ from engine.export.row_recorder import (
     sliders_of_player,
 )
 from engine.export.scene_bytes import SceneBytes
+from engine.export.table_sliders import add_table_sliders, paths_of_sliders
 from engine.export.wasm_kernels import compile_module, general_module_of, read_module
 from engine.instrument.score import Score, read_score
 from engine.kernel.data.enums import Balance, EventKind, Sleep
@@ -67,12 +69,14 @@ def make_page(
     samplerate: int = 44_100,
     kernel: str = KernelName.GENERAL,
     about: Mapping[str, str] | None = None,
+    slide: Sequence[str] = (),
 ) -> str:
     """Return a scene as a page.
 
     find_gain: returns the factor on SI units, once it is known that the scene can become a page
     kernel: general, or special: compiled for this scene, which takes a minute
     about:  what the page says of itself: its `title`, the `text` of the patch and the `command` that made it
+    slide:  live parameters that get a slider though they need tables of their own for each of its positions
 
     Raises CannotExport (a ValueError) with the reason if the scene cannot become a page, BuildError (a ValueError) if
     it cannot be built.
@@ -80,7 +84,11 @@ def make_page(
     check_oversample(scene, "a page")
     find_player = player_of_scene if scene.instrument is None else player_of_keys
     player = find_player(scene, samplerate, kernel)
+    paths = paths_of_sliders(player, slide)
     laid_out = lay_out_player(player.memory, pointer_bytes=4, base=BASE)
+    add_queued_exchanges(laid_out, player.memory.shared, player.tables.exchanges)
+    tabled = {name: path for name, path in paths.items() if not path.is_glided}
+    table_sliders = [slider._asdict() for slider in add_table_sliders(laid_out, player, tabled)]
     if len(laid_out.content) > MAX_MEGABYTES * MEGABYTE:
         size = len(laid_out.content) // MEGABYTE
         raise CannotExport(f"the patch needs {size} MB of memory; a page has {MAX_MEGABYTES} MB at most")
@@ -102,8 +110,8 @@ def make_page(
         "names": names_of_numbers(),
         "functions": {RENDER: RENDER_BLOCK, INSERT: INSERT_EVENT},
     }
-    controls = _packed(_json(left_out | _controls(scene, player)).encode())
-    return compose({**data, "controls": controls}, about or {})
+    controls = left_out | _controls(scene, player, paths) | {"table_sliders": table_sliders}
+    return compose({**data, "controls": _packed(_json(controls).encode())}, about or {})
 
 
 def places_of_player(laid_out: SceneBytes, player: RowRecorder) -> dict[str, int]:
@@ -113,6 +121,7 @@ def places_of_player(laid_out: SceneBytes, player: RowRecorder) -> dict[str, int
     arrays |= {"sleep": state.sleep, "iterations": state.iteration_histogram, "force": state.contact_force}
     counts = {"queue": len(arrays["events"]), "islands": len(state.sleep), "contacts": state.contact_force.size}
     counts |= {"solves": state.iteration_histogram.shape[-1], "event": len(EventSlot), "rest": state.sleep.shape[1]}
+    counts |= {"table": EventSlot.TABLE}
     return {MEMORY: laid_out.address(MEMORY)} | {n: laid_out.address(a) for n, a in arrays.items()} | counts
 
 
@@ -127,9 +136,9 @@ def names_of_numbers() -> dict[str, dict[str, int]]:
     }
 
 
-def _controls(scene: Scene, player: RowRecorder) -> dict[str, Any]:
-    """Return the controls of a scene: keys or pads, sliders, and its score."""
-    sliders = [slider._asdict() for slider in sliders_of_player(player)]
+def _controls(scene: Scene, player: RowRecorder, chosen: Container[str]) -> dict[str, Any]:
+    """Return the controls of a scene: keys or pads, sliders, and its score. chosen: numbers that have sliders anyway"""
+    sliders = [slider._asdict() for slider in sliders_of_player(player, chosen)]
     if scene.instrument is None:
         damped = damp_rows(player)
         return {"keys": [], "pads": [p._asdict() for p in pads_of_player(player)], "sliders": sliders, "damp": damped}

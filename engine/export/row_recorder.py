@@ -4,11 +4,11 @@ It scales their values, by velocity or by a slider, and computes nothing else.
 """
 
 import math
+from collections.abc import Container
 from typing import Any, NamedTuple
 
-from engine.assembly.build import BuildResult
 from engine.assembly.event_table import EventRow
-from engine.assembly.table_changes import scored_exchanges
+from engine.assembly.table_changes import TableChanges
 from engine.export.faults import CannotExport
 from engine.instrument.held_keys import PEDAL_STEPS, SOSTENUTO_HALF, damper_share
 from engine.instrument.key_names import note_name
@@ -53,6 +53,11 @@ class RowRecorder(Player):
         rows, self._rows_kept = self._rows_kept, []
         return [list(map(float, row)) for row in rows]
 
+    @property
+    def tables(self) -> TableChanges:
+        """What builds the tables of its live parameters."""
+        return self._parameters.tables
+
     def make_tables(self) -> None:
         """Raise CannotExport: a key that changes a body would need its tables."""
         raise CannotExport("a key of this instrument changes a body as it is pressed, which cannot be exported yet")
@@ -64,9 +69,6 @@ class RowRecorder(Player):
 def player_of_scene(scene: Scene, samplerate: int, kernel: str, seconds: float | None = None) -> RowRecorder:
     """Return the player of a scene with its score. Raises CannotExport."""
     player = RowRecorder(scene, samplerate, seconds, kernel=kernel)
-    built = BuildResult(player.model, player.state, player.layout)
-    if scored_exchanges(scene, built, accuracy=scene.accuracy, seconds=scene.seconds if seconds is None else seconds):
-        raise CannotExport("a patch whose events change bodies cannot be exported yet")
     return _without_fades(player)
 
 
@@ -202,10 +204,12 @@ class Slider(NamedTuple):
     rows_at_one: Rows  # … and of 1: between them and beyond, their values lie on lines
 
 
-def sliders_of_player(player: RowRecorder) -> list[Slider]:
-    """Return the numbers of a patch that glide, unless there are too many."""
+def sliders_of_player(player: RowRecorder, chosen: Container[str] = ()) -> list[Slider]:
+    """Return the numbers of a patch that glide; if there are too many, those that were chosen."""
     sliders, glided = list[Slider](), {name: path for name, path in player.live_paths.items() if path.is_glided}
-    for parameter, path in glided.items() if len(glided) <= MAX_SLIDERS else ():
+    if len(glided) > MAX_SLIDERS:
+        glided = {name: path for name, path in glided.items() if name in chosen}
+    for parameter, path in glided.items():
         value, key = value_at(player.scene, path), str(path.keys[0])
         is_linear = key in LEAST_REACH
         if not is_linear and value <= 0.0:

@@ -36,6 +36,7 @@ from tests.export.browser import (
     Firefox,
     WebKit,
 )
+from tests.export.tuned_scene import tuned_as_it_sounds
 
 SECONDS = 0.5
 PATCHES = [  # contacts with and without loss, bridges, connections, several islands, forces, events
@@ -387,6 +388,29 @@ def test_a_page_is_small(name, kilobytes):
     assert data["samplerate"] == 44_100
 
 
+@needs_node
+def test_a_page_changes_the_pitch_and_the_loss_of_a_string_as_its_score_says(tmp_path):
+    """In Node, which multiplies and then adds: with the samples of a rendering but for their last bits."""
+    scene = tuned_as_it_sounds("piano_c4", "string")
+    page = engine.export_page(scene)
+    page.save(tmp_path / "page.html")
+    audio = engine.render(scene, seconds=SECONDS, cores=1).audio * data_of(page.html)["gain"]
+    played, meter = played_in_node(tmp_path / "page.html", len(audio))
+    np.testing.assert_allclose(played, audio, rtol=0.0, atol=1e-7 * np.abs(audio).max())
+    assert 0.0 < meter["error"] < 1e-12
+
+
+def test_what_can_have_no_slider_is_said():
+    with pytest.raises(CannotExport, match=r"no live parameter body.string.sigma; .* body.string.sigma0"):
+        page_of("piano_c4", slide=["body.string.sigma"])
+    with pytest.raises(CannotExport, match="the score changes the same tables"):
+        engine.export_page(tuned_as_it_sounds("piano_c4", "string"), slide=["body.string.length"])
+    scene = engine.load("piano_c4")
+    lossless = scene.body[0].model_copy(update={"sigma0": 0.0})
+    with pytest.raises(CannotExport, match="as it is 0: a slider goes from half to twice the value"):
+        engine.export_page(scene.model_copy(update={"body": [lossless, scene.body[1]]}), slide=["body.string.sigma0"])
+
+
 def test_the_level_of_a_page_is_half_of_full_scale():
     scene = engine.load("repelled_oscillator").model_copy(update={"level": None})
     peak = np.abs(engine.render(scene, seconds=2.0).audio).max()
@@ -414,13 +438,80 @@ def test_what_cannot_become_a_page_is_said_before_anything_is_made(tmp_path, cap
 
 def test_the_command_writes_a_page_that_says_how_it_was_made(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert main(["export", "barrier_linear"]) == 0
+    assert main(["export", "barrier_linear", "--slide", "body.mass.mass"]) == 0
     page = Path("barrier_linear.html")
     html = page.read_text("utf-8")
-    assert "fdh export barrier_linear.toml" in html
+    assert "fdh export barrier_linear.toml --slide body.mass.mass" in html
     assert "[[contact]]" in html
     assert str(page) in capsys.readouterr().out
     page.unlink()
     page.mkdir()
     assert main(["export", "barrier_linear", "--json"]) == 1
     assert "barrier_linear.html" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@needs_browser
+def test_a_page_makes_the_changes_of_a_score_that_need_new_tables(tmp_path):
+    """Pitch and loss of a string, with the samples and the energy of a rendering."""
+    scene = tuned_as_it_sounds("piano_c4", "string")
+    page = engine.export_page(scene)
+    page.save(tmp_path / "page.html")
+    rendering = engine.render(scene, seconds=SECONDS, cores=1)
+    with Browser(tmp_path / "browser") as browser:
+        browser.open(tmp_path / "page.html")
+        audio, meter = heard(browser, len(rendering.audio), "[]")
+    np.testing.assert_array_equal(audio, (rendering.audio * data_of(page.html)["gain"]).astype(np.float32))
+    untuned = engine.render(engine.load("piano_c4"), seconds=SECONDS, cores=1).audio
+    assert np.abs(rendering.audio - untuned).max() > 0.1 * np.abs(untuned).max()
+    assert 0.0 < meter["error"] < 1e-11
+
+
+SLID = {"piano_c4": ["body.string.frequency", "body.string.length", "body.string.sigma0", "body.hammer.mass"]}
+SLID |= {"guitar_body": ["body.a2.tension", "body.e4.decay.a"]}
+
+
+@pytest.mark.slow
+@needs_browser
+@pytest.mark.parametrize("name", SLID)
+def test_sliders_of_a_page_exchange_the_tables_that_live_sound_would(name, tmp_path):
+    """Pitch, tension, length and loss, with the samples of live sound. Of sliders whose tables are the same ones, one
+    at a time is away from the patch's value."""
+    scene, frames = engine.load(name), round(SECONDS * 44_100) // 128 * 128
+    page, data = page_of(name, slide=SLID[name])
+    page.save(tmp_path / "page.html")
+    with Browser(tmp_path / "browser") as browser:
+        browser.open(tmp_path / "page.html")
+        browser.ask("started")
+        sliders = browser.ask("fdh.data.table_sliders.map(({ rows, ...slider }) => slider)")
+        moves = [(256 + 2048 * n, n % len(sliders), (3 * n + 17) % 12) for n in range(2 * len(sliders))]
+        sent = browser.ask(
+            """(() => {
+          const sent = [];
+          let now = 0;
+          window.send = message => sent.push({ ...message, at: now });
+          const inputs = [...document.querySelectorAll("#sliders input")].slice(-COUNT);
+          for (const [frame, n, place] of MOVES) {
+            now = frame;
+            inputs[n].value = place;
+            inputs[n].oninput();
+          }
+          return JSON.stringify(sent);
+        })()""".replace("MOVES", json.dumps(moves)).replace("COUNT", str(len(sliders)))
+        )
+        audio, meter = heard(browser, frames, sent)
+        assert browser.errors == []
+    player = Player(scene, 44_100, math.inf, data["gain"], kernel="general")
+    player.counters[Slot.FADE_IN_FRAMES] = 0
+    expected, away = np.zeros((frames, player.channels), np.float32), set()
+    for begin in range(0, frames, 128):
+        for frame, n, place in moves:
+            if frame == begin:
+                gone = away & set(sliders[n]["overlapping"])
+                player.set({sliders[m]["path"]: sliders[m]["values"][sliders[m]["home"]] for m in gone}, seconds=0.0)
+                player.set(sliders[n]["path"], sliders[n]["values"][place], seconds=0.0)
+                away = away - gone | {n}
+        player.render_into(expected[begin : begin + 128])
+    np.testing.assert_array_equal(audio, expected)
+    assert np.abs(audio).max() > 0.01
+    assert 0.0 < meter["error"] < 1e-11

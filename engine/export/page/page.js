@@ -368,30 +368,53 @@ function makePads() {
   if (data.pads.length) $("hint").textContent = "Lower on a pad is harder. The computer's keys 1 to 9 strike as the patch does.";
 }
 
+const sliders = []; // with their inputs, the rows of a position, and whether they were moved
+
+function addSlider(path, unit, limits, valueOf, rowsOf) {
+  const label = document.createElement("label"), name = document.createElement("span");
+  const input = document.createElement("input"), output = document.createElement("output");
+  label.className = "slider";
+  name.textContent = path;
+  Object.assign(input, { type: "range", ...limits });
+  const put = place => {
+    input.value = place;
+    output.textContent = `${decimals(valueOf(+input.value), 3)} ${unit}`;
+    input.setAttribute("aria-valuetext", output.textContent);
+  };
+  const slider = { put, rows: () => rowsOf(+input.value), isMoved: false };
+  input.oninput = () => {
+    put(input.value);
+    slider.isMoved = true;
+    send({ rows: slider.rows() });
+  };
+  put(limits.value);
+  label.append(name, input, output);
+  $("sliders").append(label);
+  sliders.push(slider);
+  return slider;
+}
+
 function makeSliders() {
-  $("sliders").hidden = !data.sliders.length;
   for (const slider of data.sliders) {
-    const label = document.createElement("label"), name = document.createElement("span");
-    const input = document.createElement("input"), output = document.createElement("output");
-    label.className = "slider";
-    name.textContent = slider.path;
     const toPlace = x => slider.is_logarithmic ? Math.log10(x) : x;
-    const value = () => slider.is_logarithmic ? 10 ** +input.value : +input.value;
-    Object.assign(input, {
-      type: "range", min: toPlace(slider.low), max: toPlace(slider.high), step: "any", value: toPlace(slider.value),
-    });
-    const tell = () => {
-      output.textContent = `${decimals(value(), 3)} ${slider.unit}`;
-      input.setAttribute("aria-valuetext", output.textContent);
-    };
-    input.oninput = () => {
-      tell();
-      send({ rows: sliderRows(slider, value()) });
-    };
-    tell();
-    label.append(name, input, output);
-    $("sliders").append(label);
+    const valueOf = place => slider.is_logarithmic ? 10 ** place : place;
+    const limits = { min: toPlace(slider.low), max: toPlace(slider.high), step: "any", value: toPlace(slider.value) };
+    addSlider(slider.path, slider.unit, limits, valueOf, place => sliderRows(slider, valueOf(place)));
   }
+  const tabled = data.table_sliders.map(({ path, unit, values, home, rows, overlapping }) => {
+    const limits = { min: 0, max: values.length - 1, step: 1, value: home };
+    // tables are made for one slider at a time: others that change the same ones go home before
+    const goHome = m => {
+      const other = tabled[m], { home, rows } = data.table_sliders[m];
+      if (!other.isMoved) return [];
+      other.put(home);
+      other.isMoved = false;
+      return [rows[home]];
+    };
+    return addSlider(path, unit, limits, place => values[place],
+      place => [...overlapping.flatMap(goHome), rows[place]]);
+  });
+  $("sliders").hidden = !sliders.length;
 }
 
 // --- buttons
@@ -399,6 +422,7 @@ function makeSliders() {
 $("play").onclick = () => {
   if (playing) send({ reset: true });
   letAllUp();
+  send({ rows: sliders.filter(slider => slider.isMoved).flatMap(slider => slider.rows()) }); // they stay where they are
   send({ song: data.song || [] });
 };
 $("damp").onclick = () => send({ rows: data.keys.length ? data.keys.flatMap(end) : data.damp });

@@ -96,6 +96,7 @@ class Patch extends AudioWorkletProcessor {
     if (index - counters[Slot.READ_INDEX] >= BigInt(queue)) return false;
     const slot = Number(index % BigInt(queue));
     for (let i = 0; i < event; i++) this.events[slot * event + i] = i < 6 ? BigInt(Math.round(row[i])) : 0n;
+    this.events[slot * event + this.o.at.table] = BigInt(row[8] || 0); // of an exchange: where its copies are
     this.values[2 * slot] = row[6];
     this.values[2 * slot + 1] = row[7];
     counters[Slot.WRITE_INDEX] = index + 1n;

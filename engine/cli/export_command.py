@@ -40,7 +40,7 @@ def add_export_command(commands: "arguments.Commands") -> None:
         action="append",
         default=[],
         help="of a page: give a live parameter such as body.string.frequency a slider, with tables for each of its"
-        " positions; repeat it for more",
+        " positions, or an instrument its pitch wheel (bend); repeat it for more",
     )
     arguments.add_options(
         parser,

@@ -46,7 +46,7 @@ from engine.export.row_recorder import (
     sliders_of_player,
 )
 from engine.export.scene_bytes import SceneBytes
-from engine.export.table_sliders import add_table_sliders, paths_of_sliders
+from engine.export.table_sliders import BEND, CENTS, add_table_sliders, paths_of_sliders
 from engine.export.wasm_kernels import compile_module, general_module_of, read_module
 from engine.instrument.score import Score, read_score
 from engine.kernel.data.enums import Balance, EventKind, Sleep
@@ -87,7 +87,7 @@ def make_page(
     paths = paths_of_sliders(player, slide)
     laid_out = lay_out_player(player.memory, pointer_bytes=4, base=BASE)
     add_queued_exchanges(laid_out, player.memory.shared, player.tables.exchanges)
-    tabled = {name: path for name, path in paths.items() if not path.is_glided}
+    tabled = {name: path for name, path in paths.items() if path is None or not path.is_glided}
     table_sliders = [slider._asdict() for slider in add_table_sliders(laid_out, player, tabled)]
     if len(laid_out.content) > MAX_MEGABYTES * MEGABYTE:
         size = len(laid_out.content) // MEGABYTE
@@ -110,7 +110,7 @@ def make_page(
         "names": names_of_numbers(),
         "functions": {RENDER: RENDER_BLOCK, INSERT: INSERT_EVENT},
     }
-    controls = left_out | _controls(scene, player, paths) | {"table_sliders": table_sliders}
+    controls = left_out | _controls(scene, player, paths) | {"table_sliders": table_sliders, "bend": BEND}
     return compose({**data, "controls": _packed(_json(controls).encode())}, about or {})
 
 
@@ -152,6 +152,7 @@ def _controls(scene: Scene, player: RowRecorder, chosen: Container[str]) -> dict
         "levels": LEVELS,
         "polyphony": polyphony,
         "pedals": PEDALS,
+        "bend_cents": CENTS * scene.midi.bend_range,
         "shares": SHARES,
         "pedal_down": PEDAL_DOWN,
         "sliders": sliders,

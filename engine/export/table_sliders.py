@@ -8,11 +8,17 @@ from engine.export.exchange_bytes import row_of_exchange, writes_alike
 from engine.export.faults import CannotExport
 from engine.export.row_recorder import RowRecorder, Rows
 from engine.export.scene_bytes import SceneBytes
+from engine.live.key_allocator import KeyAllocator
+from engine.live.key_bends import KeyBends, bent_parameters
+from engine.live.midi_notes import Note
 from engine.patch.live_parameters import LivePath, current_path, explain_unknown, value_at
 from engine.patch.live_ranges import live_range
 
 POSITIONS = 12  # of a slider on either side of the patch's value …
 RATIO = 2.0 ** (1.0 / POSITIONS)  # … and of each to the one before: it reaches from half to twice the value
+BEND = "bend"  # names the pitch wheel of an instrument among the parameters …
+BEND_POSITIONS = 8  # … which has so many on either side
+CENTS = 100.0  # of a semitone
 
 
 class TableSlider(NamedTuple):
@@ -26,42 +32,75 @@ class TableSlider(NamedTuple):
     overlapping: list[int]  # sliders that change tables of this one: one of them at a time is away from home
 
 
-def paths_of_sliders(player: RowRecorder, parameters: Sequence[str]) -> dict[str, LivePath]:
-    """Return the live parameters that are to have sliders, by their names. Raises CannotExport for an unknown one."""
-    known = player.live_paths
-    names = [current_path(known, parameter) for parameter in parameters]
-    for name, parameter in zip(names, parameters, strict=True):
-        if name not in known:
+class Wanted(NamedTuple):
+    """A slider that is to be made."""
+
+    path: str
+    unit: str
+    home: float
+    positions: dict[float, list[NewValue]]  # what each value gives to live parameters
+
+
+def paths_of_sliders(player: RowRecorder, parameters: Sequence[str]) -> dict[str, LivePath | None]:
+    """Return the live parameters that are to have sliders, by their names; the pitch wheel has no path. Raises
+    CannotExport for an unknown one."""
+    known, paths = player.live_paths, dict[str, LivePath | None]()
+    for parameter in parameters:
+        name = current_path(known, parameter)
+        if name not in known and parameter != BEND:
             raise CannotExport(explain_unknown(parameter, list(known)))
-    return {name: known[name] for name in names}
+        paths[name] = known.get(name)
+    return paths
 
 
-def add_table_sliders(laid_out: SceneBytes, player: RowRecorder, paths: dict[str, LivePath]) -> list[TableSlider]:
+def add_table_sliders(
+    laid_out: SceneBytes, player: RowRecorder, paths: dict[str, LivePath | None]
+) -> list[TableSlider]:
     """Add the tables of sliders to the bytes of a player. Raises CannotExport if a parameter can have no slider."""
-    scored, made = player.tables.exchanges, list[list[Exchange]]()
-    for name, path in paths.items():
-        exchanges = _positions(player, name, path)
-        if any(writes_alike(exchanges[0].copies, one.copies) for one in scored):
-            raise CannotExport(f"{name} can have no slider, as the score changes the same tables")
-        made.append(exchanges)
+    wanted = [_wheel_of(player) if path is None else _slider_of(player, name, path) for name, path in paths.items()]
+    scored, made = player.tables.exchanges, [_exchanges_of(player, one) for one in wanted]
+    for one, exchanges in zip(wanted, made, strict=True):
+        if any(writes_alike(exchanges[0].copies, other.copies) for other in scored):
+            raise CannotExport(f"{one.path} can have no slider, as the score changes the same tables")
     sliders = []
-    for n, ((name, path), exchanges) in enumerate(zip(paths.items(), made, strict=True)):
-        values = [exchange.values[0].value for exchange in exchanges]
-        alike = [m for m, one in enumerate(made) if m != n and writes_alike(one[0].copies, exchanges[0].copies)]
+    for n, (one, exchanges) in enumerate(zip(wanted, made, strict=True)):
+        by_values = {tuple(values): value for value, values in one.positions.items()}
+        values = [by_values[exchange.values] for exchange in exchanges]
+        alike = [m for m, other in enumerate(made) if m != n and writes_alike(other[0].copies, exchanges[0].copies)]
         rows = [row_of_exchange(laid_out, exchange) for exchange in exchanges]
-        unit = live_range(player.scene, *path[:3]).unit
-        sliders.append(TableSlider(name, unit, values, values.index(value_at(player.scene, path)), rows, alike))
+        sliders.append(TableSlider(one.path, one.unit, values, values.index(one.home), rows, alike))
     return sliders
 
 
-def _positions(player: RowRecorder, name: str, path: LivePath) -> list[Exchange]:
-    """Return the exchanges of the positions of a slider that are possible."""
+def _slider_of(player: RowRecorder, name: str, path: LivePath) -> Wanted:
+    """Return the slider of a live parameter."""
     value, limits = value_at(player.scene, path), live_range(player.scene, *path[:3])
     if value <= 0.0:
         raise CannotExport(f"{name} can have no slider, as it is {value:g}: a slider goes from half to twice the value")
     values = [value * RATIO**n for n in range(-POSITIONS, POSITIONS + 1)]
-    exchanges = player.tables.alternatives([[NewValue(path, name, one)] for one in values if one in limits])
-    possible = [exchange.values[0].value for exchange in exchanges]
-    if value not in possible or len(possible) == 1:
-        raise CannotExport(f"{name} can have no slider: no other value has as many modes or as many contacts")
+    return Wanted(name, limits.unit, value, {one: [NewValue(path, name, one)] for one in values if one in limits})
+
+
+def _wheel_of(player: RowRecorder) -> Wanted:
+    """Return the pitch wheel of an instrument, which bends all its keys."""
+    if player.patch.instrument is None:
+        raise CannotExport("the patch has no keys to bend; give the pitch of a body a slider")
+    bodies = [body.model_dump(exclude_unset=True) for body in player.scene.body]
+    bent = [one for one in bent_parameters(bodies, KeyAllocator(player).keys) if one.path in player.live_paths]
+    if not bent:
+        raise CannotExport("no key has a frequency or a tension to bend")
+    bends, positions = KeyBends(bent), dict[float, list[NewValue]]()
+    for n in range(-BEND_POSITIONS, BEND_POSITIONS + 1):
+        cents = CENTS * player.patch.midi.bend_range * n / BEND_POSITIONS
+        bends.follow(Note(0.0, "bend", 0, cents))
+        positions[cents] = [NewValue(player.live_paths[path], path, value) for path, value in bends.values().items()]
+    return Wanted(BEND, "cents", 0.0, positions)
+
+
+def _exchanges_of(player: RowRecorder, wanted: Wanted) -> list[Exchange]:
+    """Return the exchanges of the positions of a slider that are possible."""
+    exchanges = player.tables.alternatives(list(wanted.positions.values()))
+    home = tuple(wanted.positions[wanted.home])
+    if home not in [exchange.values for exchange in exchanges] or len(exchanges) == 1:
+        raise CannotExport(f"{wanted.path} can have no slider: no other value has as many modes and contacts")
     return exchanges

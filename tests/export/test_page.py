@@ -216,6 +216,8 @@ def midi_of(kind, number, value):
     """Return a message of MIDI as its bytes."""
     if kind in ("on", "off"):
         return [0x90 if kind == "on" else 0x80, number, value]
+    if kind == "bend":
+        return [0xE0, *reversed(divmod(8192 + round(8192 * value / 200.0), 128))]
     return [0xB0, next(controller for controller, pedal in PEDALS.items() if pedal == kind), value]
 
 
@@ -247,24 +249,43 @@ def live_sound(scene, gain, messages, frames):
         for frame, *message in messages(allocator.keys):
             if frame == begin:
                 allocator.play(Note(0.0, *message))
+        allocator.poll()
         player.render_into(audio[begin : begin + 128])
     return audio
 
 
+def bent_notes(keys):
+    """Return messages with their frames: two notes, and a pitch wheel that moves under both."""
+    a, b = keys[len(keys) // 2 : len(keys) // 2 + 2]
+    return [
+        (0, "on", a, 80),
+        (1024, "bend", 0, 50.0),
+        (2048, "on", b, 96),
+        (4096, "bend", 0, -175.0),
+        (6144, "off", a, 64),
+        (8192, "bend", 0, 0.0),
+        (12288, "bend", 0, 200.0),
+    ]
+
+
 @pytest.mark.slow
 @needs_browser
-@pytest.mark.parametrize("name", INSTRUMENTS)
-def test_the_keys_and_pedals_of_a_page_do_what_those_of_live_sound_do(name, tmp_path):
-    """All three pedals, the sustain pedal half down, by the same messages of MIDI."""
-    page, data = page_of(name)
+@pytest.mark.parametrize(
+    ("name", "messages", "options"),
+    [(name, notes_and_pedals, {}) for name in INSTRUMENTS]
+    + [(name, bent_notes, {"slide": ["bend"]}) for name in ("vibraphone", "violin")],
+)
+def test_the_keys_of_a_page_do_what_those_of_live_sound_do(name, messages, options, tmp_path):
+    """With all three pedals, the sustain pedal half down, and the pitch wheel, by the same messages of MIDI."""
+    page, data = page_of(name, **options)
     page.save(tmp_path / "page.html")
     frames = round(SECONDS * 44_100) // 128 * 128
-    expected = live_sound(engine.load(name), data["gain"], notes_and_pedals, frames)
+    expected = live_sound(engine.load(name), data["gain"], messages, frames)
     with Browser(tmp_path / "browser") as browser:
         browser.open(tmp_path / "page.html")
         browser.ask("started")
         keys = browser.ask("fdh.data.keys.map(key => key.number)")
-        heard_midi = [[frame, midi_of(*message)] for frame, *message in notes_and_pedals(keys)]
+        heard_midi = [[frame, midi_of(*message)] for frame, *message in messages(keys)]
         sent = """(() => {
           const sent = [];
           let now = 0;
@@ -405,6 +426,8 @@ def test_what_can_have_no_slider_is_said():
         page_of("piano_c4", slide=["body.string.sigma"])
     with pytest.raises(CannotExport, match="the score changes the same tables"):
         engine.export_page(tuned_as_it_sounds("piano_c4", "string"), slide=["body.string.length"])
+    with pytest.raises(CannotExport, match="no keys to bend"):
+        page_of("piano_c4", slide=["bend"])
     scene = engine.load("piano_c4")
     lossless = scene.body[0].model_copy(update={"sigma0": 0.0})
     with pytest.raises(CannotExport, match="as it is 0: a slider goes from half to twice the value"):

@@ -381,12 +381,13 @@ function addSlider(path, unit, limits, valueOf, rowsOf) {
     output.textContent = `${decimals(valueOf(+input.value), 3)} ${unit}`;
     input.setAttribute("aria-valuetext", output.textContent);
   };
-  const slider = { put, rows: () => rowsOf(+input.value), isMoved: false };
-  input.oninput = () => {
-    put(input.value);
+  const move = place => {
+    put(place);
     slider.isMoved = true;
     send({ rows: slider.rows() });
   };
+  const slider = { put, move, rows: () => rowsOf(+input.value), place: () => +input.value, isMoved: false };
+  input.oninput = () => move(input.value);
   put(limits.value);
   label.append(name, input, output);
   $("sliders").append(label);
@@ -394,7 +395,10 @@ function addSlider(path, unit, limits, valueOf, rowsOf) {
   return slider;
 }
 
+let bend = () => {}; // the pitch wheel, from -1 to 1, if the page was made with one
+
 function makeSliders() {
+  $("sliders").hidden = !data.sliders.length && !data.table_sliders.length;
   for (const slider of data.sliders) {
     const toPlace = x => slider.is_logarithmic ? Math.log10(x) : x;
     const valueOf = place => slider.is_logarithmic ? 10 ** place : place;
@@ -414,7 +418,14 @@ function makeSliders() {
     return addSlider(path, unit, limits, place => values[place],
       place => [...overlapping.flatMap(goHome), rows[place]]);
   });
-  $("sliders").hidden = !sliders.length;
+  const wheel = data.table_sliders.findIndex(({ path }) => path === data.bend);
+  if (wheel < 0) return;
+  const { values } = data.table_sliders[wheel];
+  bend = share => {
+    const off = values.map(value => Math.abs(value - share * data.bend_cents));
+    const place = off.indexOf(Math.min(...off));
+    if (place !== tabled[wheel].place()) tabled[wheel].move(place);
+  };
 }
 
 // --- buttons
@@ -475,6 +486,7 @@ function hear({ data: [status, number, value] }) {
   const kind = status & 0xf0, key = data.keys.find(one => one.number === number);
   if (kind === 0x90 && value > 0 && key) press(key, value);
   else if ((kind === 0x80 || kind === 0x90) && key) release(key);
+  else if (kind === 0xe0) bend((number + 128 * value) / 8192 - 1);
   else if (kind === 0xb0 && number in data.pedals) movePedal(data.pedals[number], value);
 }
 

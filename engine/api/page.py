@@ -58,7 +58,7 @@ def export_page(
     text:    of the patch, which the page shows; the scene as JSON if None
     command: that makes the page, which it shows
     slide:   live parameters that get a slider, such as `body.string.frequency`: a pitch, a tension, a length or a loss
-             needs tables for each of 25 positions, which make the page larger; `bend` is the pitch wheel of an instrument
+             needs tables for each of 25 positions, which make the page larger; `bend` is an instrument's pitch wheel
 
     >>> import engine
     >>> page = engine.export_page(engine.load("piano_c4"))  # doctest: +SKIP

@@ -46,6 +46,12 @@ class Exchange(NamedTuple):
     due: int  # frame
 
 
+def count_steps(values: Sequence[NewValue], seconds: float) -> int:
+    """Return in how many steps parameters glide to values."""
+    shortest = LEVEL_STEP_SECONDS if all(new.path.is_level for new in values) else TABLE_STEP_SECONDS
+    return max(1, min(MAX_STEPS, math.ceil(seconds / shortest)))
+
+
 class TableChanges:
     """Build the tables of live parameters again after a change.
 
@@ -118,10 +124,8 @@ class TableChanges:
         now:    returns the frame that the sound has reached; called when the tables are ready
         budget: seconds; if the tables of all steps took longer, there are fewer steps
         """
-        only_levels = all(new.path.is_level for new in values)
-        shortest = LEVEL_STEP_SECONDS if only_levels else TABLE_STEP_SECONDS
-        number = max(1, min(MAX_STEPS, math.ceil(seconds / shortest)))
-        if only_levels:
+        number = count_steps(values, seconds)
+        if all(new.path.is_level for new in values):
             glide = self._glide(values, number)
             copies = [self._level_copies(step) for step in glide]
         else:

@@ -20,6 +20,7 @@ from engine.compiler.kernel_name import KernelName
 from engine.compiler.wasm_multiply_add import make_replaceable
 from engine.export.exchange_bytes import add_queued_exchanges
 from engine.export.faults import CannotExport
+from engine.export.key_tables import add_key_tables
 from engine.export.player_bytes import (
     INSERT,
     INSERT_EVENT,
@@ -87,6 +88,8 @@ def make_page(
     paths = paths_of_sliders(player, slide)
     laid_out = lay_out_player(player.memory, pointer_bytes=4, base=BASE)
     add_queued_exchanges(laid_out, player.memory.shared, player.tables.exchanges)
+    controls = _controls(scene, player, paths)
+    controls |= add_key_tables(laid_out, player, {name: controls.get(name, []) for name in ("keys", "song")})
     tabled = {name: path for name, path in paths.items() if path is None or not path.is_glided}
     table_sliders = [slider._asdict() for slider in add_table_sliders(laid_out, player, tabled)]
     if len(laid_out.content) > MAX_MEGABYTES * MEGABYTE:
@@ -110,7 +113,7 @@ def make_page(
         "names": names_of_numbers(),
         "functions": {RENDER: RENDER_BLOCK, INSERT: INSERT_EVENT},
     }
-    controls = left_out | _controls(scene, player, paths) | {"table_sliders": table_sliders, "bend": BEND}
+    controls |= left_out | {"table_sliders": table_sliders, "bend": BEND}
     return compose({**data, "controls": _packed(_json(controls).encode())}, about or {})
 
 
@@ -132,7 +135,7 @@ def names_of_numbers() -> dict[str, dict[str, int]]:
         "Gauge": {gauge.name: int(gauge) for gauge in Gauge},
         "Balance": {one.name: int(one) for one in Balance},
         "Sleep": {one.name: int(one) for one in Sleep},
-        "EventKind": {"QUALITY": int(EventKind.QUALITY)},
+        "EventKind": {kind.name: int(kind) for kind in (EventKind.QUALITY, EventKind.EXCHANGE_TABLES)},
     }
 
 

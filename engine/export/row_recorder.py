@@ -4,21 +4,22 @@ It scales their values, by velocity or by a slider, and computes nothing else.
 """
 
 import math
-from collections.abc import Container
+from collections.abc import Container, Mapping
 from typing import Any, NamedTuple
 
 from engine.assembly.event_table import EventRow
-from engine.assembly.table_changes import TableChanges
+from engine.assembly.table_changes import NewValue, TableChanges, count_steps
 from engine.export.faults import CannotExport
 from engine.instrument.held_keys import PEDAL_STEPS, SOSTENUTO_HALF, damper_share
 from engine.instrument.key_names import note_name
 from engine.instrument.key_writer import KeyWriter
 from engine.instrument.score import Score
 from engine.instrument.score_events import FULL_VELOCITY
+from engine.kernel.data.enums import EventKind
 from engine.live.audio_memory import MAX_FRAMES
 from engine.live.key_allocator import KeyAllocator, live_scene
 from engine.live.midi_notes import UNKNOWN_RELEASE, Note
-from engine.live.player import Player
+from engine.live.player import GLIDE_SECONDS, Player
 from engine.live.shared_memory import Slot
 from engine.patch.live_parameters import value_at
 from engine.patch.live_ranges import live_range
@@ -42,10 +43,15 @@ Rows = list[list[float]]
 
 
 class RowRecorder(Player):
-    """A player that does not play: it keeps the rows of its events."""
+    """A player that does not play: it keeps the rows of its events.
+
+    exchanged: values whose tables keys exchange; the row of such an exchange has its number here in place of a value,
+               until the tables are made (engine.export.key_tables)
+    """
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         self._rows_kept: list[EventRow] = []
+        self.exchanged: list[NewValue] = []
         super().__init__(*arguments, **options)
 
     def take_rows(self) -> Rows:
@@ -58,9 +64,22 @@ class RowRecorder(Player):
         """What builds the tables of its live parameters."""
         return self._parameters.tables
 
+    def set(
+        self, parameter: str | Mapping[str, float], value: float = 0.0, seconds: float = GLIDE_SECONDS, frame: int = 0
+    ) -> None:
+        """Set a live parameter, as live sound does. Raises CannotExport for one whose tables would glide."""
+        new = None if isinstance(parameter, Mapping) else self._parameters.checked_value(parameter, value)
+        if new is None or new.path.is_glided:
+            super().set(parameter, value, seconds, frame)
+            return
+        if count_steps([new], seconds) > 1:
+            raise CannotExport(f"a key glides {parameter}, which cannot be exported; give it duration = 0")
+        if new not in self.exchanged:
+            self.exchanged.append(new)
+        self._rows_kept.append(EventRow(EventKind.EXCHANGE_TABLES, 0, 0, 0, frame, 0, self.exchanged.index(new)))
+
     def make_tables(self) -> None:
-        """Raise CannotExport: a key that changes a body would need its tables."""
-        raise CannotExport("a key of this instrument changes a body as it is pressed, which cannot be exported yet")
+        """Leave the tables until all values are known."""
 
     def _put(self, description: list[Any], rows: list[EventRow], frame: int) -> None:
         self._rows_kept += [row._replace(start=frame + row.start) for row in rows]

@@ -61,7 +61,7 @@ def add_table_sliders(
     scored, made = player.tables.exchanges, [_exchanges_of(player, one) for one in wanted]
     for one, exchanges in zip(wanted, made, strict=True):
         if any(writes_alike(exchanges[0].copies, other.copies) for other in scored):
-            raise CannotExport(f"{one.path} can have no slider, as the score changes the same tables")
+            raise CannotExport(f"{one.path} can have no slider, as the score or a key changes the same tables")
     sliders = []
     for n, (one, exchanges) in enumerate(zip(wanted, made, strict=True)):
         by_values = {tuple(values): value for value, values in one.positions.items()}

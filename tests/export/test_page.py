@@ -36,7 +36,7 @@ from tests.export.browser import (
     Firefox,
     WebKit,
 )
-from tests.export.tuned_scene import tuned_as_it_sounds
+from tests.export.tuned_scene import STOPPED_STRING, tuned_as_it_sounds
 
 SECONDS = 0.5
 PATCHES = [  # contacts with and without loss, bridges, connections, several islands, forces, events
@@ -268,15 +268,22 @@ def bent_notes(keys):
     ]
 
 
+def notes_of_a_stopped_string(keys):
+    """Return messages with their frames: two notes one after the other, and a third between two velocities' tables."""
+    return [(0, "on", keys[0], 80), (4096, "off", keys[0], 64), (6144, "on", keys[4], 96), (12288, "on", keys[2], 64)]
+
+
 @pytest.mark.slow
 @needs_browser
 @pytest.mark.parametrize(
     ("name", "messages", "options"),
     [(name, notes_and_pedals, {}) for name in INSTRUMENTS]
-    + [(name, bent_notes, {"slide": ["bend"]}) for name in ("vibraphone", "violin")],
+    + [(name, bent_notes, {"slide": ["bend"]}) for name in ("vibraphone", "violin")]
+    + [(STOPPED_STRING, notes_of_a_stopped_string, {})],
 )
 def test_the_keys_of_a_page_do_what_those_of_live_sound_do(name, messages, options, tmp_path):
-    """With all three pedals, the sustain pedal half down, and the pitch wheel, by the same messages of MIDI."""
+    """With all three pedals, the sustain pedal half down, with the pitch wheel, and where keys change the pitch of a
+    string, by the same messages of MIDI."""
     page, data = page_of(name, **options)
     page.save(tmp_path / "page.html")
     frames = round(SECONDS * 44_100) // 128 * 128
@@ -424,14 +431,27 @@ def test_a_page_changes_the_pitch_and_the_loss_of_a_string_as_its_score_says(tmp
 def test_what_can_have_no_slider_is_said():
     with pytest.raises(CannotExport, match=r"no live parameter body.string.sigma; .* body.string.sigma0"):
         page_of("piano_c4", slide=["body.string.sigma"])
-    with pytest.raises(CannotExport, match="the score changes the same tables"):
+    with pytest.raises(CannotExport, match="the score or a key changes the same tables"):
         engine.export_page(tuned_as_it_sounds("piano_c4", "string"), slide=["body.string.length"])
+    with pytest.raises(CannotExport, match="a key changes the same tables"):
+        page_of(STOPPED_STRING, slide=["body.string.length"])
     with pytest.raises(CannotExport, match="no keys to bend"):
         page_of("piano_c4", slide=["bend"])
     scene = engine.load("piano_c4")
     lossless = scene.body[0].model_copy(update={"sigma0": 0.0})
     with pytest.raises(CannotExport, match="as it is 0: a slider goes from half to twice the value"):
         engine.export_page(scene.model_copy(update={"body": [lossless, scene.body[1]]}), slide=["body.string.sigma0"])
+
+
+def test_keys_that_change_two_numbers_of_the_same_tables_or_glide_are_refused():
+    for change, message in (
+        ({"parameter": "body.string.sigma0", "value": 4.0}, "another number of the same tables"),
+        ({"parameter": "body.string.frequency", "value": 4.0, "duration": 0.1}, "a key glides body.string.frequency"),
+    ):
+        on = [*STOPPED_STRING["key"]["on"], {"kind": "change", **change}]
+        document = STOPPED_STRING | {"key": STOPPED_STRING["key"] | {"on": on}}
+        with pytest.raises(CannotExport, match=message):
+            page_of(document)
 
 
 def test_the_level_of_a_page_is_half_of_full_scale():

@@ -186,7 +186,9 @@ function rowsAt(key, velocity) {
   if (levels[n] === v) return rowsOn[n];
   const a = rowsOn[n - 1], b = rowsOn[n], share = (v - levels[n - 1]) / (levels[n] - levels[n - 1]);
   if (a.length !== b.length) return share < 0.5 ? a : b;
-  return a.map((row, i) => row.map((x, j) => j < 6 ? x : x + share * (b[i][j] - x)));
+  const { EXCHANGE_TABLES } = data.names.EventKind, between = (row, other) =>
+    row[0] === EXCHANGE_TABLES ? share < 0.5 ? row : other : row.map((x, j) => j < 6 ? x : x + share * (other[j] - x));
+  return a.map((row, i) => between(row, b[i]));
 }
 
 const scaled = (pad, share) => pad.rows.map(row => {

@@ -62,6 +62,7 @@ BLOCK = 128  # samples that a browser asks for at a time
 MEGABYTE = 1 << 20
 MAX_MEGABYTES = 400  # of a scene: browsers give pages some thousand
 PAGE = "page"  # the folder of the template
+SCRIPTS = ("page.js", "keys.js", "controls.js", "start.js")  # of which the last begins
 
 
 def make_page(
@@ -183,9 +184,8 @@ def score_of(scene: Scene, keys: list[int]) -> Score:
 
 def compose(data: Mapping[str, Any], about: Mapping[str, str]) -> str:
     """Return the HTML of a page of this data. It loads nothing from anywhere, and runs no scripts but its own."""
-    parts = {name: template(name) for name in ("page.html", "page.css", "page.js", "worklet.js")}
-    content = _escaped_json(data)
-    script, style = parts["page.js"], parts["page.css"]
+    content, style = _escaped_json(data), template("page.css")
+    script = "\n".join(template(name) for name in SCRIPTS)
     policy = (
         f"default-src 'none'; script-src 'sha256-{_digest(script)}' 'wasm-unsafe-eval' data:;"
         f" style-src 'sha256-{_digest(style)}'; img-src data:; media-src blob:"
@@ -197,10 +197,10 @@ def compose(data: Mapping[str, Any], about: Mapping[str, str]) -> str:
         "COMMAND": escape(about.get("command", "")),
         "STYLE": style,
         "SCRIPT": script,
-        "WORKLET": _escaped_json({"source": parts["worklet.js"]}),
+        "WORKLET": _escaped_json({"source": template("worklet.js")}),
         "DATA": content,
     }
-    return re.sub(r"\{\{([A-Z]+)\}\}", lambda place: filled[place[1]], parts["page.html"])
+    return re.sub(r"\{\{([A-Z]+)\}\}", lambda place: filled[place[1]], template("page.html"))
 
 
 def template(name: str) -> str:

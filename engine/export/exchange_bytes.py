@@ -15,21 +15,20 @@ from engine.runtime.event_slots import EventSlot
 COPY_NUMBERS = 3  # of a row of copies: where to, where from, and how many words
 
 
-def add_copies(laid_out: SceneBytes, copies: Copies) -> tuple[int, int]:
+def add_copies(laid_out: SceneBytes, copies: Copies, values: int | None = None) -> tuple[int, int]:
     """Add copies to the bytes of a player, whose models are there. Return the place of their table, and how many they
-    are: numbers that only other kernels use are left out."""
-    name, read_from, numbers = f"copies {len(laid_out.values)}", copies.values.ctypes.data, copies.values.copy()
-    for address, source, words in copies.table.tolist():
-        _empty_unused(laid_out, address, numbers[(source - read_from) // WORD_BYTES :][:words])
-    laid_out.add(f"{name}, values", numbers)
-    values = laid_out.place_of(numbers)
+    are: numbers that only other kernels use are left out.
+
+    values: place of the numbers to read, if others added them before
+    """
+    values, read_from = add_values(laid_out, copies) if values is None else values, copies.values.ctypes.data
     rows = [
         (target, values + source - read_from, words)
         for address, source, words in copies.table.tolist()
         if (target := laid_out.place_of_word(address)) is not None
     ]
     table = np.zeros((len(rows), COPY_NUMBERS), np.int64)
-    laid_out.add(name, table)
+    laid_out.add(f"copies {len(laid_out.values)}", table)
     begin = laid_out.place_of(table)
     for n, (target, source, words) in enumerate(rows):
         at = begin + WORD_BYTES * COPY_NUMBERS * n
@@ -37,6 +36,15 @@ def add_copies(laid_out: SceneBytes, copies: Copies) -> tuple[int, int]:
         laid_out.set_place(at + WORD_BYTES, source)
         laid_out.set_number(at + 2 * WORD_BYTES, words)
     return begin, len(rows)
+
+
+def add_values(laid_out: SceneBytes, copies: Copies) -> int:
+    """Add the numbers that copies read to the bytes of a player. Return their place."""
+    numbers, read_from = copies.values.copy(), copies.values.ctypes.data
+    for address, source, words in copies.table.tolist():
+        _empty_unused(laid_out, address, numbers[(source - read_from) // WORD_BYTES :][:words])
+    laid_out.add(f"values {len(laid_out.values)}", numbers)
+    return laid_out.place_of(numbers)
 
 
 def _empty_unused(laid_out: SceneBytes, address: int, numbers: np.ndarray) -> None:
@@ -62,9 +70,14 @@ def add_queued_exchanges(laid_out: SceneBytes, shared: SharedMemory, exchanges: 
 def row_of_exchange(laid_out: SceneBytes, exchange: Exchange) -> list[float]:
     """Add the tables of an exchange. Return its row: kind, island, islands from and to, start, copies, two values, and
     the address of the copies."""
-    place, count = add_copies(laid_out, exchange.copies)
     islands = exchange.island, exchange.island + exchange.islands
-    return [EventKind.EXCHANGE_TABLES, 0, *islands, exchange.due, count, 0.0, 0.0, laid_out.base + place]
+    return row_of_copies(laid_out, islands, add_copies(laid_out, exchange.copies))
+
+
+def row_of_copies(laid_out: SceneBytes, islands: tuple[int, int], added: tuple[int, int]) -> list[float]:
+    """Return the row of an exchange of tables of islands from and to. added: place and number of its copies"""
+    place, count = added
+    return [EventKind.EXCHANGE_TABLES, 0, *islands, 0, count, 0.0, 0.0, laid_out.base + place]
 
 
 def writes_alike(one: Copies, other: Copies) -> bool:

@@ -43,11 +43,13 @@ from engine.export.row_recorder import (
     pads_of_player,
     player_of_keys,
     player_of_scene,
+    player_of_voices,
     rows_of_score,
     sliders_of_player,
 )
 from engine.export.scene_bytes import SceneBytes
 from engine.export.table_sliders import BEND, CENTS, add_table_sliders, paths_of_sliders
+from engine.export.voice_keys import bodies_of_notes, controls_of_voices, lowest_ratio
 from engine.export.wasm_kernels import compile_module, general_module_of, read_module
 from engine.instrument.score import Score, read_score
 from engine.kernel.data.enums import Balance, EventKind, Sleep
@@ -61,8 +63,9 @@ BASE = 1 << 20  # address of the scene in the memory of the page; the stack and 
 BLOCK = 128  # samples that a browser asks for at a time
 MEGABYTE = 1 << 20
 MAX_MEGABYTES = 400  # of a scene: browsers give pages some thousand
+PEDAL_NUMBERS: dict[str, Any] = {"pedals": PEDALS, "shares": SHARES, "pedal_down": PEDAL_DOWN}
 PAGE = "page"  # the folder of the template
-SCRIPTS = ("page.js", "keys.js", "controls.js", "start.js")  # of which the last begins
+SCRIPTS = ("page.js", "keys.js", "voices.js", "controls.js", "start.js")  # of which the last begins
 
 
 def make_page(
@@ -72,6 +75,7 @@ def make_page(
     kernel: str = KernelName.GENERAL,
     about: Mapping[str, str] | None = None,
     slide: Sequence[str] = (),
+    voices: int = 0,
 ) -> str:
     """Return a scene as a page.
 
@@ -79,17 +83,24 @@ def make_page(
     kernel: general, or special: compiled for this scene, which takes a minute
     about:  what the page says of itself: its `title`, the `text` of the patch and the `command` that made it
     slide:  live parameters that get a slider though they need tables of their own for each of its positions
+    voices: of a patch that is no instrument: how many notes of a keyboard can sound at a time; 0: it has none
 
     Raises CannotExport (a ValueError) with the reason if the scene cannot become a page, BuildError (a ValueError) if
     it cannot be built.
     """
     check_oversample(scene, "a page")
-    find_player = player_of_scene if scene.instrument is None else player_of_keys
-    player = find_player(scene, samplerate, kernel)
+    if voices and slide:
+        raise CannotExport("a page with voices has no sliders of its own choice: its voices share their tables")
+    if voices:
+        player = player_of_voices(scene, samplerate, kernel, voices, lowest_ratio(bodies_of_notes(scene)))
+    else:
+        find_player = player_of_scene if scene.instrument is None else player_of_keys
+        player = find_player(scene, samplerate, kernel)
     paths = paths_of_sliders(player, slide)
     laid_out = lay_out_player(player.memory, pointer_bytes=4, base=BASE)
     add_queued_exchanges(laid_out, player.memory.shared, player.tables.exchanges)
     controls = _controls(scene, player, paths)
+    controls |= controls_of_voices(laid_out, player) if voices else {"voices": []}
     controls |= add_key_tables(laid_out, player, {name: controls.get(name, []) for name in ("keys", "song")})
     tabled = {name: path for name, path in paths.items() if path is None or not path.is_glided}
     table_sliders = [slider._asdict() for slider in add_table_sliders(laid_out, player, tabled)]
@@ -144,8 +155,14 @@ def _controls(scene: Scene, player: RowRecorder, chosen: Container[str]) -> dict
     """Return the controls of a scene: keys or pads, sliders, and its score. chosen: numbers that have sliders anyway"""
     sliders = [slider._asdict() for slider in sliders_of_player(player, chosen)]
     if scene.instrument is None:
-        damped = damp_rows(player)
-        return {"keys": [], "pads": [p._asdict() for p in pads_of_player(player)], "sliders": sliders, "damp": damped}
+        pads = [] if player.voices else [pad._asdict() for pad in pads_of_player(player)]
+        return {
+            "keys": [],
+            "pads": pads,
+            "sliders": sliders,
+            "damp": damp_rows(player),
+            **PEDAL_NUMBERS,
+        }
     keys = [key._asdict() for key in keys_of_player(player)]
     keyboard = scene.instrument["keyboard"]
     polyphony = keyboard.get("polyphony") or DEFAULT_POLYPHONY
@@ -155,10 +172,8 @@ def _controls(scene: Scene, player: RowRecorder, chosen: Container[str]) -> dict
         "keys": keys,
         "levels": LEVELS,
         "polyphony": polyphony,
-        "pedals": PEDALS,
         "bend_cents": CENTS * scene.midi.bend_range,
-        "shares": SHARES,
-        "pedal_down": PEDAL_DOWN,
+        **PEDAL_NUMBERS,
         "sliders": sliders,
         "song": song,
         "song_seconds": score.end,

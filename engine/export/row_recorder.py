@@ -17,11 +17,13 @@ from engine.instrument.score import Score
 from engine.instrument.score_events import FULL_VELOCITY
 from engine.kernel.data.enums import EventKind
 from engine.live.audio_memory import MAX_FRAMES
+from engine.live.controls import targets_of_all
 from engine.live.key_allocator import KeyAllocator, live_scene
 from engine.live.midi_notes import UNKNOWN_RELEASE, Note
 from engine.live.player import GLIDE_SECONDS, Player
+from engine.live.retuning import VoiceTuning
 from engine.live.shared_memory import Slot
-from engine.patch.live_parameters import value_at
+from engine.patch.live_parameters import live_paths, value_at
 from engine.patch.live_ranges import live_range
 from engine.patch.scene import Scene
 
@@ -64,6 +66,11 @@ class RowRecorder(Player):
         """What builds the tables of its live parameters."""
         return self._parameters.tables
 
+    @property
+    def tuning(self) -> VoiceTuning:
+        """The pitches of its voices."""
+        return self._tuning
+
     def set(
         self, parameter: str | Mapping[str, float], value: float = 0.0, seconds: float = GLIDE_SECONDS, frame: int = 0
     ) -> None:
@@ -94,6 +101,12 @@ def player_of_scene(scene: Scene, samplerate: int, kernel: str, seconds: float |
 def player_of_keys(scene: Scene, samplerate: int, kernel: str) -> RowRecorder:
     """Return the player of an instrument that waits for its keys."""
     return _without_fades(RowRecorder(live_scene(scene), samplerate, math.inf, kernel=kernel, waiting=True))
+
+
+def player_of_voices(scene: Scene, samplerate: int, kernel: str, voices: int, lowest: float) -> RowRecorder:
+    """Return the player of so many copies of a scene. lowest: ratio of the lowest pitch that they have"""
+    player = RowRecorder(scene, samplerate, math.inf, kernel=kernel, voices=voices, lowest=lowest)
+    return _without_fades(player)
 
 
 def check_oversample(scene: Scene, place: str) -> None:
@@ -225,17 +238,19 @@ class Slider(NamedTuple):
 
 def sliders_of_player(player: RowRecorder, chosen: Container[str] = ()) -> list[Slider]:
     """Return the numbers of a patch that glide; if there are too many, those that were chosen."""
-    sliders, glided = list[Slider](), {name: path for name, path in player.live_paths.items() if path.is_glided}
+    scene = player.patch if player.voices else player.scene
+    paths = live_paths(scene) if player.voices else player.live_paths  # a number of the patch is that of all voices
+    sliders, glided = list[Slider](), {name: path for name, path in paths.items() if path.is_glided}
     if len(glided) > MAX_SLIDERS:
         glided = {name: path for name, path in glided.items() if name in chosen}
     for parameter, path in glided.items():
-        value, key = value_at(player.scene, path), str(path.keys[0])
+        value, key = value_at(scene, path), str(path.keys[0])
         is_linear = key in LEAST_REACH
         if not is_linear and value <= 0.0:
             continue
         reach = max(LEAST_REACH.get(key, 0.0), 2.0 * abs(value))
         low, high = (value - reach, value + reach) if is_linear else (value / TIMES, value * TIMES)
-        limits = live_range(player.scene, *path[:3])
+        limits = live_range(scene, *path[:3])
         ends = max(low, limits.low), min(high, limits.high)
         rows = [_rows_at(player, parameter, one) for one in (value, value + _step(value, is_linear))]
         sliders.append(_slider(parameter, UNITS.get(key, ""), value, ends, is_linear, *rows))
@@ -243,7 +258,8 @@ def sliders_of_player(player: RowRecorder, chosen: Container[str] = ()) -> list[
 
 
 def _rows_at(player: RowRecorder, parameter: str, value: float) -> Rows:
-    player.set(parameter, value, SLIDER_SECONDS)
+    for target in targets_of_all(player, parameter) if player.voices else [parameter]:
+        player.set(target, value, SLIDER_SECONDS)
     return player.take_rows()
 
 

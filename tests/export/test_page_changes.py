@@ -8,10 +8,12 @@ import pytest
 
 import engine
 from engine.export.faults import CannotExport
+from engine.export.voice_keys import bodies_of_notes, lowest_ratio, numbers_of_keys
 from engine.live.key_allocator import KeyAllocator, live_scene
 from engine.live.midi_notes import PEDALS, Note
 from engine.live.player import Player
 from engine.live.shared_memory import Slot
+from engine.live.voice_allocator import VoiceAllocator
 from tests.export.browser import Browser
 from tests.export.pages import SECONDS, data_of, heard, needs_browser, needs_node, page_of, played_in_node
 from tests.export.tuned_scene import STOPPED_STRING, tuned_as_it_sounds
@@ -47,16 +49,48 @@ def notes_and_pedals(keys):
     ]
 
 
-def live_sound(scene, gain, messages, frames):
-    """Return what live sound plays of an instrument, [frames, channels], if messages come at these frames."""
-    player = Player(live_scene(scene), 44_100, math.inf, gain, waiting=True, kernel="general")
+def notes_of_voices(keys):
+    """Return messages with their frames: three voices, one struck again, and both pedals that voices have."""
+    a, b, c = keys[len(keys) // 2], keys[0], keys[-1]
+    return [
+        (0, "on", a, 80),
+        (2048, "on", b, 112),
+        (3072, "sostenuto", 0, 127),
+        (4096, "off", a, 64),
+        (4096, "off", b, 64),
+        (5120, "sustain", 0, 127),
+        (6144, "on", c, 64),
+        (8192, "off", c, 64),
+        (9216, "on", a, 48),
+        (12288, "sustain", 0, 0),
+        (14336, "sostenuto", 0, 0),
+        (16384, "off", a, 64),
+    ]
+
+
+def notes_of_one_voice(keys):
+    """Return messages with their frames: a note takes the voice of another that is still loud."""
+    return [(0, "on", keys[3], 80), (4096, "on", keys[9], 96), (6144, "off", keys[3], 64), (8192, "off", keys[9], 64)]
+
+
+def live_sound(scene, gain, messages, frames, voices=0):
+    """Return what live sound plays of an instrument, or of so many voices of another patch, [frames, channels], if
+    messages come at these frames. messages: by the keys"""
+    if voices:
+        bodies = bodies_of_notes(scene)
+        options, keys = {"voices": voices, "lowest": lowest_ratio(bodies)}, numbers_of_keys(bodies)
+    else:
+        scene, options = live_scene(scene), {"waiting": True}
+    player = Player(scene, 44_100, math.inf, gain, kernel="general", **options)
     player.counters[Slot.FADE_IN_FRAMES] = 0
-    allocator, audio = KeyAllocator(player), np.zeros((frames, player.channels), np.float32)
+    allocator = VoiceAllocator(player) if voices else KeyAllocator(player)
+    audio = np.zeros((frames, player.channels), np.float32)
     for begin in range(0, frames, 128):
-        for frame, *message in messages(allocator.keys):
+        for frame, *message in messages(keys if voices else allocator.keys):
             if frame == begin:
                 allocator.play(Note(0.0, *message))
-        allocator.poll()
+        if not voices:
+            allocator.poll()
         player.render_into(audio[begin : begin + 128])
     return audio
 
@@ -86,15 +120,17 @@ def notes_of_a_stopped_string(keys):
     ("name", "messages", "options"),
     [(name, notes_and_pedals, {}) for name in INSTRUMENTS]
     + [(name, bent_notes, {"slide": ["bend"]}) for name in ("vibraphone", "violin")]
-    + [(STOPPED_STRING, notes_of_a_stopped_string, {})],
+    + [(STOPPED_STRING, notes_of_a_stopped_string, {})]
+    + [(name, notes_of_voices, {"voices": 4}) for name in ("piano_c4", "tanpura", "guitar_body")]
+    + [("piano_c4", notes_of_one_voice, {"voices": 1})],
 )
 def test_the_keys_of_a_page_do_what_those_of_live_sound_do(name, messages, options, tmp_path):
     """With all three pedals, the sustain pedal half down, with the pitch wheel, and where keys change the pitch of a
-    string, by the same messages of MIDI."""
+    string or tune a voice, by the same messages of MIDI."""
     page, data = page_of(name, **options)
     page.save(tmp_path / "page.html")
     frames = round(SECONDS * 44_100) // 128 * 128
-    expected = live_sound(engine.load(name), data["gain"], messages, frames)
+    expected = live_sound(engine.load(name), data["gain"], messages, frames, options.get("voices", 0))
     with Browser(tmp_path / "browser") as browser:
         browser.open(tmp_path / "page.html")
         browser.ask("started")
@@ -142,6 +178,18 @@ def test_what_can_have_no_slider_is_said():
     lossless = scene.body[0].model_copy(update={"sigma0": 0.0})
     with pytest.raises(CannotExport, match="as it is 0: a slider goes from half to twice the value"):
         engine.export_page(scene.model_copy(update={"body": [lossless, scene.body[1]]}), slide=["body.string.sigma0"])
+
+
+def test_what_can_have_no_voices_is_said():
+    for name, options, message in (
+        ("vibraphone", {}, "the patch is an instrument"),
+        ("ball_on_drum", {}, "no vibrating body is struck or plucked"),
+        ("piano_c4", {"slide": ["body.string.length"]}, "its voices share their tables"),
+    ):
+        with pytest.raises(CannotExport, match=message):
+            page_of(name, voices=2, **options)
+    with pytest.raises(ValueError, match="voices = -1 is out of range"):
+        page_of("piano_c4", voices=-1)
 
 
 def test_keys_that_change_two_numbers_of_the_same_tables_or_glide_are_refused():

@@ -1,8 +1,8 @@
 // The keys and pedals of an instrument.
 
 // Rows between those of two velocities, of which the page has a few.
-function rowsAt(key, velocity) {
-  const { levels } = data, rowsOn = isDown("soft") && key.soft_on.length ? key.soft_on : key.on;
+function atVelocity(rowsOn, velocity) {
+  const { levels } = data;
   const v = Math.min(levels[levels.length - 1], Math.max(levels[0], velocity));
   let n = levels.findIndex(level => level >= v);
   if (levels[n] === v) return rowsOn[n];
@@ -40,6 +40,7 @@ function end(key) {
 }
 
 function press(key, velocity) {
+  if (data.voices.length) return pressVoice(key, velocity);
   const rows = [];
   const inGroup = other => other !== key && key.group !== null && other.group === key.group;
   for (const other of sounding.filter(inGroup)) rows.push(...end(other));
@@ -51,12 +52,13 @@ function press(key, velocity) {
   }
   sounding = [...others, key];
   down.add(key);
-  rows.push(...rowsAt(key, velocity));
+  rows.push(...atVelocity(isDown("soft") && key.soft_on.length ? key.soft_on : key.on, velocity));
   send({ rows });
   mark(key, true);
 }
 
 function release(key) {
+  if (data.voices.length) return releaseVoice(key);
   if (!down.delete(key)) return;
   send({ rows: [...letGo(key), ...damp(key)] });
   mark(key, false);
@@ -66,6 +68,7 @@ function movePedal(pedal, value) {
   const was = isDown(pedal), share = data.shares[pedals.sustain], before = [...kept];
   pedals[pedal] = value;
   showPedals();
+  if (data.voices.length) return movePedalOfVoices(pedal, was);
   let moved = [];
   if (pedal === "sustain" && share !== data.shares[value]) moved = data.keys;
   if (pedal === "sostenuto" && was !== isDown(pedal)) {
@@ -83,6 +86,7 @@ function letAllUp() {
   down.clear();
   kept.clear();
   sounding = [];
+  voices.length = 0;
   for (const pedal in pedals) pedals[pedal] = 0;
   showPedals();
 }
@@ -93,8 +97,10 @@ function showPedals() {
 }
 
 function makePedals() {
-  const hasDampers = data.keys.some(key => key.lift.length), isSoftened = data.keys.some(key => key.soft_on.length);
-  $("sustain").hidden = $("sostenuto").hidden = $("depth-label").hidden = !hasDampers;
+  const isTuned = data.voices.length > 0, hasDampers = isTuned || data.keys.some(key => key.lift.length);
+  const isSoftened = !isTuned && data.keys.some(key => key.soft_on.length);
+  $("sustain").hidden = $("sostenuto").hidden = !hasDampers;
+  $("depth-label").hidden = !hasDampers || isTuned;
   $("soft").hidden = !isSoftened;
   $("pedals").hidden = !hasDampers && !isSoftened;
   for (const pedal in pedals) $(pedal).onclick = () => movePedal(pedal, isDown(pedal) ? 0 : 127);

@@ -184,7 +184,7 @@ $("play").onclick = () => {
   send({ rows: sliders.filter(slider => slider.isMoved).flatMap(slider => slider.rows()) }); // they stay where they are
   send({ song: data.song || [] });
 };
-$("damp").onclick = () => send({ rows: data.keys.length ? data.keys.flatMap(end) : data.damp });
+$("damp").onclick = () => send({ rows: data.damp.length ? data.damp : data.keys.flatMap(end) });
 $("copy").onclick = async () => {
   await navigator.clipboard.writeText($("text").textContent);
   $("copy").textContent = "Copied";

@@ -63,7 +63,7 @@ class RowRecorder(Player):
 
     @property
     def tables(self) -> TableChanges:
-        """What builds the tables of its live parameters."""
+        """Builder of the tables of its live parameters."""
         return self._parameters.tables
 
     @property

@@ -41,7 +41,7 @@ class VoiceKey(NamedTuple):
 
 
 class Voice(NamedTuple):
-    """What a voice does."""
+    """Rows of what a voice does."""
 
     on: list[list[Rows]]  # for each body, at each of LEVELS
     release: Rows  # it is damped

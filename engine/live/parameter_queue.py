@@ -79,7 +79,7 @@ class ParameterQueue:
 
     @property
     def tables(self) -> TableChanges:
-        """What builds the tables."""
+        """Builder of the tables."""
         return self._tables
 
     # --- requests

@@ -1,4 +1,4 @@
-"""What is played and changed on a page has the samples of live sound, and of a rendering."""
+"""A page that is played and changed has the samples of live sound, and of a rendering."""
 
 import json
 import math

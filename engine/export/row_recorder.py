@@ -93,9 +93,8 @@ class RowRecorder(Player):
 
 
 def player_of_scene(scene: Scene, samplerate: int, kernel: str, seconds: float | None = None) -> RowRecorder:
-    """Return the player of a scene with its score. Raises CannotExport."""
-    player = RowRecorder(scene, samplerate, seconds, kernel=kernel)
-    return _without_fades(player)
+    """Return the player of a scene with its score. Raises BuildError if that changes tables too often."""
+    return _without_fades(RowRecorder(scene, samplerate, seconds, kernel=kernel))
 
 
 def player_of_keys(scene: Scene, samplerate: int, kernel: str) -> RowRecorder:
@@ -105,8 +104,7 @@ def player_of_keys(scene: Scene, samplerate: int, kernel: str) -> RowRecorder:
 
 def player_of_voices(scene: Scene, samplerate: int, kernel: str, voices: int, lowest: float) -> RowRecorder:
     """Return the player of so many copies of a scene. lowest: ratio of the lowest pitch that they have"""
-    player = RowRecorder(scene, samplerate, math.inf, kernel=kernel, voices=voices, lowest=lowest)
-    return _without_fades(player)
+    return _without_fades(RowRecorder(scene, samplerate, math.inf, kernel=kernel, voices=voices, lowest=lowest))
 
 
 def check_oversample(scene: Scene, place: str) -> None:

@@ -1,6 +1,7 @@
 """A patch as a page that plays, from Python and in a notebook."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from html import escape
@@ -47,6 +48,8 @@ def export_page(
     kernel: str = "general",
     text: str | None = None,
     command: str = "engine.export_page(scene)",
+    slide: Sequence[str] = (),
+    voices: int = 0,
 ) -> Page:
     """Make a page that plays a scene in any browser, computed there: one HTML file that needs no network.
 
@@ -55,6 +58,9 @@ def export_page(
              the size, which takes half the time
     text:    of the patch, which the page shows; the scene as JSON if None
     command: that makes the page, which it shows
+    slide:   live parameters that get a slider, such as `body.string.frequency`: a pitch, a tension, a length or a loss
+             needs tables for each of 25 positions, which make the page larger; `bend` is an instrument's pitch wheel
+    voices:  of a patch that is no instrument: how many notes of a keyboard, on which it is tuned, sound at a time
 
     >>> import engine
     >>> page = engine.export_page(engine.load("piano_c4"))  # doctest: +SKIP
@@ -67,10 +73,22 @@ def export_page(
     samplerate = checked_integer("samplerate", samplerate)
     if kernel not in KERNELS:
         raise ValueError(f"no kernel of a page is called {kernel!r}; there are {' and '.join(KERNELS)}")
+    if (voices := checked_integer("voices", voices)) < 0:
+        raise ValueError(f"voices = {voices} is out of range; give 0, which means no keyboard, or more")
     if text is None:
         text = scene.model_dump_json(exclude_unset=True, indent=2)
     about = {"title": scene.title or "A patch", "text": text, "command": command}
-    return Page(make_page(scene, partial(level_of, scene, samplerate), samplerate, kernel, about))
+    return Page(
+        make_page(
+            scene,
+            partial(level_of, scene, samplerate),
+            samplerate,
+            kernel,
+            about,
+            slide,
+            checked_integer("voices", voices),
+        )
+    )
 
 
 def level_of(scene: Scene, samplerate: int) -> float:

@@ -1,7 +1,7 @@
 """Renderings as they are used from Python: drawn, saved, and shown in a notebook."""
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from io import BytesIO
@@ -93,9 +93,12 @@ class Rendering(RenderedArrays):
             raise ValueError("contacts need a trace; render with trace=True")
         return ContactSummaries(self.trace, contact_names(self.scene))
 
-    def page(self) -> "Page":
+    def page(self, slide: Sequence[str] = (), voices: int = 0) -> "Page":
         """Make a page that plays the scene in any browser, where it can be struck and changed: `engine.export_page` of
         the scene, at the sample rate of the rendering. A notebook shows it.
+
+        slide:  live parameters that get a slider there, as of `engine.export_page`
+        voices: how many notes a keyboard there plays at a time, likewise
 
         Raises CannotExport (a ValueError) with the reason if the scene cannot become a page.
 
@@ -105,7 +108,7 @@ class Rendering(RenderedArrays):
         """
         from engine.api.page import export_page
 
-        return export_page(self.scene, self.samplerate)
+        return export_page(self.scene, self.samplerate, slide=slide, voices=voices)
 
     def plot(self, *panels: str, style: str = "screen") -> np.ndarray:
         """Draw the rendering with matplotlib's pyplot, a panel below another, as `fdh render --plot` does.

@@ -14,7 +14,7 @@ import numpy as np
 from engine.assembly import limits
 from engine.assembly.build import BuildResult, build
 from engine.assembly.pickup_points import channel_gains
-from engine.assembly.table_exchange import Copies, collect_copies, make_copies
+from engine.assembly.table_exchange import Copies, collect_copies, make_alternatives, make_copies
 from engine.kernel.data.axes import map_arrays
 from engine.kernel.data.model import Model
 from engine.patch.frames import nearest_frame
@@ -44,6 +44,12 @@ class Exchange(NamedTuple):
     island: int  # the first whose energy is counted again …
     islands: int  # … and how many there are
     due: int  # frame
+
+
+def count_steps(values: Sequence[NewValue], seconds: float) -> int:
+    """Return in how many steps parameters glide to values."""
+    shortest = LEVEL_STEP_SECONDS if all(new.path.is_level for new in values) else TABLE_STEP_SECONDS
+    return max(1, min(MAX_STEPS, math.ceil(seconds / shortest)))
 
 
 class TableChanges:
@@ -118,10 +124,8 @@ class TableChanges:
         now:    returns the frame that the sound has reached; called when the tables are ready
         budget: seconds; if the tables of all steps took longer, there are fewer steps
         """
-        only_levels = all(new.path.is_level for new in values)
-        shortest = LEVEL_STEP_SECONDS if only_levels else TABLE_STEP_SECONDS
-        number = max(1, min(MAX_STEPS, math.ceil(seconds / shortest)))
-        if only_levels:
+        number = count_steps(values, seconds)
+        if all(new.path.is_level for new in values):
             glide = self._glide(values, number)
             copies = [self._level_copies(step) for step in glide]
         else:
@@ -142,6 +146,29 @@ class TableChanges:
         self._busy_until |= dict.fromkeys(islands, due[-1])
         self._kept += steps
         return steps
+
+    def alternatives(self, variants: Sequence[Sequence[NewValue]]) -> list[Exchange]:
+        """Return exchanges for those of some variants of the same parameters that are possible: each gives them its
+        values, whichever of them was made last. They are due at once, and nothing has changed yet."""
+        possible, models = list[tuple[NewValue, ...]](), list[list[Model]]()
+        for values in variants:
+            try:
+                after = self._build(self._with_values(values))
+                make_copies(self._targets, self._state, self._known, after)
+            except ValueError:  # BuildError, CannotExchange
+                continue
+            possible.append(tuple(values))
+            models.append(after)
+        first, count = self._islands([new.path for values in variants for new in values])
+        _, *copies = make_alternatives(self._targets, self._state, [self._known, *models])
+        steps = [Exchange(values, one, first, count, 0) for values, one in zip(possible, copies, strict=True)]
+        self._kept += steps
+        return steps
+
+    @property
+    def exchanges(self) -> list[Exchange]:
+        """The exchanges that the audio thread may still make."""
+        return [*self._kept]
 
     def _glide(self, values: Sequence[NewValue], number: int) -> list[tuple[NewValue, ...]]:
         """Return the values of parameters in each step of a glide to new ones."""

@@ -36,11 +36,27 @@ def make_copies(target: Sequence[Model], state: State, before: Sequence[Model], 
     target: the Models in use, with their coarser ones; state: their State
     Raises CannotExchange if the arrays are not alike.
     """
-    if target[0].step.kick.dtype != np.float64:
-        raise CannotExchange('single precision has no tables to exchange; precision = "float64"')
-    pairs: list[tuple[np.ndarray, np.ndarray]] = []
-    for ours, old, new in zip(target, before, after, strict=True):
-        pairs += _differences(ours, old, new, "")
+    varying = _varying_parts(target, [before, after])
+    return _copies_of(target, state, after, [(ours, variants[-1]) for ours, variants in varying])
+
+
+def make_alternatives(target: Sequence[Model], state: State, variants: Sequence[Sequence[Model]]) -> list[Copies]:
+    """Return for each of some variants of Models the copies that turn Models with the numbers of any of them into it.
+
+    target, state: as of make_copies
+    Raises CannotExchange if the arrays are not alike.
+    """
+    varying = _varying_parts(target, variants)
+    return [
+        _copies_of(target, state, models, [(ours, parts[n]) for ours, parts in varying])
+        for n, models in enumerate(variants)
+    ]
+
+
+def _copies_of(
+    target: Sequence[Model], state: State, after: Sequence[Model], pairs: list[tuple[np.ndarray, np.ndarray]]
+) -> Copies:
+    """Return the copies for the parts that differ, with those of numbers that follow from them."""
     if pairs:
         pairs += [pair for ours, new in zip(target, after, strict=True) for pair in _factors(ours, new)]
         if state.refinement is not None:
@@ -59,27 +75,41 @@ def collect_copies(pairs: Sequence[tuple[np.ndarray, np.ndarray]]) -> Copies:
     return Copies(np.array(rows, np.int64).reshape(-1, 3), values)
 
 
-def _differences(ours: Any, old: Any, new: Any, name: str) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield the parts of arrays that differ, in pairs: to write to, and to read from."""
-    if type(old) is not type(new) or (isinstance(old, np.ndarray) and old.shape != new.shape):
+def _varying_parts(
+    target: Sequence[Model], variants: Sequence[Sequence[Model]]
+) -> list[tuple[np.ndarray, list[np.ndarray]]]:
+    """Return the parts of arrays in which variants of Models differ: to write to, and to read from, of each variant."""
+    if target[0].step.kick.dtype != np.float64:
+        raise CannotExchange('single precision has no tables to exchange; precision = "float64"')
+    parts: list[tuple[np.ndarray, list[np.ndarray]]] = []
+    for ours, *models in zip(target, *variants, strict=True):
+        parts += _varying(ours, models, "")
+    return parts
+
+
+def _varying(ours: Any, variants: Sequence[Any], name: str) -> Iterator[tuple[np.ndarray, list[np.ndarray]]]:
+    """Yield the parts of arrays in which variants of a value differ: to write to, and to read from, of each variant."""
+    first, *others = variants
+    is_array = isinstance(first, np.ndarray)
+    if any(type(one) is not type(first) or (is_array and one.shape != first.shape) for one in others):
         raise CannotExchange(
             f"its {name.replace('_', ' ')} would have another structure than what sounds; stop and start again"
         )
-    if isinstance(old, np.ndarray):
-        if old.dtype.itemsize != WORD_BYTES:
-            if not np.array_equal(old, new):
+    if is_array:
+        if first.dtype.itemsize != WORD_BYTES:
+            if not all(np.array_equal(first, one) for one in others):
                 raise CannotExchange(
                     f"its {name.replace('_', ' ')} would be arranged differently; stop and start again"
                 )
             return
-        different = np.flatnonzero((old != new).ravel())
+        different = np.flatnonzero(np.any([first != one for one in others], axis=0))
         if different.size:
             part = slice(int(different[0]), int(different[-1]) + 1)
-            yield ours.reshape(-1)[part], np.ascontiguousarray(new).reshape(-1)[part]
-    elif hasattr(old, "_fields"):
-        for field, mine, was, now in zip(old._fields, ours, old, new, strict=True):
+            yield ours.reshape(-1)[part], [np.ascontiguousarray(one).reshape(-1)[part] for one in variants]
+    elif hasattr(first, "_fields"):
+        for field, mine, *values in zip(first._fields, ours, *variants, strict=True):
             if field not in KEPT:
-                yield from _differences(mine, was, now, field)
+                yield from _varying(mine, values, field)
 
 
 def _factors(ours: Any, new: Any) -> Iterator[tuple[np.ndarray, np.ndarray]]:

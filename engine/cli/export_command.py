@@ -34,8 +34,17 @@ def add_export_command(commands: "arguments.Commands") -> None:
         metavar="NAME",
         help="of a page: general, or special, which is compiled for the patch in a minute (default: general)",
     )
+    parser.add_argument(
+        "--slide",
+        metavar="PARAMETER",
+        action="append",
+        default=[],
+        help="of a page: give a live parameter such as body.string.frequency a slider, with tables for each of its"
+        " positions, or an instrument its pitch wheel (bend); repeat it for more",
+    )
     arguments.add_options(
         parser,
+        ("--voices", "N", "of a page: a keyboard on which a patch that is no instrument plays so many notes at a time"),
         ("--c", "FOLDER", "write a library to a folder, which is made if it is not there"),
         ("--target", "NAME", f"of a library: machine that it is for, such as aarch64-linux (default: {NATIVE})"),
         "--seconds",
@@ -83,7 +92,9 @@ def _export_page(args: argparse.Namespace, scene: "Scene") -> int:
     path, command = page_path(args), " ".join(["fdh", "export", *_words(args)])
     text = Path(args.patch).read_text("utf-8-sig")
     with memory_errors_explained("take a patch with fewer modes"):
-        page = export_page(scene, samplerate_of(args), args.kernel or KERNELS[0], text, command)
+        page = export_page(
+            scene, samplerate_of(args), args.kernel or KERNELS[0], text, command, args.slide, args.voices or 0
+        )
     try:
         write_text(path, to_utf8_text(page.html))
     except OSError as error:
@@ -96,11 +107,10 @@ def _export_page(args: argparse.Namespace, scene: "Scene") -> int:
 
 def _words(args: argparse.Namespace) -> list[str]:
     """Return the words that make the page again."""
-    given = {"-o": args.output, "--kernel": args.kernel, "--samplerate": args.samplerate}
-    return [
-        Path(args.patch).name,
-        *(word for name, value in given.items() if value is not None for word in (name, str(value))),
-    ]
+    given = {"-o": args.output, "--kernel": args.kernel, "--samplerate": args.samplerate, "--voices": args.voices}
+    options = [(name, str(value)) for name, value in given.items() if value is not None]
+    options += [("--slide", parameter) for parameter in args.slide]
+    return [Path(args.patch).name, *(word for option in options for word in option)]
 
 
 # --- a library
@@ -114,7 +124,8 @@ def _faults_of_library(args: argparse.Namespace) -> list[Fault]:
         faults.append(Fault("--c", f"{args.c}: the folder that it would be in is not there"))
     if target not in TARGETS:
         faults.append(Fault("--target", f"no target is called {target!r}; there are {', '.join(TARGETS)}"))
-    for name, value in (("-o", args.output), ("--kernel", args.kernel)):
+    of_page = {"-o": args.output, "--kernel": args.kernel, "--slide": args.slide or None, "--voices": args.voices}
+    for name, value in of_page.items():
         if value is not None:
             faults.append(Fault(name, "it belongs to a page; a library goes to the folder of --c"))
     return faults

@@ -25,7 +25,7 @@ class EventTables:
     def add_key(self, key: Key, groups: list[float]) -> None:
         """Add a key. groups: those of all keys, each once"""
         group = NO_GROUP if key.group is None else groups.index(key.group)
-        spans = [self._add(rows) for rows in (*key.on, key.off, key.damp, key.lift, key.end)]
+        spans = [self._add(rows) for rows in (*key.on, key.off, key.damp[-1], key.lift, key.end)]
         self.keys += np.array([key.number, group, *(number for span in spans for number in span)], np.int64).tobytes()
 
     def add_pad(self, pad: Pad) -> None:

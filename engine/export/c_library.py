@@ -16,6 +16,7 @@ from engine.compiler.kernel_name import KernelName
 from engine.compiler.machine_code import TARGETS, NeutralCode, neutral_code, object_code
 from engine.compiler.struct_handle import pointer_kind
 from engine.export.c_events import EventTables
+from engine.export.faults import CannotExport
 from engine.export.player_bytes import INSERT, MEMORY, PLAY, RENDER, arrays_of_player, lay_out_player, requests_of
 from engine.export.row_recorder import (
     LEVELS,
@@ -68,12 +69,14 @@ def export_c(
     check_oversample(scene, "C")
     seconds = scene.seconds if seconds is None else seconds
     players = {SCORE: player_of_scene(scene, samplerate, KernelName.AUTO, seconds)}
+    if players[SCORE].tables.exchanges:  # they part a block, of which fdh.c reads the whole
+        raise CannotExport("a patch whose events change bodies cannot be exported to C yet")
     if scene.instrument is not None:
         players[KEYS] = player_of_keys(scene, samplerate, KernelName.AUTO)
+    events, names = _events_of(scene, list(players.values())[-1])
     codes, tables, layouts = dict[str, NeutralCode](), dict[str, bytes](), list[str]()
     for part, player in players.items():
         layouts.append(_add_part(part, player, codes, tables))
-    events, names = _events_of(scene, list(players.values())[-1])
     tables |= {"fdh_rows": bytes(events.rows), "fdh_keys": bytes(events.keys), "fdh_controls": bytes(events.controls)}
     tables["fdh_levels"] = np.array(LEVELS, np.int64).tobytes()
     content = object_code(codes, TARGETS[target], tables)
@@ -129,6 +132,8 @@ def _events_of(scene: Scene, player: RowRecorder) -> tuple[EventTables, list[str
     """Return the tables of events, and the lines of the header that name keys, pads and sliders."""
     tables = EventTables()
     keys = [] if scene.instrument is None else keys_of_player(player)
+    if player.exchanged:
+        raise CannotExport("an instrument whose keys change bodies cannot be exported to C yet")
     pads = [] if keys else pads_of_player(player, velocity=1.0)
     sliders = sliders_of_player(player)
     groups = list(dict.fromkeys(key.group for key in keys if key.group is not None))

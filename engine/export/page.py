@@ -9,7 +9,7 @@ import gzip
 import hashlib
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from typing import Any
@@ -18,7 +18,9 @@ import numpy as np
 
 from engine.compiler.kernel_name import KernelName
 from engine.compiler.wasm_multiply_add import make_replaceable
+from engine.export.exchange_bytes import add_queued_exchanges
 from engine.export.faults import CannotExport
+from engine.export.key_tables import add_key_tables
 from engine.export.player_bytes import (
     INSERT,
     INSERT_EVENT,
@@ -33,20 +35,26 @@ from engine.export.player_bytes import (
 )
 from engine.export.row_recorder import (
     LEVELS,
+    PEDAL_DOWN,
+    SHARES,
     RowRecorder,
     check_oversample,
     keys_of_player,
     pads_of_player,
     player_of_keys,
     player_of_scene,
+    player_of_voices,
     rows_of_score,
     sliders_of_player,
 )
 from engine.export.scene_bytes import SceneBytes
+from engine.export.table_sliders import BEND, CENTS, add_table_sliders, paths_of_sliders
+from engine.export.voice_keys import bodies_of_notes, controls_of_voices, lowest_ratio
 from engine.export.wasm_kernels import compile_module, general_module_of, read_module
 from engine.instrument.score import Score, read_score
 from engine.kernel.data.enums import Balance, EventKind, Sleep
 from engine.live.key_allocator import DEFAULT_POLYPHONY
+from engine.live.midi_notes import PEDALS
 from engine.live.shared_memory import Gauge, Slot
 from engine.patch.scene import Scene
 from engine.runtime.event_slots import EventSlot
@@ -55,7 +63,9 @@ BASE = 1 << 20  # address of the scene in the memory of the page; the stack and 
 BLOCK = 128  # samples that a browser asks for at a time
 MEGABYTE = 1 << 20
 MAX_MEGABYTES = 400  # of a scene: browsers give pages some thousand
+PEDAL_NUMBERS: dict[str, Any] = {"pedals": PEDALS, "shares": SHARES, "pedal_down": PEDAL_DOWN}
 PAGE = "page"  # the folder of the template
+SCRIPTS = ("page.js", "keys.js", "voices.js", "controls.js", "start.js")  # of which the last begins
 
 
 def make_page(
@@ -64,20 +74,36 @@ def make_page(
     samplerate: int = 44_100,
     kernel: str = KernelName.GENERAL,
     about: Mapping[str, str] | None = None,
+    slide: Sequence[str] = (),
+    voices: int = 0,
 ) -> str:
     """Return a scene as a page.
 
     find_gain: returns the factor on SI units, once it is known that the scene can become a page
     kernel: general, or special: compiled for this scene, which takes a minute
     about:  what the page says of itself: its `title`, the `text` of the patch and the `command` that made it
+    slide:  live parameters that get a slider though they need tables of their own for each of its positions
+    voices: of a patch that is no instrument: how many notes of a keyboard can sound at a time; 0: it has none
 
     Raises CannotExport (a ValueError) with the reason if the scene cannot become a page, BuildError (a ValueError) if
     it cannot be built.
     """
     check_oversample(scene, "a page")
-    find_player = player_of_scene if scene.instrument is None else player_of_keys
-    player = find_player(scene, samplerate, kernel)
+    if voices and slide:
+        raise CannotExport("a page with voices has no sliders of its own choice: its voices share their tables")
+    if voices:
+        player = player_of_voices(scene, samplerate, kernel, voices, lowest_ratio(bodies_of_notes(scene)))
+    else:
+        find_player = player_of_scene if scene.instrument is None else player_of_keys
+        player = find_player(scene, samplerate, kernel)
+    paths = paths_of_sliders(player, slide)
     laid_out = lay_out_player(player.memory, pointer_bytes=4, base=BASE)
+    add_queued_exchanges(laid_out, player.memory.shared, player.tables.exchanges)
+    controls = _controls(scene, player, paths)
+    controls |= controls_of_voices(laid_out, player) if voices else {"voices": []}
+    controls |= add_key_tables(laid_out, player, {name: controls.get(name, []) for name in ("keys", "song")})
+    tabled = {name: path for name, path in paths.items() if path is None or not path.is_glided}
+    table_sliders = [slider._asdict() for slider in add_table_sliders(laid_out, player, tabled)]
     if len(laid_out.content) > MAX_MEGABYTES * MEGABYTE:
         size = len(laid_out.content) // MEGABYTE
         raise CannotExport(f"the patch needs {size} MB of memory; a page has {MAX_MEGABYTES} MB at most")
@@ -99,8 +125,8 @@ def make_page(
         "names": names_of_numbers(),
         "functions": {RENDER: RENDER_BLOCK, INSERT: INSERT_EVENT},
     }
-    controls = _packed(_json(left_out | _controls(scene, player)).encode())
-    return compose({**data, "controls": controls}, about or {})
+    controls |= left_out | {"table_sliders": table_sliders, "bend": BEND}
+    return compose({**data, "controls": _packed(_json(controls).encode())}, about or {})
 
 
 def places_of_player(laid_out: SceneBytes, player: RowRecorder) -> dict[str, int]:
@@ -110,6 +136,7 @@ def places_of_player(laid_out: SceneBytes, player: RowRecorder) -> dict[str, int
     arrays |= {"sleep": state.sleep, "iterations": state.iteration_histogram, "force": state.contact_force}
     counts = {"queue": len(arrays["events"]), "islands": len(state.sleep), "contacts": state.contact_force.size}
     counts |= {"solves": state.iteration_histogram.shape[-1], "event": len(EventSlot), "rest": state.sleep.shape[1]}
+    counts |= {"table": EventSlot.TABLE}
     return {MEMORY: laid_out.address(MEMORY)} | {n: laid_out.address(a) for n, a in arrays.items()} | counts
 
 
@@ -120,16 +147,22 @@ def names_of_numbers() -> dict[str, dict[str, int]]:
         "Gauge": {gauge.name: int(gauge) for gauge in Gauge},
         "Balance": {one.name: int(one) for one in Balance},
         "Sleep": {one.name: int(one) for one in Sleep},
-        "EventKind": {"QUALITY": int(EventKind.QUALITY)},
+        "EventKind": {kind.name: int(kind) for kind in (EventKind.QUALITY, EventKind.EXCHANGE_TABLES)},
     }
 
 
-def _controls(scene: Scene, player: RowRecorder) -> dict[str, Any]:
-    """Return the controls of a scene: keys or pads, sliders, and its score."""
-    sliders = [slider._asdict() for slider in sliders_of_player(player)]
+def _controls(scene: Scene, player: RowRecorder, chosen: Container[str]) -> dict[str, Any]:
+    """Return the controls of a scene: keys or pads, sliders, and its score. chosen: numbers that have sliders anyway"""
+    sliders = [slider._asdict() for slider in sliders_of_player(player, chosen)]
     if scene.instrument is None:
-        damped = damp_rows(player)
-        return {"keys": [], "pads": [p._asdict() for p in pads_of_player(player)], "sliders": sliders, "damp": damped}
+        pads = [] if player.voices else [pad._asdict() for pad in pads_of_player(player)]
+        return {
+            "keys": [],
+            "pads": pads,
+            "sliders": sliders,
+            "damp": damp_rows(player),
+            **PEDAL_NUMBERS,
+        }
     keys = [key._asdict() for key in keys_of_player(player)]
     keyboard = scene.instrument["keyboard"]
     polyphony = keyboard.get("polyphony") or DEFAULT_POLYPHONY
@@ -139,6 +172,8 @@ def _controls(scene: Scene, player: RowRecorder) -> dict[str, Any]:
         "keys": keys,
         "levels": LEVELS,
         "polyphony": polyphony,
+        "bend_cents": CENTS * scene.midi.bend_range,
+        **PEDAL_NUMBERS,
         "sliders": sliders,
         "song": song,
         "song_seconds": score.end,
@@ -164,9 +199,8 @@ def score_of(scene: Scene, keys: list[int]) -> Score:
 
 def compose(data: Mapping[str, Any], about: Mapping[str, str]) -> str:
     """Return the HTML of a page of this data. It loads nothing from anywhere, and runs no scripts but its own."""
-    parts = {name: template(name) for name in ("page.html", "page.css", "page.js", "worklet.js")}
-    content = _escaped_json(data)
-    script, style = parts["page.js"], parts["page.css"]
+    content, style = _escaped_json(data), template("page.css")
+    script = "\n".join(template(name) for name in SCRIPTS)
     policy = (
         f"default-src 'none'; script-src 'sha256-{_digest(script)}' 'wasm-unsafe-eval' data:;"
         f" style-src 'sha256-{_digest(style)}'; img-src data:; media-src blob:"
@@ -178,10 +212,10 @@ def compose(data: Mapping[str, Any], about: Mapping[str, str]) -> str:
         "COMMAND": escape(about.get("command", "")),
         "STYLE": style,
         "SCRIPT": script,
-        "WORKLET": _escaped_json({"source": parts["worklet.js"]}),
+        "WORKLET": _escaped_json({"source": template("worklet.js")}),
         "DATA": content,
     }
-    return re.sub(r"\{\{([A-Z]+)\}\}", lambda place: filled[place[1]], parts["page.html"])
+    return re.sub(r"\{\{([A-Z]+)\}\}", lambda place: filled[place[1]], template("page.html"))
 
 
 def template(name: str) -> str:

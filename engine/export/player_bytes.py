@@ -7,6 +7,7 @@ import numpy as np
 
 from engine.compiler.kinds import Kind
 from engine.export.scene_bytes import NUMBER_BYTES, SceneBytes
+from engine.kernel.data.axes import map_arrays
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import State
 from engine.live.audio_memory import AudioMemory
@@ -42,7 +43,9 @@ def lay_out_player(
     played = [handle.value for handle in memory.model_handles] if built is None else [built[0]]
     models = [f"model {n}" for n in range(len(played))]
     for name, model in zip(models, played, strict=True):
-        laid_out.add(name, without_unused_flights(model))
+        reduced = without_unused_flights(model)
+        laid_out.add(name, reduced)
+        laid_out.stand_for(model, reduced, used_numbers(model))
     laid_out.add(STATE, memory.state_handle.value if built is None else built[1])
     outputs = [f"output {n}" for n in range(len(job_memory.outputs))]
     for name, handle in zip(outputs, job_memory.outputs, strict=True):
@@ -99,6 +102,12 @@ def without_unused_flights(model: Model) -> Model:
             pickup_tables[begin : begin + count] = 0.0
     changed = {name: emptied(getattr(flight, name)) for name in ("motion", "motion_low", "part", "loss")}
     return model._replace(flight=flight._replace(**changed, pickup_tables=pickup_tables))
+
+
+def used_numbers(model: Model) -> Model:
+    """Return a model whose tables of free flight are 0 where they are not used, and else 1."""
+    flight = map_arrays(lambda array, items: np.ones_like(array), model.flight)
+    return without_unused_flights(model._replace(flight=flight))
 
 
 def _add_job(laid_out: SceneBytes, memory: AudioMemory, model: str, outputs: list[str]) -> None:

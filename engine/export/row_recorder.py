@@ -4,27 +4,34 @@ It scales their values, by velocity or by a slider, and computes nothing else.
 """
 
 import math
+from collections.abc import Container, Mapping
 from typing import Any, NamedTuple
 
-from engine.assembly.build import BuildResult
 from engine.assembly.event_table import EventRow
-from engine.assembly.table_changes import scored_exchanges
+from engine.assembly.table_changes import NewValue, TableChanges, count_steps
 from engine.export.faults import CannotExport
+from engine.instrument.held_keys import PEDAL_STEPS, SOSTENUTO_HALF, damper_share
 from engine.instrument.key_names import note_name
 from engine.instrument.key_writer import KeyWriter
 from engine.instrument.score import Score
 from engine.instrument.score_events import FULL_VELOCITY
+from engine.kernel.data.enums import EventKind
 from engine.live.audio_memory import MAX_FRAMES
+from engine.live.controls import targets_of_all
 from engine.live.key_allocator import KeyAllocator, live_scene
-from engine.live.midi_notes import Note
-from engine.live.player import Player
+from engine.live.midi_notes import UNKNOWN_RELEASE, Note
+from engine.live.player import GLIDE_SECONDS, Player
+from engine.live.retuning import VoiceTuning
 from engine.live.shared_memory import Slot
-from engine.patch.live_parameters import value_at
+from engine.patch.live_parameters import live_paths, value_at
 from engine.patch.live_ranges import live_range
 from engine.patch.scene import Scene
 
 LEVELS = (1, 16, 32, 48, 64, 80, 96, 112, 127)  # MIDI velocities; rows between two of them are interpolated
-RELEASE = 64  # MIDI velocity with which a page lets keys go
+RELEASE = UNKNOWN_RELEASE  # MIDI velocity with which a page lets keys go
+# of how many PEDAL_STEPS the sustain pedal leaves to the dampers, by how far MIDI says that it is down
+SHARES = [round(PEDAL_STEPS * damper_share(value / FULL_VELOCITY)) for value in range(128)]
+PEDAL_DOWN = math.ceil(FULL_VELOCITY * SOSTENUTO_HALF)  # as MIDI says it: soft and sostenuto pedals are down from there
 TIMES = 1e3  # a slider of a stiffness goes so many times beyond the value of the patch, and below
 LEAST_GAP = 1e-3  # m, that a slider of a gap goes either way
 # numbers that may be 0 or less, whose sliders are linear, and how far these go at least
@@ -38,10 +45,15 @@ Rows = list[list[float]]
 
 
 class RowRecorder(Player):
-    """A player that does not play: it keeps the rows of its events."""
+    """A player that does not play: it keeps the rows of its events.
+
+    exchanged: values whose tables keys exchange; the row of such an exchange has its number here in place of a value,
+               until the tables are made (engine.export.key_tables)
+    """
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         self._rows_kept: list[EventRow] = []
+        self.exchanged: list[NewValue] = []
         super().__init__(*arguments, **options)
 
     def take_rows(self) -> Rows:
@@ -49,26 +61,50 @@ class RowRecorder(Player):
         rows, self._rows_kept = self._rows_kept, []
         return [list(map(float, row)) for row in rows]
 
+    @property
+    def tables(self) -> TableChanges:
+        """Builder of the tables of its live parameters."""
+        return self._parameters.tables
+
+    @property
+    def tuning(self) -> VoiceTuning:
+        """The pitches of its voices."""
+        return self._tuning
+
+    def set(
+        self, parameter: str | Mapping[str, float], value: float = 0.0, seconds: float = GLIDE_SECONDS, frame: int = 0
+    ) -> None:
+        """Set a live parameter, as live sound does. Raises CannotExport for one whose tables would glide."""
+        new = None if isinstance(parameter, Mapping) else self._parameters.checked_value(parameter, value)
+        if new is None or new.path.is_glided:
+            super().set(parameter, value, seconds, frame)
+            return
+        if count_steps([new], seconds) > 1:
+            raise CannotExport(f"a key glides {parameter}, which cannot be exported; give it duration = 0")
+        if new not in self.exchanged:
+            self.exchanged.append(new)
+        self._rows_kept.append(EventRow(EventKind.EXCHANGE_TABLES, 0, 0, 0, frame, 0, self.exchanged.index(new)))
+
     def make_tables(self) -> None:
-        """Raise CannotExport: a key that changes a body would need its tables."""
-        raise CannotExport("a key of this instrument changes a body as it is pressed, which cannot be exported yet")
+        """Leave the tables until all values are known."""
 
     def _put(self, description: list[Any], rows: list[EventRow], frame: int) -> None:
         self._rows_kept += [row._replace(start=frame + row.start) for row in rows]
 
 
 def player_of_scene(scene: Scene, samplerate: int, kernel: str, seconds: float | None = None) -> RowRecorder:
-    """Return the player of a scene with its score. Raises CannotExport."""
-    player = RowRecorder(scene, samplerate, seconds, kernel=kernel)
-    built = BuildResult(player.model, player.state, player.layout)
-    if scored_exchanges(scene, built, accuracy=scene.accuracy, seconds=scene.seconds if seconds is None else seconds):
-        raise CannotExport("a patch whose events change bodies cannot be exported yet")
-    return _without_fades(player)
+    """Return the player of a scene with its score. Raises BuildError if that changes tables too often."""
+    return _without_fades(RowRecorder(scene, samplerate, seconds, kernel=kernel))
 
 
 def player_of_keys(scene: Scene, samplerate: int, kernel: str) -> RowRecorder:
     """Return the player of an instrument that waits for its keys."""
     return _without_fades(RowRecorder(live_scene(scene), samplerate, math.inf, kernel=kernel, waiting=True))
+
+
+def player_of_voices(scene: Scene, samplerate: int, kernel: str, voices: int, lowest: float) -> RowRecorder:
+    """Return the player of so many copies of a scene. lowest: ratio of the lowest pitch that they have"""
+    return _without_fades(RowRecorder(scene, samplerate, math.inf, kernel=kernel, voices=voices, lowest=lowest))
 
 
 def check_oversample(scene: Scene, place: str) -> None:
@@ -83,16 +119,24 @@ def _without_fades(player: RowRecorder) -> RowRecorder:
 
 
 class Key(NamedTuple):
-    """A key of an instrument."""
+    """A key of an instrument. Of its dampers there are rows for each share of their force that a pedal may leave them,
+    from 1 / PEDAL_STEPS to 1."""
 
     number: int  # of MIDI
     name: str
     on: list[Rows]  # at each of LEVELS
+    soft_on: list[Rows]  # … with the soft pedal down; empty if that changes nothing
     off: Rows  # when it is let go …
-    damp: Rows  # … and its dampers come down, which a pedal may keep up
+    soft_off: Rows  # … with the soft pedal down
+    damp: list[Rows]  # its dampers come down
     lift: Rows  # its dampers
-    end: Rows  # another key needs its place
+    steal: Rows  # another key needs its place: it is damped, whatever the pedals say
     group: float | None  # keys of which one sounds at a time
+
+    @property
+    def end(self) -> Rows:
+        """Rows that end it while it is down, and no pedal is."""
+        return [*self.off, *self.steal, *self.damp[-1]]
 
 
 def keys_of_player(player: RowRecorder) -> list[Key]:
@@ -101,28 +145,45 @@ def keys_of_player(player: RowRecorder) -> list[Key]:
     document = player.patch.instrument or {}
     mono, writer = document["keyboard"].get("mono"), KeyWriter(document)
 
-    def rows_of(kind: str, number: int, value: int) -> Rows:
+    def play(kind: str, number: int, value: int) -> Rows:
         allocator.play(Note(0.0, kind, number, value))
         return player.take_rows()
 
+    def damp(number: int) -> Rows:
+        allocator.damp(number, RELEASE / FULL_VELOCITY, 0)
+        return player.take_rows()
+
+    def lift(number: int) -> Rows:
+        allocator.lift(number, 0)
+        return player.take_rows()
+
+    def steal(number: int) -> Rows:
+        allocator.end(number, 0)
+        return player.take_rows()
+
+    def press(number: int) -> tuple[list[Rows], Rows]:
+        on, off = list[Rows](), Rows()
+        for level in LEVELS:
+            on.append(play("on", number, level))
+            off = play("off", number, RELEASE)
+        return on, off[: len(off) - len(dampers[-1][number])]
+
+    dampers = []
+    for share in range(1, PEDAL_STEPS + 1):
+        play("sustain", 0, SHARES.index(share))
+        dampers.append({number: damp(number) for number in allocator.keys})
+    pressed = {number: press(number) for number in allocator.keys}
+    play("soft", 0, round(FULL_VELOCITY))
+    softly = {number: press(number) for number in allocator.keys}
+    play("sustain", 0, SHARES.index(0))  # no damper comes down beside those of `steal`
     keys = []
     for number in allocator.keys:
-        on = []
-        for level in LEVELS:
-            on.append(rows_of("on", number, level))
-            rows_of("off", number, RELEASE)
-        rows_of("on", number, LEVELS[0])
-        allocator.end(number, 0)
-        end = player.take_rows()
-        rows_of("on", number, LEVELS[0])
-        whole = rows_of("off", number, RELEASE)
-        allocator.lift(number, 0)
-        lift = player.take_rows()
-        allocator.damp(number, RELEASE / FULL_VELOCITY, 0)
-        damp = player.take_rows()
-        off = whole[: len(whole) - len(damp)]
+        on, off = pressed[number]
+        soft_on, soft_off = softly[number] if softly[number] != pressed[number] else ([], [])
+        damp_rows = [rows[number] for rows in dampers]
         group = None if mono is None else writer.names(number).get(mono)
-        keys.append(Key(number, note_name(number), on, off, damp, lift, end, group))
+        key = Key(number, note_name(number), on, soft_on, off, soft_off, damp_rows, lift(number), steal(number), group)
+        keys.append(key)
     return keys
 
 
@@ -173,17 +234,21 @@ class Slider(NamedTuple):
     rows_at_one: Rows  # … and of 1: between them and beyond, their values lie on lines
 
 
-def sliders_of_player(player: RowRecorder) -> list[Slider]:
-    """Return the numbers of a patch that glide, unless there are too many."""
-    sliders, glided = list[Slider](), {name: path for name, path in player.live_paths.items() if path.is_glided}
-    for parameter, path in glided.items() if len(glided) <= MAX_SLIDERS else ():
-        value, key = value_at(player.scene, path), str(path.keys[0])
+def sliders_of_player(player: RowRecorder, chosen: Container[str] = ()) -> list[Slider]:
+    """Return the numbers of a patch that glide; if there are too many, those that were chosen."""
+    scene = player.patch if player.voices else player.scene
+    paths = live_paths(scene) if player.voices else player.live_paths  # a number of the patch is that of all voices
+    sliders, glided = list[Slider](), {name: path for name, path in paths.items() if path.is_glided}
+    if len(glided) > MAX_SLIDERS:
+        glided = {name: path for name, path in glided.items() if name in chosen}
+    for parameter, path in glided.items():
+        value, key = value_at(scene, path), str(path.keys[0])
         is_linear = key in LEAST_REACH
         if not is_linear and value <= 0.0:
             continue
         reach = max(LEAST_REACH.get(key, 0.0), 2.0 * abs(value))
         low, high = (value - reach, value + reach) if is_linear else (value / TIMES, value * TIMES)
-        limits = live_range(player.scene, *path[:3])
+        limits = live_range(scene, *path[:3])
         ends = max(low, limits.low), min(high, limits.high)
         rows = [_rows_at(player, parameter, one) for one in (value, value + _step(value, is_linear))]
         sliders.append(_slider(parameter, UNITS.get(key, ""), value, ends, is_linear, *rows))
@@ -191,7 +256,8 @@ def sliders_of_player(player: RowRecorder) -> list[Slider]:
 
 
 def _rows_at(player: RowRecorder, parameter: str, value: float) -> Rows:
-    player.set(parameter, value, SLIDER_SECONDS)
+    for target in targets_of_all(player, parameter) if player.voices else [parameter]:
+        player.set(target, value, SLIDER_SECONDS)
     return player.take_rows()
 
 

@@ -23,6 +23,7 @@ class SceneBytes:
     base:          address of the first byte
     content:       the bytes
     values:        where each value begins, by its name
+    unused:        addresses of arrays in this process of which some numbers are not read, and which
     pointers:      places of addresses, in records and where `set_address` wrote them
     """
 
@@ -30,6 +31,7 @@ class SceneBytes:
         self.base, self.content, self.values = base, bytearray(), dict[str, int]()
         self._arrays = dict[tuple[int, int], int]()  # where each array begins, by its place in this process
         self._kept = dict[str, Any]()  # so that no later array takes the place of one of theirs
+        self.unused = list[tuple[int, np.ndarray]]()
         self._layout = Layout(pointer_bytes, lambda array: base + self.place_of(array), keeps_pointers=True)
 
     def add(self, name: str, value: Any) -> None:
@@ -62,6 +64,22 @@ class SceneBytes:
         """Return the address of a value, by its name, or of an array. Raises KeyError for one that was not added."""
         return self.base + (self.values[what] if isinstance(what, str) else self.place_of(what))
 
+    def stand_for(self, original: Any, value: Any, used: Any) -> None:
+        """Let the arrays of a value that was added stand for those of another. used: 0 for the numbers of those arrays
+        that nobody reads; all have the same shapes"""
+        for array, ours, mask in zip(*map(_arrays_of, (original, value, used)), strict=True):
+            if _key(array) not in self._arrays:
+                self._arrays[_key(array)] = self.place_of(ours)
+                self.unused.append((address_of(array), mask.reshape(-1) == 0.0))
+        self._kept[f"original {len(self._kept)}"] = original
+
+    def place_of_word(self, address: int) -> int | None:
+        """Return the place of a number of an array that was added, by its address in this process; None for others."""
+        for (begin, size), place in self._arrays.items():
+            if begin <= address < begin + size:
+                return place + address - begin
+        return None
+
     def place_in(self, name: str, field: str) -> int:
         """Return where an integer of a record lies that was added by this name."""
         record, content = self._kept[name], bytearray()
@@ -76,7 +94,11 @@ class SceneBytes:
 
     def set_address(self, place: int, what: str | np.ndarray) -> None:
         """Set a 64-bit integer at a place to the address of what was added."""
-        self.set_number(place, self.address(what))
+        self.set_place(place, self.address(what) - self.base)
+
+    def set_place(self, place: int, target: int) -> None:
+        """Set a 64-bit integer at a place to the address of another place."""
+        self.set_number(place, self.base + target)
         self.pointers.append(place)
 
     def _align(self) -> None:

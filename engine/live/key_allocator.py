@@ -147,13 +147,14 @@ class KeyAllocator:
 
     def end(self, key: int, frame: int) -> None:
         """End a note soon, whatever the pedals say: a bow is lifted, and dampers come down."""
+        release = UNKNOWN_RELEASE / FULL_VELOCITY
         if key in self._held.down:
-            self._let_go(key, 0.5, frame)
+            self._let_go(key, release, frame)
         self._held.kept.discard(key)
         self._sounding = [k for k in self._sounding if k != key]
-        for event in self._damper_events(key, 0.5):
+        for event in self._damper_events(key, release):
             self.player.damp(event["body"], *STEAL_DAMPER, frame=frame)
-        self.damp(key, 0.5, frame)
+        self.damp(key, release, frame)
 
     # --- dampers and pedals
 

@@ -77,6 +77,11 @@ class ParameterQueue:
         wanted = [new.value for values in requested for new in values if new.path == path]
         return wanted[-1] if wanted else self._tables.value(path)
 
+    @property
+    def tables(self) -> TableChanges:
+        """Builder of the tables."""
+        return self._tables
+
     # --- requests
 
     def put(self, values: Sequence[NewValue], seconds: float, frame: int) -> None:

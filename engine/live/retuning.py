@@ -105,22 +105,30 @@ class VoiceTuning:
         """Return the copies that give a voice a pitch [n, 3]. They are kept, for the audio thread reads them."""
         key = voice, ratio, body
         if key not in self._tables:
-            scene = retune(self._patch, ratio)
-            if body is not None:
-                heard = set(sounding_bodies(self._patch))
-                names = tuned_bodies(self._patch, body)
-                scene = retune(retune(self._patch, self._lowest, heard - names), ratio, names)
-            poly, _, layout = self._built
-            single = replicate(scene, 1).model_copy(update={"accuracy": layout.scene.accuracy})
-            like = layout.modal_bodies[: len(scene.body)]
-            model = build(single, poly.samplerate, like=like, **self._built_with).model
-            self._tables[key] = tuning_copies(poly, model, voice), model
+            model = self.single_model(ratio, body)
+            self._tables[key] = tuning_copies(self._built.model, model, voice), model
         return self._tables[key][0]
 
+    def single_model(self, ratio: float, body: str | None) -> Model:
+        """Return the model of one voice at a pitch; ratio and body: as of Player.tune. Raises BuildError."""
+        scene = retune(self._patch, ratio)
+        if body is not None:
+            heard = set(sounding_bodies(self._patch))
+            names = tuned_bodies(self._patch, body)
+            scene = retune(retune(self._patch, self._lowest, heard - names), ratio, names)
+        poly, _, layout = self._built
+        single = replicate(scene, 1).model_copy(update={"accuracy": layout.scene.accuracy})
+        like = layout.modal_bodies[: len(scene.body)]
+        return build(single, poly.samplerate, like=like, **self._built_with).model
 
-def tuning_copies(poly: Model, single: Model, voice: int) -> np.ndarray:
-    """Return the copies that make a voice of a polyphonic model equal to the only voice of another: addresses to copy
-    to and from, and counts of numbers [n, 3]. Raises ValueError if the voice has no room for them."""
+    def pairs(self, voice: int, single: Model) -> list[Arrays]:
+        """Return the arrays that give a voice the pitch of a `single_model`. Raises ValueError if it has no room."""
+        return tuning_pairs(self._built.model, single, voice)
+
+
+def tuning_pairs(poly: Model, single: Model, voice: int) -> list[Arrays]:
+    """Return the arrays that make a voice of a polyphonic model equal to the only voice of another: to write, and to
+    read. Raises ValueError if the voice has no room for them."""
     islands = single.islands.mode.size - 1
     first, last = voice * islands, (voice + 1) * islands
     pairs = [*_segments(poly, single, first, last), *_entries(poly, single, first, last)]
@@ -128,8 +136,14 @@ def tuning_copies(poly: Model, single: Model, voice: int) -> np.ndarray:
         pairs += _basis_tables(poly, single, first + n, n)
     if any(ours.shape != theirs.shape for ours, theirs in pairs):
         raise ValueError(TOO_SMALL)
-    rows = [(ours.ctypes.data, theirs.ctypes.data, theirs.size) for ours, theirs in pairs if theirs.size]
-    return np.array(rows, np.int64).reshape(-1, 3)
+    return [(ours, theirs) for ours, theirs in pairs if theirs.size]
+
+
+def tuning_copies(poly: Model, single: Model, voice: int) -> np.ndarray:
+    """Return the copies that make a voice of a polyphonic model equal to the only voice of another: addresses to copy
+    to and from, and counts of numbers [n, 3]. Raises ValueError if the voice has no room for them."""
+    pairs = tuning_pairs(poly, single, voice)
+    return np.array([(a.ctypes.data, b.ctypes.data, b.size) for a, b in pairs], np.int64).reshape(-1, 3)
 
 
 def _segments(poly: Model, single: Model, first: int, last: int) -> Iterator[Arrays]:

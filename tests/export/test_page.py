@@ -1,11 +1,5 @@
 """A page plays a patch with the samples of the engine, loads nothing from anywhere, and says plainly what it cannot."""
 
-import base64
-import json
-import math
-import re
-import shutil
-import subprocess
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -21,12 +15,7 @@ from engine.export.page import compose
 from engine.export.row_recorder import keys_of_player, player_of_keys, player_of_scene, sliders_of_player
 from engine.files import shipped_names
 from engine.kernel.data.enums import EventKind
-from engine.live.key_allocator import KeyAllocator, live_scene
-from engine.live.midi_notes import Note
-from engine.live.player import Player
-from engine.live.shared_memory import Slot
 from tests.export.browser import (
-    CHROMIUM,
     DISPLAY_SERVER,
     FIREFOX,
     SOUND_AT_ONCE,
@@ -36,8 +25,18 @@ from tests.export.browser import (
     Firefox,
     WebKit,
 )
+from tests.export.pages import (
+    PLAIN,
+    SECONDS,
+    WAIT_FOR_LEVEL,
+    data_of,
+    heard,
+    needs_browser,
+    needs_node,
+    page_of,
+    played_in_node,
+)
 
-SECONDS = 0.5
 PATCHES = [  # contacts with and without loss, bridges, connections, several islands, forces, events
     "repelled_oscillator",
     "lossy_bounce",
@@ -55,43 +54,7 @@ PATCHES = [  # contacts with and without loss, bridges, connections, several isl
     "sympathetic_strings",
     "bowed_violin",
 ]
-SENSITIVE = "snare_wires", "guitar_frets", "rattle"  # whose contacts amplify last bits within half a second
-INSTRUMENTS = ["vibraphone", "toms", "piano", "violin"]
-NODE = shutil.which("node")
-PLAIN = "#plain"  # at the end of a page's address: multiply-adds in two steps, as in browsers without fused ones
-WAIT_FOR_LEVEL = """(async () => {
-  while (!document.getElementById("level").textContent.includes("dB")) await new Promise(r => setTimeout(r, 20));
-})()"""
-needs_node = pytest.mark.skipif(NODE is None, reason="no Node; Debian's package is called nodejs")
-needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium; Debian's package is called chromium")
-
-
-def page_of(name, **options):
-    """Return the page of a shipped patch, and its data."""
-    page = engine.export_page(engine.load(name), **options)
-    return page, data_of(page.html)
-
-
-def data_of(html):
-    return json.loads(re.search(r'id="data">(.*?)</script>', html, re.S)[1])
-
-
-def heard(browser, frames, messages):
-    """Return what the open page plays, [frames, channels], and its last meter. messages: to its audio side, JSON"""
-    answer = json.loads(browser.render(frames, messages))
-    return sound_of(answer), answer["meter"]
-
-
-def sound_of(answer):
-    return np.stack([np.frombuffer(base64.b64decode(text), np.float32) for text in answer["channels"]], axis=1)
-
-
-def played_in_node(page, frames):
-    """Return what Node plays of a page without fused multiply-adds, and its last meter."""
-    command = [NODE, Path(__file__).with_name("play_page.cjs"), page, str(frames), "[]", PLAIN]
-    answer = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
-    assert not answer["isFused"]  # and the page says so
-    return sound_of(answer), answer["meter"]
+SENSITIVE = "snare_wires", "guitar_frets", "rattle", "bowed_violin"  # contacts and friction that amplify last bits
 
 
 @pytest.mark.slow
@@ -213,43 +176,6 @@ def test_a_page_says_when_it_does_not_fuse_multiply_adds(tmp_path):
 
 @pytest.mark.slow
 @needs_browser
-@pytest.mark.parametrize("name", INSTRUMENTS)
-def test_the_keys_and_the_pedal_of_a_page_do_what_those_of_live_sound_do(name, tmp_path):
-    page, data = page_of(name)
-    page.save(tmp_path / "page.html")
-    frames = round(SECONDS * 44_100) // 128 * 128
-    player = Player(live_scene(engine.load(name)), 44_100, math.inf, data["gain"], waiting=True, kernel="general")
-    player.counters[Slot.FADE_IN_FRAMES] = 0
-    keys = KeyAllocator(player)
-    for note in (Note(0.0, "sustain", 0, 127), Note(0.0, "on", keys.keys[3], 80), Note(0.0, "off", keys.keys[3], 64)):
-        keys.play(note)
-    keys.play(Note(0.0, "sustain", 0, 0), 8192)
-    expected = np.zeros((frames, player.channels), np.float32)
-    for begin in range(0, frames, 128):
-        player.render_into(expected[begin : begin + 128])
-    with Browser(tmp_path / "browser") as browser:
-        browser.open(tmp_path / "page.html")
-        browser.ask("started")
-        told = """(() => {
-          const told = [];
-          let later = 0;
-          window.send = ({ rows }) => told.push({ rows: rows.map(r => [...r.slice(0, 4), later, ...r.slice(5)]) });
-          movePedal(true);
-          press(fdh.data.keys[3], 80);
-          release(fdh.data.keys[3]);
-          later = 8192;
-          movePedal(false);
-          return told;
-        })()"""
-        audio, meter = heard(browser, frames, browser.ask(f"JSON.stringify({told})"))
-        assert browser.errors == []
-    np.testing.assert_array_equal(audio, expected)
-    assert np.abs(audio).max() > 0.001
-    assert meter["error"] < 1e-11
-
-
-@pytest.mark.slow
-@needs_browser
 def test_a_page_is_played_by_mouse_and_by_keyboard(tmp_path):
     """Pads and keys sound, at both widths, and no text is wider than the page."""
     for name in ("piano_c4", "marimba_keys"):
@@ -267,6 +193,20 @@ def test_a_page_is_played_by_mouse_and_by_keyboard(tmp_path):
             browser.ask(WAIT_FOR_LEVEL)
             assert browser.ask("document.getElementById('fault').textContent") == ""
             assert browser.errors == []
+
+
+@pytest.mark.slow
+@needs_browser
+def test_a_page_of_a_rendering_sounds_in_a_notebook(tmp_path):
+    """There it is in a frame."""
+    rendering = engine.render(engine.load("piano_c4"), seconds=0.1)
+    (tmp_path / "notebook.html").write_text(rendering.page()._repr_html_(), "utf-8")
+    with Browser(tmp_path / "browser", options=(SOUND_AT_ONCE,)) as browser:
+        browser.open(tmp_path / "notebook.html")
+        browser.ask("frames[0].fdh.render(128, '[]')")
+        browser.ask("frames[0].document.querySelector('#play').click()")
+        browser.ask(WAIT_FOR_LEVEL.replace("document", "frames[0].document"))
+        assert browser.errors == []
 
 
 @pytest.mark.slow
@@ -381,10 +321,10 @@ def test_what_cannot_become_a_page_is_said_before_anything_is_made(tmp_path, cap
 
 def test_the_command_writes_a_page_that_says_how_it_was_made(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert main(["export", "barrier_linear"]) == 0
+    assert main(["export", "barrier_linear", "--slide", "body.mass.mass"]) == 0
     page = Path("barrier_linear.html")
     html = page.read_text("utf-8")
-    assert "fdh export barrier_linear.toml" in html
+    assert "fdh export barrier_linear.toml --slide body.mass.mass" in html
     assert "[[contact]]" in html
     assert str(page) in capsys.readouterr().out
     page.unlink()

@@ -176,183 +176,15 @@ function draw() {
   requestAnimationFrame(draw);
 }
 
-// --- rows of events
-
-// Rows between those of two velocities, of which the page has a few.
-function rowsAt(key, velocity) {
-  const { levels } = data, v = Math.min(levels[levels.length - 1], Math.max(levels[0], velocity));
-  let n = levels.findIndex(level => level >= v);
-  if (levels[n] === v) return key.on[n];
-  const a = key.on[n - 1], b = key.on[n], share = (v - levels[n - 1]) / (levels[n] - levels[n - 1]);
-  if (a.length !== b.length) return share < 0.5 ? a : b;
-  return a.map((row, i) => row.map((x, j) => j < 6 ? x : x + share * (b[i][j] - x)));
-}
-
-const scaled = (pad, share) => pad.rows.map(row => {
-  const changed = [...row];
-  if (pad.is_hammer) changed[7] *= share;
-  else if (row[6]) changed[6] *= share;
-  return changed;
-});
-
-const sliderRows = (slider, value) => slider.rows.map((row, i) => row.map((x, j) =>
-  j < 6 ? x : x + value * (slider.rows_at_one[i][j] - x)));
-
-// --- keys: which are down, and which the pedal keeps
-
-const down = new Set(), kept = new Set();
-let pedal = false, sounding = [];
-
-function press(key, velocity) {
-  const rows = [];
-  for (const other of [...sounding]) {
-    const mono = key.group !== null && other.group === key.group && other !== key;
-    if (mono || (other !== key && sounding.length >= data.polyphony && other === sounding[0])) {
-      rows.push(...other.end);
-      release(other, false);
-    }
-  }
-  sounding = [...sounding.filter(k => k !== key), key];
-  down.add(key);
-  kept.delete(key);
-  rows.push(...rowsAt(key, velocity));
-  send({ rows });
-  mark(key, true);
-}
-
-function release(key, isSent = true) {
-  if (!down.delete(key)) return;
-  if (pedal) kept.add(key);
-  else sounding = sounding.filter(k => k !== key);
-  if (isSent) send({ rows: pedal ? key.off : [...key.off, ...key.damp] });
-  mark(key, false);
-}
-
-function movePedal(isDown) {
-  if (isDown === pedal) return;
-  pedal = isDown;
-  $("pedal").setAttribute("aria-pressed", isDown);
-  const free = data.keys.filter(key => !down.has(key));
-  send({ rows: free.flatMap(key => isDown ? key.lift : key.damp) });
-  if (!isDown) {
-    sounding = sounding.filter(key => down.has(key));
-    kept.clear();
-  }
-}
-
-const elements = new Map();
-const mark = (key, isDown) => elements.get(key)?.classList.toggle("down", isDown);
-
-// How far up a button was touched, as a velocity of MIDI: the lower, the louder, as on a key.
-function velocityOf(event) {
-  const box = event.currentTarget.getBoundingClientRect();
-  return Math.round(20 + 107 * Math.min(1, Math.max(0, (event.clientY - box.top) / box.height)));
-}
-
-function makeKeyboard() {
-  const box = document.createElement("div"), { keys } = data;
-  const isChromatic = keys.length > 1 && keys.every((key, i) => key.number === keys[0].number + i);
-  box.className = "keys";
-  for (const key of keys) {
-    const button = document.createElement("button"), isBlack = [1, 3, 6, 8, 10].includes(key.number % 12);
-    button.className = !isChromatic ? "plain" : isBlack ? "black" : "white";
-    button.textContent = !isChromatic || key.number % 12 === 0 ? key.name : "";
-    button.setAttribute("aria-label", key.name);
-    button.onpointerdown = event => {
-      button.setPointerCapture(event.pointerId);
-      press(key, velocityOf(event));
-    };
-    button.onpointerup = button.onpointercancel = () => release(key);
-    button.onkeydown = event => { if ([" ", "Enter"].includes(event.key) && !event.repeat) press(key, 80); };
-    button.onkeyup = event => { if ([" ", "Enter"].includes(event.key)) release(key); };
-    elements.set(key, button);
-    box.append(button);
-  }
-  $("keyboard").append(box);
-  $("keyboard").hidden = false;
-  $("pedal").hidden = false;
-  $("pedal").onclick = () => movePedal(!pedal);
-  const middle = keys.reduce((a, b) => Math.abs(b.number - 60) < Math.abs(a.number - 60) ? b : a);
-  const button = elements.get(middle);
-  $("keyboard").scrollLeft = button.offsetLeft - $("keyboard").clientWidth / 2;
-  const first = keys.findIndex(key => key.number >= 48 && key.number % 12 === 0);
-  const offset = Math.max(0, first);
-  const keyOf = event => event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input") ? undefined
-    : keys[offset + COMPUTER_KEYS.indexOf(event.key.toLowerCase())];
-  const played = event => COMPUTER_KEYS.includes(event.key.toLowerCase()) && event.key.length === 1;
-  document.addEventListener("keydown", event => {
-    const key = played(event) ? keyOf(event) : undefined;
-    if (key && !event.repeat) press(key, 80);
-    if (event.key === "Shift") movePedal(true);
-  });
-  document.addEventListener("keyup", event => {
-    const key = played(event) ? keyOf(event) : undefined;
-    if (key) release(key);
-    if (event.key === "Shift") movePedal(false);
-  });
-  window.addEventListener("blur", () => [...down].forEach(key => release(key))); // no key is left hanging
-  $("hint").textContent = "Lower on a key is louder. The computer's keys Z to M and Q to P play too; Shift is the pedal.";
-}
-
-function makePads() {
-  data.pads.forEach((pad, n) => {
-    const button = document.createElement("button"), name = document.createElement("span");
-    const size = document.createElement("small");
-    button.className = "pad";
-    name.textContent = pad.name;
-    size.textContent = pad.is_hammer ? `throw, ${decimals(Math.abs(pad.size), 3)} ${pad.unit}` : "pluck";
-    button.append(name, size);
-    const strike = share => {
-      send({ rows: scaled(pad, share) });
-      size.textContent = pad.is_hammer ? `${decimals(Math.abs(pad.size * share), 3)} ${pad.unit}`
-        : `× ${decimals(share, 2)}`;
-      button.classList.add("down");
-      setTimeout(() => button.classList.remove("down"), 150);
-    };
-    button.onpointerdown = event => strike(2 * velocityOf(event) / 127);
-    button.onkeydown = event => { if ([" ", "Enter"].includes(event.key) && !event.repeat) strike(1); };
-    if (n < 9) document.addEventListener("keydown", event => {
-      if (event.key === String(n + 1) && !event.repeat && !event.target.matches("input")) strike(1);
-    });
-    $("pads").append(button);
-  });
-  $("pads").hidden = !data.pads.length;
-  if (data.pads.length) $("hint").textContent = "Lower on a pad is harder. The computer's keys 1 to 9 strike as the patch does.";
-}
-
-function makeSliders() {
-  $("sliders").hidden = !data.sliders.length;
-  for (const slider of data.sliders) {
-    const label = document.createElement("label"), name = document.createElement("span");
-    const input = document.createElement("input"), output = document.createElement("output");
-    label.className = "slider";
-    name.textContent = slider.path;
-    const toPlace = x => slider.is_logarithmic ? Math.log10(x) : x;
-    const value = () => slider.is_logarithmic ? 10 ** +input.value : +input.value;
-    Object.assign(input, {
-      type: "range", min: toPlace(slider.low), max: toPlace(slider.high), step: "any", value: toPlace(slider.value),
-    });
-    const tell = () => {
-      output.textContent = `${decimals(value(), 3)} ${slider.unit}`;
-      input.setAttribute("aria-valuetext", output.textContent);
-    };
-    input.oninput = () => {
-      tell();
-      send({ rows: sliderRows(slider, value()) });
-    };
-    tell();
-    label.append(name, input, output);
-    $("sliders").append(label);
-  }
-}
-
 // --- buttons
 
 $("play").onclick = () => {
   if (playing) send({ reset: true });
-  send({ rows: data.song || [] });
+  letAllUp();
+  send({ rows: sliders.filter(slider => slider.isMoved).flatMap(slider => slider.rows()) }); // they stay where they are
+  send({ song: data.song || [] });
 };
-$("damp").onclick = () => send({ rows: data.keys.length ? data.keys.flatMap(key => key.end) : data.damp });
+$("damp").onclick = () => send({ rows: data.damp.length ? data.damp : data.keys.flatMap(end) });
 $("copy").onclick = async () => {
   await navigator.clipboard.writeText($("text").textContent);
   $("copy").textContent = "Copied";
@@ -402,44 +234,8 @@ function hear({ data: [status, number, value] }) {
   const kind = status & 0xf0, key = data.keys.find(one => one.number === number);
   if (kind === 0x90 && value > 0 && key) press(key, value);
   else if ((kind === 0x80 || kind === 0x90) && key) release(key);
-  else if (kind === 0xb0 && number === 64) movePedal(value >= 64);
+  else if (kind === 0xe0) bend((number + 128 * value) / 8192 - 1);
+  else if (kind === 0xb0 && number in data.pedals) movePedal(data.pedals[number], value);
 }
 
 $("midi").onclick = useMidi;
-
-async function start() {
-  say(missing());
-  $("unfused").hidden = isFused || !!missing();
-  if (!window.DecompressionStream) return;
-  Object.assign(data, JSON.parse(new TextDecoder().decode(await unpack(data.controls))));
-  if (data.keys.length) makeKeyboard();
-  else makePads();
-  makeSliders();
-  $("midi").hidden = !navigator.requestMIDIAccess || !data.keys.length;
-}
-const started = start();
-
-// --- for tests: the sound without a device, as text
-
-const textOf = channel => {
-  const bytes = new Uint8Array(channel.buffer, channel.byteOffset, channel.byteLength);
-  let text = "";
-  for (let i = 0; i < bytes.length; i += 8192) text += String.fromCharCode(...bytes.subarray(i, i + 8192));
-  return btoa(text);
-};
-
-window.fdh = {
-  data,
-  async render(frames, messages) {
-    await started;
-    const offline = new OfflineAudioContext(data.channels, frames, data.samplerate);
-    const node = await makeNode(offline, JSON.parse(messages));
-    let meter;
-    node.port.onmessage = ({ data: message }) => { meter = message; };
-    node.connect(offline.destination);
-    const begin = performance.now(), buffer = await offline.startRendering(), took = performance.now() - begin;
-    await new Promise(resolve => setTimeout(resolve, 200));
-    const channels = Array.from({ length: data.channels }, (_, c) => textOf(buffer.getChannelData(c)));
-    return JSON.stringify({ channels, meter, took });
-  },
-};

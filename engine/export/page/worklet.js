@@ -51,7 +51,9 @@ class Patch extends AudioWorkletProcessor {
   // Back to the first sample.
   reset() {
     this.memory.set(this.o.scene);
-    this.waiting = [];
+    this.messages = []; // that come at a frame
+    this.waiting = []; // rows, which go into the queue at once, in their order …
+    this.song = []; // … and rows that go there soon before they begin
     this.gauges[this.o.names.Gauge.GAIN] = this.gain;
     this.frame = 0;
     this.quality = this.limited = this.ease = 0;
@@ -62,6 +64,7 @@ class Patch extends AudioWorkletProcessor {
     this.spent = this.frames = this.largestForce = 0;
   }
   take(message) {
+    if (message.at > this.frame) return void this.messages.push(message);
     if (message.reset) this.reset();
     if (message.gain !== undefined) this.gauges[this.o.names.Gauge.GAIN] = this.gain = message.gain;
     if (message.record) this.recorded = [];
@@ -69,28 +72,39 @@ class Patch extends AudioWorkletProcessor {
       this.port.postMessage({ recorded: this.recorded });
       this.recorded = null;
     }
-    if (message.rows) {
-      const rows = message.rows.map(row => [...row.slice(0, 4), row[4] + this.frame, ...row.slice(5)]);
-      this.waiting = [...this.waiting, ...rows].sort((a, b) => a[4] - b[4]);
-    }
+    const rowsOf = rows => rows.map(row => [...row.slice(0, 4), row[4] + this.frame, ...row.slice(5)]);
+    if (message.rows) this.waiting.push(...rowsOf(message.rows));
+    if (message.song) this.song = [...this.song, ...rowsOf(message.song)].sort((a, b) => a[4] - b[4]);
   }
-  // Write the events that begin soon into the player's queue.
+  // Take messages that come at a frame.
+  takeDue() {
+    const due = this.messages.filter(message => message.at <= this.frame);
+    if (due.length) this.messages = this.messages.filter(message => message.at > this.frame);
+    due.forEach(({ at, ...message }) => this.take(message));
+  }
+  // Write rows into the player's queue, as many as it has room for.
   sendEvents() {
-    const { Slot } = this.o.names, { queue, event } = this.o.at, { counters, waiting } = this;
+    const soon = this.song.findIndex(row => row[4] >= this.frame + 4 * this.o.block);
+    this.waiting.push(...this.song.splice(0, soon < 0 ? this.song.length : soon));
     let sent = 0;
-    while (sent < waiting.length && waiting[sent][4] < this.frame + 4 * this.o.block) {
-      const index = counters[Slot.WRITE_INDEX];
-      if (index - counters[Slot.READ_INDEX] >= BigInt(queue)) break;
-      const row = waiting[sent++], slot = Number(index % BigInt(queue));
-      for (let i = 0; i < event; i++) this.events[slot * event + i] = i < 6 ? BigInt(Math.round(row[i])) : 0n;
-      this.values[2 * slot] = row[6];
-      this.values[2 * slot + 1] = row[7];
-      counters[Slot.WRITE_INDEX] = index + 1n;
-    }
-    if (sent) this.waiting = waiting.slice(sent);
+    while (sent < this.waiting.length && this.sendEvent(this.waiting[sent])) sent++;
+    this.waiting.splice(0, sent);
+  }
+  // Write a row into the player's queue. Returns whether there was room.
+  sendEvent(row) {
+    const { Slot } = this.o.names, { queue, event } = this.o.at, { counters } = this, index = counters[Slot.WRITE_INDEX];
+    if (index - counters[Slot.READ_INDEX] >= BigInt(queue)) return false;
+    const slot = Number(index % BigInt(queue));
+    for (let i = 0; i < event; i++) this.events[slot * event + i] = i < 6 ? BigInt(Math.round(row[i])) : 0n;
+    this.events[slot * event + this.o.at.table] = BigInt(row[8] || 0); // of an exchange: where its copies are
+    this.values[2 * slot] = row[6];
+    this.values[2 * slot + 1] = row[7];
+    counters[Slot.WRITE_INDEX] = index + 1n;
+    return true;
   }
   process(inputs, [out]) {
     const { channels } = this.o, frames = out[0].length, begin = this.now();
+    this.takeDue();
     this.sendEvents();
     for (let done = 0; done < frames;) { // browsers ask for 128 frames, and may ask for more one day
       const count = Math.min(frames - done, this.o.block);

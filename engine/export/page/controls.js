@@ -1,0 +1,97 @@
+// Pads of hammers and plucks, and sliders.
+
+const scaled = (pad, share) => pad.rows.map(row => {
+  const changed = [...row];
+  if (pad.is_hammer) changed[7] *= share;
+  else if (row[6]) changed[6] *= share;
+  return changed;
+});
+
+const sliderRows = (slider, value) => slider.rows.map((row, i) => row.map((x, j) =>
+  j < 6 ? x : x + value * (slider.rows_at_one[i][j] - x)));
+
+function makePads() {
+  data.pads.forEach((pad, n) => {
+    const button = document.createElement("button"), name = document.createElement("span");
+    const size = document.createElement("small");
+    button.className = "pad";
+    name.textContent = pad.name;
+    size.textContent = pad.is_hammer ? `throw, ${decimals(Math.abs(pad.size), 3)} ${pad.unit}` : "pluck";
+    button.append(name, size);
+    const strike = share => {
+      send({ rows: scaled(pad, share) });
+      size.textContent = pad.is_hammer ? `${decimals(Math.abs(pad.size * share), 3)} ${pad.unit}`
+        : `× ${decimals(share, 2)}`;
+      button.classList.add("down");
+      setTimeout(() => button.classList.remove("down"), 150);
+    };
+    button.onpointerdown = event => strike(2 * velocityOf(event) / 127);
+    button.onkeydown = event => { if ([" ", "Enter"].includes(event.key) && !event.repeat) strike(1); };
+    if (n < 9) document.addEventListener("keydown", event => {
+      if (event.key === String(n + 1) && !event.repeat && !event.target.matches("input")) strike(1);
+    });
+    $("pads").append(button);
+  });
+  $("pads").hidden = !data.pads.length;
+  if (data.pads.length) $("hint").textContent = "Lower on a pad is harder. The computer's keys 1 to 9 strike as the patch does.";
+}
+
+const sliders = []; // with their inputs, the rows of a position, and whether they were moved
+
+function addSlider(path, unit, limits, valueOf, rowsOf) {
+  const label = document.createElement("label"), name = document.createElement("span");
+  const input = document.createElement("input"), output = document.createElement("output");
+  label.className = "slider";
+  name.textContent = path;
+  Object.assign(input, { type: "range", ...limits });
+  const put = place => {
+    input.value = place;
+    output.textContent = `${decimals(valueOf(+input.value), 3)} ${unit}`;
+    input.setAttribute("aria-valuetext", output.textContent);
+  };
+  const move = place => {
+    put(place);
+    slider.isMoved = true;
+    send({ rows: slider.rows() });
+  };
+  const slider = { put, move, rows: () => rowsOf(+input.value), place: () => +input.value, isMoved: false };
+  input.oninput = () => move(input.value);
+  put(limits.value);
+  label.append(name, input, output);
+  $("sliders").append(label);
+  sliders.push(slider);
+  return slider;
+}
+
+let bend = () => {}; // the pitch wheel, from -1 to 1, if the page was made with one
+
+function makeSliders() {
+  $("sliders").hidden = !data.sliders.length && !data.table_sliders.length;
+  for (const slider of data.sliders) {
+    const toPlace = x => slider.is_logarithmic ? Math.log10(x) : x;
+    const valueOf = place => slider.is_logarithmic ? 10 ** place : place;
+    const limits = { min: toPlace(slider.low), max: toPlace(slider.high), step: "any", value: toPlace(slider.value) };
+    addSlider(slider.path, slider.unit, limits, valueOf, place => sliderRows(slider, valueOf(place)));
+  }
+  const tabled = data.table_sliders.map(({ path, unit, values, home, rows, overlapping }) => {
+    const limits = { min: 0, max: values.length - 1, step: 1, value: home };
+    // tables are made for one slider at a time: others that change the same ones go home before
+    const goHome = m => {
+      const other = tabled[m], { home, rows } = data.table_sliders[m];
+      if (!other.isMoved) return [];
+      other.put(home);
+      other.isMoved = false;
+      return [rows[home]];
+    };
+    return addSlider(path, unit, limits, place => values[place],
+      place => [...overlapping.flatMap(goHome), rows[place]]);
+  });
+  const wheel = data.table_sliders.findIndex(({ path }) => path === data.bend);
+  if (wheel < 0) return;
+  const { values } = data.table_sliders[wheel];
+  bend = share => {
+    const off = values.map(value => Math.abs(value - share * data.bend_cents));
+    const place = off.indexOf(Math.min(...off));
+    if (place !== tabled[wheel].place()) tabled[wheel].move(place);
+  };
+}

@@ -1,0 +1,163 @@
+// The keys and pedals of an instrument.
+
+// Rows between those of two velocities, of which the page has a few.
+function atVelocity(rowsOn, velocity) {
+  const { levels } = data;
+  const v = Math.min(levels[levels.length - 1], Math.max(levels[0], velocity));
+  let n = levels.findIndex(level => level >= v);
+  if (levels[n] === v) return rowsOn[n];
+  const a = rowsOn[n - 1], b = rowsOn[n], share = (v - levels[n - 1]) / (levels[n] - levels[n - 1]);
+  if (a.length !== b.length) return share < 0.5 ? a : b;
+  const { EXCHANGE_TABLES } = data.names.EventKind, between = (row, other) =>
+    row[0] === EXCHANGE_TABLES ? share < 0.5 ? row : other : row.map((x, j) => j < 6 ? x : x + share * (other[j] - x));
+  return a.map((row, i) => between(row, b[i]));
+}
+
+// --- keys and pedals, as live sound has them (engine.live.key_allocator)
+
+const down = new Set(), kept = new Set(); // keys that are down, and those that the sostenuto pedal keeps
+const pedals = { sustain: 0, sostenuto: 0, soft: 0 }; // how far down, 0 to 127
+let sounding = []; // keys whose dampers have not ended them, the oldest first
+
+const isDown = pedal => pedals[pedal] >= data.pedal_down;
+const letGo = key => isDown("soft") && key.soft_on.length ? key.soft_off : key.off;
+
+// Rows that put the dampers of a key down as far as the pedals let them.
+function damp(key) {
+  const share = down.has(key) || kept.has(key) ? 0 : data.shares[pedals.sustain];
+  if (!share) return [];
+  sounding = sounding.filter(one => one !== key);
+  return key.damp[share - 1];
+}
+
+// Rows that end a key, as it cannot go on beside another.
+function end(key) {
+  const rows = down.delete(key) ? letGo(key) : [];
+  kept.delete(key);
+  sounding = sounding.filter(one => one !== key);
+  mark(key, false);
+  return [...rows, ...key.steal, ...damp(key)];
+}
+
+function press(key, velocity) {
+  if (data.voices.length) return pressVoice(key, velocity);
+  const rows = [];
+  const inGroup = other => other !== key && key.group !== null && other.group === key.group;
+  for (const other of sounding.filter(inGroup)) rows.push(...end(other));
+  let others = sounding.filter(other => other !== key);
+  while (others.length >= data.polyphony) {
+    const oldest = others.find(other => !down.has(other)) || others[0];
+    rows.push(...end(oldest));
+    others = others.filter(other => other !== oldest);
+  }
+  sounding = [...others, key];
+  down.add(key);
+  rows.push(...atVelocity(isDown("soft") && key.soft_on.length ? key.soft_on : key.on, velocity));
+  send({ rows });
+  mark(key, true);
+}
+
+function release(key) {
+  if (data.voices.length) return releaseVoice(key);
+  if (!down.delete(key)) return;
+  send({ rows: [...letGo(key), ...damp(key)] });
+  mark(key, false);
+}
+
+function movePedal(pedal, value) {
+  const was = isDown(pedal), share = data.shares[pedals.sustain], before = [...kept];
+  pedals[pedal] = value;
+  showPedals();
+  if (data.voices.length) return movePedalOfVoices(pedal, was);
+  let moved = [];
+  if (pedal === "sustain" && share !== data.shares[value]) moved = data.keys;
+  if (pedal === "sostenuto" && was !== isDown(pedal)) {
+    kept.clear();
+    if (isDown(pedal)) down.forEach(key => kept.add(key));
+    moved = before;
+  }
+  const free = moved.filter(key => !down.has(key) && !kept.has(key));
+  if (free.length) send({ rows: free.flatMap(key => [...key.lift, ...damp(key)]) });
+}
+
+// All keys and pedals come up; nothing is sent.
+function letAllUp() {
+  down.forEach(key => mark(key, false));
+  down.clear();
+  kept.clear();
+  sounding = [];
+  voices.length = 0;
+  for (const pedal in pedals) pedals[pedal] = 0;
+  showPedals();
+}
+
+function showPedals() {
+  for (const pedal in pedals) $(pedal).setAttribute("aria-pressed", isDown(pedal));
+  $("depth").value = pedals.sustain;
+}
+
+function makePedals() {
+  const isTuned = data.voices.length > 0, hasDampers = isTuned || data.keys.some(key => key.lift.length);
+  const isSoftened = !isTuned && data.keys.some(key => key.soft_on.length);
+  $("sustain").hidden = $("sostenuto").hidden = !hasDampers;
+  $("depth-label").hidden = !hasDampers || isTuned;
+  $("soft").hidden = !isSoftened;
+  $("pedals").hidden = !hasDampers && !isSoftened;
+  for (const pedal in pedals) $(pedal).onclick = () => movePedal(pedal, isDown(pedal) ? 0 : 127);
+  $("depth").oninput = () => movePedal("sustain", +$("depth").value);
+  if (!hasDampers) return;
+  document.addEventListener("keydown", event => { if (event.key === "Shift" && !event.repeat) movePedal("sustain", 127); });
+  document.addEventListener("keyup", event => { if (event.key === "Shift") movePedal("sustain", 0); });
+  $("hint").textContent += " Shift is the pedal.";
+}
+
+const elements = new Map();
+const mark = (key, isDown) => elements.get(key)?.classList.toggle("down", isDown);
+
+// How far up a button was touched, as a velocity of MIDI: the lower, the louder, as on a key.
+function velocityOf(event) {
+  const box = event.currentTarget.getBoundingClientRect();
+  return Math.round(20 + 107 * Math.min(1, Math.max(0, (event.clientY - box.top) / box.height)));
+}
+
+function makeKeyboard() {
+  const box = document.createElement("div"), { keys } = data;
+  const isChromatic = keys.length > 1 && keys.every((key, i) => key.number === keys[0].number + i);
+  box.className = "keys";
+  for (const key of keys) {
+    const button = document.createElement("button"), isBlack = [1, 3, 6, 8, 10].includes(key.number % 12);
+    button.className = !isChromatic ? "plain" : isBlack ? "black" : "white";
+    button.textContent = !isChromatic || key.number % 12 === 0 ? key.name : "";
+    button.setAttribute("aria-label", key.name);
+    button.onpointerdown = event => {
+      button.setPointerCapture(event.pointerId);
+      press(key, velocityOf(event));
+    };
+    button.onpointerup = button.onpointercancel = () => release(key);
+    button.onkeydown = event => { if ([" ", "Enter"].includes(event.key) && !event.repeat) press(key, 80); };
+    button.onkeyup = event => { if ([" ", "Enter"].includes(event.key)) release(key); };
+    elements.set(key, button);
+    box.append(button);
+  }
+  $("keyboard").append(box);
+  $("keyboard").hidden = false;
+  const middle = keys.reduce((a, b) => Math.abs(b.number - 60) < Math.abs(a.number - 60) ? b : a);
+  const button = elements.get(middle);
+  $("keyboard").scrollLeft = button.offsetLeft - $("keyboard").clientWidth / 2;
+  const first = keys.findIndex(key => key.number >= 48 && key.number % 12 === 0);
+  const offset = Math.max(0, first);
+  const keyOf = event => event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input") ? undefined
+    : keys[offset + COMPUTER_KEYS.indexOf(event.key.toLowerCase())];
+  const played = event => COMPUTER_KEYS.includes(event.key.toLowerCase()) && event.key.length === 1;
+  document.addEventListener("keydown", event => {
+    const key = played(event) ? keyOf(event) : undefined;
+    if (key && !event.repeat) press(key, 80);
+  });
+  document.addEventListener("keyup", event => {
+    const key = played(event) ? keyOf(event) : undefined;
+    if (key) release(key);
+  });
+  window.addEventListener("blur", () => [...down].forEach(key => release(key))); // no key is left hanging
+  $("hint").textContent = "Lower on a key is louder. The computer's keys Z to M and Q to P play too.";
+  makePedals();
+}

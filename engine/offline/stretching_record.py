@@ -60,8 +60,7 @@ class StretchingRecord:
         assert state.tension is not None
         stretching, islands = stretching_bodies(layout), layout.islands
         self._renderer, self._state, self._tension, self._layout = renderer, state, state.tension, layout
-        self._frames, self._last_look, self._next_bound, self._is_loud = frames, 0, 0, True
-        self._frame = 0
+        self._frames, self._frame, self._last_look, self._next_bound, self._is_loud = frames, 0, 0, 0, True
         self._numbers = list(stretching)
         self._rows = [islands.body_order.index(b) for b in stretching]
         inside = [layout.modes.of_body[b] for b in stretching]
@@ -99,15 +98,15 @@ class StretchingRecord:
             if is_active[n] and not self._was_active[n]:
                 intervals.append([self._last_look, self._frame])
             elif is_active[n]:
-                intervals[-1][1] = int(self._frame)
+                intervals[-1][1] = self._frame
         self._last_look, self._was_active = self._frame, is_active
         if not is_active.any():
             self._is_loud = False
             return
         rises = self._tension.body[self._rows][:, LAST_RISES].max(axis=1) * is_active
-        for n in np.flatnonzero(rises > self._rise):
-            self._rise[n], self._rise_frame[n] = rises[n], self._frame
-            self._q[n] = self._state.q[self._modes[self._begins[n] :][: self._q[n].size]]
+        for i in np.flatnonzero(rises > self._rise):
+            self._rise[i], self._rise_frame[i] = rises[i], self._frame
+            self._q[i] = self._state.q[self._modes[self._begins[i] :][: self._q[i].size]]
         if self._frame >= self._next_bound:
             possible = self._possible_rises() * is_active
             self._is_loud = bool((possible > np.maximum(self._rise, self._least)).any())

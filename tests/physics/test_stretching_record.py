@@ -74,6 +74,19 @@ def test_a_string_stretches_until_its_partials_rise_by_less_than_may_be_left_out
     assert of_string.amplitude == pytest.approx(amplitude_of(0.05))
 
 
+def test_of_two_strings_on_a_body_only_the_loud_one_stretches():
+    """Until the other is struck as well."""
+    loud = STRING | {"name": "loud", "displacement": first_mode(amplitude_of(0.05))}
+    body = {"name": "body", "kind": "oscillator", "mass": 0.5, "frequency": 100.0, "damping_rate": 50.0}
+    ends = [{"kind": "end", "body": name, "at": 1, "on": "body"} for name in ("loud", "string")]
+    force = {"body": "string", "at": 0.3, "kind": "pulse", "amplitude": 5.0, "start": 0.2, "duration": 2e-3}
+    of_scene = profile_scene(scene(loud, STRING, body, connection=ends, force=[force]), 0.3, RATE).stretching
+    first, second = ({of.body: of.intervals for of in of_scene}[name] for name in ("loud", "string"))
+    assert first == [[0.0, pytest.approx(0.3, abs=0.01)]]
+    (begin, soon), (struck, end) = second
+    assert begin == 0.0 and soon < 0.01 and struck == pytest.approx(0.2, abs=0.01) and end > 0.29
+
+
 def test_a_string_that_is_struck_again_stretches_again():
     force = {"body": "string", "at": 0.3, "kind": "pulse", "amplitude": 5.0, "start": 0.6, "duration": 2e-3}
     of_string = recorded(scene(STRING | {"displacement": first_mode(amplitude_of(0.05))}, force=[force]), 1.2)

@@ -50,6 +50,7 @@ INSTRUMENTS = (
     Instrument("sitar", 104, (48, 53, 55, 60, 67), 5),
     Instrument("violin", 40, (55, 62, 69, 76, 83), 5),
     Instrument("bass_frets", 33, (43,), 5),
+    Instrument("slack_bass", 33, (43,), 5),
     Instrument("snare", 0, (38, 40), POWER_KIT, DRUM_CHANNEL),
     Instrument("toms", 0, (41, 43, 45, 47, 48, 50), POWER_KIT, DRUM_CHANNEL),
 )

@@ -112,7 +112,7 @@ class KeyAllocator:
         return any(body.startswith(f"{plain_note_name(key)}_") for body in self.player.layout.body_index)
 
     def _places_of_forces(self) -> dict[tuple[int, str], list[int]]:
-        """Which of the forces of a body, in their order, are those of a key: keys may pluck one that they share."""
+        """Places of a key's forces among those of a body, by key and body: keys may pluck one that they share."""
         brief = [f.body for f in self.player.scene.force if f.amplitude != 0.0 and not isinstance(f, LastingForce)]
         waiting = [(key, force) for key in self.keys for force, _, _ in waiting_forces(self._writer, key)]
         of_keys = [(key, force["body"]) for key, force in waiting if force["amplitude"] != 0.0]

@@ -23,6 +23,7 @@ FONTS = {
 RATE = 44_100  # Hz
 PAUSE = 2.0  # s between notes, in which the last one ends
 TICKS_PER_SECOND = 960
+DRUM_CHANNEL = 9  # of General MIDI, from 0
 
 PlayNote = Callable[[int, int], Sound | None]  # of a key and a layer
 
@@ -35,24 +36,27 @@ def find_fonts() -> dict[str, Path]:
     return {name: files[0] for name, files in there.items() if files}
 
 
-def play_font(font: Path, notes: Iterable[tuple[int, int, float]], folder: Path, program: int = 0) -> PlayNote:
+def play_font(
+    font: Path, notes: Iterable[tuple[int, int, float]], folder: Path, program: int = 0, channel: int = 0
+) -> PlayNote:
     """Play notes of a sound font, dry, into a file in a folder, from which single ones are then read.
 
-    notes: key, layer, and s; program: the instrument of General MIDI, from 0, a grand piano. Raises
-    subprocess.CalledProcessError if fluidsynth fails.
+    notes: key, layer, and s; program: the instrument of General MIDI, from 0, a grand piano, or the kit on the channel
+    of the drums. Raises subprocess.CalledProcessError if fluidsynth fails.
     """
     import mido
 
-    track = mido.MidiTrack([mido.Message("program_change", program=program)])
+    track = mido.MidiTrack([mido.Message("program_change", program=program, channel=channel)])
     begins, now = dict[tuple[int, int], tuple[float, float]](), 0.0
     for key, layer, seconds in notes:
         pause = round(PAUSE * TICKS_PER_SECOND)
-        track.append(mido.Message("note_on", note=key, velocity=layer_velocity(layer), time=pause))
+        on = {"note": key, "velocity": layer_velocity(layer), "channel": channel}
+        track.append(mido.Message("note_on", **on, time=pause))
         length = round(seconds * TICKS_PER_SECOND)
-        track.append(mido.Message("note_off", note=key, velocity=64, time=length))
+        track.append(mido.Message("note_off", note=key, channel=channel, time=length))
         begins[key, layer] = (now + pause / TICKS_PER_SECOND, seconds)
         now += (pause + length) / TICKS_PER_SECOND
-    score, wave = folder / f"{font.stem}.mid", folder / f"{font.stem}.wav"
+    score, wave = (folder / f"{font.stem}_{channel}_{program}.{kind}" for kind in ("mid", "wav"))
     mido.MidiFile(ticks_per_beat=TICKS_PER_SECOND // 2, tracks=[track]).save(score)
     options = ["-q", "-n", "-i", "-R", "0", "-C", "0", "-r", str(RATE), "-T", "wav", "-O", "s24", "-F", str(wave)]
     subprocess.run(["fluidsynth", *options, str(font), str(score)], check=True, capture_output=True)

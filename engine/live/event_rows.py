@@ -1,5 +1,6 @@
 """Rows of events for the queue of an audio thread: strikes, plucks, dampers, changes. Player and exports share them."""
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
@@ -76,8 +77,9 @@ class EventRows:
         event = make_event(StrikeEvent, kind="strike", body=body, velocity=speed, displacement=displacement)
         return [row._replace(kind=EventKind.LAUNCH_AND_LIFT) for row in self.of_event(event)]
 
-    def pluck(self, body: str, scale: float) -> list[EventRow]:
-        """Pluck a body by its forces that are over after a while."""
+    def pluck(self, body: str, scale: float, places: Sequence[int] | None = None) -> list[EventRow]:
+        """Pluck a body by its forces that are over after a while. places: of those that do, in their order; all if
+        None"""
         if not 0.0 < checked_number("scale", scale) <= MAX_SCALE:
             raise ValueError(f"scale = {scale:g} is out of range; give more than 0, at most {MAX_SCALE:.0e}")
         self.body(body)
@@ -85,7 +87,8 @@ class EventRows:
         if not chosen:
             raise KeyError(f"no force plucks {body}; the plucked bodies are {', '.join(self.plucked) or 'none'}")
         island = self.layout.islands.of_body[self.layout.body_index[body]]
-        return [EventRow(EventKind.PLUCK, island, j, j + 1, 0, 1, scale) for j in chosen]
+        plucking = chosen if places is None else [chosen[place] for place in places]
+        return [EventRow(EventKind.PLUCK, island, j, j + 1, 0, 1, scale) for j in plucking]
 
     def lift(self, body: str) -> list[EventRow]:
         """Lift the dampers of a body."""

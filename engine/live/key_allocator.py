@@ -1,5 +1,6 @@
 """The keys of an instrument, played live: strikes, plucks, dampers and pedals of the bodies that each key has."""
 
+from collections import Counter, defaultdict
 from typing import Any
 
 from engine.instrument.expansion import expand_keys, keys_of
@@ -7,7 +8,7 @@ from engine.instrument.held_keys import HeldKeys
 from engine.instrument.key_names import note_name, plain_note_name
 from engine.instrument.key_writer import KeyWriter
 from engine.instrument.score import Score
-from engine.instrument.score_events import FULL_VELOCITY, events_of_key
+from engine.instrument.score_events import FULL_VELOCITY, events_of_key, waiting_forces
 from engine.live.controls import Targets, targets_of_all
 from engine.live.key_bends import KeyBends, bent_parameters
 from engine.live.midi_notes import UNKNOWN_RELEASE, Move, Note
@@ -15,7 +16,7 @@ from engine.live.player import Player
 from engine.patch.frames import nearest_frame
 from engine.patch.friction import CHANGED_KEYS as FRICTION_KEYS
 from engine.patch.scene import Scene
-from engine.patch.tables import MAX_SECONDS
+from engine.patch.tables import MAX_SECONDS, LastingForce
 
 DAMPER_SECONDS = MAX_SECONDS  # how long a damper stays down if nothing lifts it
 STEAL_DAMPER = 300.0, 0.03  # of a key that another needs: decay rate, 1/s, and how long, s
@@ -51,6 +52,7 @@ class KeyAllocator:
         self.keys = [key for key in keys_of(document["keyboard"]) if self._has_bodies(key)]
         for key in self.keys:
             self._writer.write_key(key)
+        self._places = self._places_of_forces()
         self._held = HeldKeys[int]()
         self._sounding: list[int] = []  # keys whose notes the dampers have not ended, the oldest first
         self._played: dict[int, int] = {}
@@ -108,6 +110,18 @@ class KeyAllocator:
     def _has_bodies(self, key: int) -> bool:
         """True if the scene was written out with a key."""
         return any(body.startswith(f"{plain_note_name(key)}_") for body in self.player.layout.body_index)
+
+    def _places_of_forces(self) -> dict[tuple[int, str], list[int]]:
+        """Places of a key's forces among those of a body, by key and body: keys may pluck one that they share."""
+        brief = [f.body for f in self.player.scene.force if f.amplitude != 0.0 and not isinstance(f, LastingForce)]
+        waiting = [(key, force) for key in self.keys for force, _, _ in waiting_forces(self._writer, key)]
+        of_keys = [(key, force["body"]) for key, force in waiting if force["amplitude"] != 0.0]
+        next_place = Counter(brief) - Counter(body for _, body in of_keys)  # those of the patch itself come first
+        places = defaultdict[tuple[int, str], list[int]](list)
+        for key, body in of_keys:
+            places[key, body].append(next_place[body])
+            next_place[body] += 1
+        return places
 
     def _press(self, key: int, v: float, frame: int) -> None:
         self._make_room(key, frame)
@@ -196,7 +210,7 @@ class KeyAllocator:
         elif kind == "pluck":
             full = self._full_amplitude(key, event["body"])
             if full and event["amplitude"] / full > 0.0:
-                self.player.pluck(event["body"], event["amplitude"] / full, frame)
+                self.player.pluck(event["body"], event["amplitude"] / full, frame, self._places[key, event["body"]])
         elif kind == "damp":
             self.player.damp(event["body"], event["sigma"], event.get("duration", DAMPER_SECONDS), frame)
         elif kind == "change" and event.get("parameter") is not None:

@@ -12,7 +12,7 @@ gives the same samples, bit for bit.
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property, partial
 from typing import Any
 
@@ -185,11 +185,14 @@ class Player:
             return
         self._put(["strike", body], self.rows.strike(body, velocity, displacement), frame)
 
-    def pluck(self, body: str, scale: float = 1.0, frame: int = 0) -> None:
+    def pluck(self, body: str, scale: float = 1.0, frame: int = 0, places: Sequence[int] | None = None) -> None:
         """Pluck a body again, by its forces that are over after a while, so many times as strong; and lift its dampers.
-        A body has one pluck at a time: one that is planned for a later frame replaces the one before it at once.
+        Each force plucks once at a time: one that is planned for a later frame replaces the one before it at once.
+
+        places: which of these forces, in the order of the patch, from 0; all if None
+
         Raises KeyError if there is none such, ValueError if `scale` is not above 0."""
-        rows = self.rows.pluck(body, scale)
+        rows = self.rows.pluck(body, scale, places)
         self.lift(body, frame)
         for row in rows:
             self._put(["pluck", row.target_begin], [row], frame)

@@ -11,6 +11,7 @@ from test_keyboards import RATE, SCORE, STRINGS
 import engine
 from engine.assembly.modal_system import ModalSystem
 from engine.cli import main
+from engine.instrument.key_names import note_name
 from engine.live.instrument_notes import scene_of_file, score_of_notes
 from engine.live.key_allocator import KeyAllocator, live_scene
 from engine.live.midi import render_notes
@@ -132,6 +133,50 @@ def test_live_keys_sound_as_the_score_does(path):
     heard = out[begin:, 0][: wanted.size]
     assert np.abs(heard - wanted).max() < 1e-5 * np.abs(wanted).max()
     assert allocator.player.meter().energy_error < 1e-12 and allocator.played_notes() == {"C4": "1 times"}
+
+
+SHARED = """
+[keyboard]
+keys = ["C4", "D4", "E4"]
+
+[[body]]
+name = "box"
+kind = "oscillator"
+mass = 1.0
+frequency = 300.0
+damping_rate = 20.0
+
+[[pickup]]
+body = "box"
+
+[[force]]
+kind = "pluck"
+body = "box"
+amplitude = 50.0
+duration = 1e-3
+
+[[key.body]]
+name = "tongue"
+kind = "oscillator"
+mass = 1e-3
+frequency = "= f"
+
+[[key.on]]
+kind = "pluck"
+body = "box"
+amplitude = "= -v*(f - 200)"
+duration = 1e-3
+"""
+
+
+@pytest.mark.parametrize("keys", [[60], [64], [60, 62, 64]])
+def test_a_key_plucks_a_body_that_keys_share_as_hard_live_as_in_a_score(path, keys):
+    """Not by the plucks of the other keys, nor by the one that the patch begins with, which waits."""
+    score = "".join(f'[[note]]\ntime = 0.2\nkey = "{note_name(key)}"\nvelocity = 90\n' for key in keys)
+    out, _ = play(path, *((round(0.2 * RATE), Note(0, "on", key, 90)) for key in keys), text=SHARED + score)
+    path.write_text(SHARED.replace("50.0", "0.0") + score, "utf-8")
+    wanted = engine.render(engine.load(path), seconds=0.4).audio[:, 0] * 1e-3
+    assert np.abs(out[: wanted.size, 0] - wanted).max() < 1e-5 * np.abs(wanted).max()
 
 
 def test_what_a_key_does_later_is_later_live_too(path):

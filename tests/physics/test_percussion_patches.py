@@ -40,9 +40,9 @@ def play(name: str, key: str, velocity: int = 80, seconds: float = 0.3, hold: fl
 
 
 def poles_of(name: str, key: str) -> np.ndarray:
-    """Poles of what sounds at a key: without what strikes it."""
+    """Poles of what sounds at a key: without what strikes it, and the frame, which nothing joins to it."""
     scene = scene_of_note(instrument(name), key, seconds=0.1)
-    parts = {"body": [b for b in scene.body if b.kind not in ("mass", "oscillator")]}
+    parts = {"body": [b for b in scene.body if b.kind not in ("mass", "oscillator", "modes")]}
     return exact_poles(scene.model_copy(update=parts | {"contact": [], "event": [], "pickup": []}))
 
 

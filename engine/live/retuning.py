@@ -16,7 +16,7 @@ from engine.assembly.build import BuildResult, build
 from engine.assembly.contact_points import entry_counts
 from engine.assembly.event_table import EventRow
 from engine.kernel.data.axes import SEGMENTED, Axis, Items, pair_arrays
-from engine.kernel.data.enums import EventKind
+from engine.kernel.data.enums import EventKind, PairOnBody
 from engine.kernel.data.model import Connections, FreeFlight, Model, ModeShapeRows, StepCoefficients, Tension
 from engine.live.event_queue import EventQueue, checked_frame
 from engine.live.player_options import PlayerOptions
@@ -132,6 +132,7 @@ def tuning_pairs(poly: Model, single: Model, voice: int) -> list[Arrays]:
     islands = single.islands.mode.size - 1
     first, last = voice * islands, (voice + 1) * islands
     pairs = [*_segments(poly, single, first, last), *_entries(poly, single, first, last)]
+    pairs += _softening(poly, single, first, last)
     for n in range(islands):
         pairs += _basis_tables(poly, single, first + n, n)
     if any(ours.shape != theirs.shape for ours, theirs in pairs):
@@ -182,11 +183,27 @@ def _entries(poly: Model, single: Model, first: int, last: int) -> Iterator[Arra
             yield from zip(ours.entries(r), theirs.entries(s), strict=True)
 
 
+def _softening(poly: Model, single: Model, first: int, last: int) -> Iterator[Arrays]:
+    """Yield the mode shapes of points on bodies that stretch, of islands `first` up to `last`."""
+    if poly.tension is None or single.tension is None:
+        return
+    ours, theirs = poly.tension.softening, single.tension.softening
+    pairs = ours.pairs[slice(*poly.islands.pair_on_body[[first, last]])]
+    if len(pairs) != len(theirs.pairs):
+        raise ValueError(TOO_SMALL)
+    for mine, other in zip(pairs, theirs.pairs, strict=True):
+        a, b = mine[PairOnBody.SHAPE], other[PairOnBody.SHAPE]
+        if a == mine[PairOnBody.OTHER_SHAPE]:  # each point makes a pair with itself, too
+            yield ours.shapes[a : a + mine[PairOnBody.MODES]], theirs.shapes[b : b + other[PairOnBody.MODES]]
+
+
 def _shapes(model: Model) -> Iterator[_Shapes]:
     """Yield the mode shape rows of a model, but those of bases."""
     step, contact = model.step, model.contact
     places: list[tuple[Axis, ModeShapeRows, Any]] = [(Axis.BODY, model.bodies, ())]
     places.append((Axis.PICKUP, model.pickups.rows, (model.flight.pickup_tables,)))
+    if model.tension is not None:
+        places.append((Axis.PICKUP, model.tension.pull, ()))
     if model.force is not None:
         places.append((Axis.FORCE, model.force.rows, step.force or ()))
     if model.connection is not None and step.connection is not None:

@@ -84,6 +84,22 @@ def test_a_voice_on_a_board_sounds_as_built_at_its_pitch(ratio):
     compare_voices(scene, ratio, lambda player, voice: player.strike(f"hammer_{voice}", velocity=2.0))
 
 
+@pytest.mark.parametrize("quantity", ["velocity", "tension", "end_force"])
+@pytest.mark.parametrize("ratio", [1.0, 1.5])
+@pytest.mark.parametrize("is_joined", [False, True])
+def test_a_voice_whose_string_stretches_sounds_as_built_at_its_pitch(is_joined, ratio, quantity):
+    """Struck by a hammer, which meets the string as stretched as it is."""
+    string = STRING | {"axial_stiffness": 2e5}
+    hammer = {"name": "hammer", "kind": "mass", "mass": 5e-3, "displacement": -1e-3}
+    pickup = {"body": "s", "quantity": quantity} | ({"at": {"velocity": 0.1, "end_force": 1.0}.get(quantity)})
+    told = engine.Scene.model_validate(
+        {"body": [string, hammer, *([TOP] if is_joined else [])], "connection": [END] if is_joined else []}
+        | {"contact": [{"body": "hammer", "on": "s", "on_at": 0.11, "stiffness": 1e6, "exponent": 2.0}]}
+        | {"pickup": [{name: value for name, value in pickup.items() if value is not None}]}
+    )
+    compare_voices(told, ratio, lambda player, voice: player.strike(f"hammer_{voice}", velocity=4.0))
+
+
 def test_knobs_of_connections_are_listed_and_others_refused():
     player = Player(engine.load(BOLT))
     assert {f"connection.thread.{key}" for key in RANGES} <= set(player.live_parameters)

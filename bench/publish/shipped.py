@@ -10,15 +10,16 @@ from pathlib import Path
 from bench.publish import stale
 from engine.assembly.build import build
 from engine.assembly.general import generalise
-from engine.compiler import cache
+from engine.compiler import cache, machine_code
+from engine.compiler.code_objects import to_content
 from engine.compiler.kernel_name import KernelName
-from engine.compiler.kinds import Kind
+from engine.compiler.kinds import FLOAT, Kind
 from engine.compiler.shipped import ABOUT, FOLDER, TARGETS, archive, member_name
 from engine.export.player_bytes import requests_of
 from engine.export.row_recorder import player_of_scene
 from engine.export.wasm_kernels import ARCHIVE, compile_module, general_module_of
 from engine.live.audio_memory import INSERT_USE
-from engine.live.kernels import KINDS
+from engine.live.kernels import KINDS, PORTAUDIO_CALLBACK
 from engine.patch.scene import Scene
 from engine.runtime.helpers import HELP_CREW, HELP_CREW_KINDS
 from engine.runtime.job_memory import RENDER_JOB, RENDER_JOB_KINDS, RENDER_USE
@@ -31,6 +32,7 @@ SIMPLE = {
     "contact": [{"body": "a", "barrier": 0.0, "stiffness": 1e6, "exponent": 1.0}],
     "pickup": [{"body": "a"}],
 }
+CROSS = {"aarch64": machine_code.TARGETS["aarch64-linux"]}  # made on another machine than they are for
 Request = tuple[str, str, tuple[Kind, ...]]
 
 
@@ -61,7 +63,7 @@ def main(words: list[str]) -> int:
         if names and target.name not in names:
             continue
         features = ",".join(f"+{name}" for name in target.features)
-        told = {"NUMBA_CPU_NAME": target.name, "NUMBA_CPU_FEATURES": features}
+        told = {} if target.name in CROSS else {"NUMBA_CPU_NAME": target.name, "NUMBA_CPU_FEATURES": features}
         code = "from bench.publish import shipped; shipped.make_archive()"
         subprocess.run([sys.executable, "-c", code, target.name, folder], env=os.environ | told, check=True)
         path = Path(folder) / archive(target).name
@@ -94,10 +96,26 @@ def make_archive() -> None:
     from engine.compiler.kernel_compiler import compile_kernel
 
     target, folder = next(target for target in TARGETS if target.name == sys.argv[1]), Path(sys.argv[2])
-    members = {member_name(*request): compile_kernel(*request) for request in requests()}
+    if target.name in CROSS:
+        members = {member_name(*request): cross_compile(request, CROSS[target.name]) for request in callable_in_c()}
+    else:
+        members = {member_name(*request): compile_kernel(*request) for request in requests()}
     about = {"sources": cache.source_digest(), "target": target.name, "features": target.features}
     about["made_with"] = [numba.__version__, llvmlite.__version__]
     write_archive(folder / archive(target).name, {ABOUT: json.dumps(about, indent=1).encode(), **members})
+
+
+def callable_in_c() -> list[Request]:
+    """The kernels that need neither numbers of floating point nor a result: others, two small ones of live sound, are
+    compiled at their first use on a machine that an archive was made for on another."""
+    return [(m, f, kinds) for m, f, kinds in requests() if FLOAT not in kinds and f != PORTAUDIO_CALLBACK.function]
+
+
+def cross_compile(request: Request, target: machine_code.Target) -> bytes:
+    """Compile a kernel for another machine than this one. Return the bytes that engine.compiler.code_objects loads."""
+    _, function, _ = request
+    code = {function: machine_code.neutral_code(*request)}
+    return to_content(function, [], machine_code.object_code(code, target, {}))
 
 
 def write_archive(path: Path, members: dict[str, bytes]) -> None:

@@ -28,9 +28,15 @@ class Target(NamedTuple):
 
     name: str  # as LLVM calls it
     features: tuple[str, ...]  # beyond those that all of its family have
+    machines: tuple[str, ...]  # as the platform names it
 
 
-TARGETS = Target("x86-64-v3", V3), Target("x86-64", ())  # the best first
+X86_64 = "x86_64", "amd64"
+TARGETS = (  # the best first
+    Target("x86-64-v3", V3, X86_64),
+    Target("x86-64", (), X86_64),
+    Target("aarch64", (), ("aarch64", "arm64")),
+)
 
 
 def archive(target: Target) -> Path:
@@ -58,12 +64,14 @@ def read_shipped(module: str, function: str, kinds: tuple[Kind, ...]) -> bytes |
 @lru_cache
 def _fitting_archive() -> Path | None:
     """The best archive that fits this processor and the present sources."""
-    if sys.platform != "linux" or platform.machine().lower() not in ("x86_64", "amd64") or switched_off():
+    if sys.platform != "linux" or switched_off():
         return None
     import llvmlite.binding as llvm
 
-    features = llvm.get_host_cpu_features()
+    features, machine = llvm.get_host_cpu_features(), platform.machine().lower()
     for target in TARGETS:
+        if machine not in target.machines:
+            continue
         path = archive(target)
         if all(features.get(name) for name in target.features) and sources_of(path) == cache.source_digest():
             return path

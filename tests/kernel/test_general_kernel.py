@@ -44,10 +44,7 @@ def assert_same(special: engine.Rendering, general: engine.Rendering) -> None:
 
 
 @pytest.mark.parametrize("name", ["bouncing_ball", *map(HARD, MANY_EFFECTS), *map(SLOW, OTHERS)])
-def test_every_patch_is_the_same_on_both(patch, name, request):
-    if name == "kalimba_keys":
-        reason = "a fault: without contacts, the special kernel steps thrice where nothing acts, the general one once"
-        request.node.add_marker(pytest.mark.xfail(reason=reason, strict=True, raises=AssertionError))
+def test_every_patch_is_the_same_on_both(patch, name):
     assert_same(*both(patch(name)))
 
 

@@ -141,12 +141,11 @@ def refined_step(model, contact, refinement, state, frame, in_contact):
 
     in_contact: True if the sample before ended in contact
     """
-    if contact is not None:
-        is_alone = not is_forced(model.force, frame) and not has_connections(model.connection, state)
-        is_alone = is_alone and not stretches(model.tension, state)
-        if is_alone and not in_contact and not refinement.refine_free_flight:
-            if not closes_in_sample(model, refinement, state):
-                return step(model, StepSettings(model.step, StepKind.SAMPLE, TRUE, frame), state)
+    is_alone = not is_forced(model.force, frame) and not has_connections(model.connection, state)
+    is_alone = is_alone and not stretches(model.tension, state)
+    if is_alone and not in_contact and not refinement.refine_free_flight:
+        if contact is None or not closes_in_sample(model, refinement, state):
+            return step(model, StepSettings(model.step, StepKind.SAMPLE, TRUE, frame), state)
     return accurate_step(model, refinement, state, frame)
 
 

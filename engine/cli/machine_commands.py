@@ -12,7 +12,7 @@ from engine.faults import Fault
 
 def add_machine_commands(commands: "arguments.Commands") -> None:
     """Add the commands of this file and their options."""
-    arguments.add_command(commands, "devices", list_devices, "list the audio output devices")
+    arguments.add_command(commands, "devices", list_devices, "list the audio output devices and the MIDI ports")
     summary = "show where compiled kernels are stored, and their size"
     cache = arguments.add_command(commands, "cache", cache_command, summary)
     cache.add_argument("--clear", action="store_true", help="delete them; later renders compile what they need again")
@@ -27,15 +27,24 @@ def add_machine_commands(commands: "arguments.Commands") -> None:
 def list_devices(args: argparse.Namespace) -> int:
     """List what can be played on; returns the exit code."""
     from engine.live.audio_device import DeviceError, output_devices
+    from engine.live.midi_notes import MidiError, list_ports
 
+    try:
+        ports, reason = list_ports(), "none"
+    except MidiError as error:  # sound needs none
+        ports, reason = [], str(error)
     try:
         devices = output_devices()
     except DeviceError as error:
         raise CommandError(error) from error
     for number, name, channels, rate in devices:
         print(f"{number:>3}  {name}: {channels} channels, {rate} Hz")
+    for port in ports:
+        print(f"MIDI  {port}")
     if not devices:
         print("there is no output device; rendering to a file does not need one", file=sys.stderr)
+    if not ports:
+        print(f"MIDI ports: {reason}", file=sys.stderr)
     return 0 if devices else 1
 
 

@@ -73,17 +73,21 @@ def parse_move(message: Any) -> Move | None:
     return None
 
 
-def open_port(name: str) -> Any:
-    """An open input port of a name, or of a part of it. Raises MidiError."""
-    mido = load_mido()
+def list_ports() -> list[str]:
+    """The names of the MIDI input ports. Raises MidiError."""
     try:
-        names = mido.get_input_names()
+        return list(load_mido().get_input_names())
     except (ImportError, OSError) as error:
         raise MidiError(f"there are no MIDI ports ({error}); run uv sync --extra midi, or give a .mid file") from error
+
+
+def open_port(name: str) -> Any:
+    """An open input port of a name, or of a part of it. Raises MidiError."""
+    names = list_ports()
     chosen = [n for n in names if name.lower() in n.lower()]
     if len(chosen) != 1:
         what = "several MIDI ports match" if chosen else "no MIDI port is called"
         raise MidiError(
             f'{what} "{name}"; the ports are {", ".join(names) or "none"}; give one of these, or a .mid file'
         )
-    return mido.open_input(chosen[0])
+    return load_mido().open_input(chosen[0])

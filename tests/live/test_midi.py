@@ -252,6 +252,21 @@ def test_ports_that_cannot_be_told_apart(ports):
     assert ports == []
 
 
+def test_ports_are_listed_with_the_outputs(ports, monkeypatch, capsys):
+    monkeypatch.setattr("engine.live.audio_device.output_devices", lambda: [(3, "Desk", 2, 48_000)])
+    assert main.main(["devices"]) == 0
+    listed = capsys.readouterr().out.splitlines()
+    assert listed == ["  3  Desk: 2 channels, 48000 Hz", "MIDI  Keys 1", "MIDI  Keys 2", "MIDI  Drum"]
+
+
+def test_outputs_are_listed_without_mido(monkeypatch, capsys):
+    monkeypatch.setattr("engine.live.audio_device.output_devices", lambda: [(3, "Desk", 2, 48_000)])
+    monkeypatch.setitem(sys.modules, "mido", None)
+    assert main.main(["devices"]) == 0
+    written = capsys.readouterr()
+    assert written.out == "  3  Desk: 2 channels, 48000 Hz\n" and "uv sync --extra midi" in written.err
+
+
 def test_what_is_wrong_with_notes_is_said(tmp_path, capsys):
     (tmp_path / "no.mid").write_bytes(b"no notes")
     cases = {"none": "cannot be read as MIDI", "no": "cannot be read as MIDI", "empty": "has no notes"}

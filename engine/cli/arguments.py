@@ -146,7 +146,8 @@ def add_command(
     run:      carries the command out, and returns the exit code
     settings: of the parser, such as its description, which otherwise is the summary
     """
-    parser = commands.add_parser(name, **{"help": summary, "description": f"{summary.capitalize()}."} | settings)
+    description = f"{summary[0].upper()}{summary[1:]}."  # str.capitalize would write midi
+    parser = commands.add_parser(name, **{"help": summary, "description": description} | settings)
     parser.set_defaults(run=run)
     return parser
 

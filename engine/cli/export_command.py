@@ -23,8 +23,8 @@ def add_export_command(commands: "arguments.Commands") -> None:
     """Add `export` and its options."""
     summary = "write a patch as a page that plays in any browser, or as a library in C"
     description = (
-        f"{summary[0].upper()}{summary[1:]}. A page is one HTML file, which computes the sound itself and needs no network."
-        " A library needs a C compiler; its kernel is compiled for the patch, which takes half a minute."
+        f"{summary[0].upper()}{summary[1:]}. A page is one HTML file, which computes the sound itself and needs no"
+        " network. A library needs a C compiler; its kernel is compiled for the patch, which takes half a minute."
     )
     parser = arguments.add_command(commands, "export", export_command, summary, description=description)
     arguments.add_patch(parser)

@@ -34,6 +34,7 @@ SIMPLE = {
 }
 CROSS = {"aarch64": machine_code.TARGETS["aarch64-linux"]}  # made on another machine than they are for
 Request = tuple[str, str, tuple[Kind, ...]]
+About = dict[str, str | list[str] | tuple[str, ...]]  # what an archive says of itself
 
 
 def requests() -> list[Request]:
@@ -79,7 +80,8 @@ def make_module() -> None:
     import llvmlite
     import numba
 
-    about = {"sources": cache.source_digest(), "made_with": [numba.__version__, llvmlite.__version__]}
+    about: About = {"sources": cache.source_digest()}  # before all else: a source may be edited meanwhile
+    about["made_with"] = [numba.__version__, llvmlite.__version__]
     members = {ABOUT: json.dumps(about, indent=1).encode()}
     for order in (2, 4):  # with one step a sample, and with stages
         scene = Scene.model_validate(SIMPLE | {"accuracy": {"order": order}})
@@ -96,12 +98,12 @@ def make_archive() -> None:
     from engine.compiler.kernel_compiler import compile_kernel
 
     target, folder = next(target for target in TARGETS if target.name == sys.argv[1]), Path(sys.argv[2])
+    about: About = {"sources": cache.source_digest(), "target": target.name, "features": target.features}
+    about["made_with"] = [numba.__version__, llvmlite.__version__]
     if target.name in CROSS:
         members = {member_name(*request): cross_compile(request, CROSS[target.name]) for request in callable_in_c()}
     else:
         members = {member_name(*request): compile_kernel(*request) for request in requests()}
-    about = {"sources": cache.source_digest(), "target": target.name, "features": target.features}
-    about["made_with"] = [numba.__version__, llvmlite.__version__]
     write_archive(folder / archive(target).name, {ABOUT: json.dumps(about, indent=1).encode(), **members})
 
 

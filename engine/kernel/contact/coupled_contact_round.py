@@ -147,7 +147,7 @@ def project_onto_laws(problem, n):
     count, how = 0, SolveStatus.FREE
     for i in range(n):
         move[i], close[i], f[i], slope[i], count, how = solve_scalar_apart(
-            problem.law, contacts[i], s[i], target[i], rho[i], problem.tolerance
+            problem.law, contacts[i], s[i], target[i], rho[i], problem.tolerance, close[i]
         )
     worst, sizes = 0.0, vectors[Row.WORK]
     multiply_compliance(compliance, n, f, residual)

@@ -65,6 +65,7 @@ def activate(problem, n, k, guess, target):
         compliance[n, j] = compliance[j, n] = row[active[j]]
     vectors[Row.START, n], vectors[Row.FREE_MOVE, n] = problem.s[k], problem.g[k]
     vectors[Row.GUESS, n], vectors[Row.TARGET, n], vectors[Row.RHO, n] = guess, target, row[k]
+    vectors[Row.ACTIVE_END, n] = 0.0
 
 
 @noinline
@@ -135,13 +136,17 @@ def initial_active_set(problem):
         k = scratch.active[i]
         row = problem.compliance[k * total : (k + 1) * total]
         target = eta[k] + row[k] * guess[i]
-        _, _, push, _, _, _ = solve_scalar_apart(problem.law, k, s[k], target, row[k], problem.tolerance)
+        _, _, push, _, _, _ = solve_scalar_apart(
+            problem.law, k, s[k], target, row[k], problem.tolerance, end[k] if guess[i] > 0.0 else 0.0
+        )
         change = push - guess[i]
         guess[i] = push
         if change != 0.0:
             for j in range(total):
                 eta[j] -= row[j] * change
                 end[j] = s[j] + eta[j]
+    for i in range(n):
+        vectors[Row.ACTIVE_END, i] = end[scratch.active[i]]
     return n
 
 

@@ -147,7 +147,7 @@ def initial_guess_lossy(law, k, s, g, scale, rate, b):
 
 
 @inline
-def solve_scalar_contact(lossy_law, k, s, g, compliance, tolerance):
+def solve_scalar_contact(lossy_law, k, s, g, compliance, tolerance, near):
     """Solve one contact equation.
 
     lossy_law, k: contact k's LossyLaw
@@ -155,6 +155,7 @@ def solve_scalar_contact(lossy_law, k, s, g, compliance, tolerance):
     g:          change of compression if there were no contact force, m
     compliance: B, change of compression per newton of contact force, m/N
     tolerance:  relative error left in b
+    near:       b as far as it is known, m; zero or less if nothing is known of it
 
     Returns η (m), b (m), mean force f (N), slope df/dη (N/m), evaluations of the contact law, and SolveStatus (FREE,
     SEPARATION, CLOSED_FORM, NEWTON or FAILED).
@@ -183,6 +184,8 @@ def solve_scalar_contact(lossy_law, k, s, g, compliance, tolerance):
             return eta, b, force, slope, 0, SolveStatus.CLOSED_FORM
     if scale <= 0.0:
         b, eta = free_end, g
+    elif near > 0.0:
+        b, eta = near, near - s
     else:
         b = initial_guess(law, k, s, g, scale)
         if rate > 0.0:

@@ -128,7 +128,7 @@ def solve_only_contact(contact, h, s, g, state):
     s, g: compression, and how the coming drift changes it without the force, m
     """
     eta, b, f, _, evaluations, status = solve_scalar_contact(
-        law_in_step(contact, h, state), INT64_0, s, g, h.compliance[0], contact.tolerance
+        law_in_step(contact, h, state), INT64_0, s, g, h.compliance[0], contact.tolerance, 0.0
     )
     if not math.isfinite(eta + b + f):
         status = SolveStatus.FAILED

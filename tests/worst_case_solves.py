@@ -4,7 +4,7 @@ import mpmath
 import numpy as np
 
 from engine.compiler.decorators import kernel
-from engine.kernel.contact.contact_law import LossyLaw
+from engine.kernel.contact.contact_law import LossyLaw, start_power_of
 from engine.kernel.contact.scalar_contact_solver import solve_scalar_contact
 from engine.kernel.data import laws
 
@@ -14,8 +14,9 @@ EXPONENTS = [1.0, 1.3, 1.5, 2.0, 2.5, 3.0, 5.0, 8.0, 12.0]
 @kernel
 def solve_all(law, s, g, compliance, out, count, how):
     for i in range(s.shape[0]):
+        lossy_law = LossyLaw(law, None, None)
         out[i, 0], out[i, 1], out[i, 2], _, count[i], how[i] = solve_scalar_contact(
-            LossyLaw(law, None, None), 0, s[i], g[i], compliance[i], 1e-15
+            lossy_law, 0, s[i], start_power_of(lossy_law, 0, s[i]), g[i], compliance[i], 1e-15, 0.0
         )
 
 

@@ -8,7 +8,7 @@ import pytest
 from engine.assembly import contact_points
 from engine.assembly.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
-from engine.kernel.contact.contact_law import LossyLaw
+from engine.kernel.contact.contact_law import LossyLaw, start_power_of
 from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
 from engine.kernel.contact.persistent_contact_solver import solve_persistent
 from engine.kernel.contact.reduced_contact_solver import basis_of_island, solve_reduced
@@ -25,8 +25,9 @@ TOLERANCE = 1e-15  # of the solvers
 
 @kernel
 def scalar(law, loss_rate, compliance, s, g, found):
+    lossy_law = LossyLaw(law, loss_rate, None)
     eta, _, force, _, _, status = solve_scalar_contact(
-        LossyLaw(law, loss_rate, None), 0, s[0], g[0], compliance[0], TOLERANCE
+        lossy_law, 0, s[0], start_power_of(lossy_law, 0, s[0]), g[0], compliance[0], TOLERANCE, 0.0
     )
     found[0], found[1] = eta, force
     return status

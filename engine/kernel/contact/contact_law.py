@@ -79,18 +79,21 @@ def root_of_potential(law: Law, k: int, x: float) -> float:
     raise TypeError("root_of_potential is for compiled code")
 
 
-def power_difference_quotient(law: Law, k: int, a: float, b: float, d: float) -> float:
-    """Return (b^(α+1) - a^(α+1))/(b - a) with a, b ≥ 0, not both 0, and d = |b - a|, which is known more precisely than
-    they are. In compiled code only."""
+def power_difference_quotient(law: Law, k: int, a: float, b: float, d: float, larger_power: float) -> float:
+    """Return (b^(α+1) - a^(α+1))/(b - a) with a, b ≥ 0, not both 0. In compiled code only.
+
+    d:            |b - a|, which is known more precisely than they are
+    larger_power: x^α of the larger of the two; laws of one exponent do without
+    """
     raise TypeError("power_difference_quotient is for compiled code")
 
 
 def general_quotient(alpha, value):
-    """Return (b^(α+1) - a^(α+1))/(b - a) for any exponent. value: (a, b, d) with d = |b - a|"""
+    """Return (b^(α+1) - a^(α+1))/(b - a) for any exponent. value: a, b, d and larger_power, as in
+    `power_difference_quotient`"""
     # based on the larger of the two, or it overflows
-    a, b, d = value
-    m = max(a, b)
-    n, part, whole = alpha + 1.0, d / m, power_of(m, alpha)
+    a, b, d, whole = value
+    n, part = alpha + 1.0, d / max(a, b)
     if part == 0.0:
         return whole * n
     if part >= 1.0:
@@ -103,9 +106,9 @@ def _constant(alpha: float) -> Any:
 
 
 def _quotient(law: Any) -> tuple[Any, Any]:
-    """Return the quotient of a law of one exponent twice: as a function of the value (a, b, d), and of arguments."""
+    """Return the quotient of a law of one exponent twice: as a function of a value, and of arguments."""
     case = inline(law.quotient)
-    return inline(lambda value: case(value[0], value[1])), lambda law, k, a, b, d: case(a, b)
+    return inline(lambda value: case(value[0], value[1])), lambda law, k, a, b, d, larger_power: case(a, b)
 
 
 _quotients = {law: _quotient(law) for law in SPECIAL_LAWS}
@@ -119,7 +122,7 @@ overload_by_type(
 overload_by_type(
     power_difference_quotient,
     {law: of_arguments for law, (_, of_arguments) in _quotients.items()}
-    | {Power: lambda law, k, a, b, d: _any_quotient(law.exponent[k], (a, b, d))},
+    | {Power: lambda law, k, a, b, d, larger_power: _any_quotient(law.exponent[k], (a, b, d, larger_power))},
 )
 
 
@@ -147,23 +150,24 @@ def potential_difference(law, k, s, b, eta):
     """Difference of stored energy V(b) - V(s) for a step η = b - s, in joule, without cancellation."""
     if s <= 0.0 or b <= 0.0:
         return potential(law, k, b) - potential(law, k, s)
-    return law.potential_coefficient[k] * power_difference_quotient(law, k, s, b, abs(eta)) * eta
+    larger_power = power(law, k, max(s, b))
+    return law.potential_coefficient[k] * power_difference_quotient(law, k, s, b, abs(eta), larger_power) * eta
 
 
 @inline
-def discrete_gradient(law, k, s, b, eta):
+def discrete_gradient(law, k, s, start_power, b, eta):
     """Discrete gradient φ = (V(b) - V(s))/η in units of the law, and its first three derivatives
     with respect to the end compression b.
 
-    For b > 0; s is the start compression and η = b - s, carried apart so that neither
-    cancels (docs/design.md, sec. 3). Relative error a few 1e-16.
+    For b > 0; s is the start compression, start_power is [s]₊^α, which counts where b < s, and η = b - s. These are
+    carried apart so that neither cancels (docs/design.md, sec. 3). Relative error a few 1e-16.
     """
-    alpha = exponent(law, k)
-    end = (alpha + 1.0) * power(law, k, b)  # dV/db
+    alpha, end_power = exponent(law, k), power(law, k, b)
+    end = (alpha + 1.0) * end_power  # dV/db
     if s <= 0.0:  # entering: only part of the step is spent in contact
-        phi = power(law, k, b) * (b / eta)
+        phi = end_power * (b / eta)
     else:
-        phi = power_difference_quotient(law, k, s, b, abs(eta))
+        phi = power_difference_quotient(law, k, s, b, abs(eta), start_power if b < s else end_power)
     e = eta / b
     one = alpha * end / b
     two = (alpha - 1.0) * one / b
@@ -199,6 +203,14 @@ def law_in_step(contact, h, state):
 
 
 @inline
+def start_power_of(law, k, s):
+    """Return s^α of a contact that is closed; 0 of an open one, and of a point of friction. law: LossyLaw"""
+    if s <= 0.0 or slides(law.friction, k):
+        return 0.0
+    return power(law.elastic, k, s)
+
+
+@inline
 def loss_rate_of(law, k):
     """Hunt-Crossley rate μ/h of contact k in 1/m. law: LossyLaw"""
     return item_or_zero(law.loss_rate, k)
@@ -223,10 +235,13 @@ def response_leaving(law, k, s, eta, rate):
 
 
 @inline
-def response_in_contact(law, k, s, b, eta, rate):
-    """Return the mean force and its first three derivatives by η for a step that ends at b > 0; 1 + rate·η ≥ 0."""
+def response_in_contact(law, k, s, start_power, b, eta, rate):
+    """Return the mean force and its first three derivatives by η for a step that ends at b > 0; 1 + rate·η ≥ 0.
+
+    start_power: [s]₊^α; it counts where b < s
+    """
     unit = law.potential_coefficient[k]
-    f, df, ddf, dddf = discrete_gradient(law, k, s, b, eta)
+    f, df, ddf, dddf = discrete_gradient(law, k, s, start_power, b, eta)
     if rate > 0.0:
         w = max(0.0, 1.0 + rate * eta)
         f, df, ddf, dddf = f * w, df * w + f * rate, ddf * w + 2.0 * df * rate, dddf * w + 3.0 * ddf * rate
@@ -243,7 +258,8 @@ def contact_response(law, k, s, eta):
     if 1.0 + rate * eta <= 0.0:
         return 0.0, 0.0
     if b > 0.0:
-        f, df, _, _ = response_in_contact(law.elastic, k, s, b, eta, rate)
+        start_power = power(law.elastic, k, s) if b < s else 0.0
+        f, df, _, _ = response_in_contact(law.elastic, k, s, start_power, b, eta, rate)
         return f, df
     if s > 0.0:
         return response_leaving(law.elastic, k, s, eta, rate)

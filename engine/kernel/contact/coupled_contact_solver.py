@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from engine.compiler.decorators import INT64_0, inline, noinline
-from engine.kernel.contact.contact_law import contact_response
+from engine.kernel.contact.contact_law import contact_response, start_power_of
 from engine.kernel.contact.coupled_contact_round import (
     line_search,
     multiply_compliance,
@@ -39,6 +39,7 @@ DAMP_FROM_ROUND = 10  # every other step is shortened from here on: it may go ba
 DAMPING = 0.6  # of such a step
 LINE_SEARCH_FROM_ROUND = 40
 CONVERGED = 64.0  # residual in units of rounding at which a solve that no longer improves has converged
+SWEEP_TOLERANCE = 1e-4  # of the forces that the first sweep guesses: it leaves out more by taking contacts alone
 MIN_SCALE, MAX_SCALE = 0.25, 4.0  # by which forces off their laws may be multiplied
 
 
@@ -63,7 +64,9 @@ def activate(problem, n, k, guess, target):
     row = problem.compliance[k * total : (k + 1) * total]
     for j in range(n + 1):
         compliance[n, j] = compliance[j, n] = row[active[j]]
-    vectors[Row.START, n], vectors[Row.FREE_MOVE, n] = problem.s[k], problem.g[k]
+    s = problem.s[k]
+    vectors[Row.START, n], vectors[Row.START_POWER, n] = s, start_power_of(problem.law, k, s)
+    vectors[Row.FREE_MOVE, n] = problem.g[k]
     vectors[Row.GUESS, n], vectors[Row.TARGET, n], vectors[Row.RHO, n] = guess, target, row[k]
     vectors[Row.ACTIVE_END, n] = 0.0
 
@@ -136,8 +139,10 @@ def initial_active_set(problem):
         k = scratch.active[i]
         row = problem.compliance[k * total : (k + 1) * total]
         target = eta[k] + row[k] * guess[i]
+        near = end[k] if guess[i] > 0.0 else 0.0
+        start_power = vectors[Row.START_POWER, i]
         _, _, push, _, _, _ = solve_scalar_apart(
-            problem.law, k, s[k], target, row[k], problem.tolerance, end[k] if guess[i] > 0.0 else 0.0
+            problem.law, k, s[k], start_power, target, row[k], SWEEP_TOLERANCE, near
         )
         change = push - guess[i]
         guess[i] = push

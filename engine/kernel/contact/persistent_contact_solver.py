@@ -9,7 +9,7 @@ import math
 
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.compiler.elementary import expm1_of, log1p_of
-from engine.kernel.contact.contact_law import elastic_force, exponent, loss_rate_of
+from engine.kernel.contact.contact_law import exponent, loss_rate_of
 from engine.kernel.contact.coupled_contact_round import (
     ForceEstimate,
     extrapolation_error,
@@ -63,7 +63,6 @@ def take_closed_contacts(problem):
         problem.scratch.is_active[k] = 0
         if s[k] > 0.0:
             activate(problem, n, k, 0.0, 0.0)
-            vectors[Row.START_FORCE, n] = elastic_force(problem.law.elastic, k, s[k])
             vectors[Row.ACTIVE_STEP, n] = 0.0
             n += 1
     return n
@@ -75,12 +74,14 @@ def take_newton_step(problem, n):
     may not persist."""
     scratch = problem.scratch
     vectors, compliance, contacts = scratch.vectors, scratch.active_compliance, scratch.active
-    s, g, start_force = vectors[Row.START], vectors[Row.FREE_MOVE], vectors[Row.START_FORCE]
+    s, g, start_power = vectors[Row.START], vectors[Row.FREE_MOVE], vectors[Row.START_POWER]
     f, eta, slope = vectors[Row.ACTIVE_FORCE], vectors[Row.ACTIVE_STEP], vectors[Row.SLOPE]
     residual, step, worst = vectors[Row.RESIDUAL], vectors[Row.NEWTON_STEP], 0.0
     for i in range(n):
-        alpha, rate = exponent(problem.law.elastic, contacts[i]), loss_rate_of(problem.law, contacts[i])
-        f[i], slope[i] = persistent_response(start_force[i], alpha, rate, s[i], eta[i])
+        k = contacts[i]
+        alpha, rate = exponent(problem.law.elastic, k), loss_rate_of(problem.law, k)
+        start_force = problem.law.elastic.potential_coefficient[k] * (alpha + 1.0) * start_power[i]
+        f[i], slope[i] = persistent_response(start_force, alpha, rate, s[i], eta[i])
     multiply_compliance(compliance, n, f, residual)
     for i in range(n):
         residual[i] = (g[i] - residual[i]) - eta[i]

@@ -103,10 +103,11 @@ def smooth_response(law, unit, rate, s, eta):
     start, end = where_positive(s, s, 0.0), where_positive(b, b, 0.0)
     stays = where_positive(s, b, 0.0)  # positive where a step begins and ends in contact
     size = where_positive(eta, eta, 0.0 - eta)
-    at_end = (alpha + 1.0) * power(law, INT64_0, end)
+    end_power = power(law, INT64_0, end)
+    at_end = (alpha + 1.0) * end_power
     is_short = where_positive(1e-8 * end - size, stays, 0.0)  # or the difference below would cancel
     per_length = 1.0 / where_positive(is_short, end, where_positive(size - TINY, eta, TINY))
-    mean = power_difference_quotient(law, INT64_0, start, end, size)
+    mean = power_difference_quotient(law, INT64_0, start, end, size, end_power)
     phi = where_positive(start + end, where_positive(stays, mean, mean * ((end - start) * per_length)), 0.0)
     slope = where_positive(is_short, (0.5 * alpha) * at_end, at_end - phi) * per_length
     slope = where_positive(start + end, slope, 0.0)

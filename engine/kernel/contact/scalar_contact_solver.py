@@ -18,7 +18,6 @@ from engine.kernel.contact.contact_law import (
     exponent,
     inverse_power,
     loss_rate_of,
-    power,
     response_in_contact,
     root_of_potential,
 )
@@ -36,6 +35,7 @@ class ContactEquation(NamedTuple):
     law: Any
     k: int
     s: float
+    start_power: float
     g: float
     compliance: float
     rate: float  # μ/h, 1/m; 0 without loss
@@ -43,10 +43,10 @@ class ContactEquation(NamedTuple):
 
 
 @inline
-def solve_separation(law, k, s, g, rate, elastic):
+def solve_separation(law, k, s, start_power, g, rate, elastic):
     """Solve for the end of a step that begins in contact and ends outside it, in closed form.
 
-    `elastic` is B·V(s), m². Returns η, b, f, df/dη.
+    start_power is s^α, `elastic` is B·V(s), m². Returns η, b, f, df/dη.
     """
     free_end = s + g
     rise = g + rate * elastic
@@ -60,7 +60,7 @@ def solve_separation(law, k, s, g, rate, elastic):
         b = 0.5 * (total - width)
     else:
         b = 2.0 * (s * free_end - elastic * (1.0 - rate * s)) / (total + width)
-    mean = law.potential_coefficient[k] * s * power(law, k, s) / -eta
+    mean = law.potential_coefficient[k] * s * start_power / -eta
     # 1 + rate·η, which is a root of w² - (1 + lossy_move + lossy_force)·w + lossy_move, without cancellation
     lossy_move, lossy_force = 1.0 + rate * g, 1.0 + rate * rate * elastic
     w = 2.0 * lossy_move / (lossy_move + lossy_force + rate * width)
@@ -105,8 +105,9 @@ def solve_quadratic(law, k, s, g, scale):
 
 
 @inline
-def initial_guess(law, k, s, g, scale):
-    """Return an end compression to begin with, from the asymptotes of the solution (docs/design.md, sec. 3)."""
+def initial_guess(law, k, s, start_power, g, scale):
+    """Return an end compression to begin with, from the asymptotes of the solution (docs/design.md, sec. 3).
+    start_power: [s]₊^α"""
     free_end = s + g
     alpha = exponent(law, k)
     n = alpha + 1.0
@@ -123,7 +124,7 @@ def initial_guess(law, k, s, g, scale):
         bottom = 2.0 * slope * slope - residual * (n * alpha * whole / (b * b) + 2.0)
         step = -2.0 * residual * slope / bottom if bottom > 0.0 else -residual / slope
         return min(free_end, max(b + step, 0.5 * b))
-    kappa = n * scale * power(law, k, s) / s
+    kappa = n * scale * start_power / s
     away = (g / s - kappa) / (1.0 + 0.5 * alpha * kappa)  # Newton from b = s
     if abs(away) * alpha < 0.5:
         return s + s * away
@@ -137,25 +138,26 @@ def initial_guess(law, k, s, g, scale):
 
 
 @inline
-def initial_guess_lossy(law, k, s, g, scale, rate, b):
-    """Return an end compression to begin with under contact loss, given that without loss, b."""
+def initial_guess_lossy(law, k, s, start_power, g, scale, rate, b):
+    """Return an end compression to begin with under contact loss, given that without loss, b. start_power: [s]₊^α"""
     if s <= 0.0:
         return min(b, root_of_potential(law, k, (s + g) / (scale * rate)))
-    force = (exponent(law, k) + 1.0) * scale * power(law, k, s)
+    force = (exponent(law, k) + 1.0) * scale * start_power
     newton = s + (g - force) / (1.0 + force * (0.5 * exponent(law, k) / s + rate))  # from b = s; never below the root
     return b if s - 1.0 / rate < b < newton else newton
 
 
 @inline
-def solve_scalar_contact(lossy_law, k, s, g, compliance, tolerance, near):
+def solve_scalar_contact(lossy_law, k, s, start_power, g, compliance, tolerance, near):
     """Solve one contact equation.
 
     lossy_law, k: contact k's LossyLaw
-    s:          compression at the start of the step, m (negative: gap); of friction, how far the bristle is bent
-    g:          change of compression if there were no contact force, m
-    compliance: B, change of compression per newton of contact force, m/N
-    tolerance:  relative error left in b
-    near:       b as far as it is known, m; zero or less if nothing is known of it
+    s:           compression at the start of the step, m (negative: gap); of friction, how far the bristle is bent
+    start_power: s^α (`start_power_of`)
+    g:           change of compression if there were no contact force, m
+    compliance:  B, change of compression per newton of contact force, m/N
+    tolerance:   relative error left in b
+    near:        b as far as it is known, m; zero or less if nothing is known of it
 
     Returns η (m), b (m), mean force f (N), slope df/dη (N/m), evaluations of the contact law, and SolveStatus (FREE,
     SEPARATION, CLOSED_FORM, NEWTON or FAILED).
@@ -171,9 +173,9 @@ def solve_scalar_contact(lossy_law, k, s, g, compliance, tolerance, near):
     if s > 0.0:
         if rate * g <= -1.0:  # leaves faster than the loss allows a push: Hunt-Crossley never pulls
             return g, free_end, 0.0, 0.0, 0, SolveStatus.SEPARATION
-        elastic = scale * s * power(law, k, s)
+        elastic = scale * s * start_power
         if s * free_end <= elastic * (1.0 - rate * s):
-            eta, b, force, slope = solve_separation(law, k, s, g, rate, elastic)
+            eta, b, force, slope = solve_separation(law, k, s, start_power, g, rate, elastic)
             return eta, b, force, slope, 0, SolveStatus.SEPARATION
     if rate == 0.0:
         if alpha == 1.0:
@@ -187,11 +189,11 @@ def solve_scalar_contact(lossy_law, k, s, g, compliance, tolerance, near):
     elif near > 0.0:
         b, eta = near, near - s
     else:
-        b = initial_guess(law, k, s, g, scale)
+        b = initial_guess(law, k, s, start_power, g, scale)
         if rate > 0.0:
-            b = initial_guess_lossy(law, k, s, g, scale, rate, b)
+            b = initial_guess_lossy(law, k, s, start_power, g, scale, rate, b)
         eta = b - s
-    return bracketed_halley(ContactEquation(law, k, s, g, compliance, rate, tolerance), b, eta)
+    return bracketed_halley(ContactEquation(law, k, s, start_power, g, compliance, rate, tolerance), b, eta)
 
 
 @inline
@@ -201,11 +203,11 @@ def bracketed_halley(equation, b, eta):
 
     The force is extrapolated over the last step, so no evaluation is spent on confirming it.
     """
-    law, k, s, g, compliance, rate, tolerance = equation
+    law, k, s, start_power, g, compliance, rate, tolerance = equation
     free_end = s + g
     lower, upper = 0.0, free_end
     if s > 0.0 and rate == 0.0:  # the sign of the residual at b = s is the sign of κ - g/s
-        if g > compliance * law.potential_coefficient[k] * (exponent(law, k) + 1.0) * power(law, k, s):
+        if g > compliance * law.potential_coefficient[k] * (exponent(law, k) + 1.0) * start_power:
             lower = s
         else:
             upper = s
@@ -213,7 +215,7 @@ def bracketed_halley(equation, b, eta):
         lower, upper = max(0.0, s - 1.0 / rate), max(free_end, s)
     degree = exponent(law, k) + 1.0
     for evaluations in range(1, MAX_HALLEY_EVALUATIONS + 1):
-        f, df, ddf, dddf = response_in_contact(law, k, s, b, eta, rate)
+        f, df, ddf, dddf = response_in_contact(law, k, s, start_power, b, eta, rate)
         contact_displacement = compliance * f
         residual = (eta - g) + contact_displacement if abs(eta) < b else (b - free_end) + contact_displacement
         derivative = 1.0 + compliance * df

@@ -249,7 +249,7 @@ class Row(IntEnum):
     FURTHER_MOVE = 15  # with the Newton step
     SQRT_SLOPE = 16
     WORK = 17
-    START_FORCE = 18  # elastic
+    START_POWER = 18  # s^α
 
 
 # of the basis of contacts (engine.kernel.contact.reduced_contact_solver)

@@ -8,7 +8,13 @@ import math
 from typing import NamedTuple
 
 from engine.compiler.decorators import FALSE, INT64_0, INT64_1, TRUE, inline
-from engine.kernel.contact.contact_law import end_force_of, energy_gained, force_of_lossy_law, law_in_step
+from engine.kernel.contact.contact_law import (
+    end_force_of,
+    energy_gained,
+    force_of_lossy_law,
+    law_in_step,
+    start_power_of,
+)
 from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
 from engine.kernel.contact.friction_law import slides
 from engine.kernel.contact.persistent_contact_solver import solve_persistent
@@ -127,8 +133,10 @@ def solve_only_contact(contact, h, s, g, state):
     h:    ContactCoefficients
     s, g: compression, and how the coming drift changes it without the force, m
     """
+    law = law_in_step(contact, h, state)
+    start_power = start_power_of(law, INT64_0, s)
     eta, b, f, _, evaluations, status = solve_scalar_contact(
-        law_in_step(contact, h, state), INT64_0, s, g, h.compliance[0], contact.tolerance, 0.0
+        law, INT64_0, s, start_power, g, h.compliance[0], contact.tolerance, 0.0
     )
     if not math.isfinite(eta + b + f):
         status = SolveStatus.FAILED

@@ -4,8 +4,8 @@ import mpmath
 import numpy as np
 
 from engine.compiler.decorators import kernel
-from engine.kernel.contact.contact_law import LossyLaw, start_power_of
-from engine.kernel.contact.scalar_contact_solver import solve_scalar_contact
+from engine.kernel.contact.contact_law import LossyLaw, step_start
+from engine.kernel.contact.scalar_contact_solver import ContactEquation, solve_scalar_contact
 from engine.kernel.data import laws
 
 EXPONENTS = [1.0, 1.3, 1.5, 2.0, 2.5, 3.0, 5.0, 8.0, 12.0]
@@ -13,11 +13,11 @@ EXPONENTS = [1.0, 1.3, 1.5, 2.0, 2.5, 3.0, 5.0, 8.0, 12.0]
 
 @kernel
 def solve_all(law, s, g, compliance, out, count, how):
+    lossy_law = LossyLaw(law, None, None)
     for i in range(s.shape[0]):
-        lossy_law = LossyLaw(law, None, None)
-        out[i, 0], out[i, 1], out[i, 2], _, count[i], how[i] = solve_scalar_contact(
-            lossy_law, 0, s[i], start_power_of(lossy_law, 0, s[i]), g[i], compliance[i], 1e-15, 0.0
-        )
+        start = step_start(lossy_law, 0, s[i])
+        equation = ContactEquation(lossy_law, 0, start, g[i], compliance[i], 1e-15)
+        out[i, 0], out[i, 1], out[i, 2], _, count[i], how[i] = solve_scalar_contact(equation, 0.0)
 
 
 def worst_case_solves(alpha: float, size: int) -> tuple:

@@ -21,6 +21,7 @@ from engine.live.shared_memory import Gauge, Slot
 from engine.runtime.event_slots import EventSlot
 from engine.runtime.jobs import Job
 from engine.runtime.partitions import JOB_SLOTS, render_partitions
+from engine.runtime.tremolo import tremolo_gain
 
 EVENT_SLOTS = len(EventSlot)
 COPY_BYTES = 24  # of a row of a table of copies: addresses to write to and to read from, and how many words
@@ -159,9 +160,9 @@ def drain_queue(memory):
 
 @inline
 def output_stage(memory, out, frames):
-    """Write the mix to the output, with gain, fades at start and stop, and a limiter as a last protection."""
+    """Write the mix to the output, with tremolo, gain, fades at start and stop, and a limiter as a last protection."""
     counters, gauges, audio = memory.counters, memory.gauges, memory.audio
-    channels = audio.shape[1]
+    channels, depth = audio.shape[1], gauges[Gauge.TREMOLO_DEPTH]
     for i in range(frames):
         frame = counters[Slot.FRAME] + i
         risen = (frame + 0.5) / counters[Slot.FADE_IN_FRAMES]
@@ -172,6 +173,9 @@ def output_stage(memory, out, frames):
             if not math.isfinite(audio[i, c]):
                 audio[i, c] = 0.0
                 counters[Slot.NONFINITE_SAMPLES] += 1
+            if depth > 0.0:
+                turns = frame * gauges[Gauge.TREMOLO_TURNS] + c * gauges[Gauge.TREMOLO_SPREAD]
+                audio[i, c] *= tremolo_gain(turns, depth)
             loudest = max(loudest, abs(audio[i, c]) * abs(level))
         gauges[Gauge.PEAK] = max(gauges[Gauge.PEAK], loudest)
         gauges[Gauge.ENVELOPE] = min(MAX_ENVELOPE, max(loudest, gauges[Gauge.ENVELOPE] * memory.release))

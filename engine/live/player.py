@@ -94,6 +94,9 @@ class Player:
         self.memory = AudioMemory(built, scene.accuracy, self.channels, seconds, gain, chosen.kernel)
         shared = self.memory.shared
         self.counters, self.gauges = shared.counters, shared.gauges
+        if scene.tremolo is not None:
+            tremolo = [Gauge.TREMOLO_DEPTH, Gauge.TREMOLO_TURNS, Gauge.TREMOLO_SPREAD]
+            self.gauges[tremolo] = scene.tremolo.depth, scene.tremolo.rate / samplerate, scene.tremolo.spread
         self._helpers = start_helpers(chosen.cores, self.model.islands.partition.size - 1, in_realtime=True)
         self.memory.job_memory.use_helpers(self._helpers)
         self._queue = EventQueue(self.memory)

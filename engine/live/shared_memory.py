@@ -42,6 +42,9 @@ class Gauge(IntEnum):
     SECONDS_USED = 4
     LOAD_HIGH = 5  # a block with a higher load lowers the quality
     LOAD_LOW = 6  # after a second of lower loads, the quality rises
+    TREMOLO_DEPTH = 7
+    TREMOLO_TURNS = 8  # a sample
+    TREMOLO_SPREAD = 9  # turns from one channel to the next
 
 
 class SharedMemory(NamedTuple):

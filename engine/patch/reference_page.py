@@ -49,6 +49,7 @@ SECTIONS: dict[str, tuple[str, dict[str, str]]] = {
     "force": ("Forces: `[[force]]`", {}),
     "event": ("Events: `[[event]]`", {}),
     "pickup": ("Pickups: `[[pickup]]`", {}),
+    "tremolo": ("Tremolo: `[tremolo]`", {}),
     "control": ("Controls: `[[control]]`", {}),
     "midi": ("MIDI: `[midi]`", {}),
     "keyboard": ("The keys of an instrument: `[keyboard]`", {}),

@@ -32,6 +32,7 @@ from engine.patch.positions import tables_of
 from engine.patch.renamed_keys import RenamedKeys, rename_keys
 from engine.patch.rules import check_rules
 from engine.patch.tables import MAX_GRAVITY, MAX_SECONDS, Connection, Contact, Event, Force, Pickup, SampledForce
+from engine.patch.tremolo import Tremolo
 from engine.wording import to_one_line
 
 SAMPLE_RATE_RANGE = (4_000, 768_000)  # Hz
@@ -62,6 +63,7 @@ class SceneTables(Table):
         le=MAX_GRAVITY,
         description="downward acceleration of masses and oscillators, m/s²: with 9.81 their weight is -9.81 N/kg",
     )
+    tremolo: Tremolo | None = Field(default=None, description="tremolo of all that is heard")
     accuracy: Accuracy = Field(default=Accuracy(), description="accuracy settings")
     body: list[Body] = Field(min_length=1, max_length=MAX_TABLES, description="the bodies")
     contact: list[Contact] = Field(

@@ -159,8 +159,9 @@ def test_an_edited_kernel_is_used(tmp_path):
 def test_the_kernel_has_no_more_special_cases_than_it_had():
     """Limits that fall with each change: `python tests/docs/kernel_shape.py` prints what there is."""
     shape = measure_kernel()
-    # 1204, 3 and 30 of bodies that stretch, each by itself; 420, 2 and 18 of friction
-    assert shape.lines <= 8840 and shape.files <= 43 and shape.arrows <= 208
+    # 1204, 3 and 30 of bodies that stretch, each by itself; 420, 2 and 18 of friction; 39 and 1 of powers that are
+    # found once a step, and of contact solves that begin near their solution: a quarter of the dearest blocks
+    assert shape.lines <= 8879 and shape.files <= 43 and shape.arrows <= 209
     assert shape.ways <= 5 and shape.wide <= 1
     assert shape.know["weight"] <= 14 and shape.know["connections"] <= 47 and shape.know["contact loss"] <= 8
 

@@ -8,11 +8,11 @@ import pytest
 from engine.assembly import contact_points
 from engine.assembly.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
-from engine.kernel.contact.contact_law import LossyLaw, start_power_of
+from engine.kernel.contact.contact_law import LossyLaw, step_start
 from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
 from engine.kernel.contact.persistent_contact_solver import solve_persistent
 from engine.kernel.contact.reduced_contact_solver import basis_of_island, solve_reduced
-from engine.kernel.contact.scalar_contact_solver import solve_scalar_contact
+from engine.kernel.contact.scalar_contact_solver import ContactEquation, solve_scalar_contact
 from engine.kernel.data import laws
 from engine.kernel.data.enums import Row, SolveStatus
 from engine.kernel.data.model import BasisCoefficients, ContactBasis
@@ -26,9 +26,8 @@ TOLERANCE = 1e-15  # of the solvers
 @kernel
 def scalar(law, loss_rate, compliance, s, g, found):
     lossy_law = LossyLaw(law, loss_rate, None)
-    eta, _, force, _, _, status = solve_scalar_contact(
-        lossy_law, 0, s[0], start_power_of(lossy_law, 0, s[0]), g[0], compliance[0], TOLERANCE, 0.0
-    )
+    equation = ContactEquation(lossy_law, 0, step_start(lossy_law, 0, s[0]), g[0], compliance[0], TOLERANCE)
+    eta, _, force, _, _, status = solve_scalar_contact(equation, 0.0)
     found[0], found[1] = eta, force
     return status
 

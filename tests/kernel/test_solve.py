@@ -13,8 +13,8 @@ from engine.kernel.data.enums import SolveStatus
 
 @kernel
 def gradient(law, s, b):
-    start_power = contact_law.power(law, 0, s) if s > 0.0 else 0.0
-    return contact_law.discrete_gradient(law, 0, s, start_power, b, b - s)
+    start = contact_law.StepStart(s, contact_law.power(law, 0, s) if s > 0.0 else 0.0)
+    return contact_law.discrete_gradient(law, 0, start, b, b - s)
 
 
 @pytest.mark.parametrize("alpha", EXPONENTS)

@@ -21,9 +21,9 @@ from engine.assembly import contact_points
 from engine.assembly.build import build
 from engine.assembly.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
-from engine.kernel.contact.contact_law import LossyLaw, start_power_of
+from engine.kernel.contact.contact_law import LossyLaw, step_start
 from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
-from engine.kernel.contact.scalar_contact_solver import MAX_HALLEY_EVALUATIONS, solve_scalar_contact
+from engine.kernel.contact.scalar_contact_solver import MAX_HALLEY_EVALUATIONS, ContactEquation, solve_scalar_contact
 from engine.kernel.data import laws
 from engine.kernel.data.enums import Row, SolveStatus
 from engine.kernel.data.state import Scratch
@@ -37,9 +37,8 @@ RATE = 44_100
 @kernel
 def scalar(law, loss_rate, s, g, compliance, out):
     lossy_law = LossyLaw(law, loss_rate, None)
-    out[0], out[1], out[2], out[3], count, how = solve_scalar_contact(
-        lossy_law, 0, s, start_power_of(lossy_law, 0, s), g, compliance, 1e-15, 0.0
-    )
+    equation = ContactEquation(lossy_law, 0, step_start(lossy_law, 0, s), g, compliance, 1e-15)
+    out[0], out[1], out[2], out[3], count, how = solve_scalar_contact(equation, 0.0)
     return count, how
 
 

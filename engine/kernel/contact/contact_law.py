@@ -129,6 +129,13 @@ overload_by_type(
 # --- force and energy
 
 
+class StepStart(NamedTuple):
+    """How a contact is when a step begins."""
+
+    s: float  # compression, m (negative: gap); of friction, how far the bristle is bent
+    power: float  # s^α; 0 of an open contact, and of friction
+
+
 @inline
 def elastic_force(law, k, s):
     """Elastic force f(s) = kc·[s]₊^α, N."""
@@ -155,13 +162,14 @@ def potential_difference(law, k, s, b, eta):
 
 
 @inline
-def discrete_gradient(law, k, s, start_power, b, eta):
+def discrete_gradient(law, k, start, b, eta):
     """Discrete gradient φ = (V(b) - V(s))/η in units of the law, and its first three derivatives
     with respect to the end compression b.
 
-    For b > 0; s is the start compression, start_power is [s]₊^α, which counts where b < s, and η = b - s. These are
-    carried apart so that neither cancels (docs/design.md, sec. 3). Relative error a few 1e-16.
+    For b > 0, with η = b - s carried apart so that neither cancels (docs/design.md, sec. 3). Relative error a few
+    1e-16. start: StepStart, whose power counts where b < s
     """
+    s, start_power = start
     alpha, end_power = exponent(law, k), power(law, k, b)
     end = (alpha + 1.0) * end_power  # dV/db
     if s <= 0.0:  # entering: only part of the step is spent in contact
@@ -203,11 +211,11 @@ def law_in_step(contact, h, state):
 
 
 @inline
-def start_power_of(law, k, s):
-    """Return s^α of a contact that is closed; 0 of an open one, and of a point of friction. law: LossyLaw"""
+def step_start(law, k, s):
+    """Return the StepStart of contact k, or of a point of friction. law: LossyLaw"""
     if s <= 0.0 or slides(law.friction, k):
-        return 0.0
-    return power(law.elastic, k, s)
+        return StepStart(s, 0.0)
+    return StepStart(s, power(law.elastic, k, s))
 
 
 @inline
@@ -235,13 +243,11 @@ def response_leaving(law, k, s, eta, rate):
 
 
 @inline
-def response_in_contact(law, k, s, start_power, b, eta, rate):
+def response_in_contact(law, k, start, b, eta, rate):
     """Return the mean force and its first three derivatives by η for a step that ends at b > 0; 1 + rate·η ≥ 0.
-
-    start_power: [s]₊^α; it counts where b < s
-    """
+    start: StepStart, whose power counts where b < s"""
     unit = law.potential_coefficient[k]
-    f, df, ddf, dddf = discrete_gradient(law, k, s, start_power, b, eta)
+    f, df, ddf, dddf = discrete_gradient(law, k, start, b, eta)
     if rate > 0.0:
         w = max(0.0, 1.0 + rate * eta)
         f, df, ddf, dddf = f * w, df * w + f * rate, ddf * w + 2.0 * df * rate, dddf * w + 3.0 * ddf * rate
@@ -258,8 +264,8 @@ def contact_response(law, k, s, eta):
     if 1.0 + rate * eta <= 0.0:
         return 0.0, 0.0
     if b > 0.0:
-        start_power = power(law.elastic, k, s) if b < s else 0.0
-        f, df, _, _ = response_in_contact(law.elastic, k, s, start_power, b, eta, rate)
+        start = StepStart(s, power(law.elastic, k, s) if b < s else 0.0)
+        f, df, _, _ = response_in_contact(law.elastic, k, start, b, eta, rate)
         return f, df
     if s > 0.0:
         return response_leaving(law.elastic, k, s, eta, rate)

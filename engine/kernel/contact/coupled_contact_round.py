@@ -18,9 +18,9 @@ from engine.compiler.lanes import (
     splat,
     store_lanes,
 )
-from engine.kernel.contact.contact_law import contact_response, exponent, loss_rate_of, response_in_contact
+from engine.kernel.contact.contact_law import StepStart, contact_response, exponent, loss_rate_of, response_in_contact
 from engine.kernel.contact.friction_law import is_on_law, slides
-from engine.kernel.contact.scalar_contact_solver import solve_scalar_contact
+from engine.kernel.contact.scalar_contact_solver import ContactEquation, solve_scalar_contact
 from engine.kernel.data.enums import LANES, Row, SolveStatus
 from engine.kernel.modes.ordered_sums import sum_products
 
@@ -142,13 +142,13 @@ def project_onto_laws(problem, n):
     vectors, compliance, contacts = scratch.vectors, scratch.active_compliance, scratch.active
     s, g, target, rho = vectors[Row.START], vectors[Row.FREE_MOVE], vectors[Row.TARGET], vectors[Row.RHO]
     f, move = vectors[Row.ACTIVE_FORCE], vectors[Row.ACTIVE_STEP]
-    close, slope, start_power = vectors[Row.ACTIVE_END], vectors[Row.SLOPE], vectors[Row.START_POWER]
+    close, slope, power = vectors[Row.ACTIVE_END], vectors[Row.SLOPE], vectors[Row.START_POWER]
     residual = vectors[Row.RESIDUAL]
     count, how = 0, SolveStatus.FREE
     for i in range(n):
-        move[i], close[i], f[i], slope[i], count, how = solve_scalar_apart(
-            problem.law, contacts[i], s[i], start_power[i], target[i], rho[i], problem.tolerance, close[i]
-        )
+        start = StepStart(s[i], power[i])
+        equation = ContactEquation(problem.law, contacts[i], start, target[i], rho[i], problem.tolerance)
+        move[i], close[i], f[i], slope[i], count, how = solve_scalar_apart(equation, close[i])
     worst, sizes = 0.0, vectors[Row.WORK]
     multiply_compliance(compliance, n, f, residual)
     sum_sizes(compliance, n, f, sizes)
@@ -234,11 +234,11 @@ def extrapolation_error(law, k, s, estimate, move):
 
 
 @inline
-def second_order_change(law, k, s, start_power, estimate, move):
-    """Return the change of the force of contact k of second order in a small move. start_power: [s]₊^α"""
+def second_order_change(law, k, start, estimate, move):
+    """Return the change of the force of contact k of second order in a small move."""
     eta, b, f, _ = estimate
     if b > 0.0:
-        _, _, ddf, _ = response_in_contact(law.elastic, k, s, start_power, b, eta, loss_rate_of(law, k))
+        _, _, ddf, _ = response_in_contact(law.elastic, k, start, b, eta, loss_rate_of(law, k))
         return 0.5 * ddf * move * move
     return f * (move / eta) * (move / eta)
 
@@ -274,13 +274,13 @@ def try_extrapolate(problem, n):
         elif not contact_response(problem.law, k, s[i], eta[i] + after[i])[0] <= 0.0:
             return False
     if first > problem.tolerance:  # (I + J B) d = ½ f'' move², that is d = ½ f'' move² - J B (½ f'' move²) + …
-        bend, more, start_power = vectors[Row.GUESS], vectors[Row.TARGET], vectors[Row.START_POWER]
+        bend, more, power = vectors[Row.GUESS], vectors[Row.TARGET], vectors[Row.START_POWER]
         for i in range(n):
             bend[i] = 0.0
             k = contacts[i]
             if slope[i] > 0.0 and not slides(problem.law.friction, k):
                 estimate = ForceEstimate(eta[i], end[i], f[i], slope[i])
-                bend[i] = second_order_change(problem.law, k, s[i], start_power[i], estimate, after[i])
+                bend[i] = second_order_change(problem.law, k, StepStart(s[i], power[i]), estimate, after[i])
         multiply_compliance(compliance, n, bend, residual)
         for i in range(n):
             residual[i] = -residual[i]

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from engine.compiler.decorators import INT64_0, inline, noinline
-from engine.kernel.contact.contact_law import contact_response, start_power_of
+from engine.kernel.contact.contact_law import StepStart, contact_response, step_start
 from engine.kernel.contact.coupled_contact_round import (
     line_search,
     multiply_compliance,
@@ -31,6 +31,7 @@ from engine.kernel.contact.coupled_contact_round import (
     try_extrapolate,
 )
 from engine.kernel.contact.friction_law import acts, slides
+from engine.kernel.contact.scalar_contact_solver import ContactEquation
 from engine.kernel.data.enums import MAX_ROUNDS, Row, SolveStatus
 
 NO_CAP = MAX_ROUNDS + 1
@@ -64,8 +65,7 @@ def activate(problem, n, k, guess, target):
     row = problem.compliance[k * total : (k + 1) * total]
     for j in range(n + 1):
         compliance[n, j] = compliance[j, n] = row[active[j]]
-    s = problem.s[k]
-    vectors[Row.START, n], vectors[Row.START_POWER, n] = s, start_power_of(problem.law, k, s)
+    vectors[Row.START, n], vectors[Row.START_POWER, n] = step_start(problem.law, k, problem.s[k])
     vectors[Row.FREE_MOVE, n] = problem.g[k]
     vectors[Row.GUESS, n], vectors[Row.TARGET, n], vectors[Row.RHO, n] = guess, target, row[k]
     vectors[Row.ACTIVE_END, n] = 0.0
@@ -139,11 +139,8 @@ def initial_active_set(problem):
         k = scratch.active[i]
         row = problem.compliance[k * total : (k + 1) * total]
         target = eta[k] + row[k] * guess[i]
-        near = end[k] if guess[i] > 0.0 else 0.0
-        start_power = vectors[Row.START_POWER, i]
-        _, _, push, _, _, _ = solve_scalar_apart(
-            problem.law, k, s[k], start_power, target, row[k], SWEEP_TOLERANCE, near
-        )
+        start, near = StepStart(s[k], vectors[Row.START_POWER, i]), end[k] if guess[i] > 0.0 else 0.0
+        push = solve_scalar_apart(ContactEquation(problem.law, k, start, target, row[k], SWEEP_TOLERANCE), near)[2]
         change = push - guess[i]
         guess[i] = push
         if change != 0.0:

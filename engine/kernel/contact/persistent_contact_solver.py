@@ -74,13 +74,13 @@ def take_newton_step(problem, n):
     may not persist."""
     scratch = problem.scratch
     vectors, compliance, contacts = scratch.vectors, scratch.active_compliance, scratch.active
-    s, g, start_power = vectors[Row.START], vectors[Row.FREE_MOVE], vectors[Row.START_POWER]
+    s, g, power = vectors[Row.START], vectors[Row.FREE_MOVE], vectors[Row.START_POWER]
     f, eta, slope = vectors[Row.ACTIVE_FORCE], vectors[Row.ACTIVE_STEP], vectors[Row.SLOPE]
     residual, step, worst = vectors[Row.RESIDUAL], vectors[Row.NEWTON_STEP], 0.0
     for i in range(n):
         k = contacts[i]
         alpha, rate = exponent(problem.law.elastic, k), loss_rate_of(problem.law, k)
-        start_force = problem.law.elastic.potential_coefficient[k] * (alpha + 1.0) * start_power[i]
+        start_force = problem.law.elastic.potential_coefficient[k] * (alpha + 1.0) * power[i]
         f[i], slope[i] = persistent_response(start_force, alpha, rate, s[i], eta[i])
     multiply_compliance(compliance, n, f, residual)
     for i in range(n):

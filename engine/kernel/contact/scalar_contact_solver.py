@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 from engine.compiler.decorators import inline
 from engine.kernel.contact.contact_law import (
+    StepStart,
     exponent,
     inverse_power,
     loss_rate_of,
@@ -30,24 +31,23 @@ MAX_HALLEY_EVALUATIONS = 60  # bisection alone would be done by then
 
 
 class ContactEquation(NamedTuple):
-    """Equation of one contact for its force (docs/design.md, sec. 3); values as in `solve_scalar_contact`."""
+    """Equation of one contact for its force (docs/design.md, sec. 3)."""
 
-    law: Any
-    k: int
-    s: float
-    start_power: float
-    g: float
-    compliance: float
-    rate: float  # μ/h, 1/m; 0 without loss
-    tolerance: float
+    law: Any  # LossyLaw
+    k: int  # number of the contact in it
+    start: StepStart
+    g: float  # change of compression if there were no contact force, m
+    compliance: float  # B, change of compression per newton of contact force, m/N
+    tolerance: float  # relative error left in the end compression
 
 
 @inline
-def solve_separation(law, k, s, start_power, g, rate, elastic):
+def solve_separation(law, k, start, g, rate, elastic):
     """Solve for the end of a step that begins in contact and ends outside it, in closed form.
 
-    start_power is s^α, `elastic` is B·V(s), m². Returns η, b, f, df/dη.
+    `elastic` is B·V(s), m². Returns η, b, f, df/dη.
     """
+    s = start.s
     free_end = s + g
     rise = g + rate * elastic
     width = math.sqrt(rise * rise + 4.0 * elastic)
@@ -60,7 +60,7 @@ def solve_separation(law, k, s, start_power, g, rate, elastic):
         b = 0.5 * (total - width)
     else:
         b = 2.0 * (s * free_end - elastic * (1.0 - rate * s)) / (total + width)
-    mean = law.potential_coefficient[k] * s * start_power / -eta
+    mean = law.potential_coefficient[k] * s * start.power / -eta
     # 1 + rate·η, which is a root of w² - (1 + lossy_move + lossy_force)·w + lossy_move, without cancellation
     lossy_move, lossy_force = 1.0 + rate * g, 1.0 + rate * rate * elastic
     w = 2.0 * lossy_move / (lossy_move + lossy_force + rate * width)
@@ -105,9 +105,9 @@ def solve_quadratic(law, k, s, g, scale):
 
 
 @inline
-def initial_guess(law, k, s, start_power, g, scale):
-    """Return an end compression to begin with, from the asymptotes of the solution (docs/design.md, sec. 3).
-    start_power: [s]₊^α"""
+def initial_guess(law, k, start, g, scale):
+    """Return an end compression to begin with, from the asymptotes of the solution (docs/design.md, sec. 3)."""
+    s = start.s
     free_end = s + g
     alpha = exponent(law, k)
     n = alpha + 1.0
@@ -124,7 +124,7 @@ def initial_guess(law, k, s, start_power, g, scale):
         bottom = 2.0 * slope * slope - residual * (n * alpha * whole / (b * b) + 2.0)
         step = -2.0 * residual * slope / bottom if bottom > 0.0 else -residual / slope
         return min(free_end, max(b + step, 0.5 * b))
-    kappa = n * scale * start_power / s
+    kappa = n * scale * start.power / s
     away = (g / s - kappa) / (1.0 + 0.5 * alpha * kappa)  # Newton from b = s
     if abs(away) * alpha < 0.5:
         return s + s * away
@@ -138,30 +138,27 @@ def initial_guess(law, k, s, start_power, g, scale):
 
 
 @inline
-def initial_guess_lossy(law, k, s, start_power, g, scale, rate, b):
-    """Return an end compression to begin with under contact loss, given that without loss, b. start_power: [s]₊^α"""
+def initial_guess_lossy(law, k, start, g, scale, rate, b):
+    """Return an end compression to begin with under contact loss, given that without loss, b."""
+    s = start.s
     if s <= 0.0:
         return min(b, root_of_potential(law, k, (s + g) / (scale * rate)))
-    force = (exponent(law, k) + 1.0) * scale * start_power
+    force = (exponent(law, k) + 1.0) * scale * start.power
     newton = s + (g - force) / (1.0 + force * (0.5 * exponent(law, k) / s + rate))  # from b = s; never below the root
     return b if s - 1.0 / rate < b < newton else newton
 
 
 @inline
-def solve_scalar_contact(lossy_law, k, s, start_power, g, compliance, tolerance, near):
-    """Solve one contact equation.
+def solve_scalar_contact(equation, near):
+    """Solve a ContactEquation for the end compression b.
 
-    lossy_law, k: contact k's LossyLaw
-    s:           compression at the start of the step, m (negative: gap); of friction, how far the bristle is bent
-    start_power: s^α (`start_power_of`)
-    g:           change of compression if there were no contact force, m
-    compliance:  B, change of compression per newton of contact force, m/N
-    tolerance:   relative error left in b
-    near:        b as far as it is known, m; zero or less if nothing is known of it
+    near: b as far as it is known, m; zero or less if nothing is known of it
 
     Returns η (m), b (m), mean force f (N), slope df/dη (N/m), evaluations of the contact law, and SolveStatus (FREE,
     SEPARATION, CLOSED_FORM, NEWTON or FAILED).
     """
+    lossy_law, k, start, g, compliance, _ = equation
+    s = start.s
     if slides(lossy_law.friction, k):
         return solve_friction(lossy_law.friction, k, s, g, compliance)
     free_end = s + g
@@ -173,9 +170,9 @@ def solve_scalar_contact(lossy_law, k, s, start_power, g, compliance, tolerance,
     if s > 0.0:
         if rate * g <= -1.0:  # leaves faster than the loss allows a push: Hunt-Crossley never pulls
             return g, free_end, 0.0, 0.0, 0, SolveStatus.SEPARATION
-        elastic = scale * s * start_power
+        elastic = scale * s * start.power
         if s * free_end <= elastic * (1.0 - rate * s):
-            eta, b, force, slope = solve_separation(law, k, s, start_power, g, rate, elastic)
+            eta, b, force, slope = solve_separation(law, k, start, g, rate, elastic)
             return eta, b, force, slope, 0, SolveStatus.SEPARATION
     if rate == 0.0:
         if alpha == 1.0:
@@ -189,11 +186,11 @@ def solve_scalar_contact(lossy_law, k, s, start_power, g, compliance, tolerance,
     elif near > 0.0:
         b, eta = near, near - s
     else:
-        b = initial_guess(law, k, s, start_power, g, scale)
+        b = initial_guess(law, k, start, g, scale)
         if rate > 0.0:
-            b = initial_guess_lossy(law, k, s, start_power, g, scale, rate, b)
+            b = initial_guess_lossy(law, k, start, g, scale, rate, b)
         eta = b - s
-    return bracketed_halley(ContactEquation(law, k, s, start_power, g, compliance, rate, tolerance), b, eta)
+    return bracketed_halley(equation, b, eta)
 
 
 @inline
@@ -203,11 +200,11 @@ def bracketed_halley(equation, b, eta):
 
     The force is extrapolated over the last step, so no evaluation is spent on confirming it.
     """
-    law, k, s, start_power, g, compliance, rate, tolerance = equation
-    free_end = s + g
+    lossy_law, k, start, g, compliance, tolerance = equation
+    law, rate, s, free_end = lossy_law.elastic, loss_rate_of(lossy_law, k), start.s, start.s + g
     lower, upper = 0.0, free_end
     if s > 0.0 and rate == 0.0:  # the sign of the residual at b = s is the sign of κ - g/s
-        if g > compliance * law.potential_coefficient[k] * (exponent(law, k) + 1.0) * start_power:
+        if g > compliance * law.potential_coefficient[k] * (exponent(law, k) + 1.0) * start.power:
             lower = s
         else:
             upper = s
@@ -215,7 +212,7 @@ def bracketed_halley(equation, b, eta):
         lower, upper = max(0.0, s - 1.0 / rate), max(free_end, s)
     degree = exponent(law, k) + 1.0
     for evaluations in range(1, MAX_HALLEY_EVALUATIONS + 1):
-        f, df, ddf, dddf = response_in_contact(law, k, s, start_power, b, eta, rate)
+        f, df, ddf, dddf = response_in_contact(law, k, start, b, eta, rate)
         contact_displacement = compliance * f
         residual = (eta - g) + contact_displacement if abs(eta) < b else (b - free_end) + contact_displacement
         derivative = 1.0 + compliance * df

@@ -13,13 +13,13 @@ from engine.kernel.contact.contact_law import (
     energy_gained,
     force_of_lossy_law,
     law_in_step,
-    start_power_of,
+    step_start,
 )
 from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
 from engine.kernel.contact.friction_law import slides
 from engine.kernel.contact.persistent_contact_solver import solve_persistent
 from engine.kernel.contact.reduced_contact_solver import basis_of_island, solve_reduced
-from engine.kernel.contact.scalar_contact_solver import solve_scalar_contact
+from engine.kernel.contact.scalar_contact_solver import ContactEquation, solve_scalar_contact
 from engine.kernel.data.enums import Row, SolveStatus
 from engine.kernel.interactions.connections import (
     answer_contacts,
@@ -134,10 +134,9 @@ def solve_only_contact(contact, h, s, g, state):
     s, g: compression, and how the coming drift changes it without the force, m
     """
     law = law_in_step(contact, h, state)
-    start_power = start_power_of(law, INT64_0, s)
-    eta, b, f, _, evaluations, status = solve_scalar_contact(
-        law, INT64_0, s, start_power, g, h.compliance[0], contact.tolerance, 0.0
-    )
+    start = step_start(law, INT64_0, s)
+    equation = ContactEquation(law, INT64_0, start, g, h.compliance[0], contact.tolerance)
+    eta, b, f, _, evaluations, status = solve_scalar_contact(equation, 0.0)
     if not math.isfinite(eta + b + f):
         status = SolveStatus.FAILED
     count_outcome(state, evaluations, status)

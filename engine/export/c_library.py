@@ -24,7 +24,7 @@ from engine.export.row_recorder import (
     Pad,
     RowRecorder,
     Slider,
-    check_oversample,
+    check_output,
     keys_of_player,
     pads_of_player,
     player_of_keys,
@@ -66,7 +66,7 @@ def export_c(
     """
     if target not in TARGETS:
         raise ValueError(f"no target is called {target!r}; there are {', '.join(TARGETS)}")
-    check_oversample(scene, "C")
+    check_output(scene, "C")
     seconds = scene.seconds if seconds is None else seconds
     players = {SCORE: player_of_scene(scene, samplerate, KernelName.AUTO, seconds)}
     if players[SCORE].tables.exchanges:  # they part a block, of which fdh.c reads the whole

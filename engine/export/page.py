@@ -38,7 +38,7 @@ from engine.export.row_recorder import (
     PEDAL_DOWN,
     SHARES,
     RowRecorder,
-    check_oversample,
+    check_output,
     keys_of_player,
     pads_of_player,
     player_of_keys,
@@ -88,7 +88,7 @@ def make_page(
     Raises CannotExport (a ValueError) with the reason if the scene cannot become a page, BuildError (a ValueError) if
     it cannot be built.
     """
-    check_oversample(scene, "a page")
+    check_output(scene, "a page")
     if voices and slide:
         raise CannotExport("a page with voices has no sliders of its own choice: its voices share their tables")
     if voices:

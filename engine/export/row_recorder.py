@@ -107,8 +107,10 @@ def player_of_voices(scene: Scene, samplerate: int, kernel: str, voices: int, lo
     return _without_fades(RowRecorder(scene, samplerate, math.inf, kernel=kernel, voices=voices, lowest=lowest))
 
 
-def check_oversample(scene: Scene, place: str) -> None:
-    """Raise CannotExport if a scene is oversampled. place: where there is no filter"""
+def check_output(scene: Scene, place: str) -> None:
+    """Raise CannotExport if a scene is oversampled or has a tremolo. place: where there is neither"""
+    if scene.tremolo is not None and scene.tremolo.depth > 0.0:
+        raise CannotExport(f"a patch with a tremolo cannot be exported: in {place} there is none; set its depth to 0")
     if scene.accuracy.oversample > 1:
         raise CannotExport(f"a patch with oversample cannot be exported: in {place} there is no filter to decimate it")
 

@@ -17,6 +17,7 @@ from engine.offline.simulation import Simulation
 from engine.offline.statistics import RenderStatistics, island_statistics, simulation_statistics
 from engine.offline.stretching_record import FRAMES_OF_RENDER, Renderer, StretchingRecord
 from engine.offline.trace import TraceArrays, allocate_trace, name_columns, trace_rows
+from engine.offline.tremolo import apply_tremolo
 from engine.offline.trust import (
     explain_build_doubts,
     explain_doubts,
@@ -79,6 +80,7 @@ def render_arrays(
     if used.oversample > 1:
         simulation.render_block(audio[frames:], None if kept is None else trace_rows(kept, frames, len(audio)))
         audio = decimate(audio, used.oversample, frames // used.oversample)
+    audio = apply_tremolo(audio, scene.tremolo, samplerate)
     finite = bool(np.isfinite(audio).all())
     reasons = explain_build_doubts(scene.model_copy(update={"accuracy": used}), layout, model)
     reasons += explain_doubts(simulated.newton, simulated.energy.error_max, finite, used.precision)

@@ -69,7 +69,8 @@ class SweepPlan:
         scene = self._scenes[values]
         if not self.has_notes:
             return scene
-        return scene_with_note(scene, *self.note(point), self.hold, self.seconds)
+        note = scene_with_note(scene, *self.note(point), self.hold, self.seconds)
+        return note.model_copy(update={"tremolo": None})  # a sampler would change its rate with the pitch
 
     def note(self, point: GridPoint) -> tuple[str, int]:
         """The name of the key that is played at a point, and its velocity."""

@@ -18,6 +18,7 @@ from engine.export.scene_bytes import SceneBytes
 from engine.live.key_allocator import KeyAllocator, live_scene
 from engine.live.midi_notes import Note
 from engine.live.player import Player
+from engine.patch.tremolo import Tremolo
 from tests.export.tuned_scene import STOPPED_STRING, tuned_as_it_sounds
 
 COMPILER = shutil.which("gcc")
@@ -259,6 +260,8 @@ def test_what_cannot_be_exported_is_said_before_anything_is_made(tmp_path):
     coarse = scene.model_copy(update={"accuracy": scene.accuracy.replace(oversample=2)})
     with pytest.raises(CannotExport, match="oversample"):
         export_c(coarse, tmp_path / "c")
+    with pytest.raises(CannotExport, match="tremolo"):
+        export_c(scene.model_copy(update={"tremolo": Tremolo(rate=5.0)}), tmp_path / "c")
     for changed in (tuned_as_it_sounds("piano_c4", "string"), engine.load(STOPPED_STRING)):
         with pytest.raises(CannotExport, match="change bodies cannot be exported to C"):
             export_c(changed, tmp_path / "c")

@@ -15,6 +15,7 @@ from engine.export.page import compose
 from engine.export.row_recorder import keys_of_player, player_of_keys, player_of_scene, sliders_of_player
 from engine.files import shipped_names
 from engine.kernel.data.enums import EventKind
+from engine.patch.tremolo import Tremolo
 from tests.export.browser import (
     DISPLAY_SERVER,
     FIREFOX,
@@ -304,6 +305,8 @@ def test_what_cannot_become_a_page_is_said_before_anything_is_made(tmp_path, cap
     scene = engine.load("barrier_linear")
     with pytest.raises(CannotExport, match="oversample"):
         engine.export_page(scene.model_copy(update={"accuracy": scene.accuracy.replace(oversample=2)}))
+    with pytest.raises(CannotExport, match="tremolo"):
+        engine.export_page(scene.model_copy(update={"tremolo": Tremolo(rate=5.0)}))
     with pytest.raises(ValueError, match="no kernel of a page is called 'fast'; there are general and special"):
         engine.export_page(scene, kernel="fast")
     monkeypatch.chdir(tmp_path)

@@ -52,6 +52,26 @@ def test_the_callback_gives_the_offline_samples(path):
     assert player.counters[Slot.CALLS] > 50 and player.meter()["limited"] == 0
 
 
+TREMOLO = {"rate": 5.0, "depth": 0.8, "spread": 0.5}
+HEARD = {"body": "string", "at": 0.3}
+
+
+def test_a_tremolo_is_the_same_live_and_rendered():
+    """The left is loud where the right is soft: the factor is 1 - depth·sin²(π(rate·t + spread)); no body feels it."""
+    document = engine.load(PIANO).model_dump(exclude_none=True) | {"pickup": [HEARD, HEARD | {"channel": 2}]}
+    steady, scene = engine.load(document), engine.load(document | {"tremolo": TREMOLO})
+    frames, gain = 30_000, 1 / 64
+    player = Player(scene, gain=gain)
+    heard = called(player, frames, np.random.default_rng(1).integers(1, 1024, 200))
+    rendered, plain = (engine.render(one, seconds=frames / 44_100) for one in (scene, steady))
+    fade = int(player.counters[Slot.FADE_IN_FRAMES])
+    np.testing.assert_allclose(heard[fade:], (rendered.audio * gain)[fade:], rtol=1e-6, atol=1e-12)
+    time = np.arange(frames)[:, None] / 44_100
+    factor = 1.0 - 0.8 * np.sin(np.pi * (5.0 * time + [0.0, 0.5])) ** 2
+    assert np.abs(rendered.audio - plain.audio * factor).max() < 0.003 * np.abs(plain.audio).max()
+    assert rendered.stats["energy"] == plain.stats["energy"]
+
+
 def disturbed(player: Player, frames: int, seed: int) -> np.ndarray:
     """Play with strikes, dampers and knobs at random moments."""
     rng = np.random.default_rng(seed)

@@ -29,6 +29,7 @@ DIMENSIONLESS = {
     "pan", "poisson", "Note.velocity", "Note.release", "polyphony", "sustain", "soft", "sostenuto",
     "envelope", "velocity_envelope", "force_envelope", "static", "dynamic", "seed", "share", "polarisations",
     "range", "input", "ChangeEvent.value", "bend_range", "mpe_lower", "mpe_upper", "mpe_bend_range",
+    "Tremolo.depth", "spread",
 }  # fmt: skip
 PICKUP = {"body": "a"}
 MASS = {"name": "a", "kind": "mass", "mass": 1.0}

@@ -63,7 +63,7 @@ class SceneTables(Table):
         le=MAX_GRAVITY,
         description="downward acceleration of masses and oscillators, m/s²: with 9.81 their weight is -9.81 N/kg",
     )
-    tremolo: Tremolo | None = Field(default=None, description="tremolo of all that is heard")
+    tremolo: Tremolo | None = Field(default=None, description="tremolo of the output")
     accuracy: Accuracy = Field(default=Accuracy(), description="accuracy settings")
     body: list[Body] = Field(min_length=1, max_length=MAX_TABLES, description="the bodies")
     contact: list[Contact] = Field(

@@ -6,7 +6,7 @@ from engine.bodies.table import Table
 
 
 class Tremolo(Table):
-    """All that is heard becomes softer and louder in turn, as with the motor of a vibraphone."""
+    """The output becomes softer and louder in turn, as with the motor of a vibraphone."""
 
     rate: float = Field(gt=0.0, le=1000.0, description="how often it is softest in a second, Hz")
     depth: float = Field(

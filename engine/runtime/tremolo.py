@@ -1,5 +1,5 @@
-"""Tremolo: all that is heard becomes softer and louder in turn, as with the motor of a vibraphone. It acts on the
-output alone; no body feels it."""
+"""Tremolo: the output becomes softer and louder in turn, as with the motor of a vibraphone. It acts on the output
+alone; no body feels it."""
 
 from typing import Any
 

@@ -130,7 +130,7 @@ overload_by_type(
 
 
 class StepStart(NamedTuple):
-    """How a contact is when a step begins."""
+    """A contact at the begin of a step."""
 
     s: float  # compression, m (negative: gap); of friction, how far the bristle is bent
     power: float  # s^α; 0 of an open contact, and of friction

@@ -183,7 +183,7 @@ def solve_scalar_contact(equation, near):
             return eta, b, force, slope, 0, SolveStatus.CLOSED_FORM
     if scale <= 0.0:
         b, eta = free_end, g
-    elif near > 0.0:
+    elif near > 0.0 and (s <= 0.0 or 1.0 + rate * (near - s) > 0.0):  # beyond, the loss allows no push
         b, eta = near, near - s
     else:
         b = initial_guess(law, k, start, g, scale)

@@ -11,7 +11,9 @@ KEYS: dict[str, dict[str, str]] = {
     "": dict.fromkeys(("spring", "joint", "glue", "damper", "bond", "constraint", "connections", "coupling"), JOIN)
     | dict.fromkeys(("bridge", "board", "soundboard", "end"), f"{END}; {TOUCH}"),
     "body": dict.fromkeys(("spring", "springs", "glue", "joint", "connection", "damper", "rigid", "attach", "on"), JOIN)
-    | dict.fromkeys(("bridge", "board", "soundboard", "end", "termination"), f"{END}; {TOUCH}"),
+    | dict.fromkeys(("bridge", "board", "soundboard", "end", "termination"), f"{END}; {TOUCH}")
+    | {"height": "the height of a shell is its length"}
+    | dict.fromkeys(("youngs_modulus", "elastic_modulus"), "Young's modulus is young, Pa"),
     "contact": dict.fromkeys(
         ("glue", "joint", "rigid", "rest", "damping", "damping_coefficient"), f"a contact only pushes; {JOIN}"
     ),

@@ -33,6 +33,7 @@ def faults_of(text: str) -> list[str]:
         ("bouncing_ball", "barrier =", "barier =", 'contact[0].barier: unknown key; did you mean "barrier"?'),
         ("bouncing_ball", 'name = "ball"', 'name = "bal"', 'no body is named "ball", which several tables name; the'),
         ("bolt_on_a_string", 'kind = "mass"', 'kind = "mas"', 'body[1].kind: unknown kind "mas"; did you mean "mass"?'),
+        ("slack_bass", "young = 2e11", "young_modulus = 2e11", 'young_modulus: unknown key; did you mean "young"?'),
         ("grand_c4", "frequency = 261", "frequenci = 261", 'frequenci: unknown key; did you mean "frequency"?'),
         ("grand_c2", "on_at =", "onat =", 'connection[0].onat: unknown key; did you mean "on_at"?'),
         ("guitar_body", 'on = "air"', 'on = "ai"', '.on: no body is named "ai"; the bodies are'),

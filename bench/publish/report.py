@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import llvmlite.binding
+
 from bench.publish import stale
 from engine.provenance import describe_machine
 from engine.report import figures
@@ -17,12 +19,20 @@ RESULTS = ROOT / "bench" / "results"
 FIGURES = ROOT / "bench" / "figures"
 
 
+def processor(name: str) -> str:
+    """Its name, and the widest vectors that it computes with: twice as many numbers at once may halve a time."""
+    features = llvmlite.binding.get_host_cpu_features()
+    widest = next((label for feature, label in (("avx512f", "AVX-512"), ("avx2", "AVX2")) if features.get(feature)), "")
+    return f"{name} with {widest}" if widest else name
+
+
 def stamp(name: str) -> str:
     """What measured which kernels, where and when."""
     made = describe_machine()
     versions = ", ".join(f"{p} {made[p]}" for p in ("Python", "numba", "numpy"))
     return (
-        f"`uv run python -m bench {name}`, {datetime.date.today()}, {made['processor']}, {made['cores']} cores, "
+        f"`uv run python -m bench {name}`, {datetime.date.today()}, {processor(made['processor'])}, "
+        f"{made['cores']} cores, "
         f"{versions}, kernels {stale.present_kernels()}"
     )
 

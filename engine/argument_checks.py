@@ -1,12 +1,13 @@
 """Arguments of the Python interface: what is of no use is refused in a line that says what would be."""
 
 import operator
+from typing import Any
 
 
 def checked_number(name: str, value: float) -> float:
     """A number. Raises TypeError if it is none, ValueError if it is too large for one."""
     try:
-        if isinstance(value, str | bytes):
+        if isinstance(value, str | bytes | bool):
             raise TypeError
         return float(value)
     except (TypeError, ValueError):
@@ -18,6 +19,13 @@ def checked_number(name: str, value: float) -> float:
 def checked_integer(name: str, value: int) -> int:
     """A whole number. Raises TypeError if it is none."""
     try:
+        if isinstance(value, bool):
+            raise TypeError
         return operator.index(value)
     except TypeError:
         raise TypeError(f"{name} = {value!r} is not a whole number; give one, such as 0") from None
+
+
+def plain_number(value: Any) -> Any:
+    """A number of NumPy as one of Python; anything else as it is."""
+    return value.item() if hasattr(value, "item") and getattr(value, "ndim", None) == 0 else value

@@ -20,6 +20,7 @@ from engine.output_files import apply_gain, atomic_write, check_audio_format, sa
 from engine.patch.accuracy import Accuracy
 from engine.patch.error_messages import suggestion
 from engine.patch.scene import Scene, check_scene
+from engine.patch.scene_tables import MAX_LEVEL
 from engine.report.figures import PICTURE_ENDINGS, PLOT_STYLES, PlotStyle, save_figure, set_title
 from engine.wording import join_with_or
 
@@ -143,8 +144,8 @@ class Rendering(RenderedArrays):
         style:   of a picture, as of `plot`
 
         Returns the gain that was applied, dB. Warns of samples that a file of integers cuts off. Raises ValueError
-        if the format is none or cannot hold the sound, or there is no trace to write; OSError if the file cannot be
-        written: it is then as it was before.
+        if the format is none or cannot hold the sound, if the gain is out of range, or there is no trace to write;
+        OSError if the file cannot be written: it is then as it was before.
 
         >>> import engine
         >>> rendering = engine.render(engine.load("bouncing_ball"), seconds=0.5)
@@ -168,7 +169,9 @@ class Rendering(RenderedArrays):
             others = f" for the sound, in .npz for the trace, or in {join_with_or(PICTURE_ENDINGS)} for the picture"
             messages = [fault.message.replace("--subtype ", "subtype ") for fault in faults]
             raise ValueError("; ".join(m + others if m.endswith("end it in .wav") else m for m in messages))
-        file = SoundFile(path, subtype, None if gain is None else checked_number("gain", gain))
+        if gain is not None and not -MAX_LEVEL <= (gain := checked_number("gain", gain)) <= MAX_LEVEL:
+            raise ValueError(f"gain = {gain:g} is out of range; {-MAX_LEVEL:g} to {MAX_LEVEL:g} dB")
+        file = SoundFile(path, subtype, gain)
         sound = file.bring_to_level(self.audio, self.samplerate, self.silence is not None)
         if cut := sound.clipping:
             remedy = f"gain={cut.safe_gain:.1f} fits"
@@ -261,8 +264,8 @@ def render(
     kernel:     special, general or auto (engine.runtime.kernel_choice). The samples are the same
     trace_shapes: keep a trace, and with it shapes of strings, bars and sheets: 4000 of each at most and 64 MB in all,
                 evenly apart
-    accuracy:   scheme, order, substeps, max_error, max_substeps, tolerance, oversample, precision, iterations,
-                silence: of each, what the scene says if absent or None (engine.patch.accuracy)
+    accuracy:   scheme, order, substeps, max_error, max_substeps, least_detuning, tolerance, oversample, precision,
+                iterations, silence: of each, what the scene says if absent or None (engine.patch.accuracy)
 
     Raises TypeError if an argument is of the wrong kind or unknown, ValueError if one is out of range, BuildError
     (a ValueError) if the scene cannot be built at this sample rate.

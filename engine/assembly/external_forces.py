@@ -39,8 +39,8 @@ def force_table(force: Force | PluckEvent, samplerate: float, seconds: float = m
     """Return the table of a force: the mean of its values at the two ends of each step (eq. 34). The table ends after
     `seconds`, when the sound is over.
 
-    A step that a constant or a pulse covers in part counts by that part. This keeps the impulse exact wherever the
-    edges fall.
+    Of constants, pulses, half sines and plucks, it is the mean of all values over each step. This keeps the impulse
+    exact wherever the edges fall, and however short the force is.
     """
     with np.errstate(over="ignore"):  # a pulse may have almost no duration
         return _table(force, samplerate, _last_step(samplerate, seconds))
@@ -58,10 +58,8 @@ def _table(force: Force | PluckEvent, samplerate: float, last: int) -> ForceTabl
     if isinstance(force, PluckForce | PluckEvent):
         return _pluck(force, samplerate, last)
     if isinstance(force, HalfSineForce):
-        begin, length = force.start * samplerate, force.duration * samplerate
-        phase = np.arange(int(begin), min(int(np.ceil(begin + length)), last) + 1) - begin
-        values = np.where((phase > 0) & (phase < length), np.sin(np.pi * np.clip(phase / length, 0, 1)), 0.0)
-    elif isinstance(force, SineForce):
+        return _half_sine(force, samplerate, last)
+    if isinstance(force, SineForce):
         begin, time = _sample_times(force, samplerate, last)
         values = np.sin(2 * np.pi * force.frequency * time + force.phase) * _fade(force, time)
         values *= _envelope(force.envelope, time)
@@ -164,6 +162,14 @@ def _resample(values: np.ndarray, rate: float, samplerate: float) -> np.ndarray:
     import soxr
 
     return np.asarray(soxr.resample(values, rate, samplerate, "VHQ"))
+
+
+def _half_sine(force: HalfSineForce, samplerate: float, last: int) -> ForceTable:
+    """Return the table of half a period of a sine: the exact mean over each step."""
+    begin, length = force.start * samplerate, force.duration * samplerate
+    edges = np.arange(int(begin), min(int(np.ceil(begin + length)), last) + 1) - begin
+    impulse = 2 * length / np.pi * np.sin(np.pi / 2 * np.clip(edges / length, 0, 1)) ** 2  # up to each edge
+    return ForceTable(int(begin), force.amplitude * np.diff(impulse), 0.0)
 
 
 def _pluck(force: PluckForce | PluckEvent, samplerate: float, last: int) -> ForceTable:

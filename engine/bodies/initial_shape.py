@@ -83,8 +83,8 @@ class InitialMode(InitialShape):
     def modal(self, shape: Shape, quadrature: Quadrature, peak: Callable[[Any], Profile]) -> np.ndarray:
         """Raises UnfitBody."""
         positions = quadrature.everywhere
-        if self.number > shape(positions[0]).size:
-            raise UnfitBody(f"has no mode {self.number} below 0.49 of the sample rate; a lower one")
+        if self.number > (count := shape(positions[0]).size):
+            raise UnfitBody(f"has {count} modes at this sample rate, and no mode {self.number}; a lower one")
         parts = [np.array(positions[first : first + AT_ONCE]) for first in range(0, len(positions), AT_ONCE)]
         largest = max(float(np.max(np.abs(shape(part)[:, self.number - 1]))) for part in parts)
         modal = np.zeros(shape(positions[0]).size)

@@ -61,7 +61,7 @@ def export_command(args: argparse.Namespace) -> int:
     try:
         return _export_library(args, scene) if args.c else _export_page(args, scene)
     except CannotExport as error:
-        raise CommandError(f"{args.patch}: {error}") from None
+        raise CommandError(f"{args.patch}: {error}", 2) from None
 
 
 # --- a page

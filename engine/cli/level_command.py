@@ -9,7 +9,7 @@ from engine.cli import arguments
 from engine.cli.messages import InputError, memory_errors_explained, print_faults, print_result, read_patch
 from engine.cli.option_checks import check_kernel, read_options, samplerate_of
 from engine.cli.progress import progress_feedback
-from engine.faults import BuildError
+from engine.faults import BuildError, PatchError
 
 if TYPE_CHECKING:
     from engine.patch.scene import Scene
@@ -30,7 +30,7 @@ def add_level_command(commands: "arguments.Commands") -> None:
 
 def level_command(args: argparse.Namespace) -> int:
     """Measure the levels of patches; returns the exit code."""
-    from engine.patch.reader import locate_build_faults
+    from engine.patch.reader import locate_faults
 
     if faults := read_options(args) + check_kernel(args):
         raise InputError(faults)
@@ -40,8 +40,8 @@ def level_command(args: argparse.Namespace) -> int:
         if scene is not None:
             try:
                 measured.append(level_of(path, scene, args))
-            except BuildError as error:
-                faults = locate_build_faults(path, error.faults)
+            except (BuildError, PatchError) as error:
+                faults = locate_faults(path, error.faults)
             else:
                 if not args.json:
                     print(describe_level(measured[-1]), flush=True)

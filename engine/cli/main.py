@@ -29,7 +29,7 @@ from engine.cli.render_command import add_render_command
 from engine.cli.replay_command import add_replay_command
 from engine.cli.score_command import add_score_command
 from engine.cli.sweep_command import add_sweep_command
-from engine.faults import BuildError
+from engine.faults import BuildError, PatchError
 from engine.files import find_patch, is_folder, path_exists, shipped_names
 from engine.wording import join_with_or, program_name
 
@@ -92,10 +92,10 @@ def main(words: list[str] | None = None) -> int:
     except InputError as error:
         print_faults(error.faults)
         return 2
-    except BuildError as error:
-        from engine.patch.reader import locate_build_faults
+    except (BuildError, PatchError) as error:
+        from engine.patch.reader import locate_faults
 
-        print_faults(locate_build_faults(args.patch, error.faults))
+        print_faults(locate_faults(args.patch, error.faults))
         return 2
     except KeyboardInterrupt:
         print("interrupted; nothing was written", file=sys.stderr)

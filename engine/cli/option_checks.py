@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from engine import audio_formats
 from engine.cli.arguments import ACCURACY_OPTIONS, VOICES
 from engine.compiler.kernel_name import read_kernel_name
-from engine.faults import Fault
+from engine.faults import Fault, PatchError
 from engine.files import is_folder
 from engine.output_files import absolute_path, is_writable_folder
 from engine.report.figures import PICTURE_ENDINGS, PLOT_STYLES
@@ -56,12 +56,13 @@ def read_options(args: argparse.Namespace) -> list[Fault]:
 
 def _read_numbers(args: argparse.Namespace) -> list[Fault]:
     """Turn lengths, rate, gain and cores into numbers, in place; list their faults."""
-    from engine.patch.scene_tables import SAMPLE_RATE_RANGE
+    from engine.patch.frames import SAMPLE_RATE_RANGE
+    from engine.patch.scene_tables import MAX_LEVEL
     from engine.patch.tables import MAX_SECONDS
 
     ranges = {"seconds": (0.0, MAX_SECONDS, "s"), "samplerate": (*SAMPLE_RATE_RANGE, "Hz")}
     ranges |= {"hold": ranges["seconds"]}
-    ranges |= {"gain": (-400.0, 400.0, "dB"), "cores": (1, 1024, "cores")}
+    ranges |= {"gain": (-MAX_LEVEL, MAX_LEVEL, "dB"), "cores": (1, 1024, "cores")}
     faults: list[Fault] = []
     for name, (low, high, unit) in ranges.items():
         if (text := vars(args).get(name)) is None:
@@ -186,8 +187,10 @@ def default_sound(args: argparse.Namespace) -> Path:
 def read_paths(args: argparse.Namespace, *options: str) -> list[Fault]:
     """Turn the names of files to be written into paths, in place; list their faults. The sound always has a name, and
     a picture or a page that is given without one is called like the sound."""
-    named = {option: option.strip("-").replace("-", "_") for option in options}
+    faults, named = list[Fault](), {option: option.strip("-").replace("-", "_") for option in options}
     if "--output" in options:
+        if args.output == "":
+            faults.append(Fault("--output", "is empty; give the name of a file"))
         args.output = Path(args.output) if args.output else default_sound(args)
     for option, name in named.items():
         text = getattr(args, name)
@@ -196,7 +199,7 @@ def read_paths(args: argparse.Namespace, *options: str) -> list[Fault]:
         else:
             setattr(args, name, Path(text) if text else None)
     paths = {option: path for option, name in named.items() if (path := getattr(args, name)) is not None}
-    return [fault for option in paths for fault in check_path(option, paths)]
+    return faults + [fault for option in paths for fault in check_path(option, paths)]
 
 
 def check_path(option: str, paths: dict[str, Path]) -> list[Fault]:
@@ -227,6 +230,7 @@ def scene_of_key(scene: "Scene | None", args: argparse.Namespace) -> tuple["Scen
     """The scene, or that of one note of it if the options ask for one; and the faults of these options."""
     from engine.instrument.tables import DEFAULT_VELOCITY
     from engine.patch.note_scene import scene_of_note
+    from engine.patch.reader import locate_faults
 
     velocity = args.velocity
     if velocity is not None and not (velocity.isdecimal() and 1 <= int(velocity) <= 127):
@@ -239,6 +243,8 @@ def scene_of_key(scene: "Scene | None", args: argparse.Namespace) -> tuple["Scen
         return None, []
     try:
         return scene_of_note(scene, args.key, int(velocity or DEFAULT_VELOCITY)), []
+    except PatchError as error:
+        return None, locate_faults(args.patch, error.faults)
     except ValueError as error:
         return scene, [Fault("--key", str(error))]
 

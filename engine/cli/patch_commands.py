@@ -4,6 +4,7 @@ import argparse
 import difflib
 import json
 import os
+import shlex
 import sys
 from dataclasses import asdict
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING
 from engine.cli import arguments
 from engine.cli.messages import CommandError, InputError, print_faults, print_result, read_patch, require_scene
 from engine.cli.option_checks import DEFAULT_SAMPLERATE
-from engine.faults import BuildError, Fault
+from engine.faults import BuildError, Fault, PatchError
 from engine.files import SHIPPED_PATCHES, is_folder, path_exists
 from engine.wording import program_name, to_one_line
 
@@ -68,18 +69,21 @@ def check_patches(args: argparse.Namespace) -> int:
 
 
 def check_build(path: str, scene: "Scene") -> tuple[list[Fault], list[str]]:
-    """Build a patch at the usual sample rate; return the faults that prevent rendering, and notes for its author."""
+    """Build a patch at the usual sample rate, and try all keys of an instrument; return the faults that prevent
+    rendering, and notes for its author."""
     from engine.analysis.undamped import undamped_modes
     from engine.assembly import limits
     from engine.assembly.build import build
-    from engine.patch.reader import locate_build_faults
+    from engine.patch.note_scene import check_all_keys
+    from engine.patch.reader import locate_faults
 
     rate = DEFAULT_SAMPLERATE * scene.accuracy.oversample
     try:
         limits.check_forces(scene, rate, scene.seconds)
         layout = build(scene, rate, seconds=0.0).layout  # with its forces, but not the tables of hours
-    except BuildError as error:
-        return locate_build_faults(path, error.faults), []
+        check_all_keys(scene)
+    except (BuildError, PatchError) as error:
+        return locate_faults(path, error.faults), []
     return [], [
         f"{to_one_line(name, LONGEST_PATH)} never decays, because nothing damps {count} of its modes"
         for name, count in undamped_modes(layout).items()
@@ -148,7 +152,8 @@ def start_patch(args: argparse.Namespace) -> int:
         f"{path}: written from the template {like}"
         + ("" if args.like else f"; other templates for --like: {other_templates(templates, like)}")
     )
-    print(f"  {start_command()} check {path}\n  {start_command()} render {path}")
+    typed = shlex.quote(str(path if path.parts[0][0] != "-" else Path(".") / path))
+    print(f"  {start_command()} check {typed}\n  {start_command()} render {typed}")
     return 0
 
 

@@ -7,7 +7,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from engine.bodies.table import make_fault
-from engine.instrument.key_names import note_name, parse_key, parse_keys
+from engine.instrument.key_names import describe_keys, note_name, parse_key, parse_keys
 from engine.instrument.key_writer import SECTIONS, KeyWriter, Origins
 from engine.instrument.score import Score, read_score
 from engine.instrument.score_events import score_events
@@ -100,13 +100,6 @@ def _check_score(score: Score, keys: list[int]) -> Iterator[Any]:
         if note.key not in known:
             message = f"the instrument has no key {note_name(note.key)}"
             yield make_fault(("note", i, "key"), note_name(note.key), message, f"{describe_keys(keys)}")
-
-
-def describe_keys(keys: list[int]) -> str:
-    """The keys of an instrument, in words."""
-    if keys[-1] - keys[0] + 1 == len(keys):
-        return f"{note_name(keys[0])} to {note_name(keys[-1])}"
-    return ", ".join(note_name(key) for key in keys)
 
 
 def parse_key_of(document: dict[str, Any], text: str) -> int:

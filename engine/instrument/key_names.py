@@ -54,3 +54,10 @@ def parse_keys(text: str) -> range:
 def name_of_copy(key: int, name: str, copy: int | None) -> str:
     """The name in the scene of what a key has: C4_string1, Fs3_hammer; `copy` from 1, None of what there is once."""
     return f"{plain_note_name(key)}_{name}{'' if copy is None else copy}"
+
+
+def describe_keys(keys: list[int]) -> str:
+    """Some keys, upwards, in words."""
+    if keys[-1] - keys[0] + 1 == len(keys):
+        return f"{note_name(keys[0])} to {note_name(keys[-1])}"
+    return ", ".join(note_name(key) for key in keys)

@@ -33,6 +33,9 @@ class KeyWriter:
         values = self.keyboard.get("values") or {}
         for error in [*wrong_formulas(values, ("keyboard", "values")), *wrong_formulas(self.tables, ("key",))]:
             self.add_fault(error.path, error.value, error.message, error.remedy)
+        mono, known = self.keyboard.get("mono"), [*values, *names_of_key(0, 1.0)]
+        if mono is not None and mono not in known:
+            self.add_fault(("keyboard", "mono"), mono, "no value has this name", f"one of {', '.join(known)}")
 
     def names(self, key: int) -> dict[str, float]:
         """Return the names that formulas can use at a key: those of the key, and the values of the patch."""

@@ -1,12 +1,12 @@
 """The tables of an instrument: the keyboard, what each key has, and the score of notes and pedals."""
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, model_validator
 from pydantic_core import PydanticCustomError
 
 from engine.bodies.table import Table
-from engine.instrument.key_names import HIGHEST_KEY, parse_key, parse_keys
+from engine.instrument.key_names import HIGHEST_KEY, describe_keys, parse_key, parse_keys
 from engine.wording import format_value
 
 MAX_SCORE_SECONDS = 3_600.0  # as a rendering
@@ -47,7 +47,8 @@ def _check_drums(drums: dict[str, str], info: ValidationInfo) -> dict[str, str]:
             message = "{value} is not the key of a drum; a whole number, such as 38 for the acoustic snare"
             raise PydanticCustomError("scene", message, {"value": format_value(drum)})
         if known and parse_key(key) not in known:
-            raise PydanticCustomError("scene", "the instrument has no key {key}", {"key": key})
+            names = {"key": key, "known": describe_keys(sorted(known))}
+            raise PydanticCustomError("scene", "the instrument has no key {key}; {known}", names)
     return drums
 
 
@@ -134,6 +135,12 @@ class Pedal(Table):
         default=None,
         description="sostenuto pedal: from 0.5 on, it keeps the dampers lifted of the keys that are down at that time",
     )
+
+    @model_validator(mode="after")
+    def _moves(self) -> Self:
+        if self.sustain is None and self.soft is None and self.sostenuto is None:
+            raise PydanticCustomError("scene", "no pedal is moved; give sustain, soft or sostenuto, from 0 to 1")
+        return self
 
 
 class InstrumentDocument(BaseModel):

@@ -4,8 +4,6 @@ import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pydantic import ValidationError
-
 from engine.instrument.expansion import expand_for_score, keys_of
 from engine.instrument.key_names import note_name
 from engine.instrument.score import PedalMove, PlayedNote, Score, make_score
@@ -30,7 +28,7 @@ class PlayedFile(NamedTuple):
 
 
 def scene_of_file(scene: Scene, path: Path, excerpt: Excerpt = ALL_NOTES) -> PlayedFile:
-    """An instrument that plays a MIDI file. Raises MidiError."""
+    """An instrument that plays a MIDI file. Raises MidiError, PatchError if the patch has an error at a key."""
     document = scene.instrument
     if document is None:
         raise MidiError("the patch is not an instrument: it has no [keyboard]")
@@ -44,17 +42,13 @@ def scene_of_file(scene: Scene, path: Path, excerpt: Excerpt = ALL_NOTES) -> Pla
     if score.end > MAX_SECONDS:
         limit = f"{MAX_SECONDS:g}"
         raise MidiError(f"{path} lasts {score.end:.0f} s; the limit is {limit} s: give --seconds {limit}")
-    try:
-        expansion = expand_for_score(document | {"seconds": excerpt.seconds}, score)
-        if count := sum(note.kind == "bend" for note in notes):
-            bends = KeyBends(list(bent_parameters(expansion.document["body"], known)))
-            expansion.document["event"] = [*expansion.document.get("event", []), *bend_events(bends, notes)]
-            ignored = ignored if bends.parameters else ignored | {"pitch bend": count}
-        check_events(path, expansion.document.get("event", []), score)
-        played = scene.with_expansion(expansion)
-    except ValidationError as error:
-        raise MidiError(f"{path} cannot be played ({error.errors()[0]['msg']})") from None
-    return PlayedFile(played, score, [note_name(key) for key in refused], ignored, file)
+    expansion = expand_for_score(document | {"seconds": excerpt.seconds}, score)
+    if count := sum(note.kind == "bend" for note in notes):
+        bends = KeyBends(list(bent_parameters(expansion.document["body"], known)))
+        expansion.document["event"] = [*expansion.document.get("event", []), *bend_events(bends, notes)]
+        ignored = ignored if bends.parameters else ignored | {"pitch bend": count}
+    check_events(path, expansion.document.get("event", []), score)
+    return PlayedFile(scene.with_expansion(expansion), score, [note_name(key) for key in refused], ignored, file)
 
 
 def check_events(path: Path, events: list[dict[str, Any]], score: Score) -> None:

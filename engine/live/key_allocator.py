@@ -28,7 +28,7 @@ DEFAULT_POLYPHONY = 24
 
 def live_scene(scene: Scene, keys: list[int] | None = None) -> Scene:
     """An instrument with some keys, or all, at rest with its dampers down, to be played. Raises ValueError if it is
-    none."""
+    none, PatchError if the patch has an error at one of them."""
     document = scene.instrument
     if document is None:
         raise ValueError("the patch is not an instrument; an instrument has a [keyboard]")

@@ -7,8 +7,7 @@ from contextlib import suppress
 from typing import Any
 
 from engine.bodies import Mass, Oscillator
-from engine.instrument.expansion import describe_keys
-from engine.instrument.key_names import HIGHEST_KEY, LOWEST_KEY, note_name, parse_key
+from engine.instrument.key_names import HIGHEST_KEY, LOWEST_KEY, describe_keys, note_name, parse_key
 from engine.live.controls import Controls
 from engine.live.key_allocator import KeyAllocator
 from engine.live.midi import Allocator, make_allocator

@@ -38,7 +38,7 @@ from engine.live.shared_memory import Gauge, Slot
 from engine.live.voices import replicate, retune
 from engine.offline.energy_statistics import energy_statistics
 from engine.offline.statistics import capped_samples, newton_statistics
-from engine.patch.frames import nearest_frame
+from engine.patch.frames import check_samplerate, nearest_frame
 from engine.patch.live_parameters import LivePath, live_paths
 from engine.patch.scene import Scene, check_scene
 from engine.runtime.helpers import start_helpers
@@ -72,6 +72,9 @@ class Player:
         seconds = scene.seconds if seconds is None else checked_number("seconds", seconds)
         if not math.isfinite(gain):
             raise ValueError(f"gain = {gain} is not a finite factor")
+        if not seconds > 0.0:
+            raise ValueError(f"seconds = {seconds:g} is out of range; more than 0")
+        check_samplerate(samplerate)
         if scene.accuracy.oversample > 1:
             message = "live sound cannot be oversampled; use order or substeps, or render the patch"
             raise BuildError(Fault("accuracy.oversample", message))
@@ -113,9 +116,11 @@ class Player:
 
     def render_into(self, out: np.ndarray) -> None:
         """Play the next len(out) frames into out, single precision [frames, channels], contiguous; silence once all is
-        over. Raises ValueError for another array."""
-        if out.dtype != np.float32 or not out.flags.c_contiguous or out.shape[1:] != (self.channels,):
-            raise ValueError(f"out must be float32 [frames, {self.channels}], contiguous")
+        over. Raises ValueError for another array, TypeError for none."""
+        if not isinstance(out, np.ndarray):
+            raise TypeError(f"out must be an array, not {type(out).__name__}")
+        if out.dtype != np.float32 or not out.flags.carray or out.shape[1:] != (self.channels,):
+            raise ValueError(f"out must be float32 [frames, {self.channels}], contiguous and writeable")
         player: Player | None = self
         while player is not None:
             player._parameters.before_block()
@@ -146,9 +151,15 @@ class Player:
         self.counters[Slot.STOP_REQUESTED] = 1
 
     def cross_fade_to(self, following: "Player") -> None:
-        """Let another player take over: one sound fades into the other. Raises ValueError if it has other channels."""
+        """Let another player take over: one sound fades into the other. Raises TypeError if it is no player, ValueError
+        if it has other channels, or plays already."""
+        if not isinstance(following, Player):
+            raise TypeError(f"{following!r} is not a player; give one, such as engine.Player(scene)")
+        if following is self or following.frame > 0 or following._successor is not None:
+            raise ValueError("this player plays already; give another one")
         if (following.channels, following.samplerate) != (self.channels, self.samplerate):
-            raise ValueError(f"it has {following.channels} channels instead of {self.channels}; stop and start again")
+            its, own = (f"{p.channels} channels at {p.samplerate} Hz" for p in (following, self))
+            raise ValueError(f"it has {its}, not {own}; stop and start again")
         frames = nearest_frame(CROSS_FADE_SECONDS, self.samplerate)
         if self.counters[Slot.STOP_REQUESTED] or self.frame + frames >= self.counters[Slot.END]:
             raise ValueError("playing has ended")

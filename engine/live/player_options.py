@@ -29,11 +29,16 @@ class PlayerOptions:
 
 
 def checked_options(options: Mapping[str, Any]) -> PlayerOptions:
-    """Return options by name as a record. Raises TypeError for one that is unknown or of the wrong kind."""
+    """Return options by name as a record. Raises TypeError for one that is unknown or of the wrong kind,
+    ValueError if one is out of range."""
     names = [field.name for field in fields(PlayerOptions)]
     for name in options:
         if name not in names:
             raise TypeError(f"Player has no argument {name!r}; {suggestion(name, names)}")
     checked = PlayerOptions(**options)
     voices, cores = checked_integer("voices", checked.voices), checked_integer("cores", checked.cores)
+    if voices < 0:
+        raise ValueError(f"voices = {voices} is out of range; 0 or more")
+    if cores < 1:
+        raise ValueError(f"cores = {cores} is out of range; at least 1")
     return replace(checked, voices=voices, cores=cores, waiting=checked.waiting or voices > 0)

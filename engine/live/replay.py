@@ -15,8 +15,8 @@ from engine.kernel.data.enums import FRICTION_EVENTS, EventKind
 from engine.live.audio_memory import MAX_FRAMES
 from engine.live.player import Player
 from engine.live.shared_memory import Slot
+from engine.patch.frames import SAMPLE_RATE_RANGE
 from engine.patch.scene import Scene
-from engine.patch.scene_tables import SAMPLE_RATE_RANGE
 from engine.patch.tables import MAX_EXPONENT
 
 MAX_LOG_BYTES = 64_000_000  # bytes of a log

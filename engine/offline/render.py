@@ -25,9 +25,8 @@ from engine.offline.trust import (
     warn_of_strong_loss,
     warnings,
 )
-from engine.patch.frames import frame_count
+from engine.patch.frames import check_samplerate, frame_count
 from engine.patch.scene import Scene
-from engine.patch.scene_tables import SAMPLE_RATE_RANGE
 from engine.patch.tables import MAX_SECONDS
 
 FIRST_CHUNK_FRAMES = 64  # to see how long they take
@@ -117,10 +116,7 @@ def _check_arguments(seconds: float, samplerate: int, cores: int | None) -> None
     """Raise ValueError if an argument of `render_arrays` is out of range."""
     if not 0 < seconds <= MAX_SECONDS:
         raise ValueError(f"seconds = {seconds:g} is out of range; more than 0, at most {MAX_SECONDS:g}")
-    if not SAMPLE_RATE_RANGE[0] <= samplerate <= SAMPLE_RATE_RANGE[1]:
-        raise ValueError(
-            f"samplerate = {samplerate} is out of range; {SAMPLE_RATE_RANGE[0]} to {SAMPLE_RATE_RANGE[1]} Hz"
-        )
+    check_samplerate(samplerate)
     if cores is not None and cores < 1:
         raise ValueError(f"cores = {cores} is out of range; at least 1")
 

@@ -6,7 +6,9 @@ from typing import Any, Literal, NamedTuple
 
 from pydantic import Field, ValidationError
 
+from engine.argument_checks import plain_number
 from engine.bodies.table import Table
+from engine.faults import BuildError, Fault
 from engine.wording import describe_violation
 
 MAX_SUBSTEPS = 8192
@@ -67,15 +69,19 @@ class Accuracy(Table):
     )
 
     def replace(self, **changes: Any) -> "Accuracy":
-        """A copy with the values that are not None in place of its own. Raises ValueError if one is out of range."""
-        values = {name: value for name, value in changes.items() if value is not None}
+        """A copy with the values that are not None in place of its own. Raises ValueError if one is out of range, or
+        BuildError, which is one, if max_substeps is without max_error."""
+        values = {name: plain_number(value) for name, value in changes.items() if value is not None}
         try:
-            return Accuracy.model_validate(self.model_dump() | values)
+            changed = Accuracy.model_validate(self.model_dump() | values)
         except ValidationError as error:
             first = error.errors()[0]
             raise ValueError(
                 f"{first['loc'][0]} = {first['input']} is out of range; {describe_violation(first)}"
             ) from None
+        if changed.max_substeps != self.max_substeps and changed.max_error is None:
+            raise BuildError(Fault("accuracy.max_substeps", "has no effect without max_error; give that too"))
+        return changed
 
     def coarser(self) -> list["Accuracy"]:
         """This setting, and coarser ones down to one step of order 2 per sample."""

@@ -1,9 +1,6 @@
 """One note of an instrument, as a scene."""
 
-from pydantic import ValidationError
-
-from engine.faults import Fault, PatchError
-from engine.instrument.expansion import expand_for_score, parse_key_of
+from engine.instrument.expansion import expand_for_score, keys_of, parse_key_of
 from engine.instrument.score import PlayedNote, make_score
 from engine.patch.scene import Scene
 
@@ -29,7 +26,16 @@ def scene_of_note(
     number = parse_key_of(document, str(key))
     length = hold + TAIL_SECONDS if seconds is None else seconds
     score = make_score([PlayedNote(0.0, number, velocity, hold, UNKNOWN_RELEASE)])
-    try:
-        return scene.with_expansion(expand_for_score(document | {"seconds": length}, score))
-    except ValidationError as error:
-        raise PatchError([Fault("", e["msg"]) for e in error.errors(include_url=False)]) from None
+    return scene.with_expansion(expand_for_score(document | {"seconds": length}, score))
+
+
+def check_all_keys(scene: Scene) -> None:
+    """Raise PatchError if an instrument has an error at a key, pressed as softly or as hard as can be."""
+    document = scene.instrument
+    if document is None:
+        return
+    seconds = document.get("seconds")
+    document = document | {"seconds": None if seconds is None else max(seconds, TAIL_SECONDS)}
+    for velocity in (1, 127):
+        notes = [PlayedNote(0.0, key, velocity, 0.1, UNKNOWN_RELEASE) for key in keys_of(document["keyboard"])]
+        scene.with_expansion(expand_for_score(document, make_score(notes)))

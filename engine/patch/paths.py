@@ -1,5 +1,6 @@
 """Paths of values in a patch: `contact.felt.stiffness`, `event.0.time`; as `fdh params` lists them."""
 
+import re
 import typing
 from collections.abc import Mapping
 from typing import Any
@@ -15,6 +16,8 @@ from engine.patch.parameters import list_parameters
 from engine.patch.reader import DOCUMENT, S, validate_document
 from engine.patch.renamed_keys import current_key
 from engine.patch.scene_tables import SceneTables
+
+NUMBER = re.compile(r"\[(\d+)\]")  # of a table, in the paths of faults
 
 
 def replace_values(scene: S, values: Mapping[str, Any]) -> S:
@@ -59,14 +62,14 @@ def set_value(data: dict[str, Any], key_path: KeyPath, value: Any) -> None:
 def locate(path: str, scene: SceneTables, data: dict[str, Any]) -> tuple[KeyPath, bool]:
     """Find the keys in the document that a path such as contact.glass.loss leads to, and whether integers belong there.
 
-    Raises ValueError, which says what is not there, and what is.
+    body[0].length, as faults have it, is body.0.length. Raises ValueError, which says what is not there, and what is.
     """
     node: Any = scene
     key_path: KeyPath = ()
-    integer, prefix = False, ""
-    for word in path.split("."):
+    integer, prefix, dotted = False, "", NUMBER.sub(r".\1", path)
+    for word in dotted.split("."):
         part = _current_part(word, key_path, node)
-        integer, suffix = False, path[len(prefix + word) :]
+        integer, suffix = False, dotted[len(prefix + word) :]
         if isinstance(node, BaseModel):
             fields = type(node).model_fields
             if part not in fields:

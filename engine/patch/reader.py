@@ -15,8 +15,10 @@ from pydantic import ValidationError
 from engine.bodies.table import KeyPath
 from engine.faults import Fault, PatchError, PatchWarning
 from engine.files import MB, SHIPPED_PATCHES, UnreadableFile, find_patch, is_folder, read_bytes
+from engine.instrument.expansion import Expansion, is_instrument
 from engine.instrument.key_writer import Origins
 from engine.output_files import error_reason
+from engine.patch.bow import expand_bows
 from engine.patch.error_messages import (
     MAX_KEY_CHARACTERS,
     describe_error,
@@ -110,6 +112,15 @@ def validate_document(
     raise PatchError(faults if text else [replace(fault, line=None) for fault in faults])
 
 
+def validate_expansion(kind: type[S], document: Any, folder: Path, expansion: Expansion) -> S:
+    """Make a scene of an instrument that is written out for other keys or another score. Raises PatchError, with paths
+    of its document."""
+    result = _validate(kind, document, folder, RenamedKeys(), expansion)
+    if isinstance(result, SceneTables):
+        return result
+    raise PatchError([replace(fault, line=None) for fault in _make_faults(DOCUMENT, "", result)])
+
+
 class BlamedError(NamedTuple):
     """An error of a document, with the path of the key to blame, as the patch has it.
 
@@ -121,27 +132,33 @@ class BlamedError(NamedTuple):
     key: str
 
 
-def _validate(kind: type[S], data: dict[str, Any], folder: Path, renamed: RenamedKeys) -> S | list[BlamedError]:
-    """Make a scene of a document, or list what is wrong with it."""
+def _validate(
+    kind: type[S], data: dict[str, Any], folder: Path, renamed: RenamedKeys, expansion: Expansion | None = None
+) -> S | list[BlamedError]:
+    """Make a scene of a document, or list what is wrong with it. expansion: of an instrument, if not its own score's"""
     origins: Origins = {}
+    context = {"folder": folder, "origins": origins, "renamed": renamed, "expansion": expansion}
     try:
-        return kind.model_validate(data, context={"folder": folder, "origins": origins, "renamed": renamed})
+        return kind.model_validate(data, context=context)
     except ValidationError as error:
         return _once_each(_blame(e, origins, renamed) for e in error.errors(include_url=False))
 
 
-def locate_build_faults(file: str, faults: list[Fault]) -> list[Fault]:
-    """Add the file and the lines of a patch to the faults of a BuildError."""
+def locate_faults(file: str, faults: list[Fault]) -> list[Fault]:
+    """Add the file and the lines of a patch to faults that have only the paths of its keys."""
     try:
-        text, renamed = read_text(Path(file)), RenamedKeys()
+        text, renamed, origins = read_text(Path(file)), RenamedKeys(), Origins()
         lines = locate_keys(text)
-        rename_keys(tomllib.loads(text), renamed)
+        document = rename_keys(tomllib.loads(text), renamed)
+        if not is_instrument(document):
+            expand_bows(document, False, origins)
     except (PatchError, ValueError):  # the file was changed since
         return [replace(fault, file=file) for fault in faults]
     located = []
     for fault in faults:
         path = _parse_path(fault.path)
-        own = renamed.path_in_patch(path)
+        table = origins.get((str(path[0]), int(path[1]))) if len(path) > 1 and isinstance(path[1], int) else None
+        own = renamed.path_in_patch((*table[0], *path[2:]) if table else path)
         named = fault.path if own == path else format_path(own)
         located.append(replace(fault, path=named, file=file, line=nearest_line(lines, own)))
     return located

@@ -4,9 +4,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from engine.instrument.expansion import Expansion
 from engine.patch.parameters import Parameter, list_parameters
 from engine.patch.paths import replace_values
-from engine.patch.reader import DOCUMENT, read_scene, validate_document
+from engine.patch.reader import DOCUMENT, read_scene, validate_document, validate_expansion
 from engine.patch.scene_tables import SceneTables
 from engine.wording import to_one_line
 
@@ -49,6 +50,11 @@ class Scene(SceneTables):
         """
         given = dict(path) if isinstance(path, Mapping) else {} if path is None else {path: value}
         return replace_values(self, given | values)
+
+    def with_expansion(self, expansion: Expansion) -> "Scene":
+        """Another scene of the same instrument: of other keys, or another score. Raises PatchError, with paths of the
+        patch."""
+        return validate_expansion(Scene, self._document, self._folder, expansion)
 
 
 def load(path: str | Path | dict[str, Any]) -> Scene:

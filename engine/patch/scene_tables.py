@@ -19,13 +19,14 @@ from engine.bodies.csv_files import read_modes, read_shape
 from engine.bodies.table import KeyPath, Table, make_fault
 from engine.faults import PatchWarning
 from engine.files import check_regular_file
-from engine.instrument.expansion import Expansion, expand, is_instrument
+from engine.instrument.expansion import expand, is_instrument
 from engine.instrument.tables import Keyboard, KeyTables, Note, Pedal
 from engine.output_files import error_reason
 from engine.patch.accuracy import Accuracy
 from engine.patch.bow import Bow, expand_bows
 from engine.patch.control_rules import as_plain_change, check_changes, check_controls
 from engine.patch.control_tables import Control, Midi
+from engine.patch.frames import SAMPLE_RATE_RANGE
 from engine.patch.friction import Friction
 from engine.patch.live_parameters import live_paths
 from engine.patch.positions import tables_of
@@ -35,7 +36,6 @@ from engine.patch.tables import MAX_GRAVITY, MAX_SECONDS, Connection, Contact, E
 from engine.patch.tremolo import Tremolo
 from engine.wording import to_one_line
 
-SAMPLE_RATE_RANGE = (4_000, 768_000)  # Hz
 MAX_LEVEL = 400.0  # dB, either way
 MAX_TABLES = 5_000  # of one section
 MAX_EVENTS = 100_000
@@ -149,13 +149,6 @@ class SceneTables(Table):
     def instrument(self) -> dict[str, Any] | None:
         """The document of the instrument that this scene was written out from; None if it is none."""
         return self._document
-
-    def with_expansion(self, expansion: Expansion) -> Self:
-        """Another scene of the same instrument: of other keys, or another score. Raises ValidationError."""
-        if expansion.faults:
-            raise ValidationError.from_exception_data(type(self).__name__, expansion.faults[:MAX_FAULTS_COLLECTED])
-        context = {"folder": self._folder, "expansion": expansion}
-        return type(self).model_validate(self._document, context=context)
 
     @property
     def document(self) -> dict[str, Any]:

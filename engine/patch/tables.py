@@ -5,10 +5,21 @@ Field descriptions carry unit and meaning; ranges are part of the fields.
 
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Discriminator, Field, Tag, WithJsonSchema
+from pydantic import AfterValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
 
-from engine.bodies.table import Displacement, Fraction, Metres, Name, Offsets, Positions, Positive, Table, Velocity
+from engine.bodies.table import (
+    Displacement,
+    Fraction,
+    Metres,
+    Name,
+    Offsets,
+    Positions,
+    Positive,
+    Table,
+    Velocity,
+    is_given,
+)
 from engine.wording import format_value
 
 MAX_SECONDS = 3_600.0  # of a rendering
@@ -109,11 +120,22 @@ class Contact(Table):
     bridge: Bridge | None = Field(default=None, description="a bridge under the body, instead of at and barrier")
     frets: Frets | None = Field(default=None, description="frets under the body, instead of at and barrier")
     side: Literal["above", "below"] = Field(
-        default="above", description="side of the body on which the barrier, or the second body, lies"
+        default="above",
+        description="side of the body on which the barrier, or the second body, lies; below for a bridge and frets, if"
+        " absent",
     )
     stiffness: Stiffness = Field(description="stiffness kc, N/m^exponent; at 1 mm of compression at most 1e15 N")
     exponent: Exponent = Field(description="exponent α of the power law, at least 1")
     loss: float = Field(default=0.0, ge=0.0, le=1e9, description="Hunt-Crossley damping μ, s/m")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _put_bridge_and_frets_below(cls, table: Any) -> Any:
+        """They lie under the body, if nothing else is said."""
+        is_below = (
+            isinstance(table, dict) and "side" not in table and (is_given(table, "bridge") or is_given(table, "frets"))
+        )
+        return table | {"side": "below"} if is_below else table
 
 
 # --- connections

@@ -4,8 +4,8 @@ import math
 from itertools import pairwise
 
 from engine.faults import Fault, PatchError
-from engine.instrument.expansion import describe_keys, keys_of
-from engine.instrument.key_names import note_name, parse_key, parse_keys
+from engine.instrument.expansion import keys_of
+from engine.instrument.key_names import describe_keys, note_name, parse_key, parse_keys
 from engine.instrument.tables import DEFAULT_VELOCITY
 from engine.patch.note_scene import scene_of_note
 from engine.patch.scene import Scene

@@ -1,5 +1,6 @@
 """A rendering in the hands of a Python user: drawn, saved, shown in a notebook; and arguments of the wrong kind."""
 
+import math
 import warnings
 
 import numpy as np
@@ -88,6 +89,19 @@ def test_what_cannot_be_written_is_refused_and_nothing_is_lost(plain, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["a.wav"] and (tmp_path / "a.wav").read_text() == "old"
 
 
+@pytest.mark.parametrize("gain", [math.nan, math.inf, -401.0])
+def test_a_gain_that_no_sound_can_have_is_refused(plain, tmp_path, gain):
+    with pytest.raises(ValueError, match=r"gain = .* is out of range; -400 to 400 dB"):
+        plain.save(tmp_path / "a.wav", gain=gain)
+    assert not list(tmp_path.iterdir())
+
+
+def test_numbers_of_numpy_are_settings_of_accuracy_too():
+    said = engine.render(BALL, seconds=0.01, order=np.int64(4), substeps=np.int64(2), tolerance=np.float32(0.0078125))
+    accuracy = said.stats.accuracy
+    assert (accuracy["order"], accuracy["substeps"], accuracy["tolerance"]) == (4, 2, 0.0078125)
+
+
 def test_samples_that_are_cut_off_are_warned_of(plain, tmp_path):
     with pytest.warns(UserWarning, match=r"samples are beyond ±1 and clipped; gain=.* fits"):
         plain.save(tmp_path / "a.wav", gain=200.0, subtype="PCM_16")
@@ -126,6 +140,21 @@ def test_a_rendering_makes_a_page_of_its_scene():
         (lambda: engine.Player("tanpura"), TypeError, "give engine.load('tanpura')"),
         (lambda: engine.Player(BALL, gain="loud"), TypeError, "gain = 'loud' is not a number"),
         (lambda: engine.Player(BALL, samplerate=4.5), TypeError, "samplerate = 4.5 is not a whole number"),
+        (
+            lambda: engine.Player(BALL, samplerate=100),
+            ValueError,
+            "samplerate = 100 is out of range; 4000 to 768000 Hz",
+        ),
+        (lambda: engine.Player(BALL, seconds=0), ValueError, "seconds = 0 is out of range; more than 0"),
+        (lambda: engine.Player(BALL, seconds=math.nan), ValueError, "seconds = nan is out of range; more than 0"),
+        (lambda: engine.Player(BALL, voices=-1), ValueError, "voices = -1 is out of range; 0 or more"),
+        (lambda: engine.Player(BALL, cores=0), ValueError, "cores = 0 is out of range; at least 1"),
+        (lambda: engine.render(BALL, seconds=True), TypeError, "seconds = True is not a number"),
+        (
+            lambda: engine.render(BALL, max_substeps=2),
+            engine.BuildError,
+            "has no effect without max_error; give that too",
+        ),
     ],
 )
 def test_arguments_of_the_wrong_kind_are_refused_with_the_remedy(call, kind, says):

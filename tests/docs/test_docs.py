@@ -99,6 +99,15 @@ def test_the_notebook_runs(tmp_path):
     assert shown.count("text/html") == 2 and shown.count("image/png") == 2
 
 
+@pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=lambda path: path.stem)
+def test_the_rows_of_a_table_are_as_long_as_its_head(page):
+    """A row of another table stands out, as long as they have other columns."""
+    text = re.sub(r"^```.*?^```$", "", page.read_text("utf-8"), flags=re.MULTILINE | re.DOTALL)
+    for table in re.findall(r"(?:^\|.*\|$\n)+", text, re.MULTILINE):
+        rows = [re.sub(r"\\\||`[^`]*`", "", row).count("|") for row in table.splitlines()]
+        assert set(rows) == {rows[0]}, table.splitlines()[next(i for i, n in enumerate(rows) if n != rows[0])]
+
+
 def test_the_gallery_is_that_of_the_patches():
     """Made of the patches as they are, with a sound and a picture of each, and the pieces; sounds fit in 9 MB."""
     from bench.publish import mixed

@@ -319,6 +319,8 @@ def test_what_cannot_become_a_page_is_said_before_anything_is_made(tmp_path, cap
         "a page takes none",
     ):
         assert words in said
+    for words in (["--slide", "body.mass.mas"], ["--voices", "2", "--slide", "body.mass.mass"]):
+        assert main(["export", "barrier_linear", *words]) == 2
     assert list(tmp_path.iterdir()) == []
 
 

@@ -227,6 +227,8 @@ def test_keys_of_one_string_sound_one_at_a_time(load):
         ("[[key.damper]]", "[[key.dampers]]", "key.dampers", 'did you mean "damper"?'),
         ("length = { C3 = 1.0, C5 = 0.25 }", 'length = "long"', "keyboard.values.length", "not a number"),
         ('keys = "C3..C5"', "keys = []", "keyboard.keys", 'no key; text such as "A0..C8"'),
+        ('keys = "C3..C5"', 'mono = "course"\nkeys = "C3..C5"', "keyboard.mono", "no value has this name; one of"),
+        ('keys = "C3..C5"', 'drums = { 38 = "D2" }\nkeys = "C3..C5"', "keyboard.drums", "has no key D2; C3 to C5"),
     ],
 )  # fmt: skip
 def test_faults_are_told_at_their_line_and_once_for_all_keys(load, old, new, path, says):
@@ -236,6 +238,39 @@ def test_faults_are_told_at_their_line_and_once_for_all_keys(load, old, new, pat
     assert len(faults) == 1 and says in faults[0][2], faults_of(load, text)
     if new in text and path != "note[0].key":
         assert faults[0][1] == line_of(text, new)
+
+
+def test_a_pedal_that_nothing_moves_is_refused(load):
+    faults = faults_of(load, STRINGS + SCORE + "[[pedal]]\ntime = 0.1\n")
+    assert [(path, "give sustain, soft or sostenuto" in says) for path, _, says in faults] == [("pedal[0]", True)]
+
+
+ONLY_THE_LOW_KEYS = ("length = { C3 = 1.0, C5 = 0.25 }", 'length = { "C3..C4" = 1.0 }')
+NONE_AT_THE_TOP = ('mass = { "C3..B3" = 9e-3, "C4..C5" = 7e-3 }', "mass = { C3 = 9e-3, C4 = 7e-3, C5 = 0.0 }")
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "says"),
+    [
+        (ONLY_THE_LOW_KEYS, "D4", "keyboard.values.length: no range contains key C#4; ranges for all keys"),
+        (NONE_AT_THE_TOP, "C5", "key.body[1].mass: 0.0 is out of range"),
+    ],
+)
+def test_a_fault_of_a_key_that_the_score_does_not_play_is_told_at_its_line(tmp_path, capsys, change, key, says):
+    """By whatever wants all keys, or that key: checks, levels, pages, and single notes."""
+    text = STRINGS.replace(*change) + SCORE
+    patch = tmp_path / "strings.toml"
+    patch.write_text(text, "utf-8")
+    where = f"{patch}:{line_of(text, change[1])} "
+    for words in (["check"], ["level"], ["export", "-o", str(tmp_path / "a.html")], ["inspect", "--key", key]):
+        assert main.main([words[0], str(patch), *words[1:]]) == 2
+        said = capsys.readouterr().err
+        assert said.startswith(where + says.replace("C#4", key if words[0] == "inspect" else "C#4")), said
+    scene = engine.load(patch)
+    for call in (engine.export_page, lambda scene: scene_of_note(scene, key)):
+        with pytest.raises(engine.PatchError) as refused:
+            call(scene)
+        assert [fault.path for fault in refused.value.faults] == [says.partition(":")[0]]
 
 
 WRONG_VALUES: list[Any] = [[], [1, 2], {}, {"a": 1}, "x", "= 1/0", True, math.inf, -1, 10**30, {"C4": "x"}, [[1]], "C4"]

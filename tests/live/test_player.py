@@ -143,3 +143,29 @@ def test_a_replay_refuses_a_format_that_cannot_hold_it(log, tmp_path, monkeypatc
     (tmp_path / "log.json").write_text(edited(log, samplerate=384_000), "utf-8")
     assert main.main(["replay", "log.json", "-o", "a.ogg"]) == 2
     assert "--output: OGG files hold 200000 Hz at most" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("following", "kind", "says"),
+    [
+        (lambda p: p, ValueError, "this player plays already; give another one"),
+        (lambda p: 5, TypeError, "5 is not a player; give one, such as"),
+        (lambda p: engine.Player(PIANO, gain=0.1, samplerate=48_000), ValueError, "it has 2 channels at 48000 Hz"),
+    ],
+)
+def test_what_cannot_take_over_is_refused_and_the_sound_goes_on(following, kind, says):
+    player = engine.Player(PIANO, gain=0.1)
+    with pytest.raises(kind) as refused:
+        player.cross_fade_to(following(player))
+    assert says in str(refused.value)
+    assert player.read(2000).any()
+
+
+def test_only_an_array_that_may_be_written_is_filled():
+    player = engine.Player(PIANO, gain=0.1)
+    fixed = np.zeros((100, player.channels), np.float32)
+    fixed.flags.writeable = False
+    for out, kind in ((fixed, ValueError), (np.zeros((100, player.channels)), ValueError), ([[0.0]], TypeError)):
+        with pytest.raises(kind, match="out must be"):
+            player.render_into(out)
+    assert player.frame == 0 and not fixed.any()

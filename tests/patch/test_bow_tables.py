@@ -3,8 +3,10 @@
 import tomllib
 
 import pytest
+from conftest import ROOT
 
 import engine
+from engine.cli import main
 from engine.faults import PatchError
 from engine.patch.paths import locate
 
@@ -112,6 +114,12 @@ def test_a_bow_that_cannot_be_is_refused_at_its_line(old, new, says, tmp_path):
     with pytest.raises(PatchError) as error:
         load(tmp_path, PATCH.replace(old, new, 1))
     assert f"bow.toml:{says}" in str(error.value)
+
+
+def test_what_cannot_be_built_is_refused_at_the_line_of_the_bow(capsys):
+    assert main.main(["inspect", "bowed_violin", "--order", "4"]) == 2
+    line = (ROOT / "patches" / "bowed_violin.toml").read_text("utf-8").splitlines().index("[[bow]]") + 1
+    assert f"bowed_violin.toml:{line} bow[0]: friction has order 2, not 4" in capsys.readouterr().err
 
 
 def test_each_key_of_an_instrument_has_its_own_bow(tmp_path):

@@ -277,6 +277,7 @@ def test_a_render_without_a_cache_folder(tmp_path):
         (["sweep", BALL, "--vary", "body.ball.mass=1,2", "-o", "."], ". has other files in it; give an empty folder"),
         (["new", "."], '"." is not the name of a file; give a word, such as mine'),
         (["new", ""], '"" is not the name of a file; give a word, such as mine'),
+        ([BALL, "-o", ""], "--output: is empty; give the name of a file"),
     ],
 )
 def test_a_file_is_not_written_over_by_a_slip(words, what, tmp_path):

@@ -282,6 +282,36 @@ def test_what_is_not_a_patch(tmp_path, content):
         engine.load(path)
 
 
+STRUNG = """[[body]]
+name = "string"
+kind = "string"
+length = 0.65
+mass = 3e-3
+tension = 70.0
+modes = 20
+[[pickup]]
+body = "string"
+at = 0.9
+[[contact]]
+body = "string"
+stiffness = 1e8
+exponent = 1.5
+"""
+
+
+@pytest.mark.parametrize(
+    "rest", ["frets = { count = 12, height = -1e-3 }", "bridge = { at = 0.1, width = 2e-3, height = -1e-3 }"]
+)
+def test_frets_and_bridges_lie_under_the_string(tmp_path, rest):
+    """So that it hangs free over them; and above it only where the patch says so."""
+    path = tmp_path / "patch.toml"
+    path.write_text(STRUNG + rest + "\n", "utf-8")
+    assert engine.load(path).contact[0].side == "below"
+    assert engine.render(engine.load(path), seconds=0.001).stats.energy.initial == 0.0
+    path.write_text(STRUNG + rest + '\nside = "above"\n', "utf-8")
+    assert engine.load(path).contact[0].side == "above"
+
+
 def test_faults_of_a_scene_from_python():
     with pytest.raises(ValueError, match="no body is named"):
         engine.Scene.model_validate({"body": [], "pickup": [{"body": "x"}]})

@@ -27,6 +27,12 @@ def test_a_replaced_value_is_that_of_the_new_scene_alone():
     assert harder.replace("contact.felt.stiffness", 4.5e9) == PIANO
 
 
+def test_a_path_may_have_numbers_as_faults_have_them():
+    assert PIANO.replace("body[1].velocity", 2.0) == PIANO.replace("body.hammer.velocity", 2.0)
+    with pytest.raises(engine.PatchError, match=r'there is no "body.1.velo"; did you mean "body.1.velocity"'):
+        PIANO.replace("body[1].velo", 2.0)
+
+
 def test_several_values_are_replaced_at_once():
     """As a dict or as keywords; also one that the patch leaves at its default."""
     changes = {"body.hammer.velocity": 2.0, "accuracy.substeps": 4}

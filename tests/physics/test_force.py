@@ -39,11 +39,13 @@ def test_a_pulse_has_its_impulse(start, duration):
     assert np.all(trace["velocity"][trace["time"] <= start, 0] == 0.0)
 
 
-@pytest.mark.parametrize("start", [0.0, 0.0123456])
-def test_a_half_sine_has_its_impulse(start):
-    """2AD/π, at second order."""
-    trace = pushed(kind="half_sine", start=start, duration=0.05).trace
-    assert trace["velocity"][-1, 0] == pytest.approx(2 * 3.0 * 0.05 / np.pi, rel=1e-6)
+@pytest.mark.parametrize("start", [0.0, 0.01, 0.0123456])
+@pytest.mark.parametrize("duration", [1e-9, 2e-5, 1e-3, 0.05])
+def test_a_half_sine_has_its_impulse(start, duration):
+    """2AD/π, wherever its edges fall between samples, and if both fall between the same two."""
+    trace = pushed(kind="half_sine", start=start, duration=duration).trace
+    assert trace["velocity"][-1, 0] == pytest.approx(2 * 3.0 * duration / np.pi, rel=1e-11)
+    assert np.all(trace["velocity"][trace["time"] <= start, 0] == 0.0)
 
 
 @pytest.mark.parametrize("start", [0, 441])

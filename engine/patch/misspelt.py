@@ -46,7 +46,7 @@ def _find_slip(data: dict[str, Any], error: Any, path: KeyPath) -> Iterator[Slip
         table = _value_at(data, path)
         keys = {"kind", *(key for model in locate_error(error).models.values() for key in model.model_fields)}
         for key in table if isinstance(table, dict) else ():
-            if key not in keys and similar_word(key, keys) == "kind":
+            if key not in keys and similar_word(str(key), keys) == "kind":
                 unknown = {"type": "extra_forbidden", "loc": (*error["loc"], key), "input": table[key], "msg": ""}
                 yield Slip(unknown, (*path, key), "kind")
                 return

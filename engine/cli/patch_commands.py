@@ -71,6 +71,7 @@ def check_patches(args: argparse.Namespace) -> int:
 def check_build(path: str, scene: "Scene") -> tuple[list[Fault], list[str]]:
     """Build a patch at the usual sample rate, and try all keys of an instrument; return the faults that prevent
     rendering, and notes for its author."""
+    from engine.analysis.compressed_contacts import find_compressed_contacts
     from engine.analysis.undamped import undamped_modes
     from engine.assembly import limits
     from engine.assembly.build import build
@@ -80,13 +81,20 @@ def check_build(path: str, scene: "Scene") -> tuple[list[Fault], list[str]]:
     rate = DEFAULT_SAMPLERATE * scene.accuracy.oversample
     try:
         limits.check_forces(scene, rate, scene.seconds)
-        layout = build(scene, rate, seconds=0.0).layout  # with its forces, but not the tables of hours
+        built = build(scene, rate, seconds=0.0)  # with its forces, but not the tables of hours
         check_all_keys(scene)
     except (BuildError, PatchError) as error:
         return locate_faults(path, error.faults), []
     return [], [
-        f"{to_one_line(name, LONGEST_PATH)} never decays, because nothing damps {count} of its modes"
-        for name, count in undamped_modes(layout).items()
+        *(
+            f"{to_one_line(name, LONGEST_PATH)} never decays, because nothing damps {count} of its modes"
+            for name, count in undamped_modes(built.layout).items()
+        ),
+        *(
+            f"contact[{number}] begins with a compression of {depth:.3g} m, whose energy is {energy:.3g} J;"
+            " if it should not, check the signs of barrier, gap and side"
+            for number, (depth, energy) in find_compressed_contacts(built.layout, built.state).items()
+        ),
     ]
 
 

@@ -8,6 +8,7 @@ import soundfile
 from conftest import PATCHES, ROOT
 
 import engine
+from engine.cli import main
 from engine.patch.toml_lines import locate_keys, nearest_line
 
 GOOD = """title = "A ball"
@@ -310,6 +311,18 @@ def test_frets_and_bridges_lie_under_the_string(tmp_path, rest):
     assert engine.render(engine.load(path), seconds=0.001).stats.energy.initial == 0.0
     path.write_text(STRUNG + rest + '\nside = "above"\n', "utf-8")
     assert engine.load(path).contact[0].side == "above"
+
+
+def test_a_check_says_which_contact_begins_compressed(tmp_path, capsys):
+    """With the energy of its law, k·xᵅ⁺¹/(α+1): here of a string that begins 1 mm inside two frets."""
+    path = tmp_path / "patch.toml"
+    path.write_text(STRUNG + 'frets = { at = [0.3, 0.6], height = -1e-3 }\nside = "above"\n', "utf-8")
+    assert main.main(["check", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert f"contact[0] begins with a compression of 0.001 m, whose energy is {2 * 1e8 * 1e-3**2.5 / 2.5:.3g} J" in said
+    path.write_text(STRUNG + "frets = { at = [0.3, 0.6], height = -1e-3 }\n", "utf-8")
+    assert main.main(["check", str(path)]) == 0
+    assert "compression" not in capsys.readouterr().out
 
 
 def test_faults_of_a_scene_from_python():

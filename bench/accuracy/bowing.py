@@ -13,7 +13,6 @@ import numpy as np
 import engine
 from bench.publish.report import figure, publish
 from engine.analysis.bowing import friedlander_force, schelleng_forces
-from engine.assembly.build import build
 
 SAMPLERATE = 44_100  # Hz
 PITCH, LENGTH, TENSION, MODES = 293.66, 0.325, 43.0, 73  # Hz, m, N
@@ -130,8 +129,7 @@ def run() -> None:
     grids = []
     for position in POSITIONS:
         lowest, highest = schelleng_forces(position, VELOCITY, IMPEDANCE, RESISTANCE, difference)
-        built = build(bowed_string(position, highest), SAMPLERATE).model.step.contact
-        several = friedlander_force(SPEED, difference, float(built.compliance[0] / built.duration[0]))
+        several = friedlander_force(SPEED, difference, IMPEDANCE)
         forces = np.geomspace(lowest / 4, 3 * highest, FORCES)
         motions = playing_range(position, forces)
         first, last = find_range(motions)

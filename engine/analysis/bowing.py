@@ -23,7 +23,7 @@ class PlayingRange(NamedTuple):
     force: float
     lowest: float  # below it the string slips more than once a period
     highest: float  # above it the string does not slip each period
-    several_solutions: float  # force from which friction that follows the slip within a step would have several
+    several_solutions: float  # force from which friction that follows the slip at once would have several
 
 
 def schelleng_forces(
@@ -44,12 +44,12 @@ def schelleng_forces(
     return lowest, highest
 
 
-def friedlander_force(speed: float, difference: float, mobility: float) -> float:
-    """Return the force v0/(Δμ·Y), N, from which the curve of friction has several solutions.
+def friedlander_force(speed: float, difference: float, impedance: float) -> float:
+    """Return the force 2·Z·v0/Δμ, N, from which the curve of friction has several solutions on an ideal string.
 
-    speed: v0, m/s, of slip at which the coefficient is half-way; mobility: Y of the string under the bow, s/kg
+    speed: v0, m/s, of slip at which the coefficient is half-way; impedance: Z = √(T·μ) of the string, kg/s
     """
-    return speed / (difference * mobility) if difference > 0.0 else math.inf
+    return 2.0 * impedance * speed / difference if difference > 0.0 else math.inf
 
 
 def playing_ranges(layout: Layout, model: Model) -> list[PlayingRange]:
@@ -61,10 +61,9 @@ def playing_ranges(layout: Layout, model: Model) -> list[PlayingRange]:
         number, at = layout.body_index[bow.body], layout.islands.contact_points[slot][1].at
         string = layout.scene.body[number]
         if isinstance(string, String) and bow.force is not None:
-            mobility = float(h.compliance[slot] / h.duration[slot])
             resistance = end_resistance(layout, number)
             for velocity, force in motions_of_bow(layout.scene.event, bow):
-                limits = _limits(string, bow, at, velocity, (resistance, mobility))
+                limits = _limits(string, bow, at, velocity, resistance)
                 ranges.append(PlayingRange(bow.name or f"friction on {bow.body}", velocity, force, *limits))
     return ranges
 
@@ -111,17 +110,15 @@ def string_impedance(string: Any) -> float:
     return math.sqrt(string.tension_and_bending()[0] * string.mass_per_length())
 
 
-def _limits(
-    string: String, bow: Friction, at: float, velocity: float, ends: tuple[float, float]
-) -> tuple[float, float, float]:
+def _limits(string: String, bow: Friction, at: float, velocity: float, resistance: float) -> tuple[float, float, float]:
     """Return Schelleng's lowest and highest force, and Friedlander's, N, of a bow at a position of a string.
 
-    ends: resistance of its end, kg/s, and mobility under the bow, s/kg
+    resistance: of its end, kg/s
     """
-    resistance, mobility = ends
     position, difference = min(at, 1.0 - at), bow.static - bow.dynamic
-    lowest, highest = schelleng_forces(position, velocity, string_impedance(string), resistance, difference)
-    return lowest, highest, friedlander_force(bow.speed, difference, mobility)
+    impedance = string_impedance(string)
+    lowest, highest = schelleng_forces(position, velocity, impedance, resistance, difference)
+    return lowest, highest, friedlander_force(bow.speed, difference, impedance)
 
 
 # --- what `fdh inspect` prints

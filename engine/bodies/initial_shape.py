@@ -84,7 +84,7 @@ class InitialMode(InitialShape):
         """Raises UnfitBody."""
         positions = quadrature.everywhere
         if self.number > (count := shape(positions[0]).size):
-            raise UnfitBody(f"has {count} modes at this sample rate, and no mode {self.number}; a lower one")
+            raise UnfitBody(f"has no mode {self.number}, but {count} at this sample rate; a lower one")
         parts = [np.array(positions[first : first + AT_ONCE]) for first in range(0, len(positions), AT_ONCE)]
         largest = max(float(np.max(np.abs(shape(part)[:, self.number - 1]))) for part in parts)
         modal = np.zeros(shape(positions[0]).size)

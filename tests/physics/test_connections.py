@@ -2,12 +2,14 @@
 DOP853, and the ledger of energy."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from held_strings import MODES, PLUCK, held, lumped, spring
 from poles import SAMPLERATE, cents, engine_poles, errors, exact_poles, nearest, step_map
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 import engine
 from bench.scenes.choirs import choir, string
@@ -25,12 +27,45 @@ PLACES = [0.5, 0.4, 0.3, 0.2, 0.12, 0.9, 0.93, 0.94]
 @pytest.mark.parametrize("at", PLACES)
 @pytest.mark.parametrize("stiffness", SPRINGS)
 def test_a_spring_on_a_string_has_the_right_pitch(at, stiffness):
-    """Far within 0.4 cent to partial 4 and 4 cents to partial 18; and with two substeps within a quarter of these."""
+    """Within 0.1 cent to partial 4 and 1.5 cents to partial 18; and with two substeps within a quarter of these."""
     scene = held([spring(stiffness, at=at)])
     for substeps, part in ((1, 1.0), (2, 0.25)):
         pitch, _ = errors(scene, substeps=substeps)
         assert pitch[:4].max() <= 0.1 * part
         assert pitch.max() <= 1.5 * part
+
+
+@pytest.mark.parametrize("stiffness", SPRINGS)
+def test_a_mass_on_a_spring_on_a_string_has_the_right_pitch(stiffness):
+    """Within 0.3 cent to partial 4, and with two substeps within a quarter of that."""
+    scene = held([spring(stiffness, at=0.31, on="bolt")], [lumped("bolt", mass=1.8e-3)])
+    for substeps, part in ((1, 1.0), (2, 0.25)):
+        pitch, _ = errors(scene, substeps=substeps)
+        assert pitch[:4].max() <= 0.3 * part
+        assert pitch.max() <= 1.5 * part
+
+
+@pytest.mark.parametrize(("samplerate", "stiffness", "least", "most"), [
+    (44_100, 1e4, 1.0, 2.5), (44_100, 1e9, 4.0, 7.0), (192_000, 1e4, 0.2, 0.6), (192_000, 1e9, 1.0, 1.7),
+])  # fmt: skip
+def test_a_held_string_of_fewer_modes_is_sharper_than_an_ideal_one(samplerate, stiffness, least, most):
+    """By as many cents to partial 4, beside the roots of T·k·sin(kL) + K·sin(kx)·sin(k(L - x)) = 0."""
+    length, mass, pitch, place = 0.62, 3.93e-3, 261.6256, 0.31
+    body = {"name": "s", "kind": "string", "length": length, "mass": mass, "frequency": pitch, "sigma0": 0.01}
+    held_by = {"body": "s", "at": place, "stiffness": stiffness}
+    scene = engine.load({"body": [body], "connection": [held_by], "pickup": [{"body": "s", "at": 0.9}]})
+    tension = mass * length * (2.0 * pitch) ** 2
+
+    def off(frequency):
+        k = 2 * np.pi * frequency / (2 * length * pitch)
+        within = np.sin(k * place * length) * np.sin(k * (1 - place) * length)
+        return tension * k * np.sin(k * length) + stiffness * within
+
+    grid = np.linspace(50.0, 5 * pitch, 4001)
+    ideal = [brentq(off, a, b) for a, b in pairwise(grid) if off(a) * off(b) < 0.0][:4]
+    found = exact_poles(scene, samplerate)[:4].imag / (2 * np.pi)
+    sharper = 1200 * np.log2(found / ideal)
+    assert (sharper >= -1e-3).all() and least <= sharper.max() <= most
 
 
 @pytest.mark.parametrize("at", PLACES)

@@ -108,6 +108,22 @@ def test_a_sine_drives_an_oscillator_as_it_should():
     assert rendering.stats.energy.error_max < 1e-13
 
 
+@pytest.mark.parametrize(("frequency", "decibels"), [(2000.0, -0.12), (10_000.0, -3.17)])
+def test_a_sine_at_a_high_resonance_pushes_by_its_mean_over_a_step(frequency, decibels):
+    """cos x · sin x / x, x = πf/fs, of F/(m·γ)."""
+    body = oscillator(mass=1e-3, frequency=frequency, damping_rate=200.0)
+    rendering = pushed(0.3, body, kind="sine", frequency=frequency, duration=1.0)
+    speed = np.abs(rendering.trace["velocity"][-4410:, 0]).max()
+    x = np.pi * frequency / 44_100
+    assert 20 * np.log10(speed / (3.0 / (1e-3 * 200.0))) == pytest.approx(decibels, abs=0.02)
+    assert 20 * np.log10(np.cos(x) * np.sin(x) / x) == pytest.approx(decibels, abs=0.01)
+
+
+@pytest.mark.parametrize(("samplerate", "share"), [(44_100, 0.68), (192_000, 0.95)])
+def test_noise_without_a_band_pushes_with_a_part_of_its_amplitude(samplerate, share):
+    assert np.std(noise(samplerate)) == pytest.approx(2.0 * share, rel=0.02)
+
+
 def noise(samplerate: float = 44_100, **keys) -> np.ndarray:
     force = {"kind": "noise", "body": "b", "amplitude": 2.0, "duration": 4.0} | keys
     return force_table(NoiseForce.model_validate(force), samplerate).values

@@ -41,6 +41,18 @@ def test_a_string_is_heard_by_its_velocity():
     np.testing.assert_array_equal(audio[:, 0], audio[:, 1])
 
 
+@pytest.mark.parametrize(("frequency", "decibels"), [(5000.0, -0.18), (10_000.0, -0.75)])
+def test_an_acceleration_is_the_mean_over_a_step(frequency, decibels):
+    """sin x / x of ω times the velocity, x = πf/fs."""
+    body = {"name": "o", "kind": "oscillator", "mass": 1e-3, "frequency": frequency, "velocity": 1.0}
+    pickups = [{"body": "o", "quantity": q, "channel": n} for n, q in ((1, "velocity"), (2, "acceleration"))]
+    velocity, acceleration = engine.render(engine.load({"body": [body], "pickup": pickups}), 0.2).audio[10:].std(axis=0)
+    share = 20 * np.log10(acceleration / (2 * np.pi * frequency * velocity))
+    x = np.pi * frequency / 44_100
+    assert share == pytest.approx(20 * np.log10(np.sin(x) / x), abs=0.005)
+    assert share == pytest.approx(decibels, abs=0.01)
+
+
 def test_a_list_of_places_is_heard_as_their_mean():
     places = [[0.3, 0.4], [0.5, 0.5], [0.66, 0.31]]
     audio = heard(DRUM, {"at": places}, *({"at": place} for place in places))

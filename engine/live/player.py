@@ -158,8 +158,8 @@ class Player:
         if following is self or following.frame > 0 or following._successor is not None:
             raise ValueError("this player plays already; give another one")
         if (following.channels, following.samplerate) != (self.channels, self.samplerate):
-            its, own = (f"{p.channels} channels at {p.samplerate} Hz" for p in (following, self))
-            raise ValueError(f"it has {its}, not {own}; stop and start again")
+            wrong, right = (f"{p.channels} channels at {p.samplerate} Hz" for p in (following, self))
+            raise ValueError(f"it has {wrong}, not {right}; stop and start again")
         frames = nearest_frame(CROSS_FADE_SECONDS, self.samplerate)
         if self.counters[Slot.STOP_REQUESTED] or self.frame + frames >= self.counters[Slot.END]:
             raise ValueError("playing has ended")

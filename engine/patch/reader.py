@@ -158,9 +158,9 @@ def locate_faults(file: str, faults: list[Fault]) -> list[Fault]:
     for fault in faults:
         path = _parse_path(fault.path)
         table = origins.get((str(path[0]), int(path[1]))) if len(path) > 1 and isinstance(path[1], int) else None
-        own = renamed.path_in_patch((*table[0], *path[2:]) if table else path)
-        named = fault.path if own == path else format_path(own)
-        located.append(replace(fault, path=named, file=file, line=nearest_line(lines, own)))
+        place = renamed.path_in_patch((*table[0], *path[2:]) if table else path)
+        named = fault.path if place == path else format_path(place)
+        located.append(replace(fault, path=named, file=file, line=nearest_line(lines, place)))
     return located
 
 

@@ -283,44 +283,27 @@ def test_what_is_not_a_patch(tmp_path, content):
         engine.load(path)
 
 
-STRUNG = """[[body]]
-name = "string"
-kind = "string"
-length = 0.65
-mass = 3e-3
-tension = 70.0
-modes = 20
-[[pickup]]
-body = "string"
-at = 0.9
-[[contact]]
-body = "string"
-stiffness = 1e8
-exponent = 1.5
-"""
-
-
 @pytest.mark.parametrize(
     "rest", ["frets = { count = 12, height = -1e-3 }", "bridge = { at = 0.1, width = 2e-3, height = -1e-3 }"]
 )
 def test_frets_and_bridges_lie_under_the_string(tmp_path, rest):
     """So that it hangs free over them; and above it only where the patch says so."""
     path = tmp_path / "patch.toml"
-    path.write_text(STRUNG + rest + "\n", "utf-8")
+    path.write_text(STRING + rest + "\n", "utf-8")
     assert engine.load(path).contact[0].side == "below"
     assert engine.render(engine.load(path), seconds=0.001).stats.energy.initial == 0.0
-    path.write_text(STRUNG + rest + '\nside = "above"\n', "utf-8")
+    path.write_text(STRING + rest + '\nside = "above"\n', "utf-8")
     assert engine.load(path).contact[0].side == "above"
 
 
 def test_a_check_says_which_contact_begins_compressed(tmp_path, capsys):
     """With the energy of its law, k·xᵅ⁺¹/(α+1): here of a string that begins 1 mm inside two frets."""
     path = tmp_path / "patch.toml"
-    path.write_text(STRUNG + 'frets = { at = [0.3, 0.6], height = -1e-3 }\nside = "above"\n', "utf-8")
+    path.write_text(STRING + 'frets = { at = [0.3, 0.6], height = -1e-3 }\nside = "above"\n', "utf-8")
     assert main.main(["check", str(path)]) == 0
     said = capsys.readouterr().out
-    assert f"contact[0] begins with a compression of 0.001 m, whose energy is {2 * 1e8 * 1e-3**2.5 / 2.5:.3g} J" in said
-    path.write_text(STRUNG + "frets = { at = [0.3, 0.6], height = -1e-3 }\n", "utf-8")
+    assert f"contact[0] begins with a compression of 0.001 m, whose energy is {2 * 1e6 * 1e-3**2.5 / 2.5:.3g} J" in said
+    path.write_text(STRING + "frets = { at = [0.3, 0.6], height = -1e-3 }\n", "utf-8")
     assert main.main(["check", str(path)]) == 0
     assert "compression" not in capsys.readouterr().out
 

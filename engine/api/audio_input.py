@@ -80,6 +80,8 @@ class InputForce:
 def as_samples(signal: Any, frames: int) -> np.ndarray:
     """A signal [frames] or [frames, channels], of which the first is used, as numbers. Raises TypeError,
     ValueError."""
+    if isinstance(signal, np.ndarray) and signal.dtype.kind != "f":
+        raise TypeError(f"the input is an array of {signal.dtype}; give floating-point numbers, full scale = 1")
     try:
         samples = np.asarray(signal, float)
     except (TypeError, ValueError):

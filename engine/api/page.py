@@ -85,7 +85,7 @@ def export_page(
             samplerate,
             kernel,
             about,
-            slide,
+            (slide,) if isinstance(slide, str) else slide,
             checked_integer("voices", voices),
         )
     )

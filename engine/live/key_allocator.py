@@ -54,6 +54,7 @@ class KeyAllocator:
             self._writer.write_key(key)
         self._places = self._places_of_forces()
         self._held = HeldKeys[int]()
+        self._holding: dict[int, set[int]] = {}  # parts of a file, or channels, that hold a key
         self._sounding: list[int] = []  # keys whose notes the dampers have not ended, the oldest first
         self._played: dict[int, int] = {}
         self._on_channel: dict[int, int] = {}  # of an MPE zone: the key pressed last
@@ -74,12 +75,26 @@ class KeyAllocator:
         elif note.kind in self._held.pedals:
             self._move_pedal(note.kind, note.value / FULL_VELOCITY, frame)
         elif note.kind == "off":
-            self._release(note.number, note.value / FULL_VELOCITY, frame)
+            holding = self._holding.get(note.number, set())
+            holding.discard(note.part)
+            if not holding:
+                self._release(note.number, note.value / FULL_VELOCITY, frame)
         elif note.number not in self.keys:
             self.refused += 1
         else:
             self._on_channel[note.channels.channel] = note.number
+            self._holding.setdefault(note.number, set()).add(note.part)
             self._press(note.number, note.value / FULL_VELOCITY, frame)
+
+    def release_all(self, part: int, frame: int = 0) -> None:
+        """Let go of all keys that a part, or a channel, holds."""
+        for key in [key for key, holding in self._holding.items() if part in holding]:
+            self.play(Note(0.0, "off", key, UNKNOWN_RELEASE, part=part), frame)
+
+    def silence(self, frame: int = 0) -> None:
+        """End all notes soon, whatever holds them."""
+        for key in list(self._sounding):
+            self.end(key, frame)
 
     def poll(self) -> None:
         """Bend the keys as far as the wheel says by now. The tables for that take a while: call it beside `play`."""
@@ -165,6 +180,7 @@ class KeyAllocator:
         if key in self._held.down:
             self._let_go(key, release, frame)
         self._held.kept.discard(key)
+        self._holding.pop(key, None)
         self._sounding = [k for k in self._sounding if k != key]
         for event in self._damper_events(key, release):
             self.player.damp(event["body"], *STEAL_DAMPER, frame=frame)

@@ -14,7 +14,14 @@ from engine.live.controls import Controls, takes_move
 from engine.live.general_midi import DRUM_CHANNEL
 from engine.live.key_allocator import KeyAllocator
 from engine.live.midi_files import MidiNotes, read_notes
-from engine.live.midi_notes import MidiError, open_port, parse_message, parse_move
+from engine.live.midi_notes import (
+    ALL_NOTES_OFF,
+    ALL_SOUND_OFF,
+    MidiError,
+    open_port,
+    parse_message,
+    parse_move,
+)
 from engine.live.midi_parts import ALL_NOTES, Excerpt
 from engine.live.mpe import LOWER_MASTER, UPPER_MASTER, MpeZones
 from engine.live.player import Player
@@ -117,7 +124,12 @@ def take_message(message: Any, zones: MpeZones, keys: Allocator | None, controls
         drums = drum_keys(controls.scene.instrument) or {}
         note = note._replace(number=drums.get(note.number, note.number))
     if note and keys is not None and not (is_taken and note.kind == "bend"):
-        keys.play(note)
+        keys.play(note._replace(part=message.channel + 1))
+    if message.type == "control_change" and keys is not None and not is_taken:
+        if message.control == ALL_NOTES_OFF:
+            keys.release_all(message.channel + 1)
+        elif message.control == ALL_SOUND_OFF:
+            keys.silence()
 
 
 def read_for(scene: Scene, text: str, excerpt: Excerpt = ALL_NOTES) -> MidiNotes:

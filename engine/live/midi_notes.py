@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 from engine.live.mpe import ALL, MpeZones, NoteChannels
 
 PEDALS = {64: "sustain", 66: "sostenuto", 67: "soft"}  # by their controllers
+ALL_SOUND_OFF, ALL_NOTES_OFF = 120, 123  # controllers
 UNKNOWN_RELEASE = 64  # velocity with which a key is let go, where that was not measured
 
 
@@ -24,7 +25,7 @@ class Note(NamedTuple):
     number: int  # of the key
     value: float  # velocity; how far a pedal is down, 0 to 127; how far the pitch is bent, cents
     channels: NoteChannels = NoteChannels(ALL, ALL)  # of an MPE zone, whose bends it follows; or that are bent
-    part: int = 0  # of a file
+    part: int = 0  # of a file; of a port, the channel, from 1
 
 
 class Move(NamedTuple):

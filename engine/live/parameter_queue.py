@@ -56,12 +56,17 @@ class ParameterQueue:
 
     def checked_value(self, parameter: str, value: float) -> NewValue:
         """A value as it can be queued. Raises KeyError if there is no such parameter, TypeError, ValueError."""
-        name = current_path(self._paths, parameter)
-        if name not in self._paths:
-            raise KeyError(explain_unknown(parameter, list(self._paths)))
+        name = self._present_name(parameter)
         new = NewValue(self._paths[name], name, checked_number(name, value))
         self._tables.check_range(new)
         return new
+
+    def _present_name(self, parameter: str) -> str:
+        """The name that a parameter has now. Raises KeyError if there is no such parameter."""
+        name = current_path(self._paths, parameter)
+        if name not in self._paths:
+            raise KeyError(explain_unknown(parameter, list(self._paths)))
+        return name
 
     def keep(self, parameter: str, value: float) -> None:
         """Remember what a parameter that glides in the audio thread has been given."""
@@ -69,9 +74,10 @@ class ParameterQueue:
 
     def value(self, parameter: str) -> float:
         """The value of a parameter: where it glides to. Raises KeyError if there is no such parameter."""
-        path = self._paths[parameter]
+        name = self._present_name(parameter)
+        path = self._paths[name]
         if path.is_glided:
-            return self._values.get(parameter, self._tables.value(path))
+            return self._values.get(name, self._tables.value(path))
         with self._lock:
             requested = [request.values for request in (self._current, *self._requests) if request is not None]
         wanted = [new.value for values in requested for new in values if new.path == path]

@@ -133,7 +133,7 @@ class Player:
 
     @property
     def frame(self) -> int:
-        """Frames played so far."""
+        """Frames played so far, by this player itself."""
         return int(self.counters[Slot.FRAME])
 
     @property
@@ -147,12 +147,15 @@ class Player:
         return self.finished or (bool(self.counters[Slot.FINISHED]) and not self.counters[Slot.SUCCESSOR])
 
     def stop(self) -> None:
-        """Fade out, and end."""
+        """Fade out, and end; so does the player that took over."""
         self.counters[Slot.STOP_REQUESTED] = 1
+        if self._successor is not None:
+            self._successor.stop()
 
     def cross_fade_to(self, following: "Player") -> None:
-        """Let another player take over: one sound fades into the other. Raises TypeError if it is no player, ValueError
-        if it has other channels, or plays already."""
+        """Let another player take over: one sound fades into the other. From then on, events and parameters are those
+        of the other player, which has a log of its own; `read`, `finished` and `stop` go on for both. Raises TypeError
+        if it is no player, ValueError if it has other channels, or plays already."""
         if not isinstance(following, Player):
             raise TypeError(f"{following!r} is not a player; give one, such as engine.Player(scene)")
         if following is self or following.frame > 0 or following._successor is not None:

@@ -121,6 +121,19 @@ class VoiceAllocator:
         else:
             self._strike(note, key, frame)
 
+    def release_all(self, part: int, frame: int = 0) -> None:
+        """Let go of all keys; voices do not know by which part they are held."""
+        for key in list(self._held.down):
+            self._held.down.discard(key)
+            self._release(key, frame)
+
+    def silence(self, frame: int = 0) -> None:
+        """End all notes soon, whatever holds them."""
+        self._held.down.clear()
+        for voice, key in enumerate(self._note):
+            if key is not None:
+                self._damp(voice, STEAL_DAMPER, frame)
+
     def targets(self, move: Move, is_of_one_note: bool) -> Targets | None:
         """Return the live parameters that a move of a controller changes if it concerns some notes alone: the copies in
         their voices."""

@@ -34,7 +34,7 @@ MAX_CHUNK_FRAMES = 16_384  # between two looks at the clock and at Ctrl-C
 QUICK_CHUNK_SECONDS = 0.02  # what takes less is followed by eight times as many
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RenderedArrays:
     """The arrays and statistics of a rendered scene; `engine.Rendering` describes them."""
 

@@ -101,6 +101,7 @@ def test_a_pluck_leaves_the_input_alone():
         (lambda p: p.read(-1), ValueError, "frames = -1 is out of range; 0 or more"),
         (lambda p: p.read(10, np.zeros(9)), ValueError, "the input has shape (9,); give [10] or [10, channels]"),
         (lambda p: p.read(2, ["a", "b"]), TypeError, "the input is not an array of numbers"),
+        (lambda p: p.read(2, np.zeros(2, np.int16)), TypeError, "the input is an array of int16; give floating-point"),
         (lambda p: p.read(2, [math.nan, 0.0]), ValueError, "not finite; give numbers, full scale = 1"),
         (lambda p: engine.Player(REED, gain=1.0).read(1, [0.0]), ValueError, "has no input; Player(scene, input="),
         (lambda p: engine.Player(REED, input="mic"), TypeError, "'mic' is not an input; give one, such as engine.Aud"),

@@ -89,6 +89,10 @@ def test_what_cannot_be_written_is_refused_and_nothing_is_lost(plain, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["a.wav"] and (tmp_path / "a.wav").read_text() == "old"
 
 
+def test_a_rendering_is_itself_and_no_other(plain):
+    assert plain == plain and plain != engine.render(BALL, seconds=0.01) and len({plain, plain}) == 1
+
+
 @pytest.mark.parametrize("gain", [math.nan, math.inf, -401.0])
 def test_a_gain_that_no_sound_can_have_is_refused(plain, tmp_path, gain):
     with pytest.raises(ValueError, match=r"gain = .* is out of range; -400 to 400 dB"):

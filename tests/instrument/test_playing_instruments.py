@@ -12,11 +12,12 @@ import engine
 from engine.assembly.modal_system import ModalSystem
 from engine.cli import main
 from engine.instrument.key_names import note_name
+from engine.live.controls import Controls
 from engine.live.instrument_notes import scene_of_file, score_of_notes
 from engine.live.key_allocator import KeyAllocator, live_scene
-from engine.live.midi import render_notes
+from engine.live.midi import render_notes, take_message
 from engine.live.midi_notes import MidiError, Note
-from engine.live.mpe import NoteChannels
+from engine.live.mpe import MpeZones, NoteChannels
 from engine.live.player import Player
 from engine.live.replay import replay
 from engine.patch.frames import nearest_frame
@@ -133,6 +134,36 @@ def test_live_keys_sound_as_the_score_does(path):
     heard = out[begin:, 0][: wanted.size]
     assert np.abs(heard - wanted).max() < 1e-5 * np.abs(wanted).max()
     assert allocator.player.meter().energy_error < 1e-12 and allocator.played_notes() == {"C4": "1 times"}
+
+
+def test_a_key_that_two_parts_hold_sounds_until_both_let_go(path):
+    """As in a file, so live, where the parts are channels."""
+    begin, first, last = 4410, Note(0, "off", 60, 64, part=1), Note(0, "off", 60, 64, part=2)
+    presses = [(begin + 4410 * n, Note(0, "on", 60, 100, part=n)) for n in (1, 2)]
+    with_both, _ = play(path, *presses, (begin + 13230, first), (begin + 26460, last))
+    with_one, _ = play(path, *presses, (begin + 26460, first), (begin + 26460, last))
+    never, _ = play(path, *presses)
+    np.testing.assert_array_equal(with_both, with_one)
+    assert np.abs(with_both[-4410:]).max() < 0.5 * np.abs(never[-4410:]).max()
+
+
+@pytest.mark.parametrize(("control", "with_pedal"), [(123, False), (120, True)])
+def test_all_notes_and_all_sound_can_be_switched_off(path, control, with_pedal):
+    """All notes off is as if each key of the channel were let go; all sound off leaves nothing, pedal or not."""
+    player = Player(live_scene(engine.load(path)), RATE, math.inf, 1e-3, waiting=True)
+    keys, controls = KeyAllocator(player), Controls(player.patch, player)
+    panic = mido.Message("control_change", control=control, value=0, channel=0)
+    for message in (on(60), on(64).copy(channel=1), mido.Message("control_change", control=64, value=127 * with_pedal)):
+        take_message(message, MpeZones(player.patch.midi), keys, controls)
+    sounding = np.zeros((RATE // 2, player.channels), np.float32)
+    player.render_into(sounding)
+    take_message(panic, MpeZones(player.patch.midi), keys, controls)
+    later = np.zeros((2 * RATE, player.channels), np.float32)
+    player.render_into(later)
+    share = np.abs(later[-4410:]).max() / np.abs(sounding[4410:]).max()
+    held = {key for key, parts in keys._holding.items() if parts}
+    assert (held == {64}) if control == 123 else not held
+    assert share > 1e-3 if control == 123 else share < 1e-6
 
 
 SHARED = """

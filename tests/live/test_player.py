@@ -169,3 +169,19 @@ def test_only_an_array_that_may_be_written_is_filled():
         with pytest.raises(kind, match="out must be"):
             player.render_into(out)
     assert player.frame == 0 and not fixed.any()
+
+
+def test_a_player_that_was_taken_over_stops_with_the_other():
+    first, second = (engine.Player(PIANO, gain=0.1, seconds=math.inf) for _ in range(2))
+    first.read(1000)
+    first.cross_fade_to(second)
+    first.read(2000)
+    second.strike("hammer")
+    assert first.read(2000).any() and not first.finished
+    first.stop()
+    assert not first.read(20_000)[-1000:].any() and first.finished
+
+
+def test_a_parameter_that_is_not_there_is_said_with_those_that_are():
+    with pytest.raises(KeyError, match=r"no live parameter .*stifness; the live parameters are .*stiffness"):
+        engine.Player(PIANO, gain=0.1).value("contact.felt.stifness")

@@ -40,11 +40,13 @@ def test_a_pulse_has_its_impulse(start, duration):
 
 
 @pytest.mark.parametrize("start", [0.0, 0.01, 0.0123456])
-@pytest.mark.parametrize("duration", [1e-9, 2e-5, 1e-3, 0.05])
-def test_a_half_sine_has_its_impulse(start, duration):
-    """2AD/π, wherever its edges fall between samples, and if both fall between the same two."""
+@pytest.mark.parametrize(
+    ("duration", "error"), [(1e-9, 1e-11), (2e-5, 1e-11), (3e-4, 1e-11), (4e-4, 3e-3), (0.05, 1e-6)]
+)
+def test_a_half_sine_has_its_impulse(start, duration, error):
+    """2AD/π, at second order; exactly where it is short, also if both its edges fall between the same two samples."""
     trace = pushed(kind="half_sine", start=start, duration=duration).trace
-    assert trace["velocity"][-1, 0] == pytest.approx(2 * 3.0 * duration / np.pi, rel=1e-11)
+    assert trace["velocity"][-1, 0] == pytest.approx(2 * 3.0 * duration / np.pi, rel=error)
     assert np.all(trace["velocity"][trace["time"] <= start, 0] == 0.0)
 
 

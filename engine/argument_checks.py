@@ -26,6 +26,8 @@ def checked_integer(name: str, value: int) -> int:
         raise TypeError(f"{name} = {value!r} is not a whole number; give one, such as 0") from None
 
 
-def plain_number(value: Any) -> Any:
-    """A number of NumPy as one of Python; anything else as it is."""
-    return value.item() if hasattr(value, "item") and getattr(value, "ndim", None) == 0 else value
+def plain_value(value: Any) -> Any:
+    """A value as a patch has it: numbers and arrays of NumPy, and tuples, become numbers and lists."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    return [plain_value(inner) for inner in value] if isinstance(value, list | tuple) else value

@@ -32,8 +32,7 @@ def stamp(name: str) -> str:
     versions = ", ".join(f"{p} {made[p]}" for p in ("Python", "numba", "numpy"))
     return (
         f"`uv run python -m bench {name}`, {datetime.date.today()}, {processor(made['processor'])}, "
-        f"{made['cores']} cores, "
-        f"{versions}, kernels {stale.present_kernels()}"
+        f"{made['cores']} cores, {versions}, kernels {stale.present_kernels()}"
     )
 
 

@@ -52,11 +52,9 @@ def friedlander_force(speed: float, difference: float, impedance: float) -> floa
     return 2.0 * impedance * speed / difference if difference > 0.0 else math.inf
 
 
-def playing_ranges(layout: Layout, model: Model) -> list[PlayingRange]:
+def playing_ranges(layout: Layout) -> list[PlayingRange]:
     """Return the limits of each bow that moves over a string, for each velocity and force that it comes to."""
-    h, ranges = model.step.contact, list[PlayingRange]()
-    if h is None or h.duration is None:
-        return ranges
+    ranges = list[PlayingRange]()
     for slot, bow in friction_points(layout).items():
         number, at = layout.body_index[bow.body], layout.islands.contact_points[slot][1].at
         string = layout.scene.body[number]
@@ -127,7 +125,7 @@ def _limits(string: String, bow: Friction, at: float, velocity: float, resistanc
 def describe_friction(layout: Layout, model: Model) -> list[str]:
     """Return a line for each velocity and force of each bow on a string, with the limits to its force; and one for each
     friction whose force is that of a contact."""
-    lines = [_describe_range(motion) for motion in playing_ranges(layout, model)]
+    lines = [_describe_range(motion) for motion in playing_ranges(layout)]
     when = _steps_of_press(layout, model)
     return lines + [
         f"friction under {contact}: pressed by the force of this contact in {step}" for contact, step in when

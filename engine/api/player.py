@@ -12,7 +12,7 @@ from engine.api.pilot import Pilot
 from engine.argument_checks import checked_integer
 from engine.live import audio_device, player
 from engine.live.audio_memory import RENDERED_AT_ONCE
-from engine.patch.frames import check_samplerate, frame_count
+from engine.patch.frames import frame_count
 from engine.patch.scene import Scene, check_scene
 
 PILOT_SECONDS = 2.0  # of a scene, that are played to find its level
@@ -73,7 +73,6 @@ class Player(player.Player):
     ) -> None:
         check_scene(scene)
         samplerate = checked_integer("samplerate", samplerate)
-        check_samplerate(samplerate)
         self._stream: Any = None
         self._input: InputForce | None = None
         if input is not None and not isinstance(input, AudioInput):

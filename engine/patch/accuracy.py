@@ -6,7 +6,7 @@ from typing import Any, Literal, NamedTuple
 
 from pydantic import Field, ValidationError
 
-from engine.argument_checks import plain_number
+from engine.argument_checks import plain_value
 from engine.bodies.table import Table
 from engine.faults import BuildError, Fault
 from engine.wording import describe_violation
@@ -71,7 +71,7 @@ class Accuracy(Table):
     def replace(self, **changes: Any) -> "Accuracy":
         """A copy with the values that are not None in place of its own. Raises ValueError if one is out of range, or
         BuildError, which is one, if max_substeps is without max_error."""
-        values = {name: plain_number(value) for name, value in changes.items() if value is not None}
+        values = {name: plain_value(value) for name, value in changes.items() if value is not None}
         try:
             changed = Accuracy.model_validate(self.model_dump() | values)
         except ValidationError as error:

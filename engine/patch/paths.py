@@ -5,9 +5,9 @@ import typing
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 from pydantic import BaseModel
 
+from engine.argument_checks import plain_value
 from engine.bodies.table import KeyPath
 from engine.faults import Fault, PatchError
 from engine.instrument.expansion import is_instrument
@@ -33,7 +33,7 @@ def replace_values(scene: S, values: Mapping[str, Any]) -> S:
         except ValueError as error:
             faults.append(Fault(path, str(error).removeprefix(f"{path}: "), DOCUMENT))
             continue
-        set_value(data, key_path, _plain(value))
+        set_value(data, key_path, plain_value(value))
     if faults:
         raise PatchError(faults)
     return validate_document(type(scene), data, scene.folder, DOCUMENT, "")
@@ -42,13 +42,6 @@ def replace_values(scene: S, values: Mapping[str, Any]) -> S:
 def _example(scene: SceneTables) -> str:
     """A path that the scene has."""
     return next((f'"{parameter.path}"' for parameter in list_parameters(scene)), '"seconds"')
-
-
-def _plain(value: Any) -> Any:
-    """A value as a patch has it: numbers and arrays of NumPy, and tuples, become numbers and lists."""
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    return [_plain(inner) for inner in value] if isinstance(value, list | tuple) else value
 
 
 def set_value(data: dict[str, Any], key_path: KeyPath, value: Any) -> None:

@@ -115,7 +115,7 @@ def test_inspect_prints_the_limits_of_each_motion_of_a_bow(tmp_path, capsys):
     bow = {"name": "bow", "body": "s", "at": 0.1, "velocity": 0.2, "force": 9.0}
     scene = engine.load({"body": [string], "bow": [bow], "pickup": [{"body": "s", "at": 0.3}]})
     built = build(scene, SAMPLERATE)
-    (motion,) = playing_ranges(built.layout, built.model)
+    (motion,) = playing_ranges(built.layout)
     impedance, frequency = math.sqrt(43.0 * 1.18e-3), math.sqrt(43.0 / 1.18e-3) / 0.65
     wanted = schelleng_forces(0.1, 0.2, impedance, 2 * impedance * frequency / 5.0, 0.5)
     assert (motion.lowest, motion.highest) == pytest.approx(wanted, rel=1e-3)
@@ -151,7 +151,7 @@ def test_a_body_that_carries_the_string_lowers_the_resistance_of_its_end():
     lowest = []
     for one in (scene, free):
         built = build(one, SAMPLERATE)
-        lowest.append(playing_ranges(built.layout, built.model)[0].lowest)
+        lowest.append(playing_ranges(built.layout)[0].lowest)
     assert lowest[0] > 2 * lowest[1]
 
 
